@@ -1,0 +1,38 @@
+"""Earthquake records to collapse probabilities of masonry arches."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "Arch": "archfrag.arch",
+    "Block": "archfrag.arch",
+    "Motion": "archfrag.motions.motion",
+    "read_motion": "archfrag.motions.read",
+    "onset": "archfrag.simulate",
+    "simulate": "archfrag.simulate",
+    "Onset": "archfrag.simulate",
+    "Response": "archfrag.simulate",
+    "fit_stripes": "archfrag.fragility.fit",
+    "fit_ida": "archfrag.fragility.fit",
+    "Fragility": "archfrag.fragility.fit",
+}
+__all__ = [*_HOME, "__version__"]
+
+if TYPE_CHECKING:
+    from archfrag.arch import Arch, Block
+    from archfrag.fragility.fit import Fragility, fit_ida, fit_stripes
+    from archfrag.motions.motion import Motion
+    from archfrag.motions.read import read_motion
+    from archfrag.simulate import Onset, Response, onset, simulate
+
+
+def __getattr__(name: str):
+    if name in _HOME:
+        return getattr(import_module(_HOME[name]), name)
+    raise AttributeError(f"module 'archfrag' has no attribute {name!r}")
+
+
+def __dir__():
+    return sorted(__all__)

@@ -1,0 +1,69 @@
+"""Errors that a person reads: one sentence with the place, the value and what is allowed."""
+
+from archfrag.mechanics.status import Status
+
+
+class ArchfragError(Exception):
+    """Base of all errors that archfrag raises on purpose; `exit_code` is the command's."""
+
+    exit_code = 1
+
+
+class InputError(ArchfragError):
+    """Something the user gave cannot be used: a file, a key, a value, a geometry."""
+
+    exit_code = 2
+
+
+class RecordError(InputError):
+    """A ground-motion record that cannot be read or used; names the file."""
+
+
+class StudyError(InputError):
+    """A study file that cannot be used; names the file and the key."""
+
+
+class GeometryError(InputError):
+    """An arch or chain that cannot exist; names the parameter and its value."""
+
+
+class StabilityError(ArchfragError):
+    """A chain that does not stand under its own weight."""
+
+    exit_code = 3
+
+
+class OutputError(ArchfragError):
+    """Results that cannot be written where they were asked for; nothing half-written is left."""
+
+    exit_code = 4
+
+
+class WorkerError(ArchfragError):
+    """The run stopped because workers were lost; finished parts are kept."""
+
+    exit_code = 5
+
+
+class FitError(ArchfragError):
+    """Results from which no fragility curve can be estimated; says what they do tell."""
+
+    exit_code = 6
+
+
+STATUS_SENTENCE = {
+    Status.STANDING: "the chain came to rest without losing contact at any joint",
+    Status.COLLAPSED: "a joint lost all contact (Signorini loss)",
+    Status.UNFINISHED: (
+        "the chain was still moving when the follow-on limit was reached; raise `follow`"
+    ),
+    Status.NO_CONTACT_SOLUTION: (
+        "no admissible set of reactions was found in a step; try a smaller `dt`, and please "
+        "report the case"
+    ),
+    Status.DOES_NOT_STAND: (
+        "the chain does not stand under its own weight; make it thicker or raise the friction"
+    ),
+    Status.NOT_FINITE: "a position or velocity stopped being finite; try a smaller `dt`",
+    Status.WORK_BOUND: "the allowed number of steps was used up; raise `max_steps`",
+}

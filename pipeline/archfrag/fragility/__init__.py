@@ -1,0 +1,1 @@
+"""Statistics of collapse against intensity, on plain arrays."""

@@ -1,0 +1,115 @@
+"""Signorini's and Coulomb's laws at one joint, one formula per function.
+
+A joint has two corners, 0 (intrados) and 1 (extrados). Which of them touch, and whether they
+stick or slide, is its *mode*. Vectors are written in the ground frame and belong to the body
+after the joint relative to the body before it; the tangent is the normal turned by +90 degrees.
+
+At an open joint the two faces have different normals and Signorini's law splits into Eqs 23a
+and 23b. Where two vertices meet, the first holds for slip that brings the later body's vertex
+over the earlier body's face, the second for the opposite slip; sticking needs a reaction inside
+both Coulomb cones. So a corner has a normal for either direction of slip, `normal_plus` and
+`normal_minus`; at a closed joint and at a vertex inside a face they are one.
+"""
+
+import math
+
+from numba import njit
+
+OPEN = 0
+CORNER_STICK = (1, 4)
+CORNER_PLUS = (2, 5)
+CORNER_MINUS = (3, 6)
+CLOSED_STICK = 7
+CLOSED_PLUS = 8
+CLOSED_MINUS = 9
+
+STICK = 0
+PLUS = 1
+MINUS = -1
+
+
+@njit(cache=True, inline="always")
+def touches(mode, corner):
+    """Whether a joint in `mode` is in contact at `corner` (0 intrados, 1 extrados)."""
+    return mode >= CLOSED_STICK or (mode > OPEN and (mode - 1) // 3 == corner)
+
+
+@njit(cache=True, inline="always")
+def is_closed(mode):
+    """Whether a joint in `mode` is in contact at both corners."""
+    return mode >= CLOSED_STICK
+
+
+@njit(cache=True, inline="always")
+def slip_of(mode):
+    """Sense of slip of a mode: STICK, PLUS (friction along +tangent) or MINUS."""
+    if mode == OPEN:
+        return STICK
+    rest = (mode - 1) % 3
+    return STICK if rest == 0 else (PLUS if rest == 1 else MINUS)
+
+
+@njit(cache=True, inline="always")
+def corner_mode(corner, slip):
+    """Mode of a joint that touches at one corner only."""
+    return 1 + 3 * corner + (0 if slip == STICK else (1 if slip == PLUS else 2))
+
+
+@njit(cache=True, inline="always")
+def closed_mode(slip):
+    """Mode of a joint that touches at both corners."""
+    return CLOSED_STICK + (0 if slip == STICK else (1 if slip == PLUS else 2))
+
+
+@njit(cache=True, inline="always")
+def cross(ax, ay, bx, by):
+    """Scalar product of `a` turned by +90 degrees with `b`."""
+    return ax * by - ay * bx
+
+
+@njit(cache=True, inline="always")
+def friction_ray(normal_x, normal_y, friction, slip):
+    """Boundary of Coulomb's cone on which a sliding reaction lies (Eqs 6, 20).
+
+    Parameters
+    ----------
+    normal_x, normal_y : float
+        Unit normal at the corner for this sense of slip.
+    friction : float
+        Coulomb coefficient; inf gives the tangent itself.
+    slip : int
+        PLUS or MINUS: sense of the friction force along the tangent.
+
+    Returns
+    -------
+    (float, float)
+        Direction of the reaction, of unit normal part where friction is finite.
+    """
+    tangent_x, tangent_y = -normal_y, normal_x
+    if math.isinf(friction):
+        return slip * tangent_x, slip * tangent_y
+    return normal_x + slip * friction * tangent_x, normal_y + slip * friction * tangent_y
+
+
+@njit(cache=True, inline="always")
+def signorini_violation(gap_rate, normal_force):
+    """Amount by which Signorini's law (Eq 5) fails, both arguments made dimensionless.
+
+    The natural residual: zero exactly where ``0 <= gap_rate`` and ``0 <= normal_force`` and
+    one of them is zero.
+    """
+    return abs(min(gap_rate, normal_force))
+
+
+@njit(cache=True, inline="always")
+def coulomb_violation(slip_rate, normal_force, tangential_force, friction):
+    """Amount by which Coulomb's law (Eq 6) fails, arguments made dimensionless.
+
+    The natural residual of the projection of ``tangential_force - slip_rate`` on the interval
+    of admissible friction forces.
+    """
+    if math.isinf(friction):
+        return abs(slip_rate) if normal_force > 0.0 else abs(tangential_force)
+    bound = friction * max(normal_force, 0.0)
+    trial = tangential_force - slip_rate
+    return abs(tangential_force - min(max(trial, -bound), bound))

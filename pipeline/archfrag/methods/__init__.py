@@ -1,0 +1,1 @@
+"""How the mechanics is integrated: one file for each method, one signature."""

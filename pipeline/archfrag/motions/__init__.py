@@ -1,0 +1,1 @@
+"""Ground motions: read, process, measure, scale, make."""
