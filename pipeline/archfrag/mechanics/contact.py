@@ -1,0 +1,97 @@
+"""The contact problem of a chain of rigid bodies: accelerations, impacts and time steps alike.
+
+Find the velocities (or accelerations) w of the bodies and the reactions r of the joints with
+
+    M (w - w_free) = H r,   0 <= H_n' w + b_n  _|_  r_n >= 0,   |r_t| <= mu r_n opposing slip.
+
+Every joint is in one of ten modes (`laws`). For given modes the problem is linear (`delassus`).
+The modes are found by a Newton iteration that starts from those of the last state (`newton`)
+and, where that does not settle, by following the solution's path from all joints open
+(`homotopy`): direct methods both. No relaxation sweep is used.
+
+A chain with all its joints closed is three times hyperstatic: its reactions are not unique
+though its motion is. A relative compliance of `COMPLIANCE` on each contact row picks, of all
+admissible reactions, those of joints that are equal springs in the limit of infinite stiffness;
+steps of the proximal-point iteration then remove the compliance from the motion.
+
+Coulomb's law is taken whole: slip has no part normal to the joint. Under the associated flow
+rule, which limit analysis and quadratic programmes use, a sliding joint would also dilate by mu
+times its slip. The two agree wherever nothing slides; a case where they differ is
+`tests/physics/test_contact.py::TestCoulomb`.
+"""
+
+import numpy as np
+from numba import njit
+
+from archfrag.mechanics.delassus import (
+    Contacts,
+    ContactWork,
+    apply_reactions,
+    assemble,
+    contact_work,
+    velocity_scale,
+)
+from archfrag.mechanics.homotopy import PATH_COMPLIANCE, follow_path
+from archfrag.mechanics.newton import active_set
+from archfrag.mechanics.status import Status
+
+__all__ = ["COMPLIANCE", "ContactWork", "Contacts", "contact_work", "solve_contact"]
+
+COMPLIANCE = 1e-10
+SOLVED = int(Status.STANDING)
+UNSOLVED = int(Status.NO_CONTACT_SOLUTION)
+
+
+@njit(cache=True)
+def solve_contact(mass, inertia, contacts, friction, free_velocity, work):
+    """Solve one contact problem.
+
+    Parameters
+    ----------
+    mass, inertia : ndarray, (n_body,) [kg], [kg m2]
+    contacts : Contacts
+    friction : ndarray, (n_joint,)
+    free_velocity : ndarray, (n_body, 3)
+        Velocities (or accelerations) that the bodies would have without reactions.
+    work : ContactWork
+        ``work.mode`` holds the modes to start from; on return `work` holds the solution.
+
+    Returns
+    -------
+    status : int
+        ``Status.STANDING`` if solved, ``Status.NO_CONTACT_SOLUTION`` if not: then what `work`
+        holds breaks a law and must not be used as motion.
+    iterations : int
+        Linear problems solved by the Newton iteration.
+    breaks : int
+        Pieces of the solution path followed; 0 where the Newton iteration sufficed.
+    """
+    n_joint = work.mode.size
+    assemble(mass, inertia, contacts, work)
+    scale = velocity_scale(contacts, free_velocity, work)
+    if scale == 0.0:
+        work.reaction[:] = 0.0
+        apply_reactions(mass, inertia, contacts, free_velocity, work)
+        return SOLVED, 0, 0
+    if not np.isfinite(scale):
+        return UNSOLVED, 0, 0
+    limit = 12 + n_joint // 2
+    solved, iterations = active_set(
+        mass, inertia, contacts, friction, free_velocity, work, scale, COMPLIANCE, limit, True
+    )
+    if solved:
+        return SOLVED, iterations, 0
+    _, breaks = follow_path(
+        mass, inertia, contacts, friction, free_velocity, work, scale, 100 + 50 * n_joint
+    )
+    compliance = PATH_COMPLIANCE
+    while compliance > 2.0 * COMPLIANCE:
+        _, more = active_set(
+            mass, inertia, contacts, friction, free_velocity, work, scale, compliance, limit, False
+        )
+        iterations += more
+        compliance *= 0.1
+    solved, more = active_set(
+        mass, inertia, contacts, friction, free_velocity, work, scale, COMPLIANCE, limit, True
+    )
+    return (SOLVED if solved else UNSOLVED), iterations + more, max(breaks, 1)

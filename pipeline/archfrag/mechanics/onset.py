@@ -1,0 +1,268 @@
+"""Rest range of a chain: how strong a steady horizontal body force it bears without moving.
+
+Rest is the contact problem with w = 0: reactions in equilibrium with the body forces, pressing
+at every joint and inside Coulomb's cone. In a chain all reactions follow from those at joint 0,
+so that the unknowns are its force, its moment and the load factor k: four numbers. The largest
+k is found by the dual simplex method on the joints' inequalities, whose cost is proportional to
+their number (static theorem; Livesley 1978, *Int. J. Num. Meth. Eng.* 12(12)). The inequalities
+that are tight at the end with a positive multiplier are the hinges and sliding joints of the
+mechanism.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+FEASIBLE = 1e-12
+BOX = 1e5
+N_UNKNOWN = 4
+HINGE_INTRADOS = 1
+HINGE_EXTRADOS = 2
+SLIDING = 4
+
+
+class RestLimit(NamedTuple):
+    """One end of the rest range."""
+
+    found: bool  # False: no admissible reactions for any load factor
+    load_factor: float  # signed largest k in the direction asked for [g]; inf: no limit
+    mechanism: np.ndarray  # (n_joint,) int8: bits HINGE_INTRADOS, HINGE_EXTRADOS, SLIDING
+    reaction: np.ndarray  # (n_joint, 3) on the body after each joint, about the origin, at k
+    iterations: int
+
+
+@njit(cache=True)
+def joint_inequalities(mass, centroid, point, normal, candidate, friction, gravity, free_end):
+    """Inequalities ``a x <= b`` that the four unknowns must fulfil for rest.
+
+    The unknowns are made dimensionless: forces by the weight, moments by weight times size.
+
+    Returns
+    -------
+    a : ndarray, (n_inequality, 4)
+    b : ndarray, (n_inequality,)
+    joint, kind : ndarray, (n_inequality,)
+        Which joint and which bit of a mechanism the inequality stands for.
+    weight, size : float
+    """
+    n_joint = point.shape[0]
+    weight = 0.0
+    for i in range(mass.size):
+        weight += mass[i] * gravity
+    size = 0.0
+    for j in range(n_joint):
+        for c in range(2):
+            size = max(size, abs(point[j, c, 0]), abs(point[j, c, 1]))
+    a = np.zeros((8 * n_joint, N_UNKNOWN))
+    b = np.zeros(8 * n_joint)
+    joint = np.zeros(8 * n_joint, np.int64)
+    kind = np.zeros(8 * n_joint, np.int8)
+    fx = np.zeros(5)
+    fy = np.zeros(5)
+    mo = np.zeros(5)
+    if free_end:
+        # Columns: the three unknowns at joint 0 stay unused; k; constant.
+        for i in range(mass.size):
+            w = mass[i] * gravity / weight
+            fx[3] += w
+            fy[4] += w
+            mo[3] -= w * centroid[i, 1] / size
+            mo[4] += w * centroid[i, 0] / size
+    else:
+        fx[0] = fy[1] = mo[2] = 1.0
+    count = 0
+    row_0 = np.empty(5)
+    row_1 = np.empty(5)
+    shear = np.empty(5)
+    for j in range(n_joint):
+        nx, ny = normal[j, 0], normal[j, 1]
+        x0, y0 = point[j, 0, 0] / size, point[j, 0, 1] / size
+        x1, y1 = point[j, 1, 0] / size, point[j, 1, 1] / size
+        length = (y1 - y0) * nx - (x1 - x0) * ny
+        for k in range(5):
+            row_0[k] = (mo[k] - (x1 * fy[k] - y1 * fx[k])) / length
+            row_1[k] = -(mo[k] - (x0 * fy[k] - y0 * fx[k])) / length
+            shear[k] = nx * fy[k] - ny * fx[k]
+        for c in range(2):
+            row = row_0 if c == 0 else row_1
+            bit = HINGE_EXTRADOS if c == 0 else HINGE_INTRADOS
+            a[count] = -row[:4]
+            b[count] = row[4]
+            joint[count] = j
+            kind[count] = bit
+            count += 1
+            if not candidate[j, c]:
+                a[count] = row[:4]
+                b[count] = -row[4]
+                joint[count] = j
+                kind[count] = bit
+                count += 1
+        if not np.isinf(friction[j]):
+            for sense in (-1.0, 1.0):
+                for k in range(4):
+                    a[count, k] = sense * shear[k] - friction[j] * (row_0[k] + row_1[k])
+                b[count] = friction[j] * (row_0[4] + row_1[4]) - sense * shear[4]
+                joint[count] = j
+                kind[count] = SLIDING
+                count += 1
+        if j < mass.size:
+            w = mass[j] * gravity / weight
+            fx[3] -= w
+            fy[4] -= w
+            mo[3] += w * centroid[j, 1] / size
+            mo[4] -= w * centroid[j, 0] / size
+    for q in range(count):
+        norm = 0.0
+        for k in range(4):
+            norm = max(norm, abs(a[q, k]))
+        if norm > 0.0:
+            a[q] /= norm
+            b[q] /= norm
+    return a[:count], b[:count], joint[:count], kind[:count], weight, size
+
+
+@njit(cache=True)
+def _solve_small(matrix, right, transpose, out):
+    n = right.size
+    m = matrix.T.copy() if transpose else matrix.copy()
+    out[:] = right
+    for k in range(n):
+        p = k
+        for i in range(k + 1, n):
+            if abs(m[i, k]) > abs(m[p, k]):
+                p = i
+        if m[p, k] == 0.0:
+            return False
+        if p != k:
+            for c in range(n):
+                m[k, c], m[p, c] = m[p, c], m[k, c]
+            out[k], out[p] = out[p], out[k]
+        for i in range(k + 1, n):
+            f = m[i, k] / m[k, k]
+            for c in range(k, n):
+                m[i, c] -= f * m[k, c]
+            out[i] -= f * out[k]
+    for k in range(n - 1, -1, -1):
+        for c in range(k + 1, n):
+            out[k] -= m[k, c] * out[c]
+        out[k] /= m[k, k]
+    return True
+
+
+@njit(cache=True)
+def largest_load_factor(a, b, sense):
+    """Dual simplex: maximise ``sense * x[3]`` subject to ``a x <= b`` in four unknowns.
+
+    Returns
+    -------
+    feasible : bool
+    x : ndarray, (4,)
+    active : ndarray, (4,)
+        Rows of `a` that are tight; beyond them, sides of the bounding box.
+    multiplier : ndarray, (4,)
+    iterations : int
+    """
+    n_row = b.size
+    active = np.empty(N_UNKNOWN, np.int64)
+    basis = np.zeros((N_UNKNOWN, N_UNKNOWN))
+    level = np.full(N_UNKNOWN, BOX)
+    multiplier = np.zeros(N_UNKNOWN)
+    weights = np.empty(N_UNKNOWN)
+    x = np.empty(N_UNKNOWN)
+    gradient = np.zeros(N_UNKNOWN)
+    gradient[3] = sense
+    for k in range(N_UNKNOWN):
+        active[k] = n_row + k
+        basis[k, k] = sense if k == 3 else 1.0
+        if np.all(a[:, k] == 0.0):
+            level[k] = 0.0
+    for iteration in range(50 + 20 * N_UNKNOWN + n_row):
+        if not _solve_small(basis, level, False, x):
+            return False, x, active, multiplier, iteration
+        _solve_small(basis, gradient, True, multiplier)
+        entering = -1
+        worst = 0.0
+        reach = 1.0
+        for k in range(N_UNKNOWN):
+            reach = max(reach, abs(x[k]))
+        for q in range(n_row):
+            violation = (
+                a[q, 0] * x[0] + a[q, 1] * x[1] + a[q, 2] * x[2] + a[q, 3] * x[3] - b[q]
+            )
+            if violation > worst:
+                worst = violation
+                entering = q
+        if entering < 0 or worst <= FEASIBLE * reach:
+            return True, x, active, multiplier, iteration
+        _solve_small(basis, a[entering], True, weights)
+        leaving = -1
+        best = np.inf
+        size = 0.0
+        for k in range(N_UNKNOWN):
+            if weights[k] > 1e-11:
+                ratio = max(multiplier[k], 0.0) / weights[k]
+                if ratio < best - 1e-13 or (ratio <= best + 1e-13 and weights[k] > size):
+                    best = min(ratio, best)
+                    leaving = k
+                    size = weights[k]
+        if leaving < 0:
+            return False, x, active, multiplier, iteration
+        active[leaving] = entering
+        basis[leaving] = a[entering]
+        level[leaving] = b[entering]
+    return False, x, active, multiplier, -1
+
+
+@njit(cache=True)
+def rest_limit(mass, centroid, point, normal, candidate, friction, gravity, sense):
+    """One end of the rest range of a chain in a given configuration.
+
+    Parameters
+    ----------
+    mass : ndarray, (n_body,) [kg]
+    centroid : ndarray, (n_body, 2) [m]
+    point : ndarray, (n_joint, 2, 2) corner, xy [m]
+    normal : ndarray, (n_joint, 2)
+    candidate : ndarray, (n_joint, 2)
+        0 where a corner is open: no reaction there.
+    friction : ndarray, (n_joint,)
+    gravity : float [m/s2]
+    sense : float
+        1: ground accelerating towards +x (body force towards -x); -1: the other way.
+
+    Returns
+    -------
+    RestLimit
+    """
+    n_joint = point.shape[0]
+    free_end = n_joint == mass.size
+    a, b, joint, kind, weight, size = joint_inequalities(
+        mass, centroid, point, normal, candidate, friction, gravity, free_end
+    )
+    if free_end:
+        a[:, :3] = 0.0
+    mechanism = np.zeros(n_joint, np.int8)
+    reaction = np.zeros((n_joint, 3))
+    found, x, active, multiplier, iterations = largest_load_factor(a, b, sense)
+    k = x[3]
+    for i in range(N_UNKNOWN):
+        if found and active[i] < b.size and multiplier[i] > 1e-9:
+            mechanism[joint[active[i]]] |= kind[active[i]]
+    load_factor = np.inf * sense if abs(k) >= 0.999 * BOX else k
+    fx, fy, mo = x[0] * weight, x[1] * weight, x[2] * weight * size
+    if free_end:
+        fx = fy = mo = 0.0
+        for i in range(mass.size):
+            w = mass[i] * gravity
+            fx += k * w
+            fy += w
+            mo += w * centroid[i, 0] - k * w * centroid[i, 1]
+    for j in range(n_joint):
+        reaction[j, 0], reaction[j, 1], reaction[j, 2] = fx, fy, mo
+        if j < mass.size:
+            w = mass[j] * gravity
+            fx -= k * w
+            fy -= w
+            mo += k * w * centroid[j, 1] - w * centroid[j, 0]
+    return RestLimit(found, load_factor, mechanism, reaction, iterations)
