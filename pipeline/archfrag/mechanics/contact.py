@@ -31,13 +31,15 @@ from archfrag.mechanics.delassus import (
     contact_work,
     velocity_scale,
 )
-from archfrag.mechanics.homotopy import PATH_COMPLIANCE, follow_path
+from archfrag.mechanics.homotopy import follow_path
 from archfrag.mechanics.newton import active_set
 from archfrag.mechanics.status import Status
 
 __all__ = ["COMPLIANCE", "ContactWork", "Contacts", "contact_work", "solve_contact"]
 
 COMPLIANCE = 1e-10
+PATH_COMPLIANCE = 1e-6
+PATHS = 3
 SOLVED = int(Status.STANDING)
 UNSOLVED = int(Status.NO_CONTACT_SOLUTION)
 
@@ -81,17 +83,28 @@ def solve_contact(mass, inertia, contacts, friction, free_velocity, work):
     )
     if solved:
         return SOLVED, iterations, 0
-    _, breaks = follow_path(
-        mass, inertia, contacts, friction, free_velocity, work, scale, 100 + 50 * n_joint
-    )
-    compliance = PATH_COMPLIANCE
-    while compliance > 2.0 * COMPLIANCE:
-        _, more = active_set(
-            mass, inertia, contacts, friction, free_velocity, work, scale, compliance, limit, False
+    breaks = 0
+    path_compliance = PATH_COMPLIANCE
+    for _ in range(PATHS):
+        _, more_breaks = follow_path(
+            mass, inertia, contacts, friction, free_velocity, work, scale, path_compliance,
+            100 + 50 * n_joint,
+        )
+        breaks += max(more_breaks, 1)
+        compliance = path_compliance
+        while compliance > 2.0 * COMPLIANCE:
+            _, more = active_set(
+                mass, inertia, contacts, friction, free_velocity, work, scale, compliance,
+                limit, False,
+            )
+            iterations += more
+            compliance *= 0.1
+        solved, more = active_set(
+            mass, inertia, contacts, friction, free_velocity, work, scale, COMPLIANCE,
+            4 * limit, True,
         )
         iterations += more
-        compliance *= 0.1
-    solved, more = active_set(
-        mass, inertia, contacts, friction, free_velocity, work, scale, COMPLIANCE, limit, True
-    )
-    return (SOLVED if solved else UNSOLVED), iterations + more, max(breaks, 1)
+        if solved:
+            return SOLVED, iterations, breaks
+        path_compliance *= 0.01
+    return UNSOLVED, iterations, breaks

@@ -36,7 +36,6 @@ from archfrag.mechanics.laws import (
     touches,
 )
 
-PATH_COMPLIANCE = 1e-6
 PATH_FRICTION = 1e3
 N_FUNCTION = 4
 
@@ -137,7 +136,9 @@ def _solve_at(mass, inertia, contacts, free_velocity, work, value, target, frict
 
 
 @njit(cache=True)
-def follow_path(mass, inertia, contacts, friction, free_velocity, work, scale, limit):
+def follow_path(
+    mass, inertia, contacts, friction, free_velocity, work, scale, compliance, limit
+):
     """Follow the solution from all joints open to the problem's own.
 
     Parameters
@@ -151,6 +152,8 @@ def follow_path(mass, inertia, contacts, friction, free_velocity, work, scale, l
         Assembled; on return its modes are those at the path's end.
     scale : float
         Largest relative velocity without reactions.
+    compliance : float
+        Of the contact rows, relative: it keeps the pieces of hyperstatic joints regular.
     limit : int
         Breaks allowed.
 
@@ -190,7 +193,7 @@ def follow_path(mass, inertia, contacts, friction, free_velocity, work, scale, l
     while breaks < limit:
         for j in range(n_joint):
             set_rows(j, work.mode[j], contacts, friction, work)
-        if not factorise(work, PATH_COMPLIANCE):
+        if not factorise(work, compliance):
             break
         contacts.bias[:] = bias + opening
         _solve_at(mass, inertia, contacts, free_velocity, work, at_start, target, friction)

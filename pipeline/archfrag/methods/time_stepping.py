@@ -69,6 +69,9 @@ MODE_OVERTURNING = int(CollapseMode.OVERTURNING)
 STILL = 1e-7
 CLOSED_GAP = 1e-7
 FRESH_STEPS = 2
+# Gaps of this size, relative to the coordinates, are rounding. A closed ring is overdetermined:
+# it would answer them with reactions of any size.
+ROUNDING = 64 * 2.2e-16
 
 
 @njit(cache=True)
@@ -189,6 +192,7 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
     impulse_y = cumulative_impulse(ground.vertical, ground.time_step)
     record_end = (ground.horizontal.size - 1) * ground.time_step
     stop = record_end + options.follow
+    rounding = ROUNDING * np.max(np.abs(chain.centroid))
     still = STILL * np.sqrt(gravity * np.max(length))
 
     move_faces(chain, position, before, after)
@@ -277,6 +281,8 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
         for j in range(n_joint):
             for c in range(2):
                 ex, ey = corner_offset(j, c, next_before, next_after, slip)
+                if abs(ex) + abs(ey) < rounding:
+                    ex = ey = 0.0
                 px = contacts.point[j, c, 0] - work.pivot[j, 0]
                 py = contacts.point[j, c, 1] - work.pivot[j, 1]
                 contacts.bias[j, c, 0] = ex / dt - (moved[j, 0] - moved[j, 2] * py)
