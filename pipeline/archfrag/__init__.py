@@ -1,6 +1,8 @@
 """Earthquake records to collapse probabilities of masonry arches."""
 
+import sys
 from importlib import import_module
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 __version__ = "0.1.0"
@@ -11,14 +13,16 @@ _HOME = {
     "Motion": "archfrag.motions.motion",
     "read_motion": "archfrag.motions.read",
     "onset": "archfrag.simulate",
-    "simulate": "archfrag.simulate",
     "Onset": "archfrag.simulate",
     "Response": "archfrag.simulate",
     "fit_stripes": "archfrag.fragility.fit",
     "fit_ida": "archfrag.fragility.fit",
     "Fragility": "archfrag.fragility.fit",
 }
-__all__ = [*_HOME, "__version__"]
+__all__ = [  # noqa: PLE0604, RUF022
+    "Arch", "Block", "Fragility", "Motion", "Onset", "Response", "__version__", "fit_ida",
+    "fit_stripes", "onset", "read_motion", "simulate",
+]
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch, Block
@@ -36,3 +40,18 @@ def __getattr__(name: str):
 
 def __dir__():
     return sorted(__all__)
+
+
+class _Package(ModuleType):
+    """Lets ``archfrag.simulate`` be the function though a module has the same name."""
+
+    @property
+    def simulate(self):
+        return import_module("archfrag.simulate").simulate
+
+    @simulate.setter
+    def simulate(self, module):
+        pass
+
+
+sys.modules[__name__].__class__ = _Package

@@ -1,0 +1,211 @@
+"""What a user may give: each check returns clean floats or raises one clear sentence."""
+
+import math
+import reprlib
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from archfrag.errors import GeometryError
+
+# Lengths [m] between which nothing overflows; beyond them units were mistaken.
+SMALLEST, LARGEST = 1e-6, 1e6
+
+
+def _real_array(name: str, value: ArrayLike, allowed: str) -> NDArray[np.float64]:
+    """Array of floats, refusing text, booleans, complex numbers and ragged lists."""
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        raise GeometryError(f"{name} has rows of unequal length; it must be {allowed}") from error
+    if array.dtype.kind not in "iuf":
+        raise GeometryError(f"{name} = {reprlib.repr(value)} is not numeric; it must be {allowed}")
+    return array.astype(np.float64)
+
+
+def number(
+    name: str,
+    value: ArrayLike,
+    unit: str = "m",
+    *,
+    below: float = math.inf,
+    at_most: float = math.inf,
+    at_least: float | None = None,
+    note: str = "",
+) -> float:
+    """One finite number greater than zero and inside the bounds that are given.
+
+    Parameters
+    ----------
+    name, unit : str
+        What the user calls it, and its unit (empty: none), for the sentence.
+    value : array_like
+        What the user gave; anything but a scalar is refused.
+    below, at_most : float
+        Upper bounds, the first one excluded.
+    at_least : float, optional
+        Lower bound, included, in the place of "greater than 0".
+    note : str
+        What the bound is, put in brackets behind it.
+
+    Raises
+    ------
+    GeometryError
+        Naming the parameter, its value and what is allowed.
+    """
+    space = f" {unit}" if unit else ""
+    floor = f"greater than 0{space}" if at_least is None else f"at least {at_least:.9g}{space}"
+    allowed = f"a finite number {floor}"
+    if math.isfinite(below):
+        allowed += f" and less than {below:.9g}{space}"
+    if math.isfinite(at_most):
+        allowed += f" and at most {at_most:.9g}{space}"
+    allowed += f" ({note})" if note else ""
+    array = _real_array(name, value, allowed)
+    if array.ndim != 0:
+        raise GeometryError(
+            f"{name} = {reprlib.repr(value)} is not a single number; it must be {allowed}"
+        )
+    given = float(array)
+    above_floor = given > 0.0 if at_least is None else given >= at_least
+    if not (math.isfinite(given) and above_floor and given < below and given <= at_most):
+        raise GeometryError(f"{name} = {given}{space} is impossible; it must be {allowed}")
+    if unit == "m" and not SMALLEST <= given <= LARGEST:
+        raise GeometryError(
+            f"{name} = {given} m is no size of a structure; it must be between {SMALLEST:g} m and "
+            f"{LARGEST:g} m"
+        )
+    return given
+
+
+def count(name: str, value: ArrayLike) -> int:
+    """Number of voussoirs of an arch: a whole number of at least 2."""
+    allowed = "a whole number of at least 2 (a single body is a Block)"
+    array = _real_array(name, value, allowed)
+    if array.ndim != 0 or not np.isfinite(array) or array != np.floor(array):
+        raise GeometryError(
+            f"{name} = {reprlib.repr(value)} is not a whole number; it must be {allowed}"
+        )
+    if array < 2:
+        raise GeometryError(f"{name} = {int(array)} makes no arch; it must be {allowed}")
+    return int(array)
+
+
+def flag(name: str, value: object) -> bool:
+    """True or False and nothing else."""
+    if not isinstance(value, bool | np.bool_):
+        raise GeometryError(
+            f"{name} = {reprlib.repr(value)} is not a choice; it must be True or False"
+        )
+    return bool(value)
+
+
+def shared_or_each(
+    name: str, value: ArrayLike, size: int, each: str, unit: str = "", *, infinite: bool = False
+) -> NDArray[np.float64]:
+    """One non-negative number for all, or one for each.
+
+    Parameters
+    ----------
+    name, each, unit : str
+        What the user calls it, what it is given for ("joint", "voussoir"), and its unit.
+    value : array_like
+        A scalar or ``(size,)``.
+    size : int
+        How many values are wanted.
+    infinite : bool
+        Whether inf is allowed.
+
+    Returns
+    -------
+    (size,) ndarray
+
+    Raises
+    ------
+    GeometryError
+        Naming the parameter, the first value that is refused with its place, and what is allowed.
+    """
+    space = f" {unit}" if unit else ""
+    allowed = f"one number or one for each of the {size} {each}s, all at least 0{space}"
+    allowed += " (inf: no sliding)" if infinite else " and finite"
+    array = _real_array(name, value, allowed)
+    if array.ndim > 1 or (array.ndim == 1 and array.size != size):
+        raise GeometryError(f"{name} has shape {array.shape}, not ({size},); it must be {allowed}")
+    bad = ~(array >= 0.0) | (np.isinf(array) & (not infinite))
+    if np.any(bad):
+        where = f" at {each} {int(np.argmax(bad))}" if array.ndim else ""
+        given = float(array[bad][0])
+        raise GeometryError(f"{name} = {given}{space}{where} is impossible; it must be {allowed}")
+    return np.ascontiguousarray(np.broadcast_to(array, (size,)), dtype=np.float64).copy()
+
+
+def joint_positions(
+    value: ArrayLike | None, voussoirs: int, end: float, unit: str
+) -> NDArray[np.float64]:
+    """Positions of the joints measured from the middle of the ring, from minus to plus half `end`.
+
+    Parameters
+    ----------
+    value : array_like or None
+        ``(voussoirs + 1,)`` increasing from 0 at the left springing to `end`; None: equal.
+    voussoirs : int
+        Number of voussoirs.
+    end : float
+        Position of the right springing, in `unit`.
+    unit : str
+        "degrees", or what else the positions are counted in.
+
+    Raises
+    ------
+    GeometryError
+        If they are not that many, not finite, not increasing or do not reach from 0 to `end`.
+    """
+    if value is None:
+        # Whole numerators make mirrored joints equal to the last bit.
+        index = np.arange(voussoirs + 1, dtype=np.float64)
+        equal: NDArray[np.float64] = end * ((2.0 * index - voussoirs) / (2.0 * voussoirs))
+        return equal
+    allowed = (
+        f"{voussoirs + 1} numbers that increase from 0 at the left springing to {end:.9g} {unit} "
+        "at the right one"
+    )
+    array = _real_array("joints", value, allowed)
+    if array.shape != (voussoirs + 1,):
+        raise GeometryError(
+            f"joints has shape {array.shape} with voussoirs = {voussoirs}; it must be {allowed}"
+        )
+    if not np.all(np.isfinite(array)):
+        place = int(np.argmin(np.isfinite(array)))
+        raise GeometryError(
+            f"joints[{place}] = {array[place]} is not finite; it must be {allowed}"
+        )
+    if abs(array[0]) > 1e-9 * end or abs(array[-1] - end) > 1e-9 * end:
+        raise GeometryError(
+            f"joints run from {array[0]:.9g} to {array[-1]:.9g}; they must be {allowed}"
+        )
+    step = np.diff(array)
+    if not np.all(step > 0.0):
+        place = int(np.argmin(step > 0.0)) + 1
+        raise GeometryError(
+            f"joints[{place}] = {array[place]:.9g} does not exceed the one before it "
+            f"({array[place - 1]:.9g}); they must be {allowed}"
+        )
+    position: NDArray[np.float64] = array - 0.5 * end
+    position[0], position[-1] = -0.5 * end, 0.5 * end
+    return position
+
+
+def points(name: str, value: ArrayLike, least: int, why: str) -> NDArray[np.float64]:
+    """Corners of joints, ``(n, 2)`` [m] with ``n >= least``; `why` tells where `least` is from."""
+    allowed = f"an (n, 2) table of finite coordinates in metres with n at least {least} ({why})"
+    array = _real_array(name, value, allowed)
+    if array.ndim != 2 or array.shape[1] != 2 or array.shape[0] < least:
+        raise GeometryError(f"{name} has shape {array.shape}; it must be {allowed}")
+    good = (np.abs(array) <= LARGEST).all(axis=1)
+    if not good.all():
+        place = int(np.argmin(good))
+        raise GeometryError(
+            f"{name}[{place}] = ({array[place, 0]}, {array[place, 1]}) is not finite or beyond "
+            f"{LARGEST:g} m; it must be {allowed}"
+        )
+    return np.ascontiguousarray(array)

@@ -1,0 +1,219 @@
+"""Centre lines of ready-made arches, and the joint lines that stand on them.
+
+All have their springings at height 0 and their crown at x = 0, and their joints are placed by
+the fraction of the centre line's length, counted from the crown: −1/2 at the left springing,
++1/2 at the right one.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import ellipeinc
+
+from archfrag.arch.geometry import cross
+from archfrag.errors import GeometryError
+
+
+class JointLines(NamedTuple):
+    """Lines across a ring, from left to right; all are joints but one at `apex`, if any."""
+
+    intrados: NDArray[np.float64]  # (n_line, 2) [m]
+    extrados: NDArray[np.float64]  # (n_line, 2) [m]
+    apex: int = -1  # index of the line at a pointed crown that is no joint
+
+
+class CentreLine(NamedTuple):
+    """Points of a centre line and its unit normals there."""
+
+    point: NDArray[np.float64]  # (n_joint, 2) [m]
+    outward: NDArray[np.float64]  # (n_joint, 2) away from the intrados [1]
+
+
+def radial_lines(
+    centre: NDArray[np.float64], radius: float, thickness: float, angle: NDArray[np.float64]
+) -> JointLines:
+    """Joint lines of a circular ring at `angle`, clockwise from the upward vertical [rad]."""
+    direction = np.column_stack([np.sin(angle), np.cos(angle)])
+    return JointLines(
+        centre + (radius - 0.5 * thickness) * direction,
+        centre + (radius + 0.5 * thickness) * direction,
+    )
+
+
+def ellipse(span: float, rise: float, fraction: NDArray[np.float64]) -> CentreLine:
+    """Upper half of an ellipse.
+
+    Parameters
+    ----------
+    span, rise : float
+        Whole horizontal axis and upper half of the vertical one [m].
+    fraction : (n_joint,) ndarray
+        Places of the joints, from −1/2 to 1/2 of the length.
+
+    Returns
+    -------
+    CentreLine
+
+    Notes
+    -----
+    With a = span/2, b = rise and the point (a sin u, b cos u), the length from the crown is
+    a E(u | 1 − b²/a²), the incomplete elliptic integral of the second kind.
+    """
+    a, b = 0.5 * span, rise
+    parameter = 1.0 - (b / a) ** 2
+    quarter = float(ellipeinc(0.5 * math.pi, parameter))
+    u = np.empty_like(fraction)
+    for place, part in enumerate(fraction):
+        wanted = 2.0 * abs(float(part)) * quarter
+        root = brentq(
+            lambda v, wanted=wanted: float(ellipeinc(v, parameter)) - wanted,
+            0.0,
+            0.5 * math.pi,
+            xtol=1e-15,
+            rtol=1e-15,
+        )
+        u[place] = math.copysign(root, part)
+    sine, cosine = np.sin(u), np.cos(u)
+    # The springings are exact, where cos(pi/2) is not quite zero.
+    sine[0], cosine[0], sine[-1], cosine[-1] = -1.0, 0.0, 1.0, 0.0
+    outward = np.column_stack([b * sine, a * cosine])
+    outward /= np.hypot(outward[:, :1], outward[:, 1:])
+    return CentreLine(np.column_stack([a * sine, b * cosine]), outward)
+
+
+def catenary(span: float, rise: float, fraction: NDArray[np.float64]) -> CentreLine:
+    """Hanging chain turned upside down.
+
+    Parameters
+    ----------
+    span, rise : float
+        Of the line [m].
+    fraction : (n_joint,) ndarray
+        Places of the joints, from −1/2 to 1/2 of the length.
+
+    Returns
+    -------
+    CentreLine
+
+    Notes
+    -----
+    y = rise − c (cosh(x/c) − 1) with c = span/(2 w) from (cosh w − 1)/w = 2 rise/span; the
+    length from the crown is c sinh(x/c).
+    """
+    wanted = 2.0 * rise / span
+
+    def excess(w: float) -> float:
+        return 2.0 * math.sinh(0.5 * w) ** 2 / w - wanted
+
+    # (cosh w − 1)/w exceeds w/2 everywhere, and exp(w/2)/4 beyond w = 4.
+    above = min(2.0 * wanted, max(4.0, 2.0 * math.log(4.0 * wanted + 1.0)))
+    above *= 1.0 + 1e-12
+    w = brentq(excess, 0.5 * min(above, 1e-9), above, xtol=1e-300, rtol=1e-15)
+    c = 0.5 * span / w
+    slope = 2.0 * fraction * math.sinh(w)
+    x = c * np.arcsinh(slope)
+    secant = np.hypot(1.0, slope)
+    # cosh − 1 without cancellation: slope²/(1 + secant).
+    y = rise - c * slope**2 / (1.0 + secant)
+    x[0], x[-1], y[0], y[-1] = -0.5 * span, 0.5 * span, 0.0, 0.0
+    outward = np.column_stack([slope / secant, 1.0 / secant])
+    return CentreLine(np.column_stack([x, y]), outward)
+
+
+def normal_lines(
+    line: CentreLine, thickness: float, profile: str, span: float, rise: float
+) -> JointLines:
+    """Joint lines perpendicular to a centre line.
+
+    Raises
+    ------
+    GeometryError
+        If the thickness is so large that neighbouring joints meet inside the ring.
+    """
+    step = np.diff(line.point, axis=0)
+    here, there = line.outward[:-1], line.outward[1:]
+    turn = cross(here, there)
+    # Distance along each of two neighbouring joints to where their lines meet.
+    with np.errstate(divide="ignore"):
+        meeting = np.minimum(np.abs(cross(step, there) / turn), np.abs(cross(step, here) / turn))
+    _refuse_crossing(thickness, 2.0 * meeting, profile, span, rise)
+    offset = 0.5 * thickness * line.outward
+    return JointLines(line.point - offset, line.point + offset)
+
+
+def pointed_lines(
+    span: float, rise: float, thickness: float, fraction: NDArray[np.float64]
+) -> JointLines:
+    """Joint lines of two circular arcs that meet at the crown.
+
+    Parameters
+    ----------
+    span, rise, thickness : float
+        Of the centre line, ``rise >= span/2``, and along the radial joints [m].
+    fraction : (n_joint,) ndarray
+        Places of the joints, from −1/2 to 1/2 of the centre line's length.
+
+    Returns
+    -------
+    JointLines
+        With a vertical joint at the crown if one stands there, else with the crown of the
+        keystone as the line `apex`.
+
+    Raises
+    ------
+    GeometryError
+        If the thickness is so large that joints meet inside the ring.
+
+    Notes
+    -----
+    The left arc has its centre on the springing line at x = d = (rise² − span²/4)/span and the
+    radius d + span/2. The extrados and intrados arcs are cut by the vertical x = 0.
+    """
+    reach = (rise**2 - 0.25 * span**2) / span
+    radius = reach + 0.5 * span
+    sweep = math.atan2(rise, reach)
+    nearest = int(np.argmin(np.abs(fraction)))
+    at_crown = abs(fraction[nearest]) <= 1e-12
+    side = np.delete(fraction, nearest) if at_crown else fraction
+    # From the horizontal at the springing up to `sweep` at the crown.
+    angle = sweep * (1.0 - 2.0 * np.abs(side))
+    sign = np.sign(side)
+    outward = np.column_stack([sign * np.cos(angle), np.sin(angle)])
+    centre = np.column_stack([-sign * reach, np.zeros_like(side)])
+    left = np.flatnonzero(sign < 0.0)[-1]
+    right = left + 1
+    # Distance along the joints next to the crown to where they reach the vertical x = 0.
+    beside = slice(left, right + 1)
+    limit = 2.0 * np.abs(centre[beside, 0] / outward[beside, 0] + radius)
+    pairs = (left, right if at_crown else left)
+    _refuse_crossing(thickness, limit, "pointed arch", span, rise, pairs)
+    inner, outer = radius - 0.5 * thickness, radius + 0.5 * thickness
+    apex = np.array([[0.0, math.sqrt(r**2 - reach**2)] for r in (inner, outer)])
+    return JointLines(
+        np.insert(centre + inner * outward, right, apex[0], axis=0),
+        np.insert(centre + outer * outward, right, apex[1], axis=0),
+        -1 if at_crown else int(right),
+    )
+
+
+def _refuse_crossing(
+    thickness: float,
+    limit: NDArray[np.float64],
+    profile: str,
+    span: float,
+    rise: float,
+    first_of_pair: tuple[int, ...] = (),
+) -> None:
+    """Refuse a thickness at or above the smallest limit, each that of one pair of joints."""
+    if thickness < limit.min():
+        return
+    tightest = int(np.argmin(limit))
+    joint = first_of_pair[tightest] if first_of_pair else tightest
+    raise GeometryError(
+        f"thickness = {thickness} m is impossible for this {profile} of span {span} m and rise "
+        f"{rise} m: joints {joint} and {joint + 1} would cross inside the ring; it must be less "
+        f"than {limit.min():.6g} m"
+    )

@@ -1,0 +1,209 @@
+"""From joint lines to voussoirs, and the refusal of rings that cannot be built."""
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from archfrag.arch.geometry import Section, arc, cross, middle_of, polygon_section, sector_section
+from archfrag.arch.profiles import JointLines
+from archfrag.errors import GeometryError
+
+# Corners closer than this part of the whole ring's size, or sides that turn by a smaller
+# angle [rad], are taken for a slip of the user's.
+_TOLERANCE = 1e-9
+
+
+class Voussoir(NamedTuple):
+    """Plane figure of one body."""
+
+    section: Section
+    outline: NDArray[np.float64]  # (m, 2) intrados, then extrados backwards; not closed [m]
+    back: NDArray[np.float64]  # (2,) middle of the back, where its dead load sits [m]
+
+
+class Ring(NamedTuple):
+    """Voussoirs between joint lines."""
+
+    voussoirs: list[Voussoir]
+    lines: JointLines
+    sense: int  # +1: intrados to the right on the way from joint 0 to the last, -1: to the left
+
+
+def straight_ring(lines: JointLines) -> Ring:
+    """Straight-sided voussoirs between joint lines; a keystone over an apex keeps its point.
+
+    Raises
+    ------
+    GeometryError
+        As `travel_sense` does.
+    """
+    sense = travel_sense(lines)
+    ends = np.delete(np.arange(len(lines.intrados)), lines.apex if lines.apex >= 0 else [])
+    figures = []
+    for first, last in pairwise(ends):
+        intrados = lines.intrados[first : last + 1]
+        extrados = lines.extrados[first : last + 1]
+        outline = np.concatenate([intrados, extrados[::-1]])
+        figures.append(Voussoir(polygon_section(outline), outline, middle_of(extrados)))
+    return Ring(figures, JointLines(lines.intrados[ends], lines.extrados[ends]), sense)
+
+
+def sector_ring(
+    lines: JointLines,
+    centre: NDArray[np.float64],
+    radius: float,
+    thickness: float,
+    angle: NDArray[np.float64],
+) -> Ring:
+    """Annular sectors between the radial joints that stand at `angle`.
+
+    Parameters
+    ----------
+    lines : JointLines
+        The joints themselves.
+    centre, radius, thickness
+        Of the ring [m].
+    angle : (n_joint,) ndarray
+        Of the joints, clockwise from the upward vertical [rad].
+
+    Raises
+    ------
+    GeometryError
+        If corners coincide.
+    """
+    check_corners_apart(lines)
+    figures = []
+    inner, outer = radius - 0.5 * thickness, radius + 0.5 * thickness
+    for start, end in pairwise(angle):
+        back = arc(centre, outer, start, end)
+        outline = np.concatenate([arc(centre, inner, start, end), back[::-1]])
+        middle = 0.5 * (start + end)
+        top = centre + outer * np.array([np.sin(middle), np.cos(middle)])
+        section = sector_section(centre, radius, thickness, start, end)
+        figures.append(Voussoir(section, outline, top))
+    return Ring(figures, lines, 1)
+
+
+def check_corners_apart(lines: JointLines) -> None:
+    """Refuse joints of no length, and neighbouring joints that share a corner.
+
+    Raises
+    ------
+    GeometryError
+        Naming the joint, and the corner by its coordinates.
+    """
+    every = np.concatenate([lines.intrados, lines.extrados])
+    least = _TOLERANCE * float(np.hypot(*np.ptp(every, axis=0)))
+    length = np.hypot(*(lines.extrados - lines.intrados).T)
+    if np.any(length <= least):
+        joint = int(np.argmax(length <= least))
+        raise GeometryError(
+            f"joint {joint} has no length: its intrados and extrados corners coincide at "
+            f"{_place(lines.intrados[joint])}; they must be more than {least:.3g} m apart"
+        )
+    for name, side in (("intrados", lines.intrados), ("extrados", lines.extrados)):
+        length = np.hypot(*np.diff(side, axis=0).T)
+        if np.any(length <= least):
+            joint = int(np.argmax(length <= least))
+            raise GeometryError(
+                f"the {name} corners of joints {joint} and {joint + 1} coincide at "
+                f"{_place(side[joint])}; they must be more than {least:.3g} m apart"
+            )
+
+
+def travel_sense(lines: JointLines) -> int:
+    """Refuse rings that cannot be, and say on which side of the way the intrados lies.
+
+    Returns
+    -------
+    int
+        +1 with the intrados to the right on the way from joint 0 to the last (as it is over an
+        arch from left to right), −1 with the intrados to the left.
+
+    Raises
+    ------
+    GeometryError
+        If corners coincide, joints or sides cross, a voussoir is flat, folded or not convex, the
+        ring doubles back on itself, or two voussoirs overlap.
+    """
+    check_corners_apart(lines)
+    inner, outer = lines.intrados, lines.extrados
+    quads = np.stack([inner[:-1], inner[1:], outer[1:], outer[:-1]], axis=1)
+    side = np.roll(quads, -1, axis=1) - quads
+    side /= np.hypot(side[..., 0], side[..., 1])[..., None]
+    turn = cross(side, np.roll(side, -1, axis=1))
+    sense = np.where((turn > _TOLERANCE).all(1), 1, np.where((turn < -_TOLERANCE).all(1), -1, 0))
+    if not sense.all():
+        _refuse_quad(int(np.argmin(np.abs(sense))), quads, turn)
+    if np.any(sense != sense[0]):
+        body = int(np.argmax(sense != sense[0]))
+        raise GeometryError(
+            f"voussoir {body} lies on the same side of joint {body} as voussoir {body - 1}: the "
+            "ring doubles back there; intrados and extrados must run on along the ring from "
+            "joint to joint"
+        )
+    _refuse_overlap(quads if sense[0] > 0 else quads[:, ::-1])
+    return int(sense[0])
+
+
+def _refuse_quad(body: int, quads: NDArray[np.float64], turn: NDArray[np.float64]) -> None:
+    """Say what is wrong with a voussoir that is no convex quadrilateral."""
+    a, b, c, d = quads[body]
+    between = f"joints {body} and {body + 1}"
+    if (np.abs(turn[body]) <= _TOLERANCE).all():
+        reason = "has no area: its corners lie on one line"
+    elif _segments_cross(a, d, b, c):
+        reason = f"cannot be: {between} cross inside the ring"
+    elif _segments_cross(a, b, c, d):
+        reason = f"intersects itself: its intrados and extrados cross between {between}"
+    else:
+        reason = f"is folded: a corner of one of {between} lies beyond or on the line of the other"
+    corners = ", ".join(_place(corner) for corner in (a, b, c, d))
+    raise GeometryError(
+        f"voussoir {body} {reason}; its corners {corners} must be those of a convex quadrilateral "
+        "in this order"
+    )
+
+
+def _segments_cross(
+    a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64], d: NDArray[np.float64]
+) -> bool:
+    """Whether the segments ab and cd have a point in common that is inside both."""
+    return bool(
+        cross(b - a, c - a) * cross(b - a, d - a) < 0.0
+        and cross(d - c, a - c) * cross(d - c, b - c) < 0.0
+    )
+
+
+def _refuse_overlap(quads: NDArray[np.float64]) -> None:
+    """Refuse convex anticlockwise quadrilaterals ``(n, 4, 2)`` of which any two overlap.
+
+    Neighbours lie on either side of the line of their joint and cannot. The others are held apart
+    by the line of one of their sides, or they overlap.
+    """
+    low, high = quads.min(axis=1), quads.max(axis=1)
+    near = (low[:, None] < high[None]).all(2) & (low[None] < high[:, None]).all(2)
+    first, second = np.nonzero(np.triu(near, k=2))
+    if first.size == 0:
+        return
+    size = np.ptp(quads.reshape(-1, 2), axis=0).max()
+    depth = np.full(first.size, np.inf)
+    for one, other in ((first, second), (second, first)):
+        corner = quads[one]
+        side = np.roll(corner, -1, axis=1) - corner
+        side /= np.hypot(side[..., 0], side[..., 1])[..., None]
+        reach = quads[other][:, None, :, :] - corner[:, :, None, :]
+        # How far the other body reaches behind each side of this one, at its deepest corner.
+        depth = np.minimum(depth, cross(side[:, :, None, :], reach).max(axis=2).min(axis=1))
+    if np.any(depth > _TOLERANCE * size):
+        pair = int(np.argmax(depth > _TOLERANCE * size))
+        raise GeometryError(
+            f"voussoirs {first[pair]} and {second[pair]} overlap by {depth[pair]:.6g} m; the ring "
+            "must not cross itself"
+        )
+
+
+def _place(point: NDArray[np.float64]) -> str:
+    return f"({point[0]:.6g}, {point[1]:.6g})"

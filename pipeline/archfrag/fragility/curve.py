@@ -1,0 +1,114 @@
+"""The lognormal fragility curve."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr
+
+from archfrag.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Fragility:
+    """A lognormal fragility curve and how well the data determine it.
+
+    Attributes
+    ----------
+    theta : float
+        Median capacity, in the unit of the intensity it was fitted to.
+    beta : float
+        Dispersion: standard deviation of the logarithm of capacity [1].
+    covariance : ndarray, (2, 2)
+        Of (ln theta, beta): inverse of the observed Fisher information.
+    log_likelihood : float
+        At the maximum; of stripes with the binomial coefficients, of capacities the density of
+        their logarithms.
+    n_levels : int
+        Levels (stripes) or distinct observed capacities (IDA) that were used.
+    n_total : int
+        Runs (stripes) or records (IDA) that were used.
+    kind : str
+        ``"stripes"``, ``"ida"`` or ``"ida_truncated"``.
+    """
+
+    theta: float
+    beta: float
+    covariance: FloatArray = field(compare=False)
+    log_likelihood: float
+    n_levels: int
+    n_total: int
+    kind: str
+
+    @property
+    def standard_errors(self) -> FloatArray:
+        """Standard errors of (ln theta, beta), (2,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlation(self) -> float:
+        """Correlation of the estimates of ln theta and beta."""
+        return float(self.covariance[0, 1] / np.prod(self.standard_errors))
+
+    def probability(self, im: ArrayLike) -> FloatArray:
+        """Probability of collapse at intensity `im`, same shape; zero at im = 0.
+
+        Raises
+        ------
+        InputError
+            If an intensity is negative or not a number.
+        """
+        return ndtr((log_intensity(im) - np.log(self.theta)) / self.beta)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, lists and strings, for JSON."""
+        return {
+            "kind": self.kind,
+            "theta": self.theta,
+            "beta": self.beta,
+            "covariance_ln_theta_beta": self.covariance.tolist(),
+            "log_likelihood": self.log_likelihood,
+            "n_levels": self.n_levels,
+            "n_total": self.n_total,
+        }
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> "Fragility":
+        """Inverse of `to_dict`.
+
+        Raises
+        ------
+        InputError
+            If a key is missing.
+        """
+        try:
+            return cls(
+                theta=float(values["theta"]),
+                beta=float(values["beta"]),
+                covariance=np.array(values["covariance_ln_theta_beta"], dtype=float),
+                log_likelihood=float(values["log_likelihood"]),
+                n_levels=int(values["n_levels"]),
+                n_total=int(values["n_total"]),
+                kind=str(values["kind"]),
+            )
+        except KeyError as error:
+            raise InputError(f"a stored fragility lacks the key {error}") from error
+
+
+def log_intensity(im: ArrayLike) -> FloatArray:
+    """Natural logarithm of intensities at which a curve is asked for; -inf at zero.
+
+    Raises
+    ------
+    InputError
+        If an intensity is negative or not a number.
+    """
+    im = np.asarray(im, dtype=float)
+    bad = im[~(im >= 0.0)]
+    if bad.size:
+        raise InputError(f"im holds {bad[0]:g}; an intensity is a number from 0 upwards")
+    with np.errstate(divide="ignore"):
+        return np.log(im)

@@ -1,0 +1,185 @@
+"""The table of records that lie beside each other: ``index.csv``, one row for each file."""
+
+import csv
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from archfrag.errors import RecordError
+from archfrag.motions.motion import Motion
+from archfrag.motions.units import unit_factor
+
+INDEX_NAME = "index.csv"
+COLUMNS = (
+    "id", "file", "sha256", "event", "Mw", "distance_km", "Vs30_mps", "component", "dt_s", "unit",
+    "terms", "seed", "model",
+)  # fmt: skip
+_NEEDED = ("id", "file", "unit")
+_NUMBERS = ("Mw", "distance_km", "Vs30_mps", "dt_s")
+
+
+@dataclass(frozen=True)
+class IndexEntry:
+    """One row of an index.
+
+    Attributes
+    ----------
+    id : str
+    path : Path
+        The record; the ``file`` of a row is relative to the folder of the index.
+    unit : str
+        Unit of the samples, a key of ``units.METRES_PER_SECOND_SQUARED``.
+    sha256 : str
+        Of the file, or of its first bytes in hexadecimal; empty if not given.
+    metadata : dict
+        The other columns: ``Mw``, ``distance_km``, ``Vs30_mps`` and ``dt_s`` as float or None,
+        ``seed`` as int or None, the rest as text.
+    """
+
+    id: str
+    path: Path
+    unit: str
+    sha256: str
+    metadata: dict[str, Any]
+
+
+def load_index(path: str | Path) -> list[IndexEntry]:
+    """Read an ``index.csv``, or the one in a folder.
+
+    Columns ``id``, ``file`` and ``unit`` are needed; see ``COLUMNS`` for the others.
+
+    Raises
+    ------
+    RecordError
+        If the file is missing, a needed column or value is, two rows have the same id, a number
+        is none, or a unit is unknown.
+    """
+    source = Path(path)
+    if source.is_dir():
+        source = source / INDEX_NAME
+    try:
+        with open(source, newline="", encoding="utf-8") as file:
+            reader = csv.DictReader(file)
+            rows = list(reader)
+            columns = reader.fieldnames or []
+    except OSError as error:
+        raise RecordError(f"{source}: the index cannot be read ({error.strerror})") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise RecordError(f"{source}: the index is not a table in CSV ({error})") from None
+    missing = [column for column in _NEEDED if column not in columns]
+    if missing:
+        raise RecordError(f"{source}: column {missing[0]!r} is missing from the index")
+    entries = [_entry(row, source, line) for line, row in enumerate(rows, start=2)]
+    seen: set[str] = set()
+    for line, entry in enumerate(entries, start=2):
+        if entry.id in seen:
+            raise RecordError(f"{source}, line {line}: id {entry.id!r} occurs twice")
+        seen.add(entry.id)
+    return entries
+
+
+def find_entry(path: str | Path) -> IndexEntry | None:
+    """Row that describes a file, in an index in its folder or the one above; None if none does.
+
+    A file called ``index.csv`` that is no table of records is passed over.
+    """
+    record = Path(path).resolve()
+    for folder in (record.parent, record.parent.parent):
+        index = folder / INDEX_NAME
+        if not index.is_file() or not _is_index(index):
+            continue
+        for entry in load_index(index):
+            if entry.path.resolve() == record:
+                return entry
+    return None
+
+
+def load_motion(entry: IndexEntry) -> Motion:
+    """Read the record of a row, once its sha256, unit and time step are found as stated.
+
+    Raises
+    ------
+    RecordError
+        If the file is missing, has changed since it was listed, or has another time step.
+    """
+    from archfrag.motions.read import read_motion  # needs obspy
+
+    check_sha256(entry)
+    motion = read_motion(entry.path, unit=entry.unit)
+    step = entry.metadata.get("dt_s")
+    if step is not None and not np.isclose(step, motion.dt, rtol=1e-6, atol=0.0):
+        raise RecordError(
+            f"{entry.path}: the index lists dt_s = {step} s, the file has {motion.dt} s"
+        )
+    merged = {**motion.metadata, **_given(entry.metadata)}
+    return Motion(motion.acceleration, motion.dt, motion.vertical, entry.id, merged, motion.log)
+
+
+def check_sha256(entry: IndexEntry) -> None:
+    """Raise RecordError unless the file of a row has the sha256 that the row lists (if any)."""
+    if not entry.sha256:
+        return
+    try:
+        digest = hashlib.sha256(entry.path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise RecordError(
+            f"{entry.path}: listed in the index but cannot be read ({error.strerror})"
+        ) from None
+    if not digest.startswith(entry.sha256.lower()):
+        raise RecordError(
+            f"{entry.path}: sha256 is {digest[:16]}…, the index lists {entry.sha256[:16]}…; the "
+            "file has changed since it was listed"
+        )
+
+
+def _given(metadata: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in metadata.items() if value not in (None, "")}
+
+
+def _is_index(path: Path) -> bool:
+    try:
+        with open(path, newline="", encoding="utf-8") as file:
+            header = next(csv.reader(file), [])
+    except (OSError, UnicodeDecodeError, csv.Error):
+        return False
+    return all(column in header for column in _NEEDED)
+
+
+def _entry(row: dict[str, str], source: Path, line: int) -> IndexEntry:
+    place = f"{source}, line {line}"
+    values = {key: (value or "").strip() for key, value in row.items() if isinstance(key, str)}
+    for column in _NEEDED:
+        if not values[column]:
+            raise RecordError(f"{place}: {column} is empty")
+    unit_factor(values["unit"], place)
+    metadata: dict[str, Any] = {
+        key: value
+        for key, value in values.items()
+        if key not in (*_NEEDED, "sha256", *_NUMBERS, "seed")
+    }
+    for column in (*_NUMBERS, "seed"):
+        if column in values:
+            metadata[column] = _number(values[column], int if column == "seed" else float,
+                                       f"{place}: {column}")  # fmt: skip
+    return IndexEntry(
+        id=values["id"],
+        path=source.parent / values["file"],
+        unit=values["unit"],
+        sha256=values.get("sha256", ""),
+        metadata=metadata,
+    )
+
+
+def _number(text: str, kind: type, place: str) -> float | int | None:
+    if not text:
+        return None
+    try:
+        value = kind(text)
+    except ValueError:
+        raise RecordError(f"{place} = {text!r} is not a number") from None
+    if not np.isfinite(value):
+        raise RecordError(f"{place} = {text!r} is not a finite number")
+    return value

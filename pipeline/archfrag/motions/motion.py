@@ -1,0 +1,132 @@
+"""One ground motion: what the ground does to the springings of an arch."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from archfrag.errors import InputError, RecordError
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Ground acceleration in one horizontal direction, with the vertical where there is one.
+
+    Parameters
+    ----------
+    acceleration : array_like, shape (n_sample,) [m/s2]
+        Horizontal acceleration of the ground, positive towards +x, linear between samples.
+    dt : float [s]
+        Time between samples.
+    vertical : array_like, shape (n_sample,) [m/s2], optional
+        Vertical acceleration of the ground, positive upwards.
+    id : str
+        Name of the record, used in tables and messages.
+    metadata : mapping
+        What is known of the record: event, station, magnitude, file; JSON types only where the
+        motion is to be stored.
+    log : tuple of str
+        One sentence for each thing done to the samples since they left the file.
+
+    Raises
+    ------
+    RecordError
+        If a sample is not finite, the samples are not one row of at least two, `dt` is not
+        positive, or the vertical has another length.
+    """
+
+    acceleration: NDArray[np.float64]
+    dt: float
+    vertical: NDArray[np.float64] | None = None
+    id: str = ""
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    log: tuple[str, ...] = ()
+
+    def __init__(
+        self,
+        acceleration: ArrayLike,
+        dt: float,
+        vertical: ArrayLike | None = None,
+        id: str = "",
+        metadata: Mapping[str, Any] | None = None,
+        log: tuple[str, ...] = (),
+    ) -> None:
+        name = id or "motion"
+        set_field = object.__setattr__
+        set_field(self, "id", id)
+        set_field(self, "dt", _positive_step(dt, name))
+        set_field(self, "acceleration", _samples(acceleration, name, "acceleration"))
+        set_field(self, "vertical", None)
+        if vertical is not None:
+            upward = _samples(vertical, name, "vertical")
+            if upward.size != self.acceleration.size:
+                raise RecordError(
+                    f"{name}: the vertical has {upward.size} samples and the horizontal "
+                    f"{self.acceleration.size}; both must have the same number"
+                )
+            set_field(self, "vertical", upward)
+        set_field(self, "metadata", dict(metadata or {}))
+        set_field(self, "log", tuple(log))
+
+    @property
+    def duration(self) -> float:
+        """Time from the first sample to the last [s]."""
+        return (self.acceleration.size - 1) * self.dt
+
+    @property
+    def time(self) -> NDArray[np.float64]:
+        """Time of each sample from the first, shape (n_sample,) [s]."""
+        return np.arange(self.acceleration.size) * self.dt
+
+    def scaled(self, factor: float) -> "Motion":
+        """Return the motion with both components multiplied by `factor`.
+
+        Raises
+        ------
+        InputError
+            If the factor is not a finite number.
+        """
+        if not np.isfinite(factor):
+            raise InputError(
+                f"{self.id or 'motion'}: scale factor {factor} must be a finite number"
+            )
+        return replace(
+            self,
+            acceleration=self.acceleration * factor,
+            vertical=None if self.vertical is None else self.vertical * factor,
+            log=(*self.log, f"Multiplied by {factor:.9g}."),
+        )
+
+
+def _positive_step(dt: float, name: str) -> float:
+    try:
+        step = float(dt)
+    except (TypeError, ValueError):
+        step = float("nan")
+    if not (np.isfinite(step) and step > 0.0):
+        raise RecordError(f"{name}: time step dt = {dt} s must be a positive number of seconds")
+    return step
+
+
+def _samples(values: ArrayLike, name: str, component: str) -> NDArray[np.float64]:
+    try:
+        samples = np.array(values, dtype=np.float64, order="C")
+    except (TypeError, ValueError):
+        raise RecordError(f"{name}: {component} must be a row of numbers") from None
+    if samples.ndim != 1:
+        raise RecordError(
+            f"{name}: {component} has shape {samples.shape}; one row of samples is needed"
+        )
+    if samples.size < 2:
+        raise RecordError(
+            f"{name}: {component} has {samples.size} sample(s); at least 2 are needed"
+        )
+    bad = np.flatnonzero(~np.isfinite(samples))
+    if bad.size:
+        raise RecordError(
+            f"{name}: {component} has {bad.size} sample(s) that are not finite, the first at "
+            f"index {bad[0]} ({samples[bad[0]]})"
+        )
+    return samples

@@ -1,0 +1,97 @@
+"""Motions as one file that a worker can read without obspy."""
+
+import contextlib
+import json
+import os
+import tempfile
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from archfrag.errors import InputError, OutputError
+from archfrag.motions.motion import Motion
+
+FORMAT = "archfrag motions 1"
+
+
+def save_motions(path: str | Path, motions: Sequence[Motion]) -> None:
+    """Write motions to one file, whole or not at all.
+
+    A numpy archive with, for each motion, its samples as float64 and, for all, one JSON text.
+    The same motions give the same bytes.
+
+    Raises
+    ------
+    InputError
+        If the metadata of a motion are not JSON.
+    OutputError
+        If the file cannot be written; no part of it is left behind.
+    """
+    target = Path(path)
+    arrays: dict[str, np.ndarray] = {}
+    table = []
+    for number, motion in enumerate(motions):
+        arrays[f"horizontal_{number}"] = motion.acceleration
+        if motion.vertical is not None:
+            arrays[f"vertical_{number}"] = motion.vertical
+        entry = {"id": motion.id, "dt": motion.dt, "log": motion.log, "metadata": motion.metadata}
+        try:
+            table.append(json.dumps(entry, allow_nan=True, sort_keys=True))
+        except (TypeError, ValueError) as error:
+            raise InputError(
+                f"{motion.id or f'motion {number}'}: metadata cannot be stored as JSON ({error})"
+            ) from None
+    text = json.dumps({"format": FORMAT, "motions": table})
+    arrays["table"] = np.frombuffer(text.encode(), dtype=np.uint8)
+    part = None
+    try:
+        handle, part = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+        with os.fdopen(handle, "wb") as file:
+            np.savez(file, allow_pickle=False, **arrays)  # type: ignore[arg-type]
+        os.replace(part, target)
+    except OSError as error:
+        if part is not None:
+            with contextlib.suppress(OSError):
+                os.unlink(part)
+        raise OutputError(
+            f"{target}: the motions cannot be written there ({error.strerror or error})"
+        ) from None
+
+
+def load_motions(path: str | Path) -> list[Motion]:
+    """Read the motions that `save_motions` wrote, in their order.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, damaged or something else.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            header = json.loads(archive["table"].tobytes().decode())
+            if header["format"] != FORMAT:
+                raise ValueError(f"format {header['format']!r}")
+            return [
+                _motion(archive, number, json.loads(text))
+                for number, text in enumerate(header["motions"])
+            ]
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file of motions") from None
+    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
+        raise InputError(
+            f"{path}: not a file of motions written by archfrag, or damaged ({error})"
+        ) from None
+
+
+def _motion(archive: np.lib.npyio.NpzFile, number: int, entry: dict) -> Motion:
+    vertical = f"vertical_{number}"
+    return Motion(
+        archive[f"horizontal_{number}"],
+        entry["dt"],
+        archive[vertical] if vertical in archive.files else None,
+        entry["id"],
+        entry["metadata"],
+        tuple(entry["log"]),
+    )

@@ -1,0 +1,37 @@
+"""Units of acceleration that a record may be given in."""
+
+from scipy.constants import g as STANDARD_GRAVITY
+
+from archfrag.errors import RecordError
+
+METRES_PER_SECOND_SQUARED = {
+    "m/s2": 1.0,
+    "cm/s2": 1e-2,
+    "gal": 1e-2,
+    "mm/s2": 1e-3,
+    "g": STANDARD_GRAVITY,
+}
+
+
+def unit_factor(unit: str, place: str) -> float:
+    """Factor that turns a value in `unit` into m/s2.
+
+    Parameters
+    ----------
+    unit : str
+        One of the keys of ``METRES_PER_SECOND_SQUARED``.
+    place : str
+        The file or key that named the unit, for the message.
+
+    Raises
+    ------
+    RecordError
+        If the unit is not one of these.
+    """
+    try:
+        return METRES_PER_SECOND_SQUARED[unit]
+    except (KeyError, TypeError):
+        allowed = ", ".join(METRES_PER_SECOND_SQUARED)
+        raise RecordError(
+            f"{place}: unknown unit {unit!r} of acceleration; allowed are {allowed}"
+        ) from None

@@ -1,0 +1,147 @@
+"""What a cube says, as plain arrays in the units that people read."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from archfrag.arch import STANDARD_GRAVITY
+from archfrag.errors import InputError
+from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
+from archfrag.mechanics.status import CollapseMode
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+NEEDED = (
+    "verdict",
+    "collapse_time",
+    "collapse_joint",
+    "collapse_mode",
+    "peak_displacement",
+    "energy_error",
+    "model_time",
+    "end_time",
+    "steps",
+    "contact_residual",
+    "fallbacks",
+    "scale_factor",
+    "intensity",
+)
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How an intensity measure is written: its name, the unit people read, SI to that unit."""
+
+    measure: str
+    unit: str
+    factor: float
+
+    @property
+    def label(self) -> str:
+        """Axis label."""
+        return f"{self.measure} [{self.unit}]"
+
+    def text(self, value_si: float) -> str:
+        """Value with its unit, three digits."""
+        return f"{value_si * self.factor:#.3g} {self.unit}"
+
+
+@dataclass(frozen=True)
+class ArchResults:
+    """All runs of one arch; arrays (n_record, n_level) unless said otherwise."""
+
+    arch: str
+    records: list[str]
+    levels: FloatArray  # (n_level,) in the reader's unit
+    scale: Scale
+    verdict: IntArray
+    counts: VerdictCounts
+    collapse_time: FloatArray  # [s]
+    collapse_joint: IntArray
+    collapse_mode: IntArray
+    peak_displacement: FloatArray  # [m]
+    energy_error: FloatArray  # [1]
+    residual: FloatArray  # [1]
+    fallbacks: IntArray
+    steps: IntArray
+    end_time: FloatArray  # [s]
+    model_time: FloatArray  # (n_record, n_level, n_model) [s]
+    models: list[str]
+
+    @property
+    def resurrections(self) -> int:
+        """Records that collapse at a level and stand at a higher one."""
+        collapsed = self.verdict == Verdict.COLLAPSED
+        below = np.cumsum(collapsed, axis=1) > 0
+        return int(np.any(below & (self.verdict == Verdict.STANDING), axis=1).sum())
+
+    def collapses_by_joint(self, n_joint: int) -> IntArray:
+        """Collapses by joint, mode and level, (n_joint, n_mode, n_level)."""
+        table = np.zeros((n_joint, len(CollapseMode), self.levels.size), dtype=np.int64)
+        record, level = np.nonzero(self.verdict == Verdict.COLLAPSED)
+        joint = self.collapse_joint[record, level]
+        mode = self.collapse_mode[record, level]
+        known = (joint >= 0) & (joint < n_joint)
+        np.add.at(table, (joint[known], mode[known], level[known]), 1)
+        return table
+
+
+def reading_scale(cube: xr.Dataset, measure: str) -> Scale:
+    """Unit in which the intensities of a cube are shown: g for accelerations, else as stored.
+
+    Raises
+    ------
+    InputError
+        If the cube's intensity carries no unit.
+    """
+    units = cube["intensity"].attrs.get("units")
+    if not units:
+        raise InputError("the cube's variable intensity has no attribute units")
+    if units in ("m s-2", "m/s2"):
+        return Scale(measure, "g", 1.0 / STANDARD_GRAVITY)
+    return Scale(measure, {"m s-1": "m/s"}.get(units, units), 1.0)
+
+
+def arch_results(cube: xr.Dataset, arch: str, scale: Scale) -> ArchResults:
+    """Everything the report needs of one arch of a cube.
+
+    Raises
+    ------
+    InputError
+        If a variable or the arch is missing.
+    """
+    missing = [name for name in NEEDED if name not in cube]
+    if missing:
+        raise InputError(f"the cube lacks {', '.join(missing)}; is it a cube of archfrag?")
+    names = [str(name) for name in cube["arch"].values]
+    if arch not in names:
+        raise InputError(f"the cube holds no arch {arch!r}; it holds {', '.join(names)}")
+    part = cube.isel(arch=names.index(arch))
+
+    def table(name: str, kind: type) -> NDArray:
+        return part[name].transpose("record", "level").values.astype(kind)
+
+    model_time = part["model_time"].transpose("record", "level", "model")
+    verdict = part["verdict"].transpose("record", "level").values
+    return ArchResults(
+        arch=arch,
+        records=[str(name) for name in cube["record"].values],
+        levels=cube["intensity"].values.astype(float) * scale.factor,
+        scale=scale,
+        counts=count_verdicts(verdict),
+        verdict=verdict.astype(np.int64),
+        collapse_time=table("collapse_time", float),
+        collapse_joint=table("collapse_joint", np.int64),
+        collapse_mode=table("collapse_mode", np.int64),
+        peak_displacement=table("peak_displacement", float),
+        energy_error=table("energy_error", float),
+        residual=table("contact_residual", float),
+        fallbacks=table("fallbacks", np.int64),
+        steps=table("steps", np.int64),
+        end_time=table("end_time", float),
+        model_time=model_time.values.astype(float),
+        models=[str(name) for name in model_time["model"].values],
+    )

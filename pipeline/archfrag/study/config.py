@@ -1,0 +1,360 @@
+"""The study file: what is allowed in it, and one sentence for whatever is not."""
+
+import copy
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationError,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
+
+from archfrag.arch import STANDARD_GRAVITY
+from archfrag.errors import GeometryError, InputError, StudyError
+from archfrag.study.arches import ArchEntry, Identifier, Numbers, Section
+from archfrag.study.sentences import first_sentence
+from archfrag.study.yaml_file import dump_yaml, parse_value, read_yaml
+
+# Units that a level may be given in, by the SI unit of its measure, with the factor to SI.
+LEVEL_UNITS: dict[str, dict[str, float]] = {
+    "m/s2": {"g": STANDARD_GRAVITY, "m/s2": 1.0, "cm/s2": 0.01, "gal": 0.01},
+    "m/s": {"m/s": 1.0, "cm/s": 0.01},
+}
+
+
+def _refuse(text: str, **context: Any) -> PydanticCustomError:
+    return PydanticCustomError("refused", text.replace("{", "{{").replace("}", "}}"), context)
+
+
+class FileSet(Section):
+    """Records by path or pattern."""
+
+    path: Annotated[str, Field(min_length=1)]
+    """A file, or a pattern with * and ?, relative to the study file."""
+    unit: str | None = None
+    """Unit of the samples where the file does not say; never guessed."""
+    dt: Annotated[float, Field(gt=0.0)] | None = None
+    """Sampling interval where the file does not say [s]."""
+    inventory: str | None = None
+    """StationXML with the response, for records in counts."""
+
+
+def _as_file_set(given: Any) -> Any:
+    return {"path": given} if isinstance(given, str) else given
+
+
+def _sized(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    if not values:
+        raise _refuse("must have at least one entry")
+    return values
+
+
+FileSets = Annotated[
+    tuple[Annotated[FileSet, BeforeValidator(_as_file_set)], ...], Field(strict=False)
+]
+
+
+class Motions(Section):
+    """The ground motions of the study."""
+
+    index: str | None = None
+    """Index (CSV) of shipped records, relative to the study file."""
+    select: Annotated[tuple[str, ...], Field(strict=False), AfterValidator(_sized)] | None = None
+    """Ids of the records to use, in this order; all where not given."""
+    files: FileSets = ()
+    """Record files or patterns; each entry a path, or a mapping with path, unit, dt, inventory."""
+
+    @model_validator(mode="after")
+    def _have_a_source(self) -> Self:
+        if self.index is None and not self.files:
+            raise _refuse("must have a key index or files")
+        if self.select is not None and len(set(self.select)) < len(self.select):
+            twice = next(name for name in self.select if self.select.count(name) > 1)
+            raise _refuse(f"must have different ids under select, but {twice!r} is there twice")
+        return self
+
+
+class LevelRange(Section):
+    """Equally spaced levels."""
+
+    start: Annotated[float, Field(gt=0.0)]
+    """First level."""
+    stop: Annotated[float, Field(gt=0.0)]
+    """Last level."""
+    count: Annotated[int, Field(ge=2)]
+    """How many, both ends included."""
+
+    @model_validator(mode="after")
+    def _rise(self) -> Self:
+        if self.stop <= self.start:
+            raise _refuse(f"must have stop above start = {self.start:g}, not {self.stop:g}")
+        return self
+
+    def values(self) -> tuple[float, ...]:
+        """The levels, to twelve digits: what a person would have typed."""
+        step = (self.stop - self.start) / (self.count - 1)
+        return tuple(float(f"{self.start + i * step:.12g}") for i in range(self.count))
+
+
+def _rising(levels: tuple[float, ...]) -> tuple[float, ...]:
+    for i, level in enumerate(levels):
+        if level <= 0.0:
+            raise _refuse(f"must be greater than 0, but entry {i} is {level:g}")
+        if i and level <= levels[i - 1]:
+            raise _refuse(f"must increase, but {level:g} follows {levels[i - 1]:g}")
+    return _sized(levels)
+
+
+def _listed_or_range(given: Any) -> str:
+    return "range" if isinstance(given, dict | LevelRange) else "listed"
+
+
+class Intensity(Section):
+    """How strong the motions are made."""
+
+    measure: str
+    """PGA, PGV, Arias, Sa(T) or AvgSA(T1,T2) with periods in seconds."""
+    unit: str
+    """Unit of the levels: g, m/s2, cm/s2 or gal for accelerations, m/s or cm/s for velocities."""
+    levels: Annotated[
+        Annotated[Numbers, AfterValidator(_rising), Tag("listed")]
+        | Annotated[LevelRange, Tag("range")],
+        Discriminator(_listed_or_range),
+    ]
+    """Increasing list, or start, stop and count."""
+
+    @model_validator(mode="after")
+    def _agree(self) -> Self:
+        from archfrag.motions.measures import measure_unit, parse_measure
+
+        try:
+            parse_measure(self.measure)
+        except InputError as error:
+            raise PydanticCustomError("refused_key", "", {"key": "measure", "text": str(error)})
+        # A duration has no entry: scaling does not change it.
+        allowed = LEVEL_UNITS.get(measure_unit(self.measure), {})
+        if not allowed:
+            raise _refuse(f"has measure {self.measure}, to which no motion can be scaled")
+        if self.unit not in allowed:
+            raise PydanticCustomError(
+                "refused_key",
+                "",
+                {
+                    "key": "unit",
+                    "text": f"unit {self.unit!r} is not one of {', '.join(allowed)}, in which "
+                    f"{self.measure} can be given",
+                },
+            )
+        return self
+
+    @property
+    def given(self) -> tuple[float, ...]:
+        """Levels in the user's unit."""
+        return self.levels.values() if isinstance(self.levels, LevelRange) else self.levels
+
+    @property
+    def si(self) -> tuple[float, ...]:
+        """Levels in the SI unit of the measure."""
+        from archfrag.motions.measures import measure_unit
+
+        factor = LEVEL_UNITS[measure_unit(self.measure)][self.unit]
+        return tuple(level * factor for level in self.given)
+
+
+def method_names() -> tuple[str, ...]:
+    """Methods that a study may name."""
+    from archfrag.methods.registry import METHODS
+
+    return ("auto", *METHODS)
+
+
+def _known_method(name: str) -> str:
+    if name not in method_names():
+        raise _refuse(f"must be one of {', '.join(method_names())}")
+    return name
+
+
+class Method(Section):
+    """How the equations of motion are integrated."""
+
+    name: Annotated[str, AfterValidator(_known_method)] = "auto"
+    """Method; auto lets archfrag choose."""
+    dt: Annotated[float, Field(gt=0.0)] | None = None
+    """Step of methods with a fixed step [s]; the method's default where not given."""
+    rtol: Annotated[float, Field(gt=0.0, lt=1.0)] = 1e-6
+    """Relative error allowed by methods with step control [1]."""
+    follow: Annotated[float, Field(ge=0.0)] = 20.0
+    """How long a chain still moving at the end of a record is followed [s]."""
+
+
+class Execution(Section):
+    """Where and in what portions it runs; never changes a result."""
+
+    workers: Annotated[int, Field(ge=1)] | None = None
+    """One-thread processes; as many as cores where not given."""
+    scheduler: str | None = None
+    """Address of a running dask scheduler, in the place of own workers."""
+    chunk: Annotated[int, Field(ge=1)] | None = None
+    """Runs in one part file; chosen by the number of runs where not given."""
+    batches: Annotated[int, Field(ge=1, le=999)] = 1
+    """Snakemake jobs that the runs are shared out to."""
+
+
+class Study(Section):
+    """A study file."""
+
+    id: Identifier
+    """Name of the study: letters, digits and _ . + - only."""
+    title: Annotated[str, Field(min_length=1)]
+    """Heading of the report."""
+    output: Annotated[str, Field(min_length=1)]
+    """Folder of all results, relative to the study file."""
+    arches: Annotated[tuple[ArchEntry, ...], Field(strict=False), AfterValidator(_sized)]
+    """Arches, columns or blocks."""
+    motions: Motions
+    intensity: Intensity
+    method: Method = Method()
+    execution: Execution = Execution()
+
+    @model_validator(mode="after")
+    def _names_differ(self) -> Self:
+        names = [entry.id for entry in self.arches]
+        for i, name in enumerate(names):
+            if name in names[:i]:
+                raise PydanticCustomError(
+                    "refused_key",
+                    "",
+                    {
+                        "key": f"arches[{i}].id",
+                        "text": f"{name!r} is the id of arches[{names.index(name)}] too; each "
+                        "arch needs its own",
+                    },
+                )
+        return self
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the results."""
+        return Path(self.output)
+
+
+def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
+    """Read a study file.
+
+    Parameters
+    ----------
+    path : str or Path
+        YAML file; paths in it are relative to its folder.
+    overrides : sequence of str
+        ``key.key=value`` with the value in YAML, over the file's; paths in them are relative to
+        the current folder.
+
+    Returns
+    -------
+    Study
+        With absolute paths.
+
+    Raises
+    ------
+    StudyError
+        One sentence with the file, the key, its value and what is allowed.
+    """
+    path = Path(path)
+    given = read_yaml(path)
+    _anchor(given, path.resolve().parent)
+    for text in overrides:
+        _override(given, text)
+    try:
+        study = Study.model_validate(given)
+    except ValidationError as error:
+        raise StudyError(f"{path}: {first_sentence(error, given)}") from error
+    for i, entry in enumerate(study.arches):
+        try:
+            entry.build()
+        except GeometryError as error:
+            raise StudyError(f"{path}: arches[{i}] ({entry.id}): {error}") from error
+    return study
+
+
+def dump_study(study: Study) -> str:
+    """A study as the text of a study file, with absolute paths and defaults filled in."""
+    return dump_yaml(study.model_dump(mode="python", exclude_none=True))
+
+
+def study_schema() -> str:
+    """JSON schema of study files, for editors; the text of ``configs/study.schema.json``."""
+    schema = Study.model_json_schema()
+    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    schema["title"] = "archfrag study"
+    schema["$defs"]["Method"]["properties"]["name"]["enum"] = list(method_names())
+    file_sets = schema["$defs"]["Motions"]["properties"]["files"]
+    file_sets["items"] = {"anyOf": [{"type": "string"}, file_sets["items"]]}
+    return json.dumps(schema, indent=2, ensure_ascii=False, sort_keys=True) + "\n"
+
+
+def _anchor(given: dict[str, Any], folder: Path) -> None:
+    """Make the paths of a raw study absolute."""
+
+    def absolute(value: Any) -> Any:
+        if isinstance(value, str) and value:
+            return str((folder / Path(value).expanduser()).absolute())
+        return value
+
+    def file_set(value: Any) -> Any:
+        if isinstance(value, dict):
+            return value | {
+                key: absolute(value[key]) for key in ("path", "inventory") if key in value
+            }
+        return absolute(value)
+
+    if "output" in given:
+        given["output"] = absolute(given["output"])
+    motions = given.get("motions")
+    if isinstance(motions, dict):
+        if "index" in motions:
+            motions["index"] = absolute(motions["index"])
+        if isinstance(motions.get("files"), list):
+            motions["files"] = [file_set(value) for value in motions["files"]]
+
+
+def _override(given: dict[str, Any], text: str) -> None:
+    key, equals, value_text = text.partition("=")
+    parts = key.strip().split(".")
+    if not equals or not all(parts):
+        raise StudyError(f"--set {text}: must be key=value, for example method.dt=0.0005")
+    value = parse_value(value_text, f"--set {key}")
+    addition: Any = value
+    for part in reversed(parts):
+        addition = {part: addition}
+    _anchor(addition, Path.cwd())
+    for part in parts:
+        addition = addition[part]
+    place: Any = given
+    for i, part in enumerate(parts):
+        last = i == len(parts) - 1
+        if isinstance(place, list):
+            if not part.isdigit() or int(part) >= len(place):
+                raise StudyError(
+                    f"--set {text}: {'.'.join(parts[:i])} has {len(place)} entries, counted "
+                    f"from 0, and {part} is none of them"
+                )
+            index: Any = int(part)
+        elif isinstance(place, dict):
+            index = part
+        else:
+            raise StudyError(f"--set {text}: {'.'.join(parts[:i])} has no keys")
+        if last:
+            place[index] = copy.deepcopy(addition)
+        else:
+            place = place.setdefault(index, {}) if isinstance(place, dict) else place[index]
+
+

@@ -1,0 +1,103 @@
+"""From pydantic's list of errors to one sentence about a study file."""
+
+import difflib
+import reprlib
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import ValidationError
+
+_KINDS = {
+    "missing": "is missing",
+    "finite_number": "must be a finite number",
+    "float_type": "must be a number",
+    "int_type": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "bool_type": "must be true or false",
+    "string_type": "must be text",
+    "tuple_type": "must be a list",
+    "model_type": "must be a mapping of keys to values",
+    "string_too_short": "must not be empty",
+    "string_pattern_mismatch": (
+        "must begin with a letter or a digit and hold only letters, digits and _ . + -"
+    ),
+}
+
+
+def key_path(parts: list[Any]) -> str:
+    """Keys and indices as people write them: ``arches[0].radius``."""
+    text = ""
+    for part in parts:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            text += f".{part}" if text else str(part)
+    return text
+
+
+def first_sentence(error: ValidationError, given: Any) -> str:
+    """Sentence about the first thing that is wrong, and how many more there are.
+
+    Parameters
+    ----------
+    error : ValidationError
+    given : mapping
+        What was validated: it tells keys from names of union members in pydantic's places.
+    """
+    problems = error.errors(include_url=False)
+    sentence = _sentence(problems[0], given)
+    more = len(problems) - 1
+    if more:
+        sentence += f" ({more} more {'key is' if more == 1 else 'keys are'} wrong too)"
+    return sentence
+
+
+def _place(location: tuple[Any, ...], kind: str, given: Any) -> list[Any]:
+    """The parts of a location that are keys of the file, without names of union members."""
+    parts: list[Any] = []
+    here = given
+    for i, part in enumerate(location):
+        last = i == len(location) - 1
+        if isinstance(here, Mapping) and part in here:
+            here = here[part]
+        elif isinstance(here, list | tuple) and isinstance(part, int) and part < len(here):
+            here = here[part]
+        elif not (last and kind == "missing"):
+            continue
+        parts.append(part)
+    return parts
+
+
+def _sentence(problem: Any, given: Any) -> str:
+    kind, context = problem["type"], problem.get("ctx", {})
+    parts = _place(problem["loc"], kind, given)
+    if kind == "unknown_key":
+        return _unknown(key_path([*parts, context["key"]]), context["key"], context["allowed"])
+    if kind == "refused_key":
+        return f"{key_path([*parts, context['key']])}: {context['text']}"
+    if kind in ("union_tag_invalid", "union_tag_not_found"):
+        name = context["discriminator"].strip("'")
+        key = key_path([*parts, name])
+        if kind == "union_tag_not_found":
+            return f"{key} is missing"
+        return (
+            f"{key} = {context['tag']} must be one of "
+            f"{context['expected_tags'].replace(chr(39), '')}"
+        )
+    key = key_path(parts) or "the file"
+    if kind == "missing":
+        return f"{key} is missing"
+    rule = _KINDS.get(kind) or problem["msg"].replace("Input should", "must")
+    value = problem["input"]
+    shown = "" if isinstance(value, Mapping) else f" = {_shown(value)}"
+    return f"{key}{shown} {rule}"
+
+
+def _shown(value: Any) -> str:
+    return "empty" if value is None else value if isinstance(value, str) else reprlib.repr(value)
+
+
+def _unknown(path: str, key: str, allowed: list[str]) -> str:
+    close = difflib.get_close_matches(key, allowed, n=1, cutoff=0.6)
+    hint = f"did you mean {close[0]}?" if close else f"allowed are {', '.join(allowed)}"
+    return f"{path} is no known key; {hint}"

@@ -1,0 +1,1 @@
+"""Other people's solvers on our scenes, each behind one adapter with one signature."""

@@ -1,0 +1,202 @@
+"""Scenes of the benchmarks: data files that become polygons and a ground motion.
+
+Only numpy is needed, so that a peer's own interpreter can build the scene too.
+"""
+
+import json
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+STANDARD_GRAVITY = 9.80665
+FOLDER = Path(__file__).parent.parent / "scenes"
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Straight-sided voussoirs in a row, on the ground or between two springings, and a motion.
+
+    Attributes
+    ----------
+    name, title, source : str
+        `source` names the section of the comparison that the scene belongs to.
+    chain : dict
+        As in the file: `kind` "circular" (radius [m], thickness [m], embrace [degrees],
+        voussoirs) or "block" (width [m], height [m]); friction; density [kg/m3]; depth [m].
+    motion : dict
+        As in the file: `kind` "none", "pulse" (amplitude for `duration`, then minus half of it
+        for twice as long) or "sine" (whole `cycles` of `period`); amplitude in multiples of
+        standard gravity; `sample_step` [s].
+    duration : float
+        Simulated time [s].
+    """
+
+    name: str
+    title: str
+    source: str
+    chain: dict[str, Any]
+    motion: dict[str, Any]
+    duration: float
+
+    def at(self, amplitude: float) -> "Scene":
+        """Same scene with another amplitude of the ground motion, in standard gravity."""
+        return replace(self, motion={**self.motion, "amplitude": amplitude})
+
+    def to_dict(self) -> dict[str, Any]:
+        """Content of the scene's file."""
+        return dict(vars(self))
+
+    @property
+    def friction(self) -> float:
+        """Coulomb coefficient of all joints."""
+        return float(self.chain["friction"])
+
+    @property
+    def thickness(self) -> float:
+        """Ring's thickness, or the block's width [m]; collapse is judged by it."""
+        return float(self.chain["thickness" if self.chain["kind"] == "circular" else "width"])
+
+    def joint_lines(self) -> tuple[Array, Array]:
+        """Intrados and extrados ends of the joint lines, (n + 1, 2) each [m].
+
+        Those of a block are its base and its free top, left ends first.
+        """
+        chain = self.chain
+        if chain["kind"] == "block":
+            half, top = 0.5 * chain["width"], chain["height"]
+            height = np.array([0.0, top])
+            return (
+                np.column_stack([np.full(2, -half), height]),
+                np.column_stack([np.full(2, half), height]),
+            )
+        embrace = math.radians(chain["embrace"])
+        angle = np.linspace(-0.5 * embrace, 0.5 * embrace, chain["voussoirs"] + 1)
+        direction = np.column_stack([np.sin(angle), np.cos(angle)])
+        half = 0.5 * chain["thickness"]
+        return (chain["radius"] - half) * direction, (chain["radius"] + half) * direction
+
+    def polygons(self) -> list[Array]:
+        """Outlines of the voussoirs, counter-clockwise, (4, 2) each [m]."""
+        inner, outer = self.joint_lines()
+        outlines = []
+        for j in range(len(inner) - 1):
+            corners = np.array([inner[j], inner[j + 1], outer[j + 1], outer[j]])
+            outlines.append(corners if _area(corners) > 0.0 else corners[::-1].copy())
+        return outlines
+
+    def supports(self) -> list[Array]:
+        """Outlines of rigid ground blocks that hold the springing faces, counter-clockwise [m].
+
+        Each reaches a thickness beyond both ends of the face, so that a voussoir that slides
+        finds ground under it, and two thicknesses behind it.
+        """
+        inner, outer = self.joint_lines()
+        faces = [(inner[0], outer[0], inner[1])]
+        if self.chain["kind"] != "block":
+            faces.append((inner[-1], outer[-1], inner[-2]))
+        blocks = []
+        for start, end, inside in faces:
+            along = (end - start) / np.linalg.norm(end - start)
+            away = np.array([-along[1], along[0]])
+            if away @ (inside - start) > 0.0:
+                away = -away
+            reach = self.thickness * along
+            corners = np.array([start - reach, end + reach, end + reach, start - reach])
+            corners[2:] += 2.0 * self.thickness * away
+            blocks.append(corners if _area(corners) > 0.0 else corners[::-1].copy())
+        return blocks
+
+    def bodies(self) -> "Bodies":
+        """Masses, inertias and centroids of the voussoirs."""
+        density = self.chain.get("density", 2000.0) * self.chain.get("depth", 1.0)
+        rows = [_polygon_moments(outline) for outline in self.polygons()]
+        area = np.array([row[0] for row in rows])
+        return Bodies(
+            density * area,
+            density * np.array([row[2] for row in rows]),
+            np.array([row[1] for row in rows]),
+        )
+
+    def ground_acceleration(self) -> tuple[Array, float]:
+        """Samples of the horizontal ground acceleration [m/s2] and their step [s].
+
+        Linear between samples and zero outside them. A jump inside the motion stands in one
+        sample of its mean, which keeps the ground's velocity exact beyond it.
+        """
+        motion = self.motion
+        if motion["kind"] == "none":
+            return np.zeros(2), self.duration
+        step = float(motion["sample_step"])
+        peak = motion["amplitude"] * STANDARD_GRAVITY
+        if motion["kind"] == "pulse":
+            first = round(motion["duration"] / step)
+            samples = np.full(3 * first + 1, -0.5 * peak)
+            samples[:first] = peak
+            samples[first] = 0.25 * peak
+            return samples, step
+        count = round(motion["cycles"] * motion["period"] / step)
+        time = step * np.arange(count + 1)
+        return peak * np.sin(2.0 * math.pi * time / motion["period"]), step
+
+    def step_means(self, dt: float) -> Array:
+        """Mean ground acceleration over each step of a run, (n_step,) [m/s2]."""
+        count = round(self.duration / dt)
+        samples, step = self.ground_acceleration()
+        velocity = np.concatenate([[0.0], np.cumsum(0.5 * step * (samples[1:] + samples[:-1]))])
+        place = np.clip(dt * np.arange(count + 1) / step, 0.0, len(samples) - 1.0)
+        index = np.minimum(place.astype(int), len(samples) - 2)
+        part = place - index
+        slope = samples[index + 1] - samples[index]
+        at_steps = velocity[index] + step * (samples[index] * part + 0.5 * slope * part**2)
+        return np.diff(at_steps) / dt
+
+
+@dataclass(frozen=True)
+class Bodies:
+    """Inertial data of the voussoirs: (n,) [kg], (n,) [kg m2] and (n, 2) [m]."""
+
+    mass: Array
+    inertia: Array
+    centroid: Array
+
+
+def load_scene(name: str) -> Scene:
+    """Scene of a file in the folder `scenes`, by its name.
+
+    Raises
+    ------
+    FileNotFoundError, KeyError, TypeError
+        If there is no such file, or a key is missing or unknown.
+    """
+    with open(FOLDER / f"{name}.json", encoding="utf-8") as file:
+        return Scene(name=name, **json.load(file))
+
+
+def scene_names() -> list[str]:
+    """Names of all scene files."""
+    return sorted(path.stem for path in FOLDER.glob("*.json"))
+
+
+def _area(corners: Array) -> float:
+    x, y = corners.T
+    return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+
+
+def _polygon_moments(corners: Array) -> tuple[float, Array, float]:
+    """Area, centroid and polar second moment of area about it."""
+    origin = corners.mean(axis=0)
+    x, y = (corners - origin).T
+    x_next, y_next = np.roll(x, -1), np.roll(y, -1)
+    cross = x * y_next - x_next * y
+    area = 0.5 * cross.sum()
+    centre = np.array([((x + x_next) * cross).sum(), ((y + y_next) * cross).sum()]) / (6.0 * area)
+    polar = (
+        cross * (x * x + x * x_next + x_next**2 + y * y + y * y_next + y_next**2)
+    ).sum() / 12.0
+    return float(area), origin + centre, float(polar - area * (centre @ centre))

@@ -1,0 +1,150 @@
+"""A made-up study with the shape and names of a real cube; no simulation behind it."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from archfrag.arch import Arch
+from archfrag.errors import FitError
+from archfrag.fragility.counts import Verdict, count_verdicts
+from archfrag.fragility.fit import fit_stripes
+from archfrag.mechanics.status import CollapseMode
+from archfrag.motions.motion import Motion
+from archfrag.report.page import ReportInputs
+
+GRAVITY = 9.80665
+MODELS = ("rest", "all_voussoirs")
+FLAGS = {"flag_values": np.arange(4, dtype=np.int8)}
+
+
+def motions(n_record=6, seed=1):
+    """Enveloped noise, named as records of a catalogue are."""
+    generator = np.random.default_rng(seed)
+    time = np.arange(0.0, 20.0, 0.01)
+    envelope = (time / 3.0) * np.exp(1.0 - time / 3.0)
+    return [
+        Motion(
+            generator.uniform(0.5, 4.0)
+            * envelope
+            * np.convolve(generator.standard_normal(time.size), np.ones(8) / 8, "same"),
+            0.01,
+            id=f"RSN{100 + i}_EVENT{i:02d}_STA{i:03d}",
+        )
+        for i in range(n_record)
+    ]
+
+
+def arch_and_onset(voussoirs=7):
+    """The arch of the reference values with its tabulated onset and hinges."""
+    arch = Arch.circular(
+        radius=10.0, thickness=1.5, embrace=157.5, voussoirs=voussoirs, friction=0.7
+    )
+    middle = 0.5 * (arch.intrados + arch.extrados)
+    half = 0.4 * (arch.extrados - arch.intrados)
+    last = arch.n_joint - 1
+    hinges = [
+        (0, "extrados"), (round(0.3 * last), "intrados"), (round(0.6 * last), "extrados"),
+        (last, "intrados"),
+    ]  # fmt: skip
+    joints = [joint for joint, _ in hinges]
+    sides = [1.25 if side == "extrados" else -1.25 for _, side in hinges]
+    offset = np.interp(np.arange(last + 1), joints, sides)[:, None]
+    onset = SimpleNamespace(
+        stands=True,
+        plus=0.3702,
+        minus=0.3702,
+        hinges=hinges,
+        hinges_minus=[(last - joint, side) for joint, side in hinges],
+        sliding=[],
+        sliding_minus=[],
+        thrust=middle + 0.3 * half * np.cos(np.linspace(0, 4 * np.pi, last + 1))[:, None],
+        thrust_plus=middle + offset * half,
+        thrust_minus=middle + offset[::-1] * half,
+    )
+    return arch, onset
+
+
+def cube(names=("ring",), items=None, n_level=9, n_joint=8, theta=4.0, beta=0.4, seed=2):
+    """Cube as the study writes it: SI units, flags as bytes, names as strings."""
+    generator = np.random.default_rng(seed)
+    items = items or motions()
+    records = [motion.id for motion in items]
+    peaks = np.array([np.abs(motion.acceleration).max() for motion in items])
+    intensity = np.linspace(1.0, 8.0, n_level)
+    shape = (len(names), len(records), n_level)
+    record_to_record = generator.standard_normal((*shape[:2], 1))
+    capacity = theta * np.exp(beta * record_to_record + 0.08 * generator.standard_normal(shape))
+    verdict = (capacity < intensity).astype(np.int8)
+    verdict[0, 0, -1] = Verdict.UNFINISHED
+    verdict[0, 1, -2] = Verdict.SOLVER_FAILURE
+    fell = verdict == Verdict.COLLAPSED
+    joint = generator.choice(n_joint, size=shape, p=_bathtub(n_joint))
+    mode = generator.choice([CollapseMode.HINGING, CollapseMode.SLIDING], shape, p=[0.85, 0.15])
+    end = generator.uniform(20.0, 26.0, shape)
+    moving = np.clip(intensity / 12.0, 0.0, 0.9) * end
+    dims = ("arch", "record", "level")
+    return xr.Dataset(
+        {
+            "verdict": (dims, verdict, FLAGS),
+            "status": (dims, verdict),
+            "collapse_time": (dims, np.where(fell, 0.4 * end, np.nan), {"units": "s"}),
+            "collapse_joint": (dims, np.where(fell, joint, -1).astype(np.int16)),
+            "collapse_mode": (dims, np.where(fell, mode, 0).astype(np.int8)),
+            "peak_rotation": (dims, generator.uniform(0, 0.1, shape), {"units": "rad"}),
+            "peak_displacement": (dims, generator.uniform(0, 0.4, shape), {"units": "m"}),
+            "energy_error": (dims, 10.0 ** generator.normal(-8, 0.7, shape), {"units": "1"}),
+            "model_time": ((*dims, "model"), np.stack([end - moving, moving], axis=-1)),
+            "end_time": (dims, end, {"units": "s"}),
+            "steps": (dims, (moving * 1000).astype(np.int32)),
+            "impacts": (dims, generator.integers(0, 900, shape, dtype=np.int32)),
+            "contact_residual": (dims, 10.0 ** generator.normal(-13, 0.5, shape)),
+            "fallbacks": (dims, np.zeros(shape, dtype=np.int32)),
+            "scale_factor": (("record", "level"), intensity / peaks[:, None]),
+            "intensity": ("level", intensity, {"units": "m s-2", "long_name": "PGA"}),
+            "magnitude": ("record", generator.uniform(5.5, 7.5, len(records))),
+            "distance": ("record", generator.uniform(5.0, 60.0, len(records))),
+        },
+        coords={"arch": list(names), "record": records, "model": list(MODELS)},
+        attrs={"Conventions": "CF-1.11", "archfrag_config": '{"arches": {"ring": 1}}'},
+    )
+
+
+def inputs(names=("ring",), n_record=6, n_level=9, voussoirs=7, **changes):
+    """Everything `write_report` takes, for a small made-up study."""
+    items = motions(n_record)
+    arch, onset = arch_and_onset(voussoirs)
+    data = cube(names, items, n_level, arch.n_joint)
+    values = {
+        "cube": data,
+        "measure": "PGA",
+        "motions": items,
+        "arches": [(name, arch, onset) for name in names],
+        "fits": {name: fit_or_sentence(data, name) for name in names},
+        "timings": pd.DataFrame(
+            {
+                "arch": np.repeat(names, n_record * n_level),
+                "wall_time": np.full(len(names) * n_record * n_level, 0.05),
+            }
+        ),
+        "provenance": {
+            "archfrag": "0.1.0",
+            "commit": "0123abcd",
+            "config": {"levels": [0.1, 0.2], "measure": "PGA"},
+        },
+    }
+    return ReportInputs(**(values | changes))
+
+
+def fit_or_sentence(data, name):
+    counts = count_verdicts(data["verdict"].sel(arch=name).values)
+    try:
+        return fit_stripes(data["intensity"].values, counts.collapsed, counts.n)
+    except FitError as error:
+        return str(error)
+
+
+def _bathtub(n):
+    weight = 0.3 + np.abs(np.linspace(-1, 1, n)) ** 2
+    return weight / weight.sum()
