@@ -13,8 +13,8 @@ from numba import njit
 
 from archfrag.mechanics.laws import (
     CLOSED_STICK,
+    MINUS,
     OPEN,
-    PLUS,
     STICK,
     friction_ray,
     is_closed,
@@ -149,48 +149,51 @@ def _set_direction(out, j, k, px, py, dx, dy):
 
 
 @njit(cache=True)
-def set_rows(j, mode, contacts, friction, work):
-    """Constrained and reaction directions of joint `j` in `mode`."""
+def set_rows(contacts, friction, work):
+    """Constrained and reaction directions of all joints in their present modes."""
     row, column = work.row, work.column
-    if mode == OPEN:
-        work.size[j] = 0
-        return
-    slip = slip_of(mode)
-    px0 = contacts.point[j, 0, 0] - work.pivot[j, 0]
-    py0 = contacts.point[j, 0, 1] - work.pivot[j, 1]
-    if is_closed(mode):
-        nx, ny = contacts.normal[j, 0], contacts.normal[j, 1]
-        _set_direction(row, j, 0, px0, py0, nx, ny)
-        _set_direction(row, j, 1, -px0, -py0, nx, ny)
-        if slip == STICK:
-            _set_direction(row, j, 2, 0.0, 0.0, -ny, nx)
-            work.size[j] = 3
-            column[j] = row[j]
+    for j in range(work.mode.size):
+        mode = work.mode[j]
+        if mode == OPEN:
+            work.size[j] = 0
+            continue
+        slip = slip_of(mode)
+        px = contacts.point[j, 0, 0] - work.pivot[j, 0]
+        py = contacts.point[j, 0, 1] - work.pivot[j, 1]
+        if is_closed(mode):
+            nx, ny = contacts.normal[j, 0], contacts.normal[j, 1]
+            _set_direction(row, j, 0, px, py, nx, ny)
+            _set_direction(row, j, 1, -px, -py, nx, ny)
+            fx = fy = 0.0
+            if slip == STICK:
+                _set_direction(row, j, 2, 0.0, 0.0, -ny, nx)
+                work.size[j] = 3
+            else:
+                work.size[j] = 2
+                fx, fy = -slip * friction[j] * ny, slip * friction[j] * nx
+            for k in range(work.size[j]):
+                column[j, k, 0] = row[j, k, 0] + fx
+                column[j, k, 1] = row[j, k, 1] + fy
+                column[j, k, 2] = row[j, k, 2]
+            continue
+        corner = 0 if touches(mode, 0) else 1
+        if corner == 1:
+            px, py = -px, -py
+        if slip == MINUS:
+            nx, ny = contacts.normal_minus[j, corner, 0], contacts.normal_minus[j, corner, 1]
         else:
+            nx, ny = contacts.normal_plus[j, corner, 0], contacts.normal_plus[j, corner, 1]
+        _set_direction(row, j, 0, px, py, nx, ny)
+        if slip == STICK:
+            _set_direction(row, j, 1, px, py, -ny, nx)
             work.size[j] = 2
             for k in range(2):
-                column[j, k, 0] = row[j, k, 0] - slip * friction[j] * ny
-                column[j, k, 1] = row[j, k, 1] + slip * friction[j] * nx
-                column[j, k, 2] = row[j, k, 2]
-        return
-    corner = 0 if touches(mode, 0) else 1
-    px = px0 if corner == 0 else -px0
-    py = py0 if corner == 0 else -py0
-    if slip == STICK:
-        nx, ny = contacts.normal_plus[j, corner, 0], contacts.normal_plus[j, corner, 1]
-        _set_direction(row, j, 0, px, py, nx, ny)
-        _set_direction(row, j, 1, px, py, -ny, nx)
-        work.size[j] = 2
-        column[j] = row[j]
-    else:
-        if slip == PLUS:
-            nx, ny = contacts.normal_plus[j, corner, 0], contacts.normal_plus[j, corner, 1]
+                for c in range(3):
+                    column[j, k, c] = row[j, k, c]
         else:
-            nx, ny = contacts.normal_minus[j, corner, 0], contacts.normal_minus[j, corner, 1]
-        _set_direction(row, j, 0, px, py, nx, ny)
-        fx, fy = friction_ray(nx, ny, friction[j], slip)
-        _set_direction(column, j, 0, px, py, fx, fy)
-        work.size[j] = 1
+            fx, fy = friction_ray(nx, ny, friction[j], slip)
+            _set_direction(column, j, 0, px, py, fx, fy)
+            work.size[j] = 1
 
 
 @njit(cache=True, inline="always")
@@ -435,8 +438,8 @@ def solve_modes(mass, inertia, contacts, friction, free_velocity, work, scale, c
         Largest constrained velocity left; inf if the factorisation broke down.
     """
     n_joint = work.mode.size
+    set_rows(contacts, friction, work)
     for j in range(n_joint):
-        set_rows(j, work.mode[j], contacts, friction, work)
         work.reaction[j, 0] = work.reaction[j, 1] = work.reaction[j, 2] = 0.0
     if not factorise(work, compliance):
         return np.inf

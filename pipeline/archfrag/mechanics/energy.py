@@ -49,47 +49,48 @@ def ground_work(mass, impulse_x, impulse_y, mean_velocity):
 
 
 @njit(cache=True)
-def joint_work(j, contacts, work, mean_relative, old_mode, fresh):
-    """Work done at one joint over a step, told apart by the law that explains it.
+def contact_works(contacts, work, mean_relative, old_mode, fresh):
+    """Work done at the joints over a step, told apart by the law that explains it.
 
     Parameters
     ----------
-    j : int
     contacts, work
         The solved contact problem of the step; ``work.reaction`` holds impulses [N s].
     mean_relative : ndarray, (n_joint, 3)
         Mean relative velocity over the step at the pivots.
-    old_mode : int
-        Mode in the step before.
-    fresh : bool
-        Whether contact was made at this joint in this step or the one before.
+    old_mode : ndarray, (n_joint,)
+        Modes in the step before.
+    fresh : ndarray, (n_joint,)
+        Positive where contact was made in this step or the one before.
 
     Returns
     -------
     (float, float, float)
-        Friction, impact, and what neither explains [J].
+        Friction, impacts, and what neither explains [J].
     """
-    mode = work.mode[j]
-    fx, fy = work.reaction[j, 0], work.reaction[j, 1]
-    total = (
-        fx * mean_relative[j, 0] + fy * mean_relative[j, 1]
-        + work.reaction[j, 2] * mean_relative[j, 2]
-    )
-    if fresh:
-        return 0.0, total, 0.0
-    slip = slip_of(mode)
-    if slip == STICK and slip_of(old_mode) == STICK:
-        return 0.0, 0.0, total
-    corner = 0 if touches(mode, 0) else 1
-    if is_closed(mode):
-        nx, ny = contacts.normal[j, 0], contacts.normal[j, 1]
-    elif slip >= STICK:
-        nx, ny = contacts.normal_plus[j, corner, 0], contacts.normal_plus[j, corner, 1]
-    else:
-        nx, ny = contacts.normal_minus[j, corner, 0], contacts.normal_minus[j, corner, 1]
-    px = contacts.point[j, corner, 0] - work.pivot[j, 0]
-    py = contacts.point[j, corner, 1] - work.pivot[j, 1]
-    ux = mean_relative[j, 0] - mean_relative[j, 2] * py
-    uy = mean_relative[j, 1] + mean_relative[j, 2] * px
-    friction = (fy * nx - fx * ny) * (uy * nx - ux * ny)
-    return friction, 0.0, total - friction
+    by_friction = by_impact = stray = 0.0
+    for j in range(old_mode.size):
+        fx, fy = work.reaction[j, 0], work.reaction[j, 1]
+        ux, uy, uw = mean_relative[j, 0], mean_relative[j, 1], mean_relative[j, 2]
+        total = fx * ux + fy * uy + work.reaction[j, 2] * uw
+        mode = work.mode[j]
+        slip = slip_of(mode)
+        if fresh[j] > 0:
+            by_impact += total
+            continue
+        if slip == STICK and slip_of(old_mode[j]) == STICK:
+            stray += total
+            continue
+        corner = 0 if touches(mode, 0) else 1
+        if is_closed(mode):
+            nx, ny = contacts.normal[j, 0], contacts.normal[j, 1]
+        elif slip >= STICK:
+            nx, ny = contacts.normal_plus[j, corner, 0], contacts.normal_plus[j, corner, 1]
+        else:
+            nx, ny = contacts.normal_minus[j, corner, 0], contacts.normal_minus[j, corner, 1]
+        ux -= uw * (contacts.point[j, corner, 1] - work.pivot[j, 1])
+        uy += uw * (contacts.point[j, corner, 0] - work.pivot[j, 0])
+        friction = (fy * nx - fx * ny) * (uy * nx - ux * ny)
+        by_friction += friction
+        stray += total - friction
+    return by_friction, by_impact, stray

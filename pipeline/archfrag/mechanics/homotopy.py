@@ -191,8 +191,7 @@ def follow_path(
     reached = False
     breaks = 0
     while breaks < limit:
-        for j in range(n_joint):
-            set_rows(j, work.mode[j], contacts, friction, work)
+        set_rows(contacts, friction, work)
         if not factorise(work, compliance):
             break
         contacts.bias[:] = bias + opening

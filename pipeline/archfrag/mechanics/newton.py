@@ -19,9 +19,9 @@ from archfrag.mechanics.laws import (
 )
 
 
-@njit(cache=True)
-def corner_clearance(j, corner, contacts, work):
-    """Rate at which a corner opens: the larger of what 23a and 23b measure."""
+@njit(cache=True, inline="always")
+def _unclosed(j, corner, contacts, work):
+    """Opening rate of a corner: the larger of what 23a and 23b measure."""
     ux, uy = corner_velocity(j, corner, contacts, work)
     plus = contacts.normal_plus[j, corner, 0] * ux + contacts.normal_plus[j, corner, 1] * uy
     minus = contacts.normal_minus[j, corner, 0] * ux + contacts.normal_minus[j, corner, 1] * uy
@@ -29,105 +29,132 @@ def corner_clearance(j, corner, contacts, work):
 
 
 @njit(cache=True)
-def revise(j, contacts, friction, work, scale, force_scale):
-    """Mode that joint `j` asks for, given the solution for the present modes.
+def propose_modes(contacts, friction, work, scale, force_scale):
+    """Mode that every joint asks for, given the solution for the present modes.
+
+    Parameters
+    ----------
+    contacts, friction, work
+        As in `archfrag.mechanics.contact.solve_contact`; ``work.best_mode`` is overwritten.
+    scale, force_scale : float
+        What counts as one in velocity and in force.
 
     Returns
     -------
-    mode : int
-    violation : float
-        By how much the present mode breaks a law; 0 if it holds [1].
+    changed : int
+        Joints whose present mode breaks a law.
+    worst_joint : int
+        The one that breaks its law most; -1 if none does.
     """
-    mode = work.mode[j]
-    mu = friction[j]
-    fx, fy = work.reaction[j, 0], work.reaction[j, 1]
-    known = contacts.slip[j]
-    if is_closed(mode):
-        nx, ny = contacts.normal[j, 0], contacts.normal[j, 1]
-        normal_force = fx * nx + fy * ny
-        tangential = fy * nx - fx * ny
-        px0 = contacts.point[j, 0, 0] - work.pivot[j, 0]
-        py0 = contacts.point[j, 0, 1] - work.pivot[j, 1]
-        half = cross(px0, py0, nx, ny)
-        difference = work.reaction[j, 2] / half
-        force_0 = 0.5 * (normal_force + difference)
-        force_1 = 0.5 * (normal_force - difference)
-        slip = slip_of(mode)
+    slack = TOLERANCE * scale
+    slack_force = TOLERANCE * force_scale
+    changed = 0
+    worst_joint = -1
+    worst = 0.0
+    for j in range(work.mode.size):
+        mode = work.mode[j]
+        mu = friction[j]
+        known = contacts.slip[j]
         violation = 0.0
-        if slip == STICK:
-            excess = abs(tangential) - mu * max(normal_force, 0.0)
-            if excess > TOLERANCE * force_scale:
-                slip = PLUS if tangential > 0.0 else MINUS
-                violation = excess / force_scale
-        elif known == 0:
-            ux, uy = corner_velocity(j, 0, contacts, work)
-            wrong = slip * (nx * uy - ny * ux)
-            if wrong > TOLERANCE * scale:
-                slip = STICK
-                violation = wrong / scale
-        keep_0 = force_0 >= -TOLERANCE * force_scale
-        keep_1 = force_1 >= -TOLERANCE * force_scale
-        if keep_0 and keep_1:
-            return closed_mode(slip), violation
-        violation = max(violation, -min(force_0, force_1) / force_scale)
-        if keep_0:
-            return corner_mode(0, slip), violation
-        if keep_1:
-            return corner_mode(1, slip), violation
-        return OPEN, violation
-    if mode == OPEN:
-        worst = -1
-        violation = 0.0
-        count = 0
-        for corner in range(2):
-            if contacts.candidate[j, corner]:
-                clearance = corner_clearance(j, corner, contacts, work)
-                if clearance < -TOLERANCE * scale:
-                    count += 1
-                    if -clearance / scale > violation:
-                        violation = -clearance / scale
-                        worst = corner
-        if worst < 0:
-            return OPEN, 0.0
-        if count == 2:
-            return closed_mode(known), violation
-        return corner_mode(worst, known), violation
-    corner = 0 if touches(mode, 0) else 1
-    slip = slip_of(mode)
-    plus_x, plus_y = contacts.normal_plus[j, corner, 0], contacts.normal_plus[j, corner, 1]
-    minus_x, minus_y = contacts.normal_minus[j, corner, 0], contacts.normal_minus[j, corner, 1]
-    violation = 0.0
-    if slip == STICK:
-        high_x, high_y = friction_ray(plus_x, plus_y, mu, PLUS)
-        low_x, low_y = friction_ray(minus_x, minus_y, mu, MINUS)
-        above = cross(high_x, high_y, fx, fy) / np.sqrt(high_x * high_x + high_y * high_y)
-        below = cross(fx, fy, low_x, low_y) / np.sqrt(low_x * low_x + low_y * low_y)
-        worst = max(above, below)
-        if worst > TOLERANCE * force_scale:
-            violation = worst / force_scale
-            pull = fx * (plus_x + minus_x) + fy * (plus_y + minus_y) <= 0.0
-            if pull:
-                return OPEN, violation
-            slip = PLUS if above >= below else MINUS
-    else:
-        nx = plus_x if slip == PLUS else minus_x
-        ny = plus_y if slip == PLUS else minus_y
-        ray_x, ray_y = friction_ray(nx, ny, mu, slip)
-        push = (fx * ray_x + fy * ray_y) / np.sqrt(ray_x * ray_x + ray_y * ray_y)
-        if push < -TOLERANCE * force_scale:
-            return OPEN, -push / force_scale
-        if known == 0:
-            ux, uy = corner_velocity(j, corner, contacts, work)
-            wrong = slip * (nx * uy - ny * ux)
-            if wrong > TOLERANCE * scale:
-                slip = STICK
-                violation = wrong / scale
-    other = 1 - corner
-    if contacts.candidate[j, other]:
-        clearance = corner_clearance(j, other, contacts, work)
-        if clearance < -TOLERANCE * scale:
-            return closed_mode(slip), max(violation, -clearance / scale)
-    return corner_mode(corner, slip), violation
+        if mode == OPEN:
+            deepest = -1
+            count = 0
+            for corner in range(2):
+                if contacts.candidate[j, corner]:
+                    rate = _unclosed(j, corner, contacts, work)
+                    if rate < -slack:
+                        count += 1
+                        if -rate / scale > violation:
+                            violation = -rate / scale
+                            deepest = corner
+            if count == 2:
+                mode = closed_mode(known)
+            elif count == 1:
+                mode = corner_mode(deepest, known)
+        elif is_closed(mode):
+            fx, fy = work.reaction[j, 0], work.reaction[j, 1]
+            nx, ny = contacts.normal[j, 0], contacts.normal[j, 1]
+            normal_force = fx * nx + fy * ny
+            px = contacts.point[j, 0, 0] - work.pivot[j, 0]
+            py = contacts.point[j, 0, 1] - work.pivot[j, 1]
+            difference = work.reaction[j, 2] / cross(px, py, nx, ny)
+            force_0 = 0.5 * (normal_force + difference)
+            force_1 = 0.5 * (normal_force - difference)
+            slip = slip_of(mode)
+            if slip == STICK:
+                tangential = fy * nx - fx * ny
+                excess = abs(tangential) - mu * max(normal_force, 0.0)
+                if excess > slack_force:
+                    slip = PLUS if tangential > 0.0 else MINUS
+                    violation = excess / force_scale
+            elif known == 0:
+                ux, uy = corner_velocity(j, 0, contacts, work)
+                wrong = slip * (nx * uy - ny * ux)
+                if wrong > slack:
+                    slip = STICK
+                    violation = wrong / scale
+            keep_0 = force_0 >= -slack_force
+            keep_1 = force_1 >= -slack_force
+            if keep_0 and keep_1:
+                mode = closed_mode(slip)
+            else:
+                violation = max(violation, -min(force_0, force_1) / force_scale)
+                if keep_0:
+                    mode = corner_mode(0, slip)
+                elif keep_1:
+                    mode = corner_mode(1, slip)
+                else:
+                    mode = OPEN
+        else:
+            fx, fy = work.reaction[j, 0], work.reaction[j, 1]
+            corner = 0 if touches(mode, 0) else 1
+            slip = slip_of(mode)
+            plus_x, plus_y = contacts.normal_plus[j, corner, 0], contacts.normal_plus[j, corner, 1]
+            minus_x = contacts.normal_minus[j, corner, 0]
+            minus_y = contacts.normal_minus[j, corner, 1]
+            lost = False
+            if slip == STICK:
+                high_x, high_y = friction_ray(plus_x, plus_y, mu, PLUS)
+                low_x, low_y = friction_ray(minus_x, minus_y, mu, MINUS)
+                norm = 1.0 if np.isinf(mu) else np.sqrt(1.0 + mu * mu)
+                above = cross(high_x, high_y, fx, fy) / norm
+                below = cross(fx, fy, low_x, low_y) / norm
+                outside = max(above, below)
+                if outside > slack_force:
+                    violation = outside / force_scale
+                    lost = fx * (plus_x + minus_x) + fy * (plus_y + minus_y) <= 0.0
+                    slip = PLUS if above >= below else MINUS
+            else:
+                nx = plus_x if slip == PLUS else minus_x
+                ny = plus_y if slip == PLUS else minus_y
+                ray_x, ray_y = friction_ray(nx, ny, mu, slip)
+                norm = 1.0 if np.isinf(mu) else np.sqrt(1.0 + mu * mu)
+                push = (fx * ray_x + fy * ray_y) / norm
+                if push < -slack_force:
+                    violation = -push / force_scale
+                    lost = True
+                elif known == 0:
+                    ux, uy = corner_velocity(j, corner, contacts, work)
+                    wrong = slip * (nx * uy - ny * ux)
+                    if wrong > slack:
+                        slip = STICK
+                        violation = wrong / scale
+            mode = OPEN
+            if not lost:
+                mode = corner_mode(corner, slip)
+                other = 1 - corner
+                if contacts.candidate[j, other]:
+                    rate = _unclosed(j, other, contacts, work)
+                    if rate < -slack:
+                        mode = closed_mode(slip)
+                        violation = max(violation, -rate / scale)
+        work.best_mode[j] = mode
+        if violation > 0.0:
+            changed += 1
+            if violation > worst:
+                worst = violation
+                worst_joint = j
+    return changed, worst_joint
 
 
 @njit(cache=True)
@@ -157,17 +184,7 @@ def active_set(
             force_scale = max(force_scale, abs(work.reaction[j, 0]), abs(work.reaction[j, 1]))
         if force_scale == 0.0:
             force_scale = 1.0
-        worst = 0.0
-        worst_joint = -1
-        changed = 0
-        for j in range(n_joint):
-            mode, violation = revise(j, contacts, friction, work, scale, force_scale)
-            if violation > worst:
-                worst = violation
-                worst_joint = j
-            work.best_mode[j] = mode
-            if violation > 0.0:
-                changed += 1
+        changed, worst_joint = propose_modes(contacts, friction, work, scale, force_scale)
         if changed == 0:
             return left < np.inf, iteration + 1
         for j in range(n_joint):

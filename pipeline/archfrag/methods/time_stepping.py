@@ -21,8 +21,8 @@ from archfrag.mechanics.delassus import (
     velocity_scale,
 )
 from archfrag.mechanics.energy import (
+    contact_works,
     ground_work,
-    joint_work,
     kinetic_energy,
     potential_energy,
 )
@@ -339,14 +339,6 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
                 openings += 1
             if slip_of(mode) != STICK and slip_of(old) == STICK:
                 slides += 1
-            friction, impact, stray = joint_work(
-                j, contacts, work, mean_relative, old, fresh[j] > 0
-            )
-            work_friction += friction
-            work_impact += impact
-            work_stray += stray
-            if fresh[j] > 0:
-                fresh[j] -= 1
             if mode == OPEN:
                 if old != OPEN:
                     losses += 1
@@ -387,7 +379,14 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
                 collapse_joint = j
                 collapse_time = time + dt
                 collapse_mode = MODE_OVERTURNING
-            old_mode[j] = mode
+        friction, impact, stray = contact_works(contacts, work, mean_relative, old_mode, fresh)
+        work_friction += friction
+        work_impact += impact
+        work_stray += stray
+        for j in range(n_joint):
+            old_mode[j] = work.mode[j]
+            if fresh[j] > 0:
+                fresh[j] -= 1
         stray_peak = max(stray_peak, abs(work_stray))
         time += dt
         moving_time += dt

@@ -147,7 +147,7 @@ def spectral_acceleration(
     """
     period_list = np.atleast_1d(np.asarray(periods, dtype=np.float64))
     if not (np.isfinite(period_list).all() and (period_list > 0.0).all()):
-        raise InputError(f"periods {periods} must be positive numbers of seconds")
+        raise InputError(f"periods {period_list.tolist()} must be positive numbers of seconds")
     if not 0.0 <= damping < 1.0:
         raise InputError(f"damping {damping} must be in [0, 1)")
     return np.array([_peak_pseudo_acceleration(motion, period, damping) for period in period_list])

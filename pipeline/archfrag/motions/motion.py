@@ -78,7 +78,7 @@ class Motion:
     @property
     def time(self) -> NDArray[np.float64]:
         """Time of each sample from the first, shape (n_sample,) [s]."""
-        return np.arange(self.acceleration.size) * self.dt
+        return np.arange(self.acceleration.size, dtype=np.float64) * np.float64(self.dt)
 
     def scaled(self, factor: float) -> "Motion":
         """Return the motion with both components multiplied by `factor`.

@@ -295,6 +295,7 @@ def _motion(
         "format": stats.get("_format", ""),
         "unit_in_file": channel.unit_in_file,
         "event": details.get("event", ""),
+        "date": details.get("date", ""),
         "station": details.get("station", stats.station),
         "component": channel.code,
         "vertical_component": upward.code if upward else "",
