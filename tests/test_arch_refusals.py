@@ -233,6 +233,37 @@ class TestProfiles:
         arch = profile(name, **{**given, "thickness": 0.9999 * limit})
         assert arch.n_voussoir == given["voussoirs"]
 
+    def test_limit_of_a_pointed_arch_in_closed_form(self):
+        """The horizontal springings of two voussoirs meet at mid-span; a semicircle's at R."""
+        for rise, voussoirs in ((9.0, 2), (5.0, 8), (5.0, 7)):
+            given = {"rise": rise, "voussoirs": voussoirs}
+            assert profile("pointed", thickness=9.999, **given).n_voussoir == voussoirs
+            sentence = refusal(profile, "pointed", thickness=10.0, **given)
+            assert sentence.endswith("would cross inside the ring; it must be less than 10 m")
+
+    @pytest.mark.parametrize(
+        ("joints", "pair"),
+        [
+            ([0.0, 0.45, 0.8, 1.0], (1, 2)),
+            ([0.0, 0.2, 0.55, 1.0], (1, 2)),
+            ([0.0, 0.2, 0.5, 0.55, 1.0], (2, 3)),
+        ],
+    )
+    def test_tightest_joints_of_a_pointed_arch(self, joints, pair):
+        given = {"rise": 9.0, "thickness": 6.0, "voussoirs": len(joints) - 1, "joints": joints}
+        sentence = refusal(profile, "pointed", **given)
+        assert f"joints {pair[0]} and {pair[1]} would cross" in sentence
+
+    def test_joints_too_uneven_round_a_narrow_crown(self):
+        joints = [0.0, 0.3, 0.6, 1.0]
+        given = {"rise": 60.0, "thickness": 1e-3, "voussoirs": 3}
+        assert refusal(profile, "catenary", joints=joints, **given) == (
+            "joints 1 and 2 of this catenary of span 10.0 m and rise 60.0 m stand too unevenly "
+            "round its crown for a straight-sided voussoir between them; there must be a joint "
+            "nearer to the crown, or equal voussoirs"
+        )
+        assert profile("catenary", **given).n_voussoir == 3
+
     def test_limit_of_fine_voussoirs_is_the_least_radius_of_curvature(self):
         """b²/a at the springings of a flat ellipse, a²/b at the crown of a tall one."""
         for rise, radius in ((2.0, 0.8), (8.0, 3.125)):

@@ -186,16 +186,20 @@ def onset(arch: Arch) -> Onset:
     for sense in (1.0, -1.0):
         limits.append(
             rest_limit(
-                chain.mass, chain.centroid, contacts.point, contacts.normal, contacts.candidate,
-                chain.friction, chain.gravity, sense,
+                chain.mass,
+                chain.centroid,
+                contacts.point,
+                contacts.normal,
+                contacts.candidate,
+                chain.friction,
+                chain.gravity,
+                sense,
             )
         )
     plus, minus = limits
     found = plus.found and minus.found
     stands = bool(
-        found
-        and plus.load_factor >= -STANDS_TOLERANCE
-        and minus.load_factor <= STANDS_TOLERANCE
+        found and plus.load_factor >= -STANDS_TOLERANCE and minus.load_factor <= STANDS_TOLERANCE
     )
     thrust = None
     if stands:
@@ -343,9 +347,7 @@ def warmup() -> float:
 
 def _check_arch(arch: Any) -> None:
     if not isinstance(arch, Arch):
-        raise InputError(
-            f"arch is {type(arch).__name__}; it must be an archfrag Arch or Block"
-        )
+        raise InputError(f"arch is {type(arch).__name__}; it must be an archfrag Arch or Block")
 
 
 def _check_method(name: Any) -> MethodInfo:
@@ -398,9 +400,7 @@ def _contacts_at_rest(arch: Arch):
     after = np.zeros((arch.n_joint, 2, 2))
     contacts = empty_contacts(arch.n_voussoir, arch.n_joint)
     move_faces(chain, position, before, after)
-    place_contacts(
-        position, before, after, np.zeros(arch.n_joint), joint_lengths(chain), contacts
-    )
+    place_contacts(position, before, after, np.zeros(arch.n_joint), joint_lengths(chain), contacts)
     return position, contacts
 
 
@@ -513,31 +513,38 @@ def _history(arch: Arch, frames: Frames, outcome: Outcome) -> xarray.Dataset:
     dataset = xarray.Dataset(
         {
             "displacement": (
-                body, frames.position[:n, :, :2],
+                body,
+                frames.position[:n, :, :2],
                 {"units": "m", "long_name": "displacement of the centroid from rest"},
             ),
             "rotation": (
-                body[:2], frames.position[:n, :, 2],
+                body[:2],
+                frames.position[:n, :, 2],
                 {"units": "rad", "long_name": "rotation of the voussoir"},
             ),
             "velocity": (
-                body, frames.velocity[:n, :, :2],
+                body,
+                frames.velocity[:n, :, :2],
                 {"units": "m s-1", "long_name": "velocity of the centroid relative to the ground"},
             ),
             "angular_velocity": (
-                body[:2], frames.velocity[:n, :, 2],
+                body[:2],
+                frames.velocity[:n, :, 2],
                 {"units": "rad s-1", "long_name": "angular velocity of the voussoir"},
             ),
             "reaction": (
-                joint, frames.reaction[:n, :, :2],
+                joint,
+                frames.reaction[:n, :, :2],
                 {"units": "N", "long_name": "reaction on the voussoir after the joint"},
             ),
             "moment": (
-                joint[:2], frames.reaction[:n, :, 2],
+                joint[:2],
+                frames.reaction[:n, :, 2],
                 {"units": "N m", "long_name": "moment of the reaction about the joint's middle"},
             ),
             "contact_mode": (
-                joint[:2], frames.mode[:n],
+                joint[:2],
+                frames.mode[:n],
                 {
                     "long_name": "contact mode of the joint",
                     "flag_values": np.arange(10, dtype=np.int8),

@@ -1,7 +1,5 @@
 """A made-up study with the shape and names of a real cube; no simulation behind it."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pandas as pd
 import xarray as xr
@@ -13,6 +11,7 @@ from archfrag.fragility.fit import fit_stripes
 from archfrag.mechanics.status import CollapseMode
 from archfrag.motions.motion import Motion
 from archfrag.report.page import ReportInputs
+from archfrag.simulate import Onset
 
 GRAVITY = 9.80665
 MODELS = ("rest", "all_voussoirs")
@@ -51,10 +50,10 @@ def arch_and_onset(voussoirs=7):
     joints = [joint for joint, _ in hinges]
     sides = [1.25 if side == "extrados" else -1.25 for _, side in hinges]
     offset = np.interp(np.arange(last + 1), joints, sides)[:, None]
-    onset = SimpleNamespace(
+    onset = Onset(
         stands=True,
-        plus=0.3702,
-        minus=0.3702,
+        plus=0.37,
+        minus=0.37,
         hinges=hinges,
         hinges_minus=[(last - joint, side) for joint, side in hinges],
         sliding=[],

@@ -1,5 +1,7 @@
 """What the figures are drawn from, and that their labels keep clear of each other."""
 
+from dataclasses import replace
+
 import matplotlib
 import numpy as np
 import pytest
@@ -10,8 +12,9 @@ from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict
 from archfrag.mechanics.status import CollapseMode
 from archfrag.motions.motion import Motion
-from archfrag.report import arch_figure, figures, motion_figures
+from archfrag.report import arch_figure, canvas, figures, motion_figures
 from archfrag.report.summary import arch_results, reading_scale
+from archfrag.simulate import onset
 from tests.report import synthetic
 
 
@@ -40,10 +43,8 @@ def overlaps(figure):
     figure.draw_without_rendering()
     boxes = []
     for axes in figure.axes:
-        if not axes.axison:
-            continue
-        labels = []
-        for axis in (axes.xaxis, axes.yaxis):
+        labels = list(axes.texts)
+        for axis in (axes.xaxis, axes.yaxis) if axes.axison else ():
             low, high = sorted(axis.get_view_interval())
             labels += [t.label1 for t in axis.get_major_ticks() if low <= t.get_loc() <= high]
         labels += [axes.xaxis.label, axes.yaxis.label, axes.title, axes._left_title]
@@ -57,7 +58,7 @@ def overlaps(figure):
 
 
 class TestLabelsKeepClear:
-    @pytest.mark.parametrize("n_level", [2, 9, 15, 40])
+    @pytest.mark.parametrize("n_level", [2, 9, 16, 40])
     def test_figures_over_levels(self, n_level, drawn):
         data = results(n_level=n_level)
         figures.verdict_map(data, "a")
@@ -78,6 +79,11 @@ class TestLabelsKeepClear:
         motion_figures.thumbnails(items, "b")
         assert [overlaps(figure) for figure in drawn] == [[], []]
 
+    def test_single_joint(self, drawn):
+        figures.collapses(results(n_joint=1), 1, "a")
+        for axes in drawn[0].axes:
+            assert [label.get_text() for label in axes.get_yticklabels()] == ["0"]
+
     def test_the_check_finds_an_overlap(self):
         figure = Figure(figsize=(1.0, 1.0))
         axes = figure.subplots()
@@ -89,23 +95,39 @@ class TestLabelsKeepClear:
 class TestArchFigure:
     @pytest.mark.parametrize("voussoirs", [7, 27])
     def test_hinges_are_drawn_at_their_corners(self, voussoirs, drawn):
-        arch, onset = synthetic.arch_and_onset(voussoirs)
-        arch_figure.arch_at_onset(arch, onset, "ring", "a")
+        arch, start = synthetic.arch_and_onset(voussoirs)
+        arch_figure.arch_at_onset(arch, start, "ring", "a")
         left, right = drawn[0].axes
-        for axes, hinges in ((left, onset.hinges), (right, onset.hinges_minus)):
+        for axes, hinges in ((left, start.hinges), (right, start.hinges_minus)):
             points = {
                 tuple(line.get_xydata()[0]) for line in axes.lines if line.get_marker() == "o"
             }
             assert points == {tuple(getattr(arch, side)[joint]) for joint, side in hinges}
             assert len(axes.patches) == arch.n_voussoir
 
+    def test_thrust_passes_through_the_hinges(self, drawn):
+        """The real onset of the reference arch, ground towards +x."""
+        arch, _ = synthetic.arch_and_onset()
+        arch_figure.arch_at_onset(arch, onset(arch), "ring", "a")
+        lines = drawn[0].axes[0].lines
+        hinges = [line.get_xydata()[0] for line in lines if line.get_marker() == "o"]
+        (thrust,) = [line for line in lines if line.get_color() == canvas.VERMILION]
+        assert len(hinges) == 4
+        for hinge in hinges:
+            assert np.abs(thrust.get_xydata() - hinge).sum(axis=1).min() < 1e-6
+
     def test_sliding_joints_are_drawn_and_explained(self, drawn):
-        arch, onset = synthetic.arch_and_onset()
-        onset.sliding = [7]
-        shown = arch_figure.arch_at_onset(arch, onset, "ring", "a")
+        arch, start = synthetic.arch_and_onset()
+        shown = arch_figure.arch_at_onset(arch, replace(start, sliding=[7]), "ring", "a")
         ends = np.stack([arch.intrados[7], arch.extrados[7]])
         assert any(np.array_equal(line.get_xydata(), ends) for line in drawn[0].axes[0].lines)
         assert "sliding joint" in shown.svg
+
+    @pytest.mark.parametrize("voussoirs", [7, 27, 81])
+    def test_joint_numbers_keep_clear(self, voussoirs, drawn):
+        arch_figure.arch_at_onset(*synthetic.arch_and_onset(voussoirs), "ring", "a")
+        assert len(drawn[0].axes[0].texts) >= 8
+        assert overlaps(drawn[0]) == []
 
 
 class TestSummary:

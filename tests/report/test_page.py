@@ -49,7 +49,7 @@ class TestAnswer:
         fit = study.fits["ring"]
         (card,) = page.xpath('//header//div[@id="arch0-answer"]')
         large = [text(cell) for cell in card.xpath('.//dd[@class="large"]')]
-        assert large == [f"{fit.theta / 9.80665:#.3g} g", f"{fit.beta:#.3g}", "0.3702 g"]
+        assert large == [f"{fit.theta / 9.80665:#.3g} g", f"{fit.beta:#.3g}", "0.3700 g"]
         reach = 1.6448536 * fit.standard_errors[0]
         low, high = fit.theta / 9.80665 * np.exp([-reach, reach])
         assert f"90 %: {low:#.3g} to {high:#.3g} g" in text(card)
@@ -90,18 +90,25 @@ class TestAnswer:
 
     def test_sentence_where_there_is_no_curve(self, study):
         sentence = "no run collapsed at any level: theta lies above 8"
+        shown = "No fragility curve: no run collapsed at any level: theta lies above 0.815773, "
         calm = study.cube.copy(deep=True)
         calm["verdict"][:] = Verdict.STANDING
         page = lxml.html.document_fromstring(
             render(replace(study, cube=calm, fits={"ring": sentence}))
         )
         (card,) = page.xpath('//div[@id="arch0-answer"]')
-        assert f"No fragility curve: {sentence}." in text(card)
+        assert shown in text(card)
+        assert "(intensities in g)" in text(card)
         assert not card.xpath('.//dd[@class="large"]')
         assert "No run collapsed." in text(page)
         assert all(
             row[8] == "–" for row in table(page, "Verdicts and probabilities of ring by level")[1]
         )
+
+    def test_other_reasons_are_given_as_they_are(self, study):
+        page = lxml.html.document_fromstring(render(replace(study, fits={"ring": "not asked"})))
+        (card,) = page.xpath('//div[@id="arch0-answer"]')
+        assert "No fragility curve: not asked." in text(card)
 
     def test_one_section_for_each_arch(self):
         page = lxml.html.document_fromstring(render(synthetic.inputs(("thin", "thick"))))
@@ -113,11 +120,21 @@ class TestAnswer:
 
     def test_arch_that_does_not_stand(self, study):
         arch, onset = synthetic.arch_and_onset()
-        onset.stands, onset.plus, onset.minus = False, float("nan"), float("nan")
-        onset.hinges, onset.thrust, onset.thrust_plus, onset.thrust_minus = [], None, None, None
-        page = render(replace(study, arches=[("ring", arch, onset)]))
+        fallen = replace(
+            onset, stands=False, plus=np.nan, minus=np.nan, hinges=[], hinges_minus=[],
+            thrust=None, thrust_plus=None, thrust_minus=None,
+        )  # fmt: skip
+        page = render(replace(study, arches=[("ring", arch, fallen)]))
         assert "does not stand under its own weight" in page
         assert "nan g" not in page
+
+    def test_arch_that_nothing_moves(self, study):
+        arch, onset = synthetic.arch_and_onset()
+        firm = replace(onset, plus=np.inf, hinges=[], thrust_plus=None)
+        page = lxml.html.document_fromstring(render(replace(study, arches=[("ring", arch, firm)])))
+        (card,) = page.xpath('//div[@id="arch0-answer"]')
+        assert "no limit" in text(card)
+        assert "inf g" not in text(card)
 
 
 class TestOffline:

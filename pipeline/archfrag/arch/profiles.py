@@ -131,10 +131,19 @@ def normal_lines(
     Raises
     ------
     GeometryError
-        If the thickness is so large that neighbouring joints meet inside the ring.
+        If the thickness is so large that neighbouring joints meet inside the ring, or if given
+        joints stand so far apart round a narrow crown that one is not ahead of the other.
     """
     step = np.diff(line.point, axis=0)
     here, there = line.outward[:-1], line.outward[1:]
+    behind = np.minimum(-cross(here, step), -cross(there, step)) <= 0.0
+    if behind.any():
+        joint = int(np.argmax(behind))
+        raise GeometryError(
+            f"joints {joint} and {joint + 1} of this {profile} of span {span} m and rise {rise} m "
+            "stand too unevenly round its crown for a straight-sided voussoir between them; there "
+            "must be a joint nearer to the crown, or equal voussoirs"
+        )
     turn = cross(here, there)
     # Distance along each of two neighbouring joints to where their lines meet.
     with np.errstate(divide="ignore"):

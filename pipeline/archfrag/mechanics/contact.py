@@ -21,8 +21,8 @@ times its slip. The two agree wherever nothing slides; a case where they differ 
 """
 
 import numpy as np
-from numba import njit
 
+from archfrag.mechanics.compile import kernel
 from archfrag.mechanics.delassus import (
     Contacts,
     ContactWork,
@@ -44,7 +44,7 @@ SOLVED = int(Status.STANDING)
 UNSOLVED = int(Status.NO_CONTACT_SOLUTION)
 
 
-@njit(cache=True)
+@kernel
 def solve_contact(mass, inertia, contacts, friction, free_velocity, work):
     """Solve one contact problem.
 
@@ -77,7 +77,7 @@ def solve_contact(mass, inertia, contacts, friction, free_velocity, work):
         return SOLVED, 0, 0
     if not np.isfinite(scale):
         return UNSOLVED, 0, 0
-    limit = 12 + n_joint // 2
+    limit = 100 + 4 * n_joint
     solved, iterations = active_set(
         mass, inertia, contacts, friction, free_velocity, work, scale, COMPLIANCE, limit, True
     )
@@ -87,21 +87,44 @@ def solve_contact(mass, inertia, contacts, friction, free_velocity, work):
     path_compliance = PATH_COMPLIANCE
     for _ in range(PATHS):
         _, more_breaks = follow_path(
-            mass, inertia, contacts, friction, free_velocity, work, scale, path_compliance,
+            mass,
+            inertia,
+            contacts,
+            friction,
+            free_velocity,
+            work,
+            scale,
+            path_compliance,
             100 + 50 * n_joint,
         )
         breaks += max(more_breaks, 1)
         compliance = path_compliance
         while compliance > 2.0 * COMPLIANCE:
             _, more = active_set(
-                mass, inertia, contacts, friction, free_velocity, work, scale, compliance,
-                limit, False,
+                mass,
+                inertia,
+                contacts,
+                friction,
+                free_velocity,
+                work,
+                scale,
+                compliance,
+                limit,
+                False,
             )
             iterations += more
             compliance *= 0.1
         solved, more = active_set(
-            mass, inertia, contacts, friction, free_velocity, work, scale, COMPLIANCE,
-            4 * limit, True,
+            mass,
+            inertia,
+            contacts,
+            friction,
+            free_velocity,
+            work,
+            scale,
+            COMPLIANCE,
+            4 * limit,
+            True,
         )
         iterations += more
         if solved:

@@ -9,8 +9,8 @@ at a cost proportional to the number of joints.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.laws import (
     CLOSED_STICK,
     MINUS,
@@ -96,7 +96,7 @@ def contact_work(n_body, n_joint):
     )
 
 
-@njit(cache=True)
+@kernel
 def assemble(mass, inertia, contacts, work):
     """Inverse inertia seen at the joints (Delassus operator) for unit wrenches at the pivots."""
     n_body = mass.size
@@ -141,14 +141,14 @@ def assemble(mass, inertia, contacts, work):
             block[2, 2] = -ii
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _set_direction(out, j, k, px, py, dx, dy):
     out[j, k, 0] = dx
     out[j, k, 1] = dy
     out[j, k, 2] = px * dy - py * dx
 
 
-@njit(cache=True)
+@kernel
 def set_rows(contacts, friction, work):
     """Constrained and reaction directions of all joints in their present modes."""
     row, column = work.row, work.column
@@ -196,7 +196,7 @@ def set_rows(contacts, friction, work):
             work.size[j] = 1
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _project(row, block, column, n_row, n_column, transpose, out):
     for a in range(n_row):
         if transpose:
@@ -211,7 +211,7 @@ def _project(row, block, column, n_row, n_column, transpose, out):
             out[a, b] = t0 * column[b, 0] + t1 * column[b, 1] + t2 * column[b, 2]
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _factorise_block(f, exchange, n):
     for k in range(n):
         p = k
@@ -232,7 +232,7 @@ def _factorise_block(f, exchange, n):
     return True
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _solve_block(f, exchange, n, x0, x1, x2):
     if n == 3:
         p = exchange[0]
@@ -258,7 +258,7 @@ def _solve_block(f, exchange, n, x0, x1, x2):
     return x0, x1, x2
 
 
-@njit(cache=True)
+@kernel
 def factorise(work, compliance):
     """Block-tridiagonal factorisation for the present modes; False if a pivot vanishes."""
     n_joint = work.mode.size
@@ -279,9 +279,7 @@ def factorise(work, compliance):
             if m > 0 and n > 0:
                 low = work.lower[j]
                 up = work.upper[j - 1]
-                _project(
-                    work.row[j], work.coupling[j - 1], work.column[j - 1], n, m, True, low
-                )
+                _project(work.row[j], work.coupling[j - 1], work.column[j - 1], n, m, True, low)
                 for a in range(n):
                     for b in range(n):
                         s = 0.0
@@ -294,9 +292,7 @@ def factorise(work, compliance):
             m = work.size[j + 1]
             if m > 0 and n > 0:
                 up = work.upper[j]
-                _project(
-                    work.row[j], work.coupling[j], work.column[j + 1], n, m, False, up
-                )
+                _project(work.row[j], work.coupling[j], work.column[j + 1], n, m, False, up)
                 for b in range(m):
                     x0, x1, x2 = up[0, b], up[1, b], up[2, b]
                     x0, x1, x2 = _solve_block(f, work.exchange[j], n, x0, x1, x2)
@@ -304,7 +300,7 @@ def factorise(work, compliance):
     return True
 
 
-@njit(cache=True)
+@kernel
 def substitute(work, increment):
     """Solve the factorised system for the right-hand side ``-work.rest``."""
     n_joint = work.mode.size
@@ -333,7 +329,7 @@ def substitute(work, increment):
                 increment[j, a] -= up[a, b] * z
 
 
-@njit(cache=True)
+@kernel
 def apply_reactions(mass, inertia, contacts, free_velocity, work):
     """Velocities of the bodies, and relative ones at the pivots, from the joint reactions."""
     n_body = mass.size
@@ -358,7 +354,7 @@ def apply_reactions(mass, inertia, contacts, free_velocity, work):
     relative_velocity(contacts, work.velocity, work.pivot, work.relative)
 
 
-@njit(cache=True)
+@kernel
 def relative_velocity(contacts, velocity, pivot, out):
     """Velocity of the body after each joint relative to the one before it, at `pivot`.
 
@@ -388,7 +384,7 @@ def relative_velocity(contacts, velocity, pivot, out):
         out[j, 2] = uw
 
 
-@njit(cache=True, inline="always")
+@inlined
 def corner_velocity(j, corner, contacts, work):
     """Relative velocity with bias of the two faces at a corner."""
     px = contacts.point[j, corner, 0] - work.pivot[j, 0]
@@ -398,7 +394,7 @@ def corner_velocity(j, corner, contacts, work):
     return ux, uy
 
 
-@njit(cache=True)
+@kernel
 def constrained_rest(contacts, work):
     """What the constrained directions still move, into ``work.rest``; its largest magnitude."""
     largest = 0.0
@@ -428,7 +424,7 @@ def constrained_rest(contacts, work):
     return largest
 
 
-@njit(cache=True)
+@kernel
 def solve_modes(mass, inertia, contacts, friction, free_velocity, work, scale, compliance, exact):
     """Solve the linear problem of the present modes.
 
@@ -460,7 +456,7 @@ def solve_modes(mass, inertia, contacts, friction, free_velocity, work, scale, c
     return left
 
 
-@njit(cache=True)
+@kernel
 def velocity_scale(contacts, free_velocity, work):
     """Largest relative velocity with bias that the joints would have without reactions."""
     relative_velocity(contacts, free_velocity, work.pivot, work.relative)

@@ -1,11 +1,10 @@
 """Energy account of a chain: independent of every method that moves it."""
 
-from numba import njit
-
+from archfrag.mechanics.compile import kernel
 from archfrag.mechanics.laws import STICK, is_closed, slip_of, touches
 
 
-@njit(cache=True)
+@kernel
 def kinetic_energy(mass, inertia, velocity):
     """Kinetic energy of the bodies relative to the ground [J].
 
@@ -21,7 +20,7 @@ def kinetic_energy(mass, inertia, velocity):
     return 0.5 * total
 
 
-@njit(cache=True)
+@kernel
 def potential_energy(mass, gravity, position):
     """Weight times height of the centroids [J]; position as (n_body, 3) [m]."""
     total = 0.0
@@ -30,7 +29,7 @@ def potential_energy(mass, gravity, position):
     return total * gravity
 
 
-@njit(cache=True)
+@kernel
 def ground_work(mass, impulse_x, impulse_y, mean_velocity):
     """Work of the inertia forces of a ground motion over one step [J].
 
@@ -48,7 +47,7 @@ def ground_work(mass, impulse_x, impulse_y, mean_velocity):
     return total
 
 
-@njit(cache=True)
+@kernel
 def contact_works(contacts, work, mean_relative, old_mode, fresh):
     """Work done at the joints over a step, told apart by the law that explains it.
 

@@ -1,10 +1,11 @@
 """Ground acceleration between its samples, and its exact impulse over a step."""
 
 import numpy as np
-from numba import njit
+
+from archfrag.mechanics.compile import inlined, kernel
 
 
-@njit(cache=True)
+@kernel
 def cumulative_impulse(acceleration, time_step):
     """Integral of a piecewise-linear acceleration up to each sample, (n_sample,) [m/s]."""
     out = np.zeros(acceleration.size)
@@ -13,7 +14,7 @@ def cumulative_impulse(acceleration, time_step):
     return out
 
 
-@njit(cache=True, inline="always")
+@inlined
 def impulse_until(time, acceleration, cumulative, time_step):
     """Integral of the acceleration from the first sample to `time` [m/s]."""
     last = acceleration.size - 1
@@ -28,7 +29,7 @@ def impulse_until(time, acceleration, cumulative, time_step):
     return cumulative[i] + time_step * f * (acceleration[i] + 0.5 * f * slope)
 
 
-@njit(cache=True, inline="always")
+@inlined
 def acceleration_at(time, acceleration, time_step):
     """Acceleration at `time`, zero outside the record [m/s2]."""
     last = acceleration.size - 1
@@ -40,7 +41,7 @@ def acceleration_at(time, acceleration, time_step):
     return acceleration[i] + f * (acceleration[i + 1] - acceleration[i])
 
 
-@njit(cache=True, inline="always")
+@inlined
 def rest_margin(horizontal, vertical, gravity, limit_plus, limit_minus):
     """Distance of a body force from the border of the rest range; negative outside [m/s2].
 
@@ -57,7 +58,7 @@ def rest_margin(horizontal, vertical, gravity, limit_plus, limit_minus):
     return margin
 
 
-@njit(cache=True)
+@kernel
 def end_of_rest(time, ground, gravity, limit_plus, limit_minus):
     """First instant from `time` on at which the ground motion leaves the rest range [s].
 

@@ -11,8 +11,8 @@ chain, with a block-tridiagonal solution for each piece.
 """
 
 import numpy as np
-from numba import njit
 
+from archfrag.mechanics.compile import kernel
 from archfrag.mechanics.delassus import (
     apply_reactions,
     constrained_rest,
@@ -40,7 +40,7 @@ PATH_FRICTION = 1e3
 N_FUNCTION = 4
 
 
-@njit(cache=True)
+@kernel
 def piece_functions(j, contacts, friction, work, value, target):
     """Linear functions that are non-negative on the piece of joint `j`, and what lies beyond.
 
@@ -119,7 +119,7 @@ def piece_functions(j, contacts, friction, work, value, target):
         target[2] = closed_mode(slip)
 
 
-@njit(cache=True)
+@kernel
 def _solve_at(mass, inertia, contacts, free_velocity, work, value, target, friction):
     for j in range(work.mode.size):
         work.reaction[j, 0] = work.reaction[j, 1] = work.reaction[j, 2] = 0.0
@@ -135,10 +135,8 @@ def _solve_at(mass, inertia, contacts, free_velocity, work, value, target, frict
         piece_functions(j, contacts, friction, work, value[j], target[j])
 
 
-@njit(cache=True)
-def follow_path(
-    mass, inertia, contacts, friction, free_velocity, work, scale, compliance, limit
-):
+@kernel
+def follow_path(mass, inertia, contacts, friction, free_velocity, work, scale, compliance, limit):
     """Follow the solution from all joints open to the problem's own.
 
     Parameters

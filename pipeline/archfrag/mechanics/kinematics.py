@@ -1,14 +1,14 @@
 """Where the joint faces are, and the contacts they make, for given positions of the bodies."""
 
 import numpy as np
-from numba import njit
 
+from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.delassus import Contacts
 
 COINCIDENT = 1e-9
 
 
-@njit(cache=True)
+@kernel
 def move_faces(chain, position, before, after):
     """Corners of all joint faces in the ground frame.
 
@@ -40,7 +40,7 @@ def move_faces(chain, position, before, after):
         after[n_body] = chain.face_after[n_body]
 
 
-@njit(cache=True)
+@kernel
 def joint_lengths(chain):
     """Shorter of the two faces of each joint, (n_joint,) [m]."""
     n_joint = chain.friction.size
@@ -52,7 +52,7 @@ def joint_lengths(chain):
     return length
 
 
-@njit(cache=True, inline="always")
+@inlined
 def unit_tangent(face):
     """Unit vector from the intrados to the extrados corner of a face."""
     tx = face[1, 0] - face[0, 0]
@@ -61,7 +61,7 @@ def unit_tangent(face):
     return tx * norm, ty * norm
 
 
-@njit(cache=True, inline="always")
+@inlined
 def vertex_on_earlier(corner, slip):
     """Whether the contact at a corner of a slipped joint is the later body's vertex (23a).
 
@@ -71,7 +71,7 @@ def vertex_on_earlier(corner, slip):
     return (slip >= 0.0) == (corner == 0)
 
 
-@njit(cache=True)
+@kernel
 def place_contacts(position, before, after, slip, length, contacts):
     """Contact points and normals of all joints.
 
@@ -117,7 +117,7 @@ def place_contacts(position, before, after, slip, length, contacts):
                 plus[0], plus[1], minus[0], minus[1] = by, -bx, by, -bx
 
 
-@njit(cache=True, inline="always")
+@inlined
 def corner_offset(j, corner, before, after, slip):
     """Displacement of the later face's corner from where its contact holds it [m]."""
     dx = after[j, corner, 0] - before[j, corner, 0]
@@ -130,7 +130,7 @@ def corner_offset(j, corner, before, after, slip):
     return dx, dy
 
 
-@njit(cache=True)
+@kernel
 def measure_slip(j, corner, before, after):
     """Slip of a joint that touches at `corner` [m]."""
     dx = after[j, corner, 0] - before[j, corner, 0]
@@ -143,7 +143,7 @@ def measure_slip(j, corner, before, after):
     return slip
 
 
-@njit(cache=True)
+@kernel
 def clearance(j, corner, before, after):
     """Gap at a corner by Signorini's law: the larger of what 23a and 23b measure [m]."""
     dx = after[j, corner, 0] - before[j, corner, 0]

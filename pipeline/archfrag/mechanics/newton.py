@@ -1,8 +1,8 @@
 """Newton (active-set) iteration on the modes of the joints."""
 
 import numpy as np
-from numba import njit
 
+from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.delassus import TOLERANCE, corner_velocity, solve_modes
 from archfrag.mechanics.laws import (
     MINUS,
@@ -19,7 +19,7 @@ from archfrag.mechanics.laws import (
 )
 
 
-@njit(cache=True, inline="always")
+@inlined
 def _unclosed(j, corner, contacts, work):
     """Opening rate of a corner: the larger of what 23a and 23b measure."""
     ux, uy = corner_velocity(j, corner, contacts, work)
@@ -28,7 +28,7 @@ def _unclosed(j, corner, contacts, work):
     return max(plus, minus)
 
 
-@njit(cache=True)
+@kernel
 def propose_modes(contacts, friction, work, scale, force_scale):
     """Mode that every joint asks for, given the solution for the present modes.
 
@@ -157,7 +157,7 @@ def propose_modes(contacts, friction, work, scale, force_scale):
     return changed, worst_joint
 
 
-@njit(cache=True)
+@kernel
 def active_set(
     mass, inertia, contacts, friction, free_velocity, work, scale, compliance, limit, exact
 ):

@@ -12,7 +12,8 @@ mechanism.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from archfrag.mechanics.compile import kernel
 
 FEASIBLE = 1e-12
 BOX = 1e5
@@ -32,7 +33,7 @@ class RestLimit(NamedTuple):
     iterations: int
 
 
-@njit(cache=True)
+@kernel
 def joint_inequalities(mass, centroid, point, normal, candidate, friction, gravity, free_end):
     """Inequalities ``a x <= b`` that the four unknowns must fulfil for rest.
 
@@ -122,7 +123,7 @@ def joint_inequalities(mass, centroid, point, normal, candidate, friction, gravi
     return a[:count], b[:count], joint[:count], kind[:count], weight, size
 
 
-@njit(cache=True)
+@kernel
 def _solve_small(matrix, right, transpose, out):
     n = right.size
     m = matrix.T.copy() if transpose else matrix.copy()
@@ -150,7 +151,7 @@ def _solve_small(matrix, right, transpose, out):
     return True
 
 
-@njit(cache=True)
+@kernel
 def largest_load_factor(a, b, sense):
     """Dual simplex: maximise ``sense * x[3]`` subject to ``a x <= b`` in four unknowns.
 
@@ -187,9 +188,7 @@ def largest_load_factor(a, b, sense):
         for k in range(N_UNKNOWN):
             reach = max(reach, abs(x[k]))
         for q in range(n_row):
-            violation = (
-                a[q, 0] * x[0] + a[q, 1] * x[1] + a[q, 2] * x[2] + a[q, 3] * x[3] - b[q]
-            )
+            violation = a[q, 0] * x[0] + a[q, 1] * x[1] + a[q, 2] * x[2] + a[q, 3] * x[3] - b[q]
             if violation > worst:
                 worst = violation
                 entering = q
@@ -214,7 +213,7 @@ def largest_load_factor(a, b, sense):
     return False, x, active, multiplier, -1
 
 
-@njit(cache=True)
+@kernel
 def rest_limit(mass, centroid, point, normal, candidate, friction, gravity, sense):
     """One end of the rest range of a chain in a given configuration.
 

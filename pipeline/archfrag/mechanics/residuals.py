@@ -1,12 +1,12 @@
 """How far motions and reactions are from the contact laws: one measure for every method."""
 
 import numpy as np
-from numba import njit
 
+from archfrag.mechanics.compile import kernel
 from archfrag.mechanics.laws import MINUS, PLUS, cross, friction_ray
 
 
-@njit(cache=True)
+@kernel
 def _corner_free(contacts, j, corner, ux, uy):
     if not contacts.candidate[j, corner]:
         return 0.0
@@ -15,7 +15,7 @@ def _corner_free(contacts, j, corner, ux, uy):
     return max(0.0, -max(plus, minus))
 
 
-@njit(cache=True)
+@kernel
 def joint_residual(j, contacts, friction, relative, reaction, pivot, scale, force_scale):
     """Smallest violation over the ways in which a joint can obey Signorini and Coulomb.
 
@@ -69,9 +69,7 @@ def joint_residual(j, contacts, friction, relative, reaction, pivot, scale, forc
         norm_h = np.sqrt(hx * hx + hy * hy)
         norm_l = np.sqrt(lx * lx + ly * ly)
         if known == 0:
-            outside = max(
-                0.0, cross(hx, hy, fx, fy) / norm_h, cross(fx, fy, lx, ly) / norm_l
-            )
+            outside = max(0.0, cross(hx, hy, fx, fy) / norm_h, cross(fx, fy, lx, ly) / norm_l)
             best = min(best, max(common, outside, abs(ux[c]), abs(uy[c])))
         for slip in (PLUS, MINUS):
             if known == -slip:
@@ -109,7 +107,7 @@ def joint_residual(j, contacts, friction, relative, reaction, pivot, scale, forc
     return best
 
 
-@njit(cache=True)
+@kernel
 def contact_residual(contacts, friction, relative, reaction, pivot, scale, force_scale):
     """Largest `joint_residual` of a chain.
 

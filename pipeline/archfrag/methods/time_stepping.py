@@ -11,8 +11,8 @@ While the body force stays inside the rest range of the configuration nothing is
 """
 
 import numpy as np
-from numba import njit
 
+from archfrag.mechanics.compile import kernel
 from archfrag.mechanics.contact import solve_contact
 from archfrag.mechanics.delassus import (
     Contacts,
@@ -74,7 +74,7 @@ FRESH_STEPS = 2
 ROUNDING = 64 * 2.2e-16
 
 
-@njit(cache=True)
+@kernel
 def _room(n_body, n_joint):
     block = (n_joint, 3, 3)
     work = ContactWork(
@@ -109,7 +109,7 @@ def _room(n_body, n_joint):
     return work, contacts
 
 
-@njit(cache=True)
+@kernel
 def _rest_range(chain, position, before, after, slip, length, contacts):
     """Load factors between which the present configuration would stay at rest."""
     place_contacts(position, before, after, slip, length, contacts)
@@ -120,19 +120,31 @@ def _rest_range(chain, position, before, after, slip, length, contacts):
                 candidate[j, c] = 0
     centroid = position[:, :2].copy()
     plus = rest_limit(
-        chain.mass, centroid, contacts.point, contacts.normal, candidate, chain.friction,
-        chain.gravity, 1.0,
+        chain.mass,
+        centroid,
+        contacts.point,
+        contacts.normal,
+        candidate,
+        chain.friction,
+        chain.gravity,
+        1.0,
     )
     if not plus.found:
         return False, 0.0, 0.0
     minus = rest_limit(
-        chain.mass, centroid, contacts.point, contacts.normal, candidate, chain.friction,
-        chain.gravity, -1.0,
+        chain.mass,
+        centroid,
+        contacts.point,
+        contacts.normal,
+        candidate,
+        chain.friction,
+        chain.gravity,
+        -1.0,
     )
     return minus.found, plus.load_factor, -minus.load_factor
 
 
-@njit(cache=True)
+@kernel
 def _write_frame(frames, n_frame, time, position, centroid, velocity, work, dt):
     if n_frame < frames.time.size:
         frames.time[n_frame] = time
@@ -147,7 +159,7 @@ def _write_frame(frames, n_frame, time, position, centroid, velocity, work, dt):
     return n_frame
 
 
-@njit(cache=True)
+@kernel
 def run(chain, ground, position, velocity, from_rest, options, frames):
     """Integrate one chain under one ground motion; the signature of every method.
 
@@ -200,9 +212,7 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
     plus = 0.0
     minus = 0.0
     if from_rest:
-        found, plus, minus = _rest_range(
-            chain, position, before, after, slip, length, contacts
-        )
+        found, plus, minus = _rest_range(chain, position, before, after, slip, length, contacts)
     else:
         for j in range(n_joint):
             corner = 0
@@ -306,8 +316,13 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
                 residual = max(
                     residual,
                     contact_residual(
-                        contacts, chain.friction, work.relative, work.reaction, work.pivot,
-                        scale, force_scale,
+                        contacts,
+                        chain.friction,
+                        work.relative,
+                        work.reaction,
+                        work.pivot,
+                        scale,
+                        force_scale,
                     ),
                 )
         if solved != STANDING:
@@ -443,8 +458,31 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
             trial[i, k] = position[i, k] - 0.5 * dt * velocity[i, k]
     potential = potential_energy(mass, gravity, trial) - start_potential
     return Outcome(
-        status, time, collapse_time, collapse_joint, collapse_mode, peak_rotation,
-        np.sqrt(peak_displacement), rest_time, moving_time, steps, iterations, paths, impacts,
-        openings, slides, losses, rests, residual, largest_kinetic, work_ground, potential,
-        kinetic, work_friction, work_impact, work_stray, stray_peak, n_frame,
+        status,
+        time,
+        collapse_time,
+        collapse_joint,
+        collapse_mode,
+        peak_rotation,
+        np.sqrt(peak_displacement),
+        rest_time,
+        moving_time,
+        steps,
+        iterations,
+        paths,
+        impacts,
+        openings,
+        slides,
+        losses,
+        rests,
+        residual,
+        largest_kinetic,
+        work_ground,
+        potential,
+        kinetic,
+        work_friction,
+        work_impact,
+        work_stray,
+        stray_peak,
+        n_frame,
     )

@@ -22,10 +22,16 @@ References
    profiles compatible with ground-motion prediction equations, BSSA 111(4), 1765-1783.
 """
 
+import csv
+import hashlib
+import os
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from archfrag.errors import InputError
+from archfrag.errors import InputError, OutputError
+from archfrag.motions.index import COLUMNS, INDEX_NAME
 from archfrag.motions.motion import Motion
 
 MODEL = "Boore (2003) stochastic point source, Stafford et al. (2022) parameters"
@@ -74,6 +80,19 @@ TIME_STEP = 0.01
 _QUANTUM = 1e-6  # [m/s2]: rounding hides what compilers and processors disagree on
 _MARGIN = 5.0  # [s] before and after the window, for the ringing of the low cut
 _QUIET = 1.0  # [s] of zeros at each end
+
+# Magnitude and the distances [km] of the shipped suite; one motion each.
+SUITE = {
+    5.5: (5.0, 10.0, 15.0, 20.0, 30.0, 40.0),
+    6.0: (5.0, 10.0, 20.0, 30.0, 40.0, 60.0),
+    6.5: (5.0, 10.0, 20.0, 30.0, 50.0, 70.0),
+    7.0: (5.0, 10.0, 20.0, 40.0, 60.0, 100.0),
+    7.5: (10.0, 15.0, 20.0, 40.0, 60.0, 100.0),
+}
+FIRST_SEED = 20250101
+FOLDER = "synthetic"
+COMPONENT = "HN1"
+TERMS = "made by archfrag; BSD-3-Clause as archfrag itself"
 
 
 def corner_frequency(magnitude: float) -> float:
@@ -226,6 +245,93 @@ def make_motion(magnitude: float, distance: float, seed: int, dt: float = TIME_S
         },
         log=(f"Made by {MODEL}, seed {seed}.",),
     )
+
+
+def suite() -> list[Motion]:
+    """Make the shipped motions: each magnitude and distance of ``SUITE``, seeds one after another.
+
+    No motion was chosen by its result.
+    """
+    pairs = [(magnitude, distance) for magnitude in SUITE for distance in SUITE[magnitude]]
+    return [
+        make_motion(magnitude, distance, FIRST_SEED + number)
+        for number, (magnitude, distance) in enumerate(pairs)
+    ]
+
+
+def make_suite(out_dir: str | Path) -> list[Path]:
+    """Write the shipped motions: ``synthetic/*.mseed`` in m/s2 and ``index.csv``.
+
+    Parameters
+    ----------
+    out_dir : path
+        Folder, made if needed. Files of the same names are replaced, each whole; the index last.
+
+    Returns
+    -------
+    list of Path
+        The record files, in the order of the index.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written.
+    """
+    folder = Path(out_dir)
+    paths, rows = [], []
+    try:
+        (folder / FOLDER).mkdir(parents=True, exist_ok=True)
+        for motion in suite():
+            number = motion.metadata["seed"] - FIRST_SEED + 1
+            magnitude, distance = motion.metadata["Mw"], motion.metadata["distance_km"]
+            name = f"syn-m{round(10 * magnitude):02d}-r{round(distance):03d}"
+            path = folder / FOLDER / f"{name}.mseed"
+            _write_miniseed(path, motion, number)
+            paths.append(path)
+            rows.append(
+                {
+                    "id": name,
+                    "file": f"{FOLDER}/{path.name}",
+                    "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+                    "event": motion.metadata["event"],
+                    "Mw": magnitude,
+                    "distance_km": distance,
+                    "Vs30_mps": VS30,
+                    "component": COMPONENT,
+                    "dt_s": motion.dt,
+                    "unit": "m/s2",
+                    "terms": TERMS,
+                    "seed": motion.metadata["seed"],
+                    "model": MODEL,
+                }
+            )
+        part = folder / f".{INDEX_NAME}.part"
+        with open(part, "w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(rows)
+        os.replace(part, folder / INDEX_NAME)
+    except OSError as error:
+        raise OutputError(
+            f"{folder}: the motions cannot be written there ({error.strerror or error})"
+        ) from None
+    return paths
+
+
+def _write_miniseed(path: Path, motion: Motion, number: int) -> None:
+    from obspy import Stream, Trace, UTCDateTime
+
+    header = {
+        "network": "XX",
+        "station": f"SYN{number:02d}",
+        "channel": COMPONENT,
+        "delta": motion.dt,
+        "starttime": UTCDateTime(2000, 1, 1),
+    }
+    part = path.with_name(f".{path.name}.part")
+    stream = Stream([Trace(motion.acceleration.astype(np.float32), header=header)])
+    stream.write(str(part), format="MSEED", encoding="FLOAT32", reclen=4096, byteorder=">")
+    os.replace(part, path)
 
 
 def _seismic_moment(magnitude: float) -> float:

@@ -34,6 +34,9 @@ def arch_at_onset(arch: Arch, onset: "Onset", identifier: str, name: str) -> Pic
     points = np.concatenate(arch.outlines)
     low, high = points.min(axis=0), points.max(axis=0)
     span, height = np.maximum(high - low, 1e-9)
+    middle = 0.5 * (low[0] + high[0])
+    # A slender chain gets room beside it, so that the title fits.
+    reach = max(0.56 * span, 0.7 * height)
     ways = (("+x", 1.0), ("−x", -1.0)) if onset.stands else (("", 0.0),)
 
     def draw(figure: Figure) -> None:
@@ -42,13 +45,14 @@ def arch_at_onset(arch: Arch, onset: "Onset", identifier: str, name: str) -> Pic
             for outline in arch.outlines:
                 axes.add_patch(Polygon(outline, facecolor=_STONE, edgecolor=_EDGE, linewidth=0.7))
             axes.set_aspect("equal")
-            axes.set_xlim(low[0] - 0.06 * span, high[0] + 0.06 * span)
+            axes.set_xlim(middle - reach, middle + reach)
             axes.set_ylim(low[1] - 0.17 * max(height, 0.4 * span), high[1] + 0.07 * span)
             axes.set_axis_off()
             if onset.stands:
                 _thrust_and_hinges(axes, arch, onset, sign)
                 _ground(axes, low, span, height, sign)
-                axes.set_title(f"ground accelerating towards {way}: {_value(onset, sign)}")
+                limit = onset_text(onset.plus if sign > 0 else onset.minus)
+                axes.set_title(f"ground accelerating towards {way}: {limit}")
             _joint_numbers(axes, arch, span)
         if onset.stands:
             figure.legend(
@@ -57,31 +61,34 @@ def arch_at_onset(arch: Arch, onset: "Onset", identifier: str, name: str) -> Pic
 
     if onset.stands:
         text = (
-            f"{identifier} with hinges and thrust line at onset: {_value(onset, 1.0)} towards "
-            f"+x, {_value(onset, -1.0)} towards −x"
+            f"{identifier} with hinges and thrust line at onset: {onset_text(onset.plus)} towards "
+            f"+x, {onset_text(onset.minus)} towards −x"
         )
         caption = (
             "Mechanism with which the motion begins at the onset acceleration. Filled circles: "
-            "hinges. Solid line: thrust at onset; dotted: under self-weight alone, where an arch "
-            "with all joints closed is hyperstatic and the line is one admissible choice."
+            "hinges. Lines join the contact centres of the joints: solid at onset, dotted under "
+            "self-weight alone, where an arch with all joints closed is hyperstatic and the line "
+            "is one admissible choice."
         )
     else:
         text = f"{identifier}, which does not stand under its own weight"
         caption = "The arch does not stand under its own weight; there is no onset to show."
     panel = canvas.WIDTH / len(ways)
-    ratio = float((height + 0.07 * span + 0.17 * max(height, 0.4 * span)) / (1.12 * span))
+    ratio = float((height + 0.07 * span + 0.17 * max(height, 0.4 * span)) / (2.0 * reach))
     size = (canvas.WIDTH, min(0.75 + panel * ratio, 4.6))
     return picture(name, size, draw, alternative=text, caption=caption)
 
 
-def _value(onset: "Onset", sign: float) -> str:
-    return f"{onset.plus if sign > 0 else onset.minus:.4f} g"
+def onset_text(value: float) -> str:
+    """Onset acceleration in g, or that there is none."""
+    return f"{value:.4f} g" if np.isfinite(value) else "no limit"
 
 
 def _thrust_and_hinges(axes: Axes, arch: Arch, onset: "Onset", sign: float) -> None:
     axes.plot(*np.asarray(onset.thrust).T, color=canvas.GREY, lw=1.0, ls=(0, (1, 1.6)))
     moving = onset.thrust_plus if sign > 0 else onset.thrust_minus
-    axes.plot(*np.asarray(moving).T, color=canvas.VERMILION, lw=1.3)
+    if moving is not None:
+        axes.plot(*np.asarray(moving).T, color=canvas.VERMILION, lw=1.3)
     for joint, side in onset.hinges if sign > 0 else onset.hinges_minus:
         corner = (arch.intrados if side == "intrados" else arch.extrados)[joint]
         axes.plot(*corner, "o", color=canvas.BLUE, ms=6.0, mec="white", mew=0.8, zorder=5)

@@ -113,7 +113,7 @@ def verdict_map(results: ArchResults, name: str) -> Picture:
         edges = np.arange(n_level + 1) - 0.5
         axes.pcolormesh(
             edges, np.arange(n_record + 1) - 0.5, rows, cmap=colours, vmin=-0.5, vmax=3.5,
-            edgecolors="white", linewidth=0.6 if labelled else 0.0,
+            edgecolors="white" if labelled else "face", linewidth=0.6 if labelled else 0.3,
         )  # fmt: skip
         for row, level in np.argwhere(rows == Verdict.UNFINISHED):
             axes.add_patch(
@@ -173,7 +173,8 @@ def collapses(results: ArchResults, n_joint: int, name: str) -> Picture | None:
         left.set(xlabel="collapses [runs]", ylabel="joint that lost contact")
         left.set_ylim(-0.6, n_joint - 0.4)
         left.xaxis.set_major_locator(MaxNLocator(5, integer=True))
-        left.yaxis.set_major_locator(MaxNLocator(15, integer=True))
+        joints = np.arange(0, n_joint, max(1, -(-n_joint // 15)))
+        left.set_yticks(joints)
         faint_grid(left, "x")
         legend_above(left, columns=2)
         shades = LinearSegmentedColormap.from_list("counts", ["#ffffff", "#f3b48a", "#a83a00"])
@@ -181,7 +182,7 @@ def collapses(results: ArchResults, n_joint: int, name: str) -> Picture | None:
             np.arange(results.levels.size + 1) - 0.5, np.arange(n_joint + 1) - 0.5, by_level,
             cmap=shades, vmin=0, edgecolors=canvas.PALE, linewidth=0.4,
         )  # fmt: skip
-        if n_joint * results.levels.size <= 450:
+        if n_joint <= 30 and results.levels.size <= 16:
             for joint, level in np.argwhere(by_level):
                 dark = by_level[joint, level] > 0.6 * by_level.max()
                 right.text(
@@ -190,7 +191,7 @@ def collapses(results: ArchResults, n_joint: int, name: str) -> Picture | None:
                 )  # fmt: skip
         _level_ticks(right, results.levels)
         right.set(xlabel=results.scale.label, ylabel="joint that lost contact")
-        right.yaxis.set_major_locator(MaxNLocator(15, integer=True))
+        right.set_yticks(joints)
         right.tick_params(length=0)
         right.set_title("collapses [runs] by joint and level")
 
@@ -199,8 +200,8 @@ def collapses(results: ArchResults, n_joint: int, name: str) -> Picture | None:
         name, (canvas.WIDTH, max(2.7, min(0.9 + 0.2 * n_joint, 6.0))), draw,
         alternative=f"Collapses of {results.arch} by joint, mode and level; joint {worst} most "
         "often",
-        caption="Joint 0 is the left springing. A run is counted at the joint that first lost all "
-        "contact, by how that joint had been moving.",
+        caption="Joint 0 is the left springing, or the base of a free-standing chain. A run is "
+        "counted at the joint that first lost all contact, by how that joint had been moving.",
     )  # fmt: skip
 
 

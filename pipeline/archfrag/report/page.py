@@ -190,7 +190,10 @@ def _arch_section(
         "levels": tables.levels(results, fit, inputs.confidence),
         "verdicts": figures.verdict_map(results, f"{prefix}-verdicts"),
         "arch": arch_figure.arch_at_onset(arch, onset, results.arch, f"{prefix}-onset"),
-        "onset": {"plus": f"{onset.plus:.4f} g", "minus": f"{onset.minus:.4f} g"},
+        "onset": {
+            "plus": arch_figure.onset_text(onset.plus),
+            "minus": arch_figure.onset_text(onset.minus),
+        },
         "stands": onset.stands,
         "geometry": tables.geometry(arch.parameters),
         "collapses": figures.collapses(results, arch.n_joint, f"{prefix}-collapses"),

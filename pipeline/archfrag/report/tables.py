@@ -9,8 +9,9 @@ import pandas as pd
 import xarray as xr
 
 from archfrag.arch import STANDARD_GRAVITY
+from archfrag.errors import FitError
 from archfrag.fragility.bands import beta_interval, clopper_pearson, theta_interval
-from archfrag.fragility.fit import Fragility
+from archfrag.fragility.fit import Fragility, fit_stripes
 from archfrag.report.summary import ArchResults
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ class Table:
 def answer(results: ArchResults, fit: Fragility | str, confidence: float) -> dict[str, str]:
     """The curve in words: keys theta, theta_interval, beta, beta_interval, or `none` why not."""
     if isinstance(fit, str):
-        return {"none": fit}
+        return {"none": _in_reader_units(results, fit)}
     scale = results.scale
     low, high = (value * scale.factor for value in theta_interval(fit, confidence))
     beta_low, beta_high = beta_interval(fit, confidence)
@@ -193,6 +194,15 @@ def _median_and_largest(values: np.ndarray) -> str:
     if values.size == 0:
         return "not told"
     return f"{np.median(values):.1e}, {values.max():.1e}"
+
+
+def _in_reader_units(results: ArchResults, sentence: str) -> str:
+    """Why there is no curve, told again with the intensities that the page shows."""
+    try:
+        fit_stripes(results.levels, results.counts.collapsed, results.counts.n)
+    except FitError as error:
+        return f"{error} (intensities in {results.scale.unit})"
+    return sentence
 
 
 def _signed(text: str) -> str:

@@ -42,8 +42,6 @@ class FileSet(Section):
     """A file, or a pattern with * and ?, relative to the study file."""
     unit: str | None = None
     """Unit of the samples where the file does not say; never guessed."""
-    dt: Annotated[float, Field(gt=0.0)] | None = None
-    """Sampling interval where the file does not say [s]."""
     inventory: str | None = None
     """StationXML with the response, for records in counts."""
 
@@ -71,7 +69,7 @@ class Motions(Section):
     select: Annotated[tuple[str, ...], Field(strict=False), AfterValidator(_sized)] | None = None
     """Ids of the records to use, in this order; all where not given."""
     files: FileSets = ()
-    """Record files or patterns; each entry a path, or a mapping with path, unit, dt, inventory."""
+    """Record files or patterns; each entry a path, or a mapping with path, unit, inventory."""
 
     @model_validator(mode="after")
     def _have_a_source(self) -> Self:

@@ -17,7 +17,6 @@ SETTINGS: dict[str, Any] = {
     "iterations": 100,
     "tolerance": 1e-10,
     "integrator": "Euler",
-    "geometry": "mesh",
     "depth": 1.0,
 }
 
@@ -25,13 +24,14 @@ SETTINGS: dict[str, Any] = {
 class MujocoStepper:
     """A scene in MuJoCo; the ground motion is a body force."""
 
-    unconverged: int | None = 0
-
     def __init__(self, scene: Scene, dt: float, settings: dict[str, Any]) -> None:
         self.version = f"mujoco {mujoco.__version__}"
         self.model = mujoco.MjModel.from_xml_string(_xml(scene, dt, settings))
         self.data = mujoco.MjData(self.model)
         self.start = scene.bodies().centroid
+        self.most_iterations = settings["iterations"]
+        # Looked at once for each call of `advance`, so as not to slow the steps.
+        self.unconverged: int | None = 0
         mujoco.mj_forward(self.model, self.data)
 
     def advance(self, ground_acceleration: NDArray) -> None:
@@ -40,6 +40,8 @@ class MujocoStepper:
         for value in ground_acceleration.tolist():
             gravity[0] = -value
             step(model, data)
+        if data.solver_niter[0] >= self.most_iterations:
+            self.unconverged += 1
 
     def centroids(self) -> NDArray:
         return self.start + self.data.qpos.reshape(-1, 3)[:, :2]

@@ -1,0 +1,1 @@
+"""Studies: many simulations planned, run in portions, gathered into one cube."""

@@ -1,0 +1,251 @@
+"""The runs of a batch on dask workers: chunk by chunk, resumable, with bounded memory."""
+
+import contextlib
+import logging
+import os
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import dask
+from distributed import Client, Future, LocalCluster, wait
+from distributed.scheduler import KilledWorker
+from tqdm import tqdm
+
+from archfrag.errors import ArchfragError, StabilityError, WorkerError
+from archfrag.study.config import Study
+from archfrag.study.files import make_folder
+from archfrag.study.parts import read_part
+from archfrag.study.plan import Plan, chunks_of_batch, make_plan, run_table
+from archfrag.study.worker import run_chunk
+
+# A worker is to stay below 400 MB; dask ends one that reaches 95 % of the limit.
+MEMORY_LIMIT = 800 * 10**6
+IN_FLIGHT = 2
+LOSSES_ALLOWED = 3
+PATIENCE = 60.0
+_SETTINGS = {
+    "distributed.scheduler.allowed-failures": LOSSES_ALLOWED,
+    # A kernel holds its worker's only thread, and with it the heartbeat, for a whole run.
+    "distributed.scheduler.worker-ttl": None,
+    "distributed.worker.memory.target": False,
+    "distributed.worker.memory.spill": False,
+    "distributed.worker.memory.pause": False,
+    "distributed.worker.memory.terminate": 0.95,
+    "distributed.admin.tick.limit": "1h",
+    "distributed.comm.timeouts.connect": "30s",
+}
+
+
+@dataclass
+class BatchLog:
+    """What a batch took; for the log beside the cube, never for the cube."""
+
+    batch: int
+    runs: int = 0
+    kept: int = 0
+    workers: int = 0
+    wall_time: float = 0.0  # [s]
+    kernel_time: float = 0.0  # summed over workers [s]
+    peak_memory: dict[str, float] = field(default_factory=dict)  # by process [MB]
+
+
+def available_cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def check_arches(study: Study) -> None:
+    """See that all arches of a study stand under their own weight.
+
+    Raises
+    ------
+    StabilityError
+        Naming the first that does not.
+    """
+    from archfrag.simulate import onset
+
+    for i, entry in enumerate(study.arches):
+        if not onset(entry.build()).stands:
+            raise StabilityError(
+                f"arches[{i}] ({entry.id}): does not stand under its own weight; make it thicker "
+                "or raise the friction"
+            )
+
+
+def run_batch(
+    study: Study, batch: int = 0, workers: int | None = None, quiet: bool = False
+) -> BatchLog:
+    """Run one batch of a study; parts that are there and valid are kept.
+
+    Parameters
+    ----------
+    study : Study
+        Whose motions are prepared.
+    batch : int
+        Which of the study's batches.
+    workers : int, optional
+        Processes; as the study says, or as many as cores, if not given.
+    quiet : bool
+        No progress bar.
+
+    Raises
+    ------
+    InputError
+        If the motions are not prepared, or there is no such batch.
+    StabilityError
+        If an arch does not stand.
+    OutputError
+        If the output cannot be written; finished parts are kept.
+    WorkerError
+        If workers are lost again and again, or no scheduler answers.
+    """
+    from archfrag.simulate import warmup
+
+    started = time.perf_counter()
+    plan = make_plan(study)
+    chunks = list(chunks_of_batch(plan, batch, study.execution.batches))
+    for folder in (plan.part(0).parent, plan.timing(0).parent):
+        make_folder(folder)
+    check_arches(study)
+    missing = [chunk for chunk in chunks if read_part(plan, chunk) is None]
+    log = BatchLog(batch, runs=sum(len(plan.rows(c)) for c in chunks))
+    log.kept = log.runs - sum(len(plan.rows(c)) for c in missing)
+    with _progress(log, quiet) as bar:
+        if missing:
+            plan.save()
+            warmup()
+            count = min(workers or study.execution.workers or available_cores(), len(missing))
+            with _client(study, count) as client:
+                for done in _results(client, plan, longest_first(plan, missing)):
+                    bar.update(int(done["runs"]))
+                    log.kernel_time += done["kernel_time"]
+                    log.peak_memory[str(done["pid"])] = done["peak_memory"]
+            log.workers = count
+    log.wall_time = time.perf_counter() - started
+    return log
+
+
+def longest_first(plan: Plan, chunks: list[int]) -> list[int]:
+    """Chunks by simulated time, the longest first: then workers finish together."""
+    table = run_table(plan, chunks)
+    length = table.groupby("chunk")["duration"].sum()
+    return [int(chunk) for chunk in length.sort_values(ascending=False, kind="stable").index]
+
+
+@contextlib.contextmanager
+def _progress(log: BatchLog, quiet: bool) -> Iterator[tqdm]:
+    with tqdm(
+        total=log.runs,
+        initial=log.kept,
+        unit="run",
+        desc="simulations",
+        disable=quiet,
+        file=sys.stderr,
+        dynamic_ncols=True,
+        mininterval=0.2 if sys.stderr.isatty() else 10.0,
+    ) as bar:
+        yield bar
+
+
+@contextlib.contextmanager
+def _client(study: Study, count: int) -> Iterator[Client]:
+    """Client of the study's scheduler, or of a cluster of our own that ends with the block."""
+    for name in ("distributed", "distributed.nanny", "distributed.scheduler"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    address = study.execution.scheduler
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(dask.config.set(_SETTINGS))
+        try:
+            if address is None:
+                target = stack.enter_context(
+                    LocalCluster(
+                        n_workers=count,
+                        threads_per_worker=1,
+                        processes=True,
+                        memory_limit=MEMORY_LIMIT,
+                        dashboard_address=None,
+                        silence_logs=logging.CRITICAL,
+                    )
+                )
+            else:
+                target = address
+            client = stack.enter_context(Client(target, timeout=30))
+        except (OSError, TimeoutError, ValueError, RuntimeError) as error:
+            what = f"execution.scheduler: {address}" if address else "the local workers"
+            raise WorkerError(
+                f"{what} cannot be used: {error or type(error).__name__}; finished parts are kept"
+            ) from error
+        yield client
+
+
+def _results(client: Client, plan: Plan, chunks: list[int]) -> Iterator[dict[str, float]]:
+    """Run chunks with few in flight, so that memory does not grow with their number."""
+    waiting = iter(chunks)
+    at_work: set[Future] = set()
+    crew = _Crew(client)
+
+    def send(count: int) -> None:
+        for _ in range(count):
+            chunk = next(waiting, None)
+            if chunk is None:
+                return
+            key = f"chunk-{chunk}-{plan.identity[:12]}"
+            at_work.add(client.submit(run_chunk, str(plan.path), chunk, key=key, pure=False))
+
+    send(IN_FLIGHT * max(1, crew.size))
+    try:
+        while at_work:
+            with contextlib.suppress(TimeoutError):
+                wait(at_work, timeout=1.0, return_when="FIRST_COMPLETED")
+            crew.check()
+            for future in [future for future in at_work if future.done()]:
+                at_work.discard(future)
+                yield _result(future)
+                send(1)
+    finally:
+        if at_work:
+            with contextlib.suppress(Exception):
+                client.cancel(list(at_work), force=True)
+
+
+def _result(future: Future) -> dict[str, float]:
+    try:
+        return future.result()
+    except ArchfragError:
+        raise
+    except KilledWorker as error:
+        raise WorkerError(
+            f"{future.key}: its worker was killed or ran out of memory {LOSSES_ALLOWED + 1} "
+            "times; finished parts are kept, the same command with --resume goes on"
+        ) from error
+
+
+class _Crew:
+    """Watches for workers that vanish: dask itself would wait for ever."""
+
+    def __init__(self, client: Client) -> None:
+        self._client = client
+        self._seen = set(self._addresses())
+        self.size = len(self._seen)
+        self._alive_at = time.monotonic()
+
+    def _addresses(self) -> list[str]:
+        return list(self._client.scheduler_info(n_workers=-1)["workers"])
+
+    def check(self) -> None:
+        present = self._addresses()
+        self._seen.update(present)
+        now = time.monotonic()
+        if present:
+            self._alive_at = now
+        lost = len(self._seen) - max(self.size, len(present))
+        own = self._client.cluster is not None
+        if now - self._alive_at > PATIENCE or (own and lost > LOSSES_ALLOWED * self.size):
+            raise WorkerError(
+                f"{lost} workers were lost (killed, or out of memory) and {len(present)} are "
+                "left; finished parts are kept, the same command with --resume goes on"
+            )

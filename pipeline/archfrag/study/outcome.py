@@ -1,0 +1,119 @@
+"""What is kept of each run: one table of columns for parts and cube alike."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from archfrag.fragility.counts import Verdict
+from archfrag.mechanics.status import CollapseMode, Status
+
+if TYPE_CHECKING:
+    from archfrag.simulate import Response
+
+_VERDICTS = {
+    Status.STANDING: Verdict.STANDING,
+    Status.COLLAPSED: Verdict.COLLAPSED,
+    Status.UNFINISHED: Verdict.UNFINISHED,
+}
+
+
+@dataclass(frozen=True)
+class Column:
+    """One value of each run.
+
+    Attributes
+    ----------
+    name, dtype, units, long_name : str
+        As in the cube; no units for a code.
+    fill : int or float or None
+        What stands where a run has no such value.
+    flags : sequence of (int, str)
+        Codes with their meanings.
+    comment : str
+    """
+
+    name: str
+    dtype: str
+    units: str
+    long_name: str
+    fill: float | None = None
+    flags: Sequence[tuple[int, str]] = ()
+    comment: str = ""
+
+
+def _flags(kind: Any) -> tuple[tuple[int, str], ...]:
+    return tuple((int(member), member.name.lower()) for member in kind)
+
+
+COLUMNS = (
+    Column(
+        "verdict", "i1", "", "what the run says about collapse", flags=_flags(Verdict),
+        comment="Unfinished runs and solver failures count neither as collapse nor as survival.",
+    ),
+    Column("status", "i1", "", "how the run ended", flags=_flags(Status)),
+    Column(
+        "collapse_time", "f8", "s", "time at which a joint lost its contact for good", np.nan,
+        comment="From the first sample of the record.",
+    ),
+    Column(
+        "collapse_joint", "i4", "", "joint that lost its contact", -1,
+        comment="Joints are counted from 0 at the first springing.",
+    ),
+    Column("collapse_mode", "i1", "", "how the lost joint was moving", flags=_flags(CollapseMode)),
+    Column("peak_rotation", "f8", "rad", "largest rotation of a voussoir"),
+    Column(
+        "peak_displacement", "f8", "m",
+        "largest displacement of a voussoir's centroid relative to the ground",
+    ),
+    Column(
+        "energy_error", "f8", "1",
+        "energy made or lost by the integrator, over the largest kinetic energy",
+    ),
+    Column("end_time", "f8", "s", "simulated time at which the run ended"),
+    Column("steps", "i8", "1", "number of integration steps"),
+    Column("impacts", "i8", "1", "number of joints that closed"),
+    Column("openings", "i8", "1", "number of joints that opened"),
+    Column("slides", "i8", "1", "number of times that a joint began to slide"),
+    Column("contact_losses", "i8", "1", "number of times that a joint was without contact"),
+    Column("rests", "i8", "1", "number of times that the chain came to rest"),
+    Column("contact_residual", "f8", "1", "largest relative residual of the contact laws"),
+    Column("fallbacks", "i8", "1", "number of contact problems left to the fallback"),
+)  # fmt: skip
+EVENTS = ("impacts", "openings", "slides", "contact_losses", "rests")
+
+
+def row_of(response: "Response") -> dict[str, Any]:
+    """Values of all columns for one run."""
+    return {
+        "verdict": _VERDICTS.get(response.status, Verdict.SOLVER_FAILURE),
+        "status": response.status,
+        "collapse_time": response.collapse_time,
+        "collapse_joint": response.collapse_joint,
+        "collapse_mode": CollapseMode[response.collapse_mode.upper()],
+        "peak_rotation": response.peak_rotation,
+        "peak_displacement": response.peak_displacement,
+        "energy_error": response.energy_error,
+        "end_time": response.end_time,
+        "steps": response.steps,
+        "contact_residual": response.residual,
+        "fallbacks": response.fallbacks,
+        **{name: response.events[name] for name in EVENTS},
+    }
+
+
+def table_of(responses: Sequence["Response"]) -> dict[str, NDArray]:
+    """Columns of several runs, each (n_run,), and `model_time` (n_run, n_model) [s].
+
+    Column `model` holds the names of the models, (n_model,).
+    """
+    rows = [row_of(response) for response in responses]
+    table = {c.name: np.array([row[c.name] for row in rows], dtype=c.dtype) for c in COLUMNS}
+    models = list(responses[0].model_time)
+    table["model"] = np.array(models, dtype=np.str_)
+    table["model_time"] = np.array(
+        [[response.model_time[name] for name in models] for response in responses]
+    )
+    return table

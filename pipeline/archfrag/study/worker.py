@@ -1,0 +1,101 @@
+"""What a worker process does: the runs of one chunk. Nothing heavy is imported here."""
+
+import os
+import resource
+import sys
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pydantic import TypeAdapter
+
+from archfrag.motions.store import load_motions
+from archfrag.study.arches import ArchEntry
+from archfrag.study.files import replacing
+from archfrag.study.outcome import table_of
+from archfrag.study.parts import write_part
+from archfrag.study.plan import Plan
+
+if TYPE_CHECKING:
+    from archfrag.arch import Arch
+    from archfrag.motions.motion import Motion
+    from archfrag.simulate import Response
+
+
+# The modification time is only there to tell an edited file from the one in memory.
+@lru_cache(maxsize=2)
+def _plan(path: str, modified: int) -> Plan:
+    return Plan.load(Path(path))
+
+
+@lru_cache(maxsize=64)
+def _arch(path: str, modified: int, number: int) -> "Arch":
+    entry = TypeAdapter(ArchEntry).validate_python(_plan(path, modified).arches[number])
+    return entry.build()
+
+
+@lru_cache(maxsize=4)
+def _motion(path: str, modified: int) -> "Motion":
+    return load_motions(path)[0]
+
+
+def _modified(path: Path) -> int:
+    return path.stat().st_mtime_ns
+
+
+def run_case(plan: Plan, run: int) -> "Response":
+    """One run of a plan."""
+    from archfrag.simulate import simulate
+
+    a, r, level = plan.case(run)
+    record = plan.records[r]
+    stored = Path(plan.folder) / record.file
+    return simulate(
+        _arch(str(plan.path), _modified(plan.path), a),
+        _motion(str(stored), _modified(stored)),
+        scale=record.factors[level],
+        method=plan.method["name"],
+        rtol=plan.method["rtol"],
+        dt=plan.method["dt"],
+        follow=plan.method["follow"],
+    )
+
+
+def run_chunk(plan_path: str, chunk: int) -> dict[str, float]:
+    """Run a chunk, write its part and then its wall times.
+
+    Parameters
+    ----------
+    plan_path : str
+        Stored plan.
+    chunk : int
+
+    Returns
+    -------
+    dict
+        chunk, runs, kernel_time [s], peak_memory [MB] and pid of this process.
+
+    Raises
+    ------
+    OutputError
+        If the part cannot be written.
+    """
+    plan = _plan(plan_path, _modified(Path(plan_path)))
+    responses = [run_case(plan, run) for run in plan.rows(chunk)]
+    write_part(plan, chunk, table_of(responses))
+    lines = [
+        f"{run},{response.steps},{response.wall_time:.6f}\n"
+        for run, response in zip(plan.rows(chunk), responses)
+    ]
+    with replacing(plan.timing(chunk)) as temporary:
+        temporary.write_text("".join(lines), encoding="utf-8")
+    # Linux counts in KiB, macOS in bytes.
+    unit = 2**20 if sys.platform == "darwin" else 2**10
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
+    return {
+        "chunk": chunk,
+        "runs": len(responses),
+        "kernel_time": sum(response.wall_time for response in responses),
+        "peak_memory": peak,
+        "pid": os.getpid(),
+    }

@@ -1,0 +1,135 @@
+"""The caller's side of a peer's process."""
+
+import json
+import os
+import select
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from peers.drive import Outcome
+from peers.scene import Scene
+
+NAMES = ("archfrag", "mujoco", "pymunk", "lmgc90", "siconos")
+_WORKER = Path(__file__).parent.parent / "worker.py"
+
+
+class PeerMissing(Exception):
+    """The peer cannot be used here; the message says why."""
+
+
+class PeerFailed(Exception):
+    """A run ended without an outcome; the message says how."""
+
+
+class Peer:
+    """A peer, ready for requests; started again after a run that took its process down.
+
+    Parameters
+    ----------
+    name : str
+        One of `NAMES`.
+    limit : float
+        Longest that a run may take [s].
+
+    Raises
+    ------
+    PeerMissing
+        If it is not installed.
+    """
+
+    def __init__(self, name: str, limit: float = 600.0) -> None:
+        self.name, self.limit = name, limit
+        self.process: subprocess.Popen | None = None
+        self._start()
+
+    def _start(self) -> None:
+        reasons = []
+        for python in _interpreters(self.name):
+            threads = dict.fromkeys(
+                ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
+            )
+            self.process = subprocess.Popen(
+                [python, str(_WORKER), self.name],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                env={**os.environ, **threads},
+                text=True,
+            )
+            reply = self._read()
+            if "ready" in reply:
+                return
+            self.close()
+            reasons.append(reply.get("missing") or reply.get("error"))
+        raise PeerMissing("; ".join(reasons))
+
+    def _read(self) -> dict[str, Any]:
+        process = self.process
+        assert process is not None and process.stdout is not None
+        ready, _, _ = select.select([process.stdout], [], [], self.limit)
+        if not ready:
+            return {"error": f"no answer in {self.limit:g} s"}
+        line = process.stdout.readline()
+        return json.loads(line) if line else {"error": f"process ended ({process.wait()})"}
+
+    def run(
+        self, scene: Scene, dt: float, settings: dict[str, Any] | None = None, **options: Any
+    ) -> Outcome:
+        """Run a scene with step `dt` [s]; `options` as `peers.drive.drive` takes them.
+
+        Raises
+        ------
+        PeerFailed
+        """
+        if self.process is None:
+            self._start()
+        assert self.process is not None and self.process.stdin is not None
+        request = {
+            "scene": scene.to_dict(),
+            "dt": dt,
+            "settings": settings or {},
+            "options": options,
+        }
+        self.process.stdin.write(json.dumps(request) + "\n")
+        self.process.stdin.flush()
+        reply = self._read()
+        if "error" in reply:
+            self.close()
+            raise PeerFailed(f"{self.name}, {scene.name}, dt {dt:g} s: {reply['error']}")
+        return Outcome(**reply)
+
+    def close(self) -> None:
+        """End the process."""
+        if self.process is not None:
+            self.process.kill()
+            self.process.wait()
+            for stream in (self.process.stdin, self.process.stdout):
+                if stream is not None:
+                    stream.close()
+            self.process = None
+
+
+def open_peers(names: list[str], limit: float = 600.0) -> dict[str, Peer]:
+    """Those of the named peers that are installed; says why of the others."""
+    found = {}
+    for name in names:
+        began = time.perf_counter()
+        try:
+            found[name] = Peer(name, limit)
+        except PeerMissing as reason:
+            print(f"skipped {name}: {reason}", file=sys.stderr)
+        else:
+            print(f"started {name} in {time.perf_counter() - began:.1f} s", file=sys.stderr)
+    return found
+
+
+def _interpreters(name: str) -> list[str]:
+    """This one, then for Siconos the system's own: Debian packages it for no other."""
+    own = os.environ.get(f"ARCHFRAG_{name.upper()}_PYTHON")
+    if own:
+        return [own]
+    system = shutil.which("python3", path="/usr/bin")
+    return [sys.executable, *([system] if name == "siconos" and system else [])]
