@@ -118,7 +118,8 @@ class Response:
         Steps, linear contact problems solved, and contact problems that needed the path
         following behind the Newton iteration.
     fallbacks : int
-        Uses of a relaxation sweep: always 0, there is none.
+        Contact problems of which only the solution with slightly compliant joints was found
+        (`archfrag.mechanics.contact`). No relaxation sweep is ever used.
     residual : float
         Largest residual of the contact laws that was measured on the way [1].
     method : str
@@ -498,7 +499,7 @@ def _response(
         steps=int(outcome.steps),
         iterations=int(outcome.iterations),
         paths=int(outcome.paths),
-        fallbacks=0,
+        fallbacks=int(outcome.compliant),
         residual=float(outcome.residual),
         method=info.name,
         history=history,

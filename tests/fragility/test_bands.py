@@ -10,6 +10,7 @@ from archfrag.fragility.bands import (
     bootstrap_band,
     clopper_pearson,
     confidence_band,
+    record_bootstrap_band,
     theta_interval,
 )
 from archfrag.fragility.fit import fit_ida, fit_stripes
@@ -118,6 +119,65 @@ class TestBootstrapBand:
             bootstrap_band(
                 fit_stripes(LEVELS, COLLAPSES, 40), 0.5, LEVELS, 40, seed=1, resamples=10
             )
+
+
+class TestRecordBootstrapBand:
+    LEVELS = np.array([0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0, 1.3])
+
+    def verdicts(self, generator, n_record):
+        capacity = 0.7 * np.exp(0.4 * generator.standard_normal((n_record, 1)))
+        return (capacity <= self.LEVELS).astype(np.int8)
+
+    def test_covers_where_the_likelihood_does_not(self):
+        """The same 30 records at all levels: 80 studies, the true median asked of both bands.
+
+        Nominal 90 %, but over 250 studies the resampled band held 84 % with 24 records and 86 %
+        with 60, the other 61 %; the limits are those less, or more, two standard errors of 80.
+        """
+        generator = np.random.default_rng(7)
+        records = likelihood = theta = 0
+        for i in range(80):
+            verdict = self.verdicts(generator, 30)
+            fit = fit_stripes(self.LEVELS, verdict.sum(axis=0), 30)
+            band = record_bootstrap_band(verdict, self.LEVELS, 0.7, seed=i, resamples=150)
+            records += band.lower <= 0.5 <= band.upper
+            theta += band.theta[0] <= 0.7 <= band.theta[1]
+            naive = confidence_band(fit, 0.7)
+            likelihood += naive.lower <= 0.5 <= naive.upper
+        assert records >= 0.78 * 80
+        assert theta >= 0.78 * 80
+        assert likelihood <= 0.70 * 80
+
+    def test_undecided_runs_say_nothing(self):
+        verdict = self.verdicts(np.random.default_rng(1), 20)
+        verdict[3, 2:5] = [2, 3, 2]
+        a = record_bootstrap_band(verdict, self.LEVELS, [0.5, 0.9], seed=1, resamples=100)
+        verdict[3, 2:5] = [3, 2, 3]
+        b = record_bootstrap_band(verdict, self.LEVELS, [0.5, 0.9], seed=1, resamples=100)
+        assert np.array_equal(a.lower, b.lower)
+        verdict[3, 2:5] = 1 - verdict[3, 1]
+        c = record_bootstrap_band(verdict, self.LEVELS, [0.5, 0.9], seed=1, resamples=100)
+        assert not np.array_equal(a.lower, c.lower)
+
+    def test_all_fall_at_one_level(self):
+        verdict = np.tile((self.LEVELS > 0.65).astype(int), (10, 1))
+        band = record_bootstrap_band(verdict, self.LEVELS, [0.5, 0.9], seed=1, resamples=100)
+        assert band.n_degenerate == 100
+        assert (band.lower.tolist(), band.upper.tolist()) == ([0.0, 1.0], [0.0, 1.0])
+        assert np.isnan(band.theta).all()
+
+    @pytest.mark.parametrize(
+        ("verdict", "sentence"),
+        [
+            (np.zeros((1, 8), int), "at least two records"),
+            (np.zeros((5, 7), int), r"levels \(8,\)"),
+            (np.full((5, 8), 9), "which is none of"),
+            (np.full((5, 8), 3), "no run that collapsed or stood"),
+        ],
+    )
+    def test_impossible_tables(self, verdict, sentence):
+        with pytest.raises(InputError, match=sentence):
+            record_bootstrap_band(verdict, self.LEVELS, 0.5, seed=1)
 
 
 class TestClopperPearson:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from archfrag.errors import InputError, OutputError
+from archfrag.fragility.bands import record_bootstrap_band
 from archfrag.fragility.counts import Verdict
 from archfrag.report.page import render, write_report
 from tests.report import synthetic
@@ -53,6 +54,16 @@ class TestAnswer:
         reach = 1.6448536 * fit.standard_errors[0]
         low, high = fit.theta / 9.80665 * np.exp([-reach, reach])
         assert f"90 %: {low:#.3g} to {high:#.3g} g" in text(card)
+
+    def test_interval_of_resampled_records(self, study, page):
+        band = record_bootstrap_band(
+            study.cube["verdict"].values[0], study.cube["intensity"].values, 4.0, seed=1
+        )
+        low, high = np.array(band.theta) / 9.80665
+        (card,) = page.xpath('//header//div[@id="arch0-answer"]')
+        assert f"records resampled: {low:#.3g} to {high:#.3g} g" in text(card)
+        low, high = band.beta
+        assert f"records resampled: {low:#.3g} to {high:#.3g}" in text(card)
 
     def test_every_run_is_counted_once(self, study, page):
         verdict = study.cube["verdict"].values

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 from scipy.special import betaincinv, ndtr, ndtri
 
 from archfrag.errors import FitError, InputError
+from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import FloatArray, Fragility, log_intensity
 from archfrag.fragility.fit import checked_stripes, fit_stripes
 
@@ -60,6 +61,20 @@ def confidence_band(fit: Fragility, im: ArrayLike, confidence: float = 0.9) -> B
         lower, upper = ndtr(z - spread), ndtr(z + spread)
     at_zero = np.isneginf(z)
     return Band(np.where(at_zero, 0.0, lower), np.where(at_zero, 0.0, upper), confidence)
+
+
+@dataclass(frozen=True)
+class RecordBand(Band):
+    """Band from resampled records, with the intervals of the parameters.
+
+    Attributes
+    ----------
+    theta, beta : (float, float)
+        Quantiles over the resamples that have a lognormal curve; nan if none has.
+    """
+
+    theta: tuple[float, float] = (np.nan, np.nan)
+    beta: tuple[float, float] = (np.nan, np.nan)
 
 
 def theta_interval(fit: Fragility, confidence: float = 0.9) -> tuple[float, float]:
@@ -116,25 +131,91 @@ def bootstrap_band(
     _check_confidence(confidence)
     if fit.kind != "stripes":
         raise InputError(f"the fit is of kind {fit.kind!r}; the bootstrap redraws 'stripes' only")
-    if resamples < 100:
-        raise InputError(f"resamples is {resamples}; at least 100 are needed for quantiles")
+    _check_resamples(resamples)
     levels, _, n = checked_stripes(levels, np.zeros(np.shape(levels)), n)
     im = np.asarray(im, dtype=float)
     log_intensity(im)
     generator = np.random.default_rng(seed)
     draws = generator.binomial(n.astype(np.int64), fit.probability(levels), (resamples, n.size))
     distinct, copies = np.unique(draws, axis=0, return_counts=True)
-    curves = np.empty((len(distinct), *im.shape))
-    degenerate = np.zeros(len(distinct), dtype=bool)
-    for i, collapses in enumerate(distinct):
-        try:
-            curves[i] = fit_stripes(levels, collapses, n).probability(im)
-        except FitError:
-            curves[i] = _limiting_curve(levels, collapses, n, im)
-            degenerate[i] = True
-    tail = 0.5 - 0.5 * confidence
-    lower, upper = np.quantile(np.repeat(curves, copies, axis=0), [tail, 1.0 - tail], axis=0)
-    return Band(lower, upper, confidence, int(copies[degenerate].sum()))
+    curves, parameters = _refit(
+        levels, distinct.astype(float), np.broadcast_to(n, distinct.shape), im
+    )
+    lower, upper = np.quantile(np.repeat(curves, copies, axis=0), _tails(confidence), axis=0)
+    return Band(lower, upper, confidence, int(copies[np.isnan(parameters[:, 0])].sum()))
+
+
+def record_bootstrap_band(
+    verdict: ArrayLike,
+    levels: ArrayLike,
+    im: ArrayLike,
+    *,
+    seed: int,
+    resamples: int = 1000,
+    confidence: float = 0.9,
+) -> RecordBand:
+    """Pointwise band where the same records serve at all levels.
+
+    A record that fells the arch at one level tends to fell it at the next, so the runs of a
+    study are not independent as the binomial likelihood takes them to be, and the band from its
+    covariance is too narrow. Here whole records are drawn with replacement (the cluster
+    bootstrap; Davison and Hinkley 1997, section 3.8), each with its verdicts at all levels, and
+    the curve is fitted to each draw. Draws without a curve enter as in `bootstrap_band`.
+
+    It is still somewhat too narrow where records are few. Measured on 250 simulated studies
+    (beta 0.4, 8 levels, 120 resamples; standard error 2 to 3 %), a nominal 90 % held the curve in
+    82 to 84 % and beta in 77 % with 24 records, and in 86 to 88 % and 86 % with 60, where
+    `confidence_band` held the curve in 61 to 73 % and 60 to 71 %.
+
+    Parameters
+    ----------
+    verdict : array_like of int, (n_record, n_level)
+        Codes of `archfrag.fragility.counts.Verdict`; unfinished runs and solver failures count
+        as neither.
+    levels : array_like, (n_level,)
+        Intensity of each level, > 0.
+    im : array_like
+        Intensities at which the band is wanted, any shape, unit of `levels`, >= 0.
+    seed : int
+        Of numpy's default generator; the same seed gives the same band.
+    resamples : int
+        Number of draws, at least 100.
+    confidence : float
+        Two-sided, between 0 and 1.
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be.
+    """
+    _check_confidence(confidence)
+    _check_resamples(resamples)
+    count_verdicts(verdict)
+    codes = np.asarray(verdict)
+    if codes.ndim != 2 or codes.shape[1:] != np.shape(levels) or codes.shape[0] < 2:
+        raise InputError(
+            f"verdict has shape {codes.shape}, levels {np.shape(levels)}; at least two records "
+            "by all levels are needed"
+        )
+    levels = checked_stripes(levels, np.zeros(codes.shape[1]), codes.shape[0])[0]
+    im = np.asarray(im, dtype=float)
+    log_intensity(im)
+    generator = np.random.default_rng(seed)
+    n_record = codes.shape[0]
+    times = generator.multinomial(n_record, np.full(n_record, 1.0 / n_record), resamples)
+    collapses = (times @ (codes == Verdict.COLLAPSED)).astype(float)
+    n = collapses + times @ (codes == Verdict.STANDING)
+    decided = n.sum(axis=1) > 0
+    if not decided.any():
+        raise InputError("verdict holds no run that collapsed or stood")
+    curves, parameters = _refit(levels, collapses[decided], n[decided], im)
+    lower, upper = np.quantile(curves, _tails(confidence), axis=0)
+    known = parameters[~np.isnan(parameters[:, 0])]
+    theta = beta = (np.nan, np.nan)
+    if known.size:
+        (a, b), (c, d) = np.quantile(known, _tails(confidence), axis=0).T
+        theta, beta = (float(a), float(b)), (float(c), float(d))
+    return RecordBand(lower, upper, confidence, resamples - len(known), theta, beta)
 
 
 def clopper_pearson(
@@ -171,6 +252,32 @@ def clopper_pearson(
 def _check_confidence(confidence: float) -> None:
     if not 0.0 < confidence < 1.0:
         raise InputError(f"confidence is {confidence:g}; it lies between 0 and 1, such as 0.9")
+
+
+def _check_resamples(resamples: int) -> None:
+    if resamples < 100:
+        raise InputError(f"resamples is {resamples}; at least 100 are needed for quantiles")
+
+
+def _tails(confidence: float) -> list[float]:
+    return [0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence]
+
+
+def _refit(
+    levels: FloatArray, collapses: FloatArray, n: FloatArray, im: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Curves at `im`, and (theta, beta), of many draws, (n_draw, n_level); nan without a fit."""
+    curves = np.empty((len(collapses), *im.shape))
+    parameters = np.full((len(collapses), 2), np.nan)
+    for i, (fallen, runs) in enumerate(zip(collapses, n, strict=True)):
+        try:
+            fit = fit_stripes(levels, fallen, runs)
+        except FitError:
+            curves[i] = _limiting_curve(levels, fallen, runs, im)
+        else:
+            curves[i] = fit.probability(im)
+            parameters[i] = fit.theta, fit.beta
+    return curves, parameters
 
 
 def _limiting_curve(

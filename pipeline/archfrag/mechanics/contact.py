@@ -24,6 +24,7 @@ import numpy as np
 
 from archfrag.mechanics.compile import kernel
 from archfrag.mechanics.delassus import (
+    TOLERANCE,
     Contacts,
     ContactWork,
     apply_reactions,
@@ -40,6 +41,9 @@ __all__ = ["COMPLIANCE", "ContactWork", "Contacts", "contact_work", "solve_conta
 COMPLIANCE = 1e-10
 PATH_COMPLIANCE = 1e-6
 PATHS = 3
+# Where a corner neither presses nor parts, rounding decides: such a state may break a law by
+# this much, relative, and its residual says so.
+DEGENERATE = 1e-8
 SOLVED = int(Status.STANDING)
 UNSOLVED = int(Status.NO_CONTACT_SOLUTION)
 
@@ -67,6 +71,10 @@ def solve_contact(mass, inertia, contacts, friction, free_velocity, work):
         Linear problems solved by the Newton iteration.
     breaks : int
         Pieces of the solution path followed; 0 where the Newton iteration sufficed.
+    compliant : bool
+        Whether the solution is that of slightly compliant joints (relative compliance 1e-6 to
+        1e-4). Where a ring closes, its last gaps contradict each other by the square of their
+        size, and of the many ways to leave one of them open by 1e-10 m rounding finds none.
     """
     n_joint = work.mode.size
     assemble(mass, inertia, contacts, work)
@@ -74,18 +82,28 @@ def solve_contact(mass, inertia, contacts, friction, free_velocity, work):
     if scale == 0.0:
         work.reaction[:] = 0.0
         apply_reactions(mass, inertia, contacts, free_velocity, work)
-        return SOLVED, 0, 0
+        return SOLVED, 0, 0, False
     if not np.isfinite(scale):
-        return UNSOLVED, 0, 0
+        return UNSOLVED, 0, 0, False
     limit = 100 + 4 * n_joint
     solved, iterations = active_set(
-        mass, inertia, contacts, friction, free_velocity, work, scale, COMPLIANCE, limit, True
+        mass,
+        inertia,
+        contacts,
+        friction,
+        free_velocity,
+        work,
+        scale,
+        COMPLIANCE,
+        TOLERANCE,
+        limit,
+        True,
     )
     if solved:
-        return SOLVED, iterations, 0
+        return SOLVED, iterations, 0, False
     breaks = 0
-    path_compliance = PATH_COMPLIANCE
-    for _ in range(PATHS):
+    for attempt in range(PATHS):
+        compliance = PATH_COMPLIANCE * 0.01**attempt
         _, more_breaks = follow_path(
             mass,
             inertia,
@@ -94,11 +112,10 @@ def solve_contact(mass, inertia, contacts, friction, free_velocity, work):
             free_velocity,
             work,
             scale,
-            path_compliance,
-            100 + 50 * n_joint,
+            compliance,
+            100 + 20 * n_joint,
         )
         breaks += max(more_breaks, 1)
-        compliance = path_compliance
         while compliance > 2.0 * COMPLIANCE:
             _, more = active_set(
                 mass,
@@ -109,11 +126,43 @@ def solve_contact(mass, inertia, contacts, friction, free_velocity, work):
                 work,
                 scale,
                 compliance,
+                TOLERANCE,
                 limit,
                 False,
             )
             iterations += more
             compliance *= 0.1
+        for tolerance in (TOLERANCE, DEGENERATE):
+            solved, more = active_set(
+                mass,
+                inertia,
+                contacts,
+                friction,
+                free_velocity,
+                work,
+                scale,
+                COMPLIANCE,
+                tolerance,
+                limit,
+                True,
+            )
+            iterations += more
+            if solved:
+                return SOLVED, iterations, breaks, False
+    for attempt in range(PATHS):
+        compliance = PATH_COMPLIANCE * 10.0**attempt
+        _, more_breaks = follow_path(
+            mass,
+            inertia,
+            contacts,
+            friction,
+            free_velocity,
+            work,
+            scale,
+            compliance,
+            100 + 20 * n_joint,
+        )
+        breaks += max(more_breaks, 1)
         solved, more = active_set(
             mass,
             inertia,
@@ -122,12 +171,12 @@ def solve_contact(mass, inertia, contacts, friction, free_velocity, work):
             free_velocity,
             work,
             scale,
-            COMPLIANCE,
-            4 * limit,
-            True,
+            compliance,
+            DEGENERATE,
+            limit,
+            False,
         )
         iterations += more
         if solved:
-            return SOLVED, iterations, breaks
-        path_compliance *= 0.01
-    return UNSOLVED, iterations, breaks
+            return SOLVED, iterations, breaks, True
+    return UNSOLVED, iterations, breaks, False

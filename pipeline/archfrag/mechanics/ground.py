@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from archfrag.mechanics.compile import inlined, kernel
+from archfrag.mechanics.compile import kernel
 
 
 @kernel
@@ -14,7 +14,7 @@ def cumulative_impulse(acceleration, time_step):
     return out
 
 
-@inlined
+@kernel
 def impulse_until(time, acceleration, cumulative, time_step):
     """Integral of the acceleration from the first sample to `time` [m/s]."""
     last = acceleration.size - 1
@@ -29,7 +29,7 @@ def impulse_until(time, acceleration, cumulative, time_step):
     return cumulative[i] + time_step * f * (acceleration[i] + 0.5 * f * slope)
 
 
-@inlined
+@kernel
 def acceleration_at(time, acceleration, time_step):
     """Acceleration at `time`, zero outside the record [m/s2]."""
     last = acceleration.size - 1
@@ -41,7 +41,7 @@ def acceleration_at(time, acceleration, time_step):
     return acceleration[i] + f * (acceleration[i + 1] - acceleration[i])
 
 
-@inlined
+@kernel
 def rest_margin(horizontal, vertical, gravity, limit_plus, limit_minus):
     """Distance of a body force from the border of the rest range; negative outside [m/s2].
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from archfrag.mechanics.compile import inlined, kernel
+from archfrag.mechanics.compile import kernel
 from archfrag.mechanics.delassus import Contacts
 
 COINCIDENT = 1e-9
@@ -52,7 +52,7 @@ def joint_lengths(chain):
     return length
 
 
-@inlined
+@kernel
 def unit_tangent(face):
     """Unit vector from the intrados to the extrados corner of a face."""
     tx = face[1, 0] - face[0, 0]
@@ -61,7 +61,7 @@ def unit_tangent(face):
     return tx * norm, ty * norm
 
 
-@inlined
+@kernel
 def vertex_on_earlier(corner, slip):
     """Whether the contact at a corner of a slipped joint is the later body's vertex (23a).
 
@@ -117,7 +117,7 @@ def place_contacts(position, before, after, slip, length, contacts):
                 plus[0], plus[1], minus[0], minus[1] = by, -bx, by, -bx
 
 
-@inlined
+@kernel
 def corner_offset(j, corner, before, after, slip):
     """Displacement of the later face's corner from where its contact holds it [m]."""
     dx = after[j, corner, 0] - before[j, corner, 0]

@@ -13,7 +13,7 @@ both Coulomb cones. So a corner has a normal for either direction of slip, `norm
 
 import math
 
-from archfrag.mechanics.compile import inlined
+from archfrag.mechanics.compile import kernel
 
 OPEN = 0
 CORNER_STICK = (1, 4)
@@ -28,19 +28,19 @@ PLUS = 1
 MINUS = -1
 
 
-@inlined
+@kernel
 def touches(mode, corner):
     """Whether a joint in `mode` is in contact at `corner` (0 intrados, 1 extrados)."""
     return mode >= CLOSED_STICK or (mode > OPEN and (mode - 1) // 3 == corner)
 
 
-@inlined
+@kernel
 def is_closed(mode):
     """Whether a joint in `mode` is in contact at both corners."""
     return mode >= CLOSED_STICK
 
 
-@inlined
+@kernel
 def slip_of(mode):
     """Sense of slip of a mode: STICK, PLUS (friction along +tangent) or MINUS."""
     if mode == OPEN:
@@ -49,25 +49,25 @@ def slip_of(mode):
     return STICK if rest == 0 else (PLUS if rest == 1 else MINUS)
 
 
-@inlined
+@kernel
 def corner_mode(corner, slip):
     """Mode of a joint that touches at one corner only."""
     return 1 + 3 * corner + (0 if slip == STICK else (1 if slip == PLUS else 2))
 
 
-@inlined
+@kernel
 def closed_mode(slip):
     """Mode of a joint that touches at both corners."""
     return CLOSED_STICK + (0 if slip == STICK else (1 if slip == PLUS else 2))
 
 
-@inlined
+@kernel
 def cross(ax, ay, bx, by):
     """Scalar product of `a` turned by +90 degrees with `b`."""
     return ax * by - ay * bx
 
 
-@inlined
+@kernel
 def friction_ray(normal_x, normal_y, friction, slip):
     """Boundary of Coulomb's cone on which a sliding reaction lies (Eqs 6, 20).
 
@@ -91,7 +91,7 @@ def friction_ray(normal_x, normal_y, friction, slip):
     return normal_x + slip * friction * tangent_x, normal_y + slip * friction * tangent_y
 
 
-@inlined
+@kernel
 def signorini_violation(gap_rate, normal_force):
     """Amount by which Signorini's law (Eq 5) fails, both arguments made dimensionless.
 
@@ -101,7 +101,7 @@ def signorini_violation(gap_rate, normal_force):
     return abs(min(gap_rate, normal_force))
 
 
-@inlined
+@kernel
 def coulomb_violation(slip_rate, normal_force, tangential_force, friction):
     """Amount by which Coulomb's law (Eq 6) fails, arguments made dimensionless.
 

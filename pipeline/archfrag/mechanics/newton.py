@@ -3,7 +3,7 @@
 import numpy as np
 
 from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.delassus import TOLERANCE, corner_velocity, solve_modes
+from archfrag.mechanics.delassus import corner_velocity, solve_modes
 from archfrag.mechanics.laws import (
     MINUS,
     OPEN,
@@ -29,7 +29,7 @@ def _unclosed(j, corner, contacts, work):
 
 
 @kernel
-def propose_modes(contacts, friction, work, scale, force_scale):
+def propose_modes(contacts, friction, work, scale, force_scale, tolerance):
     """Mode that every joint asks for, given the solution for the present modes.
 
     Parameters
@@ -38,6 +38,8 @@ def propose_modes(contacts, friction, work, scale, force_scale):
         As in `archfrag.mechanics.contact.solve_contact`; ``work.best_mode`` is overwritten.
     scale, force_scale : float
         What counts as one in velocity and in force.
+    tolerance : float
+        Violation of a law that is taken for rounding [1].
 
     Returns
     -------
@@ -46,8 +48,8 @@ def propose_modes(contacts, friction, work, scale, force_scale):
     worst_joint : int
         The one that breaks its law most; -1 if none does.
     """
-    slack = TOLERANCE * scale
-    slack_force = TOLERANCE * force_scale
+    slack = tolerance * scale
+    slack_force = tolerance * force_scale
     changed = 0
     worst_joint = -1
     worst = 0.0
@@ -146,7 +148,7 @@ def propose_modes(contacts, friction, work, scale, force_scale):
                 if contacts.candidate[j, other]:
                     rate = _unclosed(j, other, contacts, work)
                     if rate < -slack:
-                        mode = closed_mode(slip)
+                        mode = closed_mode(STICK if np.isinf(mu) else slip)
                         violation = max(violation, -rate / scale)
         work.best_mode[j] = mode
         if violation > 0.0:
@@ -159,7 +161,17 @@ def propose_modes(contacts, friction, work, scale, force_scale):
 
 @kernel
 def active_set(
-    mass, inertia, contacts, friction, free_velocity, work, scale, compliance, limit, exact
+    mass,
+    inertia,
+    contacts,
+    friction,
+    free_velocity,
+    work,
+    scale,
+    compliance,
+    tolerance,
+    limit,
+    exact,
 ):
     """Newton iteration on the modes, from those in ``work.mode``.
 
@@ -184,9 +196,11 @@ def active_set(
             force_scale = max(force_scale, abs(work.reaction[j, 0]), abs(work.reaction[j, 1]))
         if force_scale == 0.0:
             force_scale = 1.0
-        changed, worst_joint = propose_modes(contacts, friction, work, scale, force_scale)
+        changed, worst_joint = propose_modes(
+            contacts, friction, work, scale, force_scale, tolerance
+        )
         if changed == 0:
-            return left < np.inf, iteration + 1
+            return not exact or left <= tolerance * scale, iteration + 1
         for j in range(n_joint):
             if work.best_mode[j] == work.mode[j]:
                 continue

@@ -70,6 +70,7 @@ class Outcome(NamedTuple):
     steps: int
     iterations: int  # linear problems solved
     paths: int  # contact problems that needed the solution path
+    compliant: int  # contact problems solved with compliant joints
     impacts: int
     openings: int
     slides: int

@@ -71,6 +71,9 @@ CLOSED_GAP = 1e-7
 FRESH_STEPS = 2
 # Gaps of this size, relative to the coordinates, are rounding. A closed ring is overdetermined:
 # it would answer them with reactions of any size.
+# A corner takes part in a step if its gap could close within it at this many times its relative
+# velocity. Where both corners of a joint do, the joint has one normal for both.
+REACH = 5.0
 ROUNDING = 64 * 2.2e-16
 
 
@@ -232,7 +235,7 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
     collapse_mode = MODE_NONE
     peak_rotation = peak_displacement = 0.0
     rest_time = moving_time = 0.0
-    steps = iterations = paths = 0
+    steps = iterations = paths = compliant = 0
     impacts = openings = slides = losses = rests = 0
     residual = 0.0
     kinetic = kinetic_energy(mass, inertia, velocity)
@@ -295,17 +298,28 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
                     ex = ey = 0.0
                 px = contacts.point[j, c, 0] - work.pivot[j, 0]
                 py = contacts.point[j, c, 1] - work.pivot[j, 1]
-                contacts.bias[j, c, 0] = ex / dt - (moved[j, 0] - moved[j, 2] * py)
-                contacts.bias[j, c, 1] = ey / dt - (moved[j, 1] + moved[j, 2] * px)
+                ux = moved[j, 0] - moved[j, 2] * py
+                uy = moved[j, 1] + moved[j, 2] * px
+                contacts.bias[j, c, 0] = ex / dt - ux
+                contacts.bias[j, c, 1] = ey / dt - uy
+                gap = contacts.normal[j, 0] * ex + contacts.normal[j, 1] * ey
+                reach = REACH * dt * (abs(ux) + abs(uy) + gravity * dt)
+                contacts.candidate[j, c] = gap < reach
+            if contacts.candidate[j, 0] and contacts.candidate[j, 1]:
+                for c in range(2):
+                    contacts.normal_plus[j, c] = contacts.normal[j]
+                    contacts.normal_minus[j, c] = contacts.normal[j]
 
-        solved, n_iteration, n_break = solve_contact(
+        solved, n_iteration, n_break, soft = solve_contact(
             mass, inertia, contacts, chain.friction, free, work
         )
         steps += 1
         iterations += n_iteration
         if n_break > 0:
             paths += 1
-        if solved != STANDING or steps % options.check_interval == 0:
+        if soft:
+            compliant += 1
+        if soft or solved != STANDING or steps % options.check_interval == 0:
             scale = velocity_scale(contacts, free, work)
             force_scale = 0.0
             for j in range(n_joint):
@@ -470,6 +484,7 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
         steps,
         iterations,
         paths,
+        compliant,
         impacts,
         openings,
         slides,

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError
 from archfrag.motions.index import IndexEntry, load_index, load_motion
@@ -30,7 +30,7 @@ _BEGIN, _END = "<!-- spectra: begin -->", "<!-- spectra: end -->"
 
 
 def predicted_spectrum(
-    model: str, magnitude: float, distance: float, vs30: float, periods: Sequence[float]
+    model: str, magnitude: float, distance: float, vs30: float, periods: ArrayLike
 ) -> NDArray[np.float64]:
     """Median Sa of a ground-motion model, shape (n_period,) [m/s2].
 

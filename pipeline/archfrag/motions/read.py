@@ -146,11 +146,11 @@ def _read_stream(path: Path) -> tuple[Stream, tuple[str, ...]]:
 
 
 def _unreadable(path: Path, error: Exception) -> str:
-    reason = str(error).strip().splitlines()
-    return (
-        f"{path}: the file is damaged, truncated or not what it seems "
-        f"({type(error).__name__}: {reason[0] if reason else 'no reason given'})"
-    )
+    lines = str(error).strip().splitlines()
+    reason = lines[0] if lines else type(error).__name__
+    if reason.startswith("Cannot open file"):  # what obspy says of a file without whole records
+        reason = "no trace could be read from it"
+    return f"{path}: the file is damaged, truncated or not what it seems ({reason})"
 
 
 def _check_complete(stream: Stream, path: Path) -> None:

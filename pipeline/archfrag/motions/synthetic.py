@@ -128,8 +128,8 @@ def fourier_amplitude(
 ) -> NDArray[np.float64]:
     """Fourier amplitude of the acceleration of one horizontal component at the surface [m/s].
 
-    Source, spreading, anelastic loss, amplification and kappa, in this order (Boore 2003,
-    equations 1 to 20 with the forms of Stafford et al. 2022).
+    Source, spreading, anelastic loss, amplification and kappa: the product of Boore (2003) with
+    the forms and values of Stafford et al. (2022).
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def fourier_amplitude(
 def window(time: ArrayLike, length: float) -> NDArray[np.float64]:
     """Saragoni and Hart's window with peak 1: (a t / length)^b exp(-c t / length).
 
-    Boore (2003), equations 26 to 28: peak at 0.2 of the length, 0.05 of the peak at its end.
+    As Boore (2003) sets it: peak at 0.2 of the length, 0.05 of the peak at its end.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def low_cut(magnitude: float) -> float:
 def make_motion(magnitude: float, distance: float, seed: int, dt: float = TIME_STEP) -> Motion:
     """Make one motion; the same arguments give the same samples.
 
-    The steps of Boore (2003), figure 4: noise, window, spectrum with mean square 1, target
+    The steps of Boore (2003): noise, window, spectrum with mean square 1, target
     spectrum with low cut 1 / (1 + (f_low / f)^8), back to time. Then the ends are tapered, a
     straight line under the same taper is subtracted so that velocity and displacement end at
     zero, and samples are rounded to 1e-6 m/s2 and single precision.

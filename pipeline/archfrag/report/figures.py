@@ -1,5 +1,8 @@
 """Curve, verdicts, collapses and numerical quality of one arch."""
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap, ListedColormap
@@ -7,7 +10,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
-from archfrag.fragility.bands import clopper_pearson, confidence_band
+from archfrag.fragility.bands import (
+    RecordBand,
+    clopper_pearson,
+    confidence_band,
+    record_bootstrap_band,
+)
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.fit import Fragility
 from archfrag.mechanics.status import CollapseMode
@@ -30,9 +38,17 @@ MODE_LOOK = {
 }
 # Logarithmic histograms need a floor for exact zeros.
 _FLOOR = 1e-18
+_RESAMPLES = 1000
+_SEED = 1
 
 
-def curve(results: ArchResults, fit: Fragility | None, name: str, confidence: float) -> Picture:
+def curve(
+    results: ArchResults,
+    fit: Fragility | None,
+    name: str,
+    confidence: float,
+    resampled: "Resampled | None" = None,
+) -> Picture:
     """Fragility curve with its band, and the observed fractions with exact intervals.
 
     Parameters
@@ -44,6 +60,8 @@ def curve(results: ArchResults, fit: Fragility | None, name: str, confidence: fl
         Unique on the page.
     confidence : float
         Of band and intervals.
+    resampled : Resampled, optional
+        Band from resampled records.
     """
     scale, counts = results.scale, results.counts
     percent = f"{100 * confidence:.0f} %"
@@ -60,11 +78,18 @@ def curve(results: ArchResults, fit: Fragility | None, name: str, confidence: fl
             band = confidence_band(fit, im / scale.factor, confidence)
             axes.fill_between(
                 im, band.lower, band.upper, color=canvas.SKY, alpha=0.3, linewidth=0,
-                label=f"{percent} band of the curve",
+                label=f"{percent} band, runs independent",
             )  # fmt: skip
             axes.plot(
                 im, fit.probability(im / scale.factor), color=canvas.BLUE, label="lognormal curve"
             )
+            if resampled is not None:
+                style: dict[str, Any] = {"color": canvas.BLUE, "lw": 0.9, "ls": (0, (5, 2))}
+                axes.plot(resampled.levels, resampled.band.lower, **style)
+                axes.plot(
+                    resampled.levels, resampled.band.upper, **style,
+                    label=f"{percent} band, records resampled",
+                )  # fmt: skip
             median = fit.theta * scale.factor
             if median <= reach:
                 axes.plot(
@@ -78,14 +103,14 @@ def curve(results: ArchResults, fit: Fragility | None, name: str, confidence: fl
         axes.errorbar(
             levels, fraction, yerr=bars, fmt="o", color=canvas.INK, markersize=3.8,
             elinewidth=0.8, capsize=2.0, capthick=0.8,
-            label=f"collapsed / (collapsed + standing), exact {percent} interval",
+            label=f"share of collapses, exact {percent} interval",
         )  # fmt: skip
         axes.set(
             xlim=(0.0, reach), ylim=(-0.02, 1.02), xlabel=scale.label,
             ylabel="probability of collapse [1]",
         )  # fmt: skip
         faint_grid(axes)
-        legend_above(axes, columns=3)
+        legend_above(axes, columns=2)
 
     what = "no lognormal curve could be fitted"
     if fit is not None:
@@ -94,9 +119,36 @@ def curve(results: ArchResults, fit: Fragility | None, name: str, confidence: fl
         name, (canvas.WIDTH, 3.7), draw,
         alternative=f"Probability of collapse of {results.arch} against {scale.label}: {what}; "
         f"observed fractions at {levels.size} levels",
-        caption="Points: share of collapses among the runs that decided, at each level. "
-        "Bars: Clopper–Pearson. Band: delta method on the probit scale, pointwise.",
+        caption="Points: collapsed / (collapsed + standing) at each level; bars: Clopper–Pearson. "
+        "Shaded: pointwise band from the covariance of the maximum-likelihood estimate (delta "
+        "method on the probit scale), every run taken as independent."
+        + (f" Dashed: {resampled.description}" if fit is not None and resampled else ""),
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Resampled:
+    """Band from resampled records at `levels` in the reader's unit, and how it was made."""
+
+    levels: FloatArray
+    band: RecordBand
+    description: str
+
+
+def resample(results: ArchResults, confidence: float) -> Resampled:
+    """Band of the curve where the same records serve at all levels."""
+    levels = np.linspace(0.0, 1.05 * results.levels.max(), 200)
+    band = record_bootstrap_band(
+        results.verdict, results.levels, levels, seed=_SEED, resamples=_RESAMPLES,
+        confidence=confidence,
+    )  # fmt: skip
+    lost = f", {band.n_degenerate} of them without a lognormal curve" if band.n_degenerate else ""
+    return Resampled(
+        levels,
+        band,
+        f"the same from {_RESAMPLES} resamples of whole records (seed {_SEED}{lost}), which keeps "
+        "the verdicts of a record at all levels together.",
+    )
 
 
 def verdict_map(results: ArchResults, name: str) -> Picture:

@@ -175,10 +175,17 @@ def _arch_section(
     given = inputs.fits[results.arch]
     fit = given if isinstance(given, Fragility) else None
     counts = results.counts
+    resampled = (
+        None
+        if fit is None or len(results.records) < 2
+        else figures.resample(results, inputs.confidence)
+    )
     return {
         "id": prefix,
         "name": results.arch,
-        "answer": tables.answer(results, given, inputs.confidence),
+        "answer": tables.answer(
+            results, given, inputs.confidence, resampled.band if resampled else None
+        ),
         "counts": {
             "runs": int(counts.runs.sum()),
             "collapsed": int(counts.collapsed.sum()),
@@ -186,7 +193,7 @@ def _arch_section(
             "unfinished": int(counts.unfinished.sum()),
             "failures": int(counts.solver_failures.sum()),
         },
-        "curve": figures.curve(results, fit, f"{prefix}-curve", inputs.confidence),
+        "curve": figures.curve(results, fit, f"{prefix}-curve", inputs.confidence, resampled),
         "levels": tables.levels(results, fit, inputs.confidence),
         "verdicts": figures.verdict_map(results, f"{prefix}-verdicts"),
         "arch": arch_figure.arch_at_onset(arch, onset, results.arch, f"{prefix}-onset"),

@@ -10,7 +10,12 @@ import xarray as xr
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import FitError
-from archfrag.fragility.bands import beta_interval, clopper_pearson, theta_interval
+from archfrag.fragility.bands import (
+    RecordBand,
+    beta_interval,
+    clopper_pearson,
+    theta_interval,
+)
 from archfrag.fragility.fit import Fragility, fit_stripes
 from archfrag.report.summary import ArchResults
 
@@ -37,8 +42,13 @@ class Table:
     numeric_from: int = 1
 
 
-def answer(results: ArchResults, fit: Fragility | str, confidence: float) -> dict[str, str]:
-    """The curve in words: keys theta, theta_interval, beta, beta_interval, or `none` why not."""
+def answer(
+    results: ArchResults, fit: Fragility | str, confidence: float, resampled: RecordBand | None
+) -> dict[str, str]:
+    """The curve in words: keys theta, theta_interval, beta, beta_interval, or `none` why not.
+
+    `fit` is in the cube's unit, `resampled` in the reader's.
+    """
     if isinstance(fit, str):
         return {"none": _in_reader_units(results, fit)}
     scale = results.scale
@@ -49,6 +59,8 @@ def answer(results: ArchResults, fit: Fragility | str, confidence: float) -> dic
         "theta_interval": f"{low:#.3g} to {high:#.3g} {scale.unit}",
         "beta": f"{fit.beta:#.3g}",
         "beta_interval": f"{beta_low:#.3g} to {beta_high:#.3g}",
+        "theta_resampled": _between(resampled.theta if resampled else None, scale.unit),
+        "beta_resampled": _between(resampled.beta if resampled else None, ""),
         "correlation": _signed(f"{fit.correlation:.2f}"),
         "n_total": str(fit.n_total),
         "n_levels": str(fit.n_levels),
@@ -194,6 +206,12 @@ def _median_and_largest(values: np.ndarray) -> str:
     if values.size == 0:
         return "not told"
     return f"{np.median(values):.1e}, {values.max():.1e}"
+
+
+def _between(ends: tuple[float, float] | None, unit: str) -> str:
+    if ends is None or not np.all(np.isfinite(ends)):
+        return "not known"
+    return f"{ends[0]:#.3g} to {ends[1]:#.3g} {unit}".strip()
 
 
 def _in_reader_units(results: ArchResults, sentence: str) -> str:

@@ -2,22 +2,23 @@
 
 import contextlib
 import logging
-import os
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 
 import dask
 from distributed import Client, Future, LocalCluster, wait
 from distributed.scheduler import KilledWorker
 from tqdm import tqdm
 
-from archfrag.errors import ArchfragError, StabilityError, WorkerError
+from archfrag.errors import ArchfragError, WorkerError
+from archfrag.study.checks import check_arches
 from archfrag.study.config import Study
-from archfrag.study.files import make_folder
+from archfrag.study.files import canonical_json, make_folder, write_text
 from archfrag.study.parts import read_part
-from archfrag.study.plan import Plan, chunks_of_batch, make_plan, run_table
+from archfrag.study.plan import Plan, batch_file, chunks_of_batch, make_plan, run_table
+from archfrag.study.provenance import add_to_log, available_cores, machine
 from archfrag.study.worker import run_chunk
 
 # A worker is to stay below 400 MB; dask ends one that reaches 95 % of the limit.
@@ -49,31 +50,6 @@ class BatchLog:
     wall_time: float = 0.0  # [s]
     kernel_time: float = 0.0  # summed over workers [s]
     peak_memory: dict[str, float] = field(default_factory=dict)  # by process [MB]
-
-
-def available_cores() -> int:
-    """Cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-def check_arches(study: Study) -> None:
-    """See that all arches of a study stand under their own weight.
-
-    Raises
-    ------
-    StabilityError
-        Naming the first that does not.
-    """
-    from archfrag.simulate import onset
-
-    for i, entry in enumerate(study.arches):
-        if not onset(entry.build()).stands:
-            raise StabilityError(
-                f"arches[{i}] ({entry.id}): does not stand under its own weight; make it thicker "
-                "or raise the friction"
-            )
 
 
 def run_batch(
@@ -110,14 +86,16 @@ def run_batch(
     chunks = list(chunks_of_batch(plan, batch, study.execution.batches))
     for folder in (plan.part(0).parent, plan.timing(0).parent):
         make_folder(folder)
-    check_arches(study)
     missing = [chunk for chunk in chunks if read_part(plan, chunk) is None]
     log = BatchLog(batch, runs=sum(len(plan.rows(c)) for c in chunks))
     log.kept = log.runs - sum(len(plan.rows(c)) for c in missing)
     with _progress(log, quiet) as bar:
         if missing:
             plan.save()
+            bar.set_description("compiling kernels, once")
+            check_arches(study)
             warmup()
+            bar.set_description("simulations")
             count = min(workers or study.execution.workers or available_cores(), len(missing))
             with _client(study, count) as client:
                 for done in _results(client, plan, longest_first(plan, missing)):
@@ -126,7 +104,15 @@ def run_batch(
                     log.peak_memory[str(done["pid"])] = done["peak_memory"]
             log.workers = count
     log.wall_time = time.perf_counter() - started
+    _note(study, plan, log)
     return log
+
+
+def _note(study: Study, plan: Plan, log: BatchLog) -> None:
+    add_to_log(study.folder, {"step": "batch", **asdict(log), **machine()})
+    path = batch_file(study.folder, log.batch, study.execution.batches)
+    make_folder(path.parent)
+    write_text(path, canonical_json({"plan": plan.identity, "runs": log.runs}) + "\n")
 
 
 def longest_first(plan: Plan, chunks: list[int]) -> list[int]:

@@ -214,6 +214,8 @@ class Study(Section):
     """Name of the study: letters, digits and _ . + - only."""
     title: Annotated[str, Field(min_length=1)]
     """Heading of the report."""
+    institution: str = "not stated"
+    """Who made the study, for the cube's attributes."""
     output: Annotated[str, Field(min_length=1)]
     """Folder of all results, relative to the study file."""
     arches: Annotated[tuple[ArchEntry, ...], Field(strict=False), AfterValidator(_sized)]

@@ -9,7 +9,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import archfrag
 from archfrag.errors import OutputError
+
+PACKAGE = Path(archfrag.__file__).resolve().parent
 
 
 def cannot_write(path: Path, error: OSError) -> OutputError:
@@ -94,3 +97,14 @@ def sha256_of(path: Path) -> str:
     """SHA-256 of a file, 64 hexadecimal digits."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def source_hash(*names: str) -> str:
+    """Hash of some of the package's files and folders: an edit makes results out of date."""
+    digest = hashlib.sha256()
+    for name in names:
+        place = PACKAGE / name
+        for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
+            digest.update(str(path.relative_to(PACKAGE)).encode())
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]

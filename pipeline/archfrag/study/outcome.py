@@ -59,8 +59,8 @@ COLUMNS = (
         comment="From the first sample of the record.",
     ),
     Column(
-        "collapse_joint", "i4", "", "joint that lost its contact", -1,
-        comment="Joints are counted from 0 at the first springing.",
+        "collapse_joint", "i4", "1", "number of the joint that lost its contact",
+        comment="Joints are counted from 0 at the first springing; -1 where none was lost.",
     ),
     Column("collapse_mode", "i1", "", "how the lost joint was moving", flags=_flags(CollapseMode)),
     Column("peak_rotation", "f8", "rad", "largest rotation of a voussoir"),

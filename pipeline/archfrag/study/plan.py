@@ -11,12 +11,14 @@ from archfrag import __version__
 from archfrag.errors import InputError
 from archfrag.kernel_cache import kernel_hash
 from archfrag.study.config import Study
-from archfrag.study.files import canonical_json, write_text
+from archfrag.study.files import canonical_json, source_hash, write_text
 from archfrag.study.records import PreparedRecord, load_prepared
 
 if TYPE_CHECKING:
     import pandas as pd
 
+# Source, beside the kernels, that an edit of which may change results.
+DECIDING = ("arch", "simulate.py", "study/arches.py", "study/outcome.py", "study/worker.py")
 # Enough parts for an even share among workers, few enough for a file system.
 PARTS_WANTED, SMALLEST_CHUNK, LARGEST_CHUNK = 500, 4, 200
 
@@ -108,6 +110,7 @@ def make_plan(study: Study) -> Plan:
     decides = {
         "archfrag": __version__,
         "kernels": kernel_hash(),
+        "source": source_hash(*DECIDING),
         "arches": arches,
         "records": [[r.id, r.prepared, *r.factors] for r in records],
         "measure": study.intensity.measure,
@@ -166,3 +169,8 @@ def chunks_of_batch(plan: Plan, batch: int, batches: int) -> range:
     if not 0 <= batch < batches:
         raise InputError(f"--batch {batch}: must be from 0 to {batches - 1}")
     return range(batch, plan.n_chunk, batches)
+
+
+def batch_file(folder: Path, batch: int | str, batches: int) -> Path:
+    """File that tells that a batch is complete."""
+    return folder / "batches" / f"{batch}of{batches}.json"

@@ -4,11 +4,11 @@ import math
 import time
 from typing import Any
 
-import archfrag
 import numpy as np
+
+import archfrag
 from archfrag import Arch, Block, Motion
 from archfrag.simulate import warmup
-
 from peers.drive import Outcome
 from peers.scene import Scene
 
@@ -64,10 +64,10 @@ def run(
     moving = response.model_time["all_voussoirs"]
     kept = None
     if history and response.history is not None:
-        position = response.history["position"].to_numpy()[..., :2]
+        moved = response.history["displacement"].to_numpy()
         kept = {
             "time": response.history["time"].to_numpy().tolist(),
-            "centroids": position.tolist(),
+            "centroids": (arch.chain.centroid + moved).tolist(),
         }
     return Outcome(
         peer="archfrag",

@@ -14,6 +14,11 @@ from peers.drive import Outcome
 from peers.scene import Scene
 
 NAMES = ("archfrag", "mujoco", "pymunk", "lmgc90", "siconos")
+# The same peers set up in another way that is worth a line of its own.
+VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
+    "mujoco_corners": ("mujoco", {"contacts": "corners"}),
+    "lmgc90_unlocked": ("lmgc90", {"locked": []}),
+}
 _WORKER = Path(__file__).parent.parent / "worker.py"
 
 
@@ -31,7 +36,7 @@ class Peer:
     Parameters
     ----------
     name : str
-        One of `NAMES`.
+        One of `NAMES` or `VARIANTS`.
     limit : float
         Longest that a run may take [s].
 
@@ -43,17 +48,18 @@ class Peer:
 
     def __init__(self, name: str, limit: float = 600.0) -> None:
         self.name, self.limit = name, limit
+        self.adapter, self.settings = VARIANTS.get(name, (name, {}))
         self.process: subprocess.Popen | None = None
         self._start()
 
     def _start(self) -> None:
         reasons = []
-        for python in _interpreters(self.name):
+        for python in _interpreters(self.adapter):
             threads = dict.fromkeys(
                 ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
             )
             self.process = subprocess.Popen(
-                [python, str(_WORKER), self.name],
+                [python, str(_WORKER), self.adapter],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 env={**os.environ, **threads},
@@ -63,12 +69,13 @@ class Peer:
             if "ready" in reply:
                 return
             self.close()
-            reasons.append(reply.get("missing") or reply.get("error"))
+            reasons.append(str(reply.get("missing") or reply.get("error")))
         raise PeerMissing("; ".join(reasons))
 
     def _read(self) -> dict[str, Any]:
         process = self.process
-        assert process is not None and process.stdout is not None
+        assert process is not None
+        assert process.stdout is not None
         ready, _, _ = select.select([process.stdout], [], [], self.limit)
         if not ready:
             return {"error": f"no answer in {self.limit:g} s"}
@@ -86,11 +93,12 @@ class Peer:
         """
         if self.process is None:
             self._start()
-        assert self.process is not None and self.process.stdin is not None
+        assert self.process is not None
+        assert self.process.stdin is not None
         request = {
             "scene": scene.to_dict(),
             "dt": dt,
-            "settings": settings or {},
+            "settings": {**self.settings, **(settings or {})},
             "options": options,
         }
         self.process.stdin.write(json.dumps(request) + "\n")
@@ -99,7 +107,7 @@ class Peer:
         if "error" in reply:
             self.close()
             raise PeerFailed(f"{self.name}, {scene.name}, dt {dt:g} s: {reply['error']}")
-        return Outcome(**reply)
+        return Outcome(**{**reply, "peer": self.name})
 
     def close(self) -> None:
         """End the process."""

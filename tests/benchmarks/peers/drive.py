@@ -16,8 +16,14 @@ class Stepper(Protocol):
     """What an adapter builds of a scene: one peer, ready to step."""
 
     version: str
-    unconverged: int | None  # steps that the peer's solver left unconverged, if it tells
-    contacts: int | None  # contact points at the last step, if it tells
+
+    @property
+    def unconverged(self) -> int | None:
+        """Steps that the peer's solver left unconverged; None if it does not tell."""
+
+    @property
+    def contacts(self) -> int | None:
+        """Contact points at the last step; None if the peer does not tell."""
 
     def advance(self, ground_acceleration: Array) -> None:
         """Take as many steps as there are values [m/s2], each with its value held."""

@@ -1,5 +1,6 @@
 """MuJoCo: soft convex contacts solved by Newton's method, held to the plane by its joints."""
 
+from itertools import pairwise
 from typing import Any
 
 import mujoco
@@ -9,7 +10,9 @@ from numpy.typing import NDArray
 from peers.scene import STANDARD_GRAVITY, Scene
 
 # Near-default contacts sag by centimetres: the time constant is the smallest that is stable, the
-# impedance close to one. `impratio` keeps sticking joints from creeping.
+# impedance close to one. `impratio` keeps sticking joints from creeping. `contacts` are those that
+# MuJoCo finds between convex hulls, four at a closed joint, or "corners", two at each joint: half
+# the cost, for chains only, and it creeps more.
 SETTINGS: dict[str, Any] = {
     "impratio": 10.0,
     "solref_steps": 2.0,
@@ -17,7 +20,9 @@ SETTINGS: dict[str, Any] = {
     "iterations": 100,
     "tolerance": 1e-10,
     "integrator": "Euler",
-    "depth": 1.0,
+    "jacobian": "auto",
+    "depth": 1.0,  # [m]
+    "contacts": "hulls",
 }
 
 
@@ -31,7 +36,7 @@ class MujocoStepper:
         self.start = scene.bodies().centroid
         self.most_iterations = settings["iterations"]
         # Looked at once for each call of `advance`, so as not to slow the steps.
-        self.unconverged: int | None = 0
+        self.unconverged = 0
         mujoco.mj_forward(self.model, self.data)
 
     def advance(self, ground_acceleration: NDArray) -> None:
@@ -53,60 +58,104 @@ class MujocoStepper:
 
 def _xml(scene: Scene, dt: float, settings: dict[str, Any]) -> str:
     """Model with x across, z up and the hinges about −y, so that the turn is counter-clockwise."""
-    half = 0.5 * settings["depth"]
-    solimp = " ".join(str(value) for value in settings["solimp"])
-    assets, bodies, pairs = [], [], []
-    moments = scene.bodies()
-    outlines = scene.polygons()
-
-    def geom(name: str, corners: NDArray) -> str:
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        if np.allclose(np.sort(corners, axis=0), np.sort([low, low, high, high], axis=0)):
-            middle, size = 0.5 * (low + high), 0.5 * (high - low)
-            return (
-                f'<geom name="{name}" type="box" pos="{middle[0]!r} 0 {middle[1]!r}" '
-                f'size="{size[0]!r} {half!r} {size[1]!r}"/>'
-            ).replace("np.float64(", "").replace(")", "")
-        vertices = " ".join(
-            f"{float(x)!r} {y!r} {float(z)!r}" for x, z in corners for y in (-half, half)
-        )
-        assets.append(f'<mesh name="{name}" vertex="{vertices}"/>')
-        return f'<geom name="{name}" type="mesh" mesh="{name}"/>'
-
-    for i, outline in enumerate(outlines):
-        x, z = (float(value) for value in moments.centroid[i])
-        mass, inertia = float(moments.mass[i]), float(moments.inertia[i])
-        bodies.append(
-            f'<body name="v{i}" pos="{x!r} 0 {z!r}">'
-            f'<inertial pos="0 0 0" mass="{mass!r}" diaginertia="{inertia!r} {inertia!r} '
-            f'{inertia!r}"/>'
-            f'<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>'
-            f'<joint type="hinge" axis="0 -1 0"/>'
-            f"{geom(f'v{i}', outline - moments.centroid[i])}</body>"
-        )
-    supports = scene.supports()
-    for i, outline in enumerate(supports):
-        bodies.append(geom(f"ground{i}", outline))
-    names = ["ground0", *(f"v{i}" for i in range(len(outlines)))]
-    if len(supports) == 2:
-        names.append("ground1")
+    place = scene.bodies().centroid
+    geoms: list[list[str]] = [[] for _ in range(len(place) + 1)]
+    assets: list[str] = []
+    pairs = (_corner_pairs if settings["contacts"] == "corners" else _hull_pairs)(
+        scene, settings, geoms, assets
+    )
     friction = " ".join([repr(scene.friction)] * 2 + ["0"] * 3)
-    for before, after in zip(names[:-1], names[1:]):
-        pairs.append(
-            f'<pair geom1="{before}" geom2="{after}" condim="3" friction="{friction}" '
-            f'solref="{settings["solref_steps"] * dt!r} 1" solimp="{solimp}"/>'
+    solimp = " ".join(str(value) for value in settings["solimp"])
+    contacts = [
+        f'<pair geom1="{before}" geom2="{after}" condim="3" friction="{friction}" '
+        f'solref="{settings["solref_steps"] * dt!r} 1" solimp="{solimp}"/>'
+        for before, after in pairs
+    ]
+    moments = scene.bodies()
+    bodies = [
+        f'<body pos="{x!r} 0 {z!r}"><inertial pos="0 0 0" mass="{mass!r}" '
+        f'diaginertia="{inertia!r} {inertia!r} {inertia!r}"/>'
+        '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>'
+        f'<joint type="hinge" axis="0 -1 0"/>{"".join(parts)}</body>'
+        for (x, z), mass, inertia, parts in zip(
+            place.tolist(), moments.mass.tolist(), moments.inertia.tolist(), geoms
         )
+    ]
     return f"""<mujoco>
 <compiler inertiafromgeom="false" angle="radian"/>
 <option timestep="{dt!r}" gravity="0 0 {-STANDARD_GRAVITY!r}" cone="elliptic"
   impratio="{settings["impratio"]!r}" iterations="{settings["iterations"]}"
-  tolerance="{settings["tolerance"]!r}" integrator="{settings["integrator"]}">
-<flag multiccd="enable"/></option>
+  tolerance="{settings["tolerance"]!r}" integrator="{settings["integrator"]}"
+  jacobian="{settings["jacobian"]}"><flag multiccd="enable"/></option>
 <default><geom contype="0" conaffinity="0"/></default>
 <asset>{"".join(assets)}</asset>
-<worldbody>{"".join(bodies)}</worldbody>
-<contact>{"".join(pairs)}</contact>
+<worldbody>{"".join(bodies)}{"".join(geoms[-1])}</worldbody>
+<contact>{"".join(contacts)}</contact>
 </mujoco>"""
+
+
+def _hull_pairs(
+    scene: Scene, settings: dict[str, Any], geoms: list[list[str]], assets: list[str]
+) -> list[tuple[str, str]]:
+    """Voussoirs as convex meshes, each against its neighbours."""
+    half = 0.5 * settings["depth"]
+
+    def add(name: str, corners: NDArray, body: int) -> None:
+        vertices = " ".join(
+            f"{x!r} {y!r} {z!r}" for x, z in corners.tolist() for y in (-half, half)
+        )
+        assets.append(f'<mesh name="{name}" vertex="{vertices}"/>')
+        geoms[body].append(f'<geom name="{name}" type="mesh" mesh="{name}"/>')
+
+    centroid = scene.bodies().centroid
+    names = []
+    for i, outline in enumerate(scene.polygons()):
+        names.append(f"v{i}")
+        add(names[-1], outline - centroid[i], i)
+    supports = scene.supports()
+    for i, outline in enumerate(supports):
+        add(f"ground{i}", outline, -1)
+    names = ["ground0", *names, *(["ground1"] if len(supports) == 2 else [])]
+    return list(pairwise(names))
+
+
+def _corner_pairs(
+    scene: Scene, settings: dict[str, Any], geoms: list[list[str]], assets: list[str]
+) -> list[tuple[str, str]]:
+    """Two corners of the body behind each joint against the face of the body before it.
+
+    Corners are spheres of a millimetre, faces thin boxes that reach a little beyond the joint.
+    """
+    radius, reach, half = 1e-3, 0.05 * scene.thickness, 0.5 * settings["depth"]
+    inner, outer = scene.joint_lines()
+    centroid = np.vstack([scene.bodies().centroid, np.zeros(2)])
+    count = len(centroid) - 1
+    pairs = []
+    for joint in range(count if scene.chain["kind"] == "block" else count + 1):
+        along = outer[joint] - inner[joint]
+        length = float(np.hypot(*along))
+        along = along / length
+        normal = np.array([-along[1], along[0]])
+        inside = inner[joint + 1] - inner[joint] if joint < count else inner[joint] - inner[-2]
+        if normal @ inside < 0.0:
+            normal = -normal
+        middle = 0.5 * (inner[joint] + outer[joint])
+        before = joint - 1 if joint > 0 else count
+        after = joint if joint < count else count
+        x, z = (middle - 0.1 * length * normal - centroid[before]).tolist()
+        turn = -float(np.arctan2(along[1], along[0]))
+        geoms[before].append(
+            f'<geom name="face{joint}" type="box" pos="{x!r} 0 {z!r}" euler="0 {turn!r} 0" '
+            f'size="{0.5 * length + reach!r} {half!r} {0.1 * length!r}"/>'
+        )
+        for side, corner in enumerate((inner[joint], outer[joint])):
+            x, z = (corner + radius * normal - centroid[after]).tolist()
+            geoms[after].append(
+                f'<geom name="corner{joint}_{side}" type="sphere" pos="{x!r} 0 {z!r}" '
+                f'size="{radius!r}"/>'
+            )
+            pairs.append((f"face{joint}", f"corner{joint}_{side}"))
+    return pairs
 
 
 def build(scene: Scene, dt: float, settings: dict[str, Any]) -> MujocoStepper:

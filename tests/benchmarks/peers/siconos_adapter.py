@@ -1,14 +1,15 @@
 """Siconos: planar Moreau-Jean time stepping of rigid bodies, Gauss-Seidel for the contacts."""
 
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-import siconos
 import siconos.kernel as sk
 import siconos.numerics as sn
 from numpy.typing import NDArray
 
 from peers.scene import STANDARD_GRAVITY, Scene
+
 # Sweeps stop far short of the tolerance where the default cap of 1,000 holds. Corners within
 # `activation` count as touching: without it rounding opens closed joints for a step.
 SETTINGS: dict[str, Any] = {
@@ -54,7 +55,8 @@ class _Corners:
         self.arm_before = corner - place[self.before]
         self.arm_after = corner - place[self.after]
         self.touching = [
-            [i for i in pair if i < count] for pair in zip(self.before.tolist(), self.after.tolist())
+            [i for i in pair if i < count]
+            for pair in zip(self.before.tolist(), self.after.tolist())
         ]
         self.columns = [
             slice(0 if before < count else 3, 6 if after < count else 3)
@@ -94,8 +96,8 @@ class SiconosStepper:
     """A scene in Siconos; the ground motion is a body force."""
 
     def __init__(self, scene: Scene, dt: float, settings: dict[str, Any]) -> None:
-        self.version = f"siconos {getattr(siconos, '__version__', '4.4')}"
-        self.unconverged: int | None = 0
+        self.version = f"siconos {version('siconos')}"
+        self.unconverged = 0
         self.tolerance = settings["tolerance"]
         bodies = scene.bodies()
         self.start = bodies.centroid

@@ -1,0 +1,323 @@
+"""The command `archfrag`: thin, and quick to answer because nothing is imported before use."""
+
+import functools
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+
+class _Group(click.Group):
+    """Commands whose own errors are one sentence and an exit code; others keep their traceback."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except Exception as error:
+            # Not imported yet means not raised: the import is too slow for --help.
+            errors = sys.modules.get("archfrag.errors")
+            if errors is None or not isinstance(error, errors.ArchfragError):
+                raise
+            if not getattr(error, "told", False):
+                click.echo(f"archfrag: error: {error}", err=True)
+            ctx.exit(error.exit_code)
+
+
+def _version(ctx: click.Context, parameter: click.Parameter, wanted: bool) -> None:
+    if wanted and not ctx.resilient_parsing:
+        import archfrag
+
+        click.echo(f"archfrag {archfrag.__version__}")
+        ctx.exit()
+
+
+@click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"]})
+@click.option("--version", is_flag=True, is_eager=True, expose_value=False, callback=_version,
+              help="Show the version and end.")  # fmt: skip
+def main() -> None:
+    """From earthquake records to collapse probabilities of masonry arches.
+
+    A study file says which arches, which records and which levels; `archfrag run STUDY` does
+    everything up to the report. The other commands are its steps, and answers for one arch.
+    """
+
+
+_json = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+_set = click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE",
+                    help="Override a key of the study file, e.g. --set method.dt=0.0005; paths "
+                    "are relative to the current folder. Repeatable.")  # fmt: skip
+_log = click.option("--log", "log_file", type=click.Path(path_type=Path),
+                    help="Write messages and errors to this file too.")  # fmt: skip
+_study = click.argument("study_file", metavar="STUDY", type=click.Path(path_type=Path))
+
+
+def _step(command: Callable) -> Callable:
+    """A step of a study: reads the study file, keeps a log, says in one line what it did."""
+
+    @functools.wraps(command)
+    def wrapped(
+        study_file: Path, overrides: tuple[str, ...], log_file: Path | None, **options: Any
+    ) -> None:
+        from archfrag.study.config import load_study
+        from archfrag.study.workflow import step_log
+
+        with step_log(log_file) as say:
+            command(load_study(study_file, overrides), say, **options)
+
+    return main.command()(_study(_set(_log(wrapped))))
+
+
+_GEOMETRY = (
+    ("radius", "mid-thickness radius of a circular arch [m]"),
+    ("embrace", "angle between the springings [degrees]"),
+    ("span", "of the centre line [m]"),
+    ("rise", "of the centre line [m]"),
+    ("thickness", "of the ring [m]"),
+    ("width", "of a block [m]"),
+    ("height", "of a block [m]"),
+    ("density", "of the masonry [kg/m3]"),
+    ("depth", "across the plane [m]"),
+)
+_PROFILES = ("circular", "segmental", "pointed", "elliptic", "catenary", "block")
+
+
+def _takes_arch(command: Callable) -> Callable:
+    """Options that give an arch: by numbers, or by its id in a study file."""
+
+    @functools.wraps(command)
+    def wrapped(study: Path | None, arch_id: str | None, **options: Any) -> None:
+        names = ["profile", "voussoirs", "friction", "straight", *(n for n, _ in _GEOMETRY)]
+        given = {name: options.pop(name) for name in names}
+        from archfrag.study.single import arch_by_numbers, arch_of_study
+
+        if study is not None:
+            arch = arch_of_study(study, arch_id)
+        else:
+            arch = arch_by_numbers(given)
+        command(arch, **options)
+
+    for name, text in reversed(_GEOMETRY):
+        wrapped = click.option(f"--{name}", type=float, help=text)(wrapped)
+    for option in (
+        click.option("--straight", is_flag=True, help="straight-sided voussoirs"),
+        click.option("--friction", type=float, help="Coulomb coefficient; inf: no sliding"),
+        click.option("--voussoirs", type=int, help="number of voussoirs"),
+        click.option("--profile", type=click.Choice(_PROFILES), default="circular",
+                     show_default=True),
+        click.option("--arch", "arch_id", metavar="ID", help="which arch of the study"),
+        click.option("--study", type=click.Path(path_type=Path), metavar="STUDY",
+                     help="take the arch from a study file"),
+    ):  # fmt: skip
+        wrapped = option(wrapped)
+    return wrapped
+
+
+@main.command()
+@_takes_arch
+@_json
+def onset(arch: Any, as_json: bool) -> None:
+    """How much steady ground acceleration an arch bears, and how it starts to move."""
+    from archfrag.simulate import onset as find_onset
+    from archfrag.study.single import onset_facts, onset_text
+
+    start = find_onset(arch)
+    click.echo(json.dumps(onset_facts(start)) if as_json else onset_text(start))
+
+
+@main.command()
+@_takes_arch
+@click.argument("record", type=click.Path(path_type=Path))
+@click.option("--unit", help="unit of the samples where the file does not say")
+@click.option("--component", help="horizontal component to take, e.g. E")
+@click.option("--scale", type=float, default=1.0, show_default=True, help="factor on the record")
+@click.option("--pga", type=float, help="peak to scale the record to [g], in place of --scale")
+@click.option("--method", default="auto", show_default=True)
+@click.option("--dt", type=float, help="time step [s]; the method's default if not given")
+@click.option("--rtol", type=float, default=1e-6, show_default=True)
+@click.option("--follow", type=float, default=20.0, show_default=True,
+              help="how long to go on past the record's end while the arch moves [s]")  # fmt: skip
+@_json
+def simulate(
+    arch: Any, record: Path, unit: str | None, component: str | None, scale: float,
+    pga: float | None, as_json: bool, **options: Any,
+) -> None:  # fmt: skip
+    """Move one arch by one record, until it rests or collapses."""
+    from archfrag.arch import STANDARD_GRAVITY
+    from archfrag.motions.read import read_motion
+    from archfrag.motions.scale import scale_factor
+    from archfrag.simulate import simulate as run_simulation
+    from archfrag.study.single import response_facts, response_text
+
+    motion = read_motion(record, unit=unit, component=component)
+    if pga is not None:
+        scale = scale_factor(motion, "PGA", pga * STANDARD_GRAVITY)
+    response = run_simulation(arch, motion, scale=scale, **options)
+    facts = response_facts(response, scale)
+    click.echo(json.dumps(facts) if as_json else response_text(response, scale))
+
+
+@main.group()
+def records() -> None:
+    """List, show and make ground-motion records."""
+
+
+@records.command(name="list")
+@click.argument("index", type=click.Path(path_type=Path), default=Path("records/index.csv"))
+@_json
+def list_records(index: Path, as_json: bool) -> None:
+    """Records of an INDEX (records/index.csv if not given)."""
+    from archfrag.study.single import index_rows
+
+    rows = index_rows(index)
+    if as_json:
+        click.echo(json.dumps(rows))
+        return
+    for row in rows:
+        facts = (f"{key} {row[key]}" for key in ("Mw", "distance_km", "unit") if row.get(key))
+        click.echo(f"{row['id']:24s} {', '.join(facts)}")
+
+
+@records.command()
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--unit", help="unit of the samples where the file does not say")
+@_json
+def show(files: tuple[Path, ...], unit: str | None, as_json: bool) -> None:
+    """Read record FILES and say what is in them and what was done to them."""
+    from archfrag.study.single import motion_facts, motion_text
+
+    facts = [entry for file in files for entry in motion_facts(file, unit)]
+    click.echo(json.dumps(facts) if as_json else "\n".join(map(motion_text, facts)))
+
+
+@records.command()
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="folder to write to")
+def make(out: Path) -> None:
+    """Make the synthetic motions that archfrag ships, with their index."""
+    from archfrag.motions.synthetic import make_suite
+
+    click.echo(f"{len(make_suite(out))} records and index.csv written to {out}")
+
+
+@main.command()
+@_study
+@_set
+@_json
+def validate(study_file: Path, overrides: tuple[str, ...], as_json: bool) -> None:
+    """Check a study file whole: keys, records, arches, output folder; runs nothing."""
+    from dataclasses import asdict
+
+    from archfrag.study.checks import check_study
+    from archfrag.study.config import load_study
+
+    summary = asdict(check_study(load_study(study_file, overrides)))
+    counts = ", ".join(f"{value} {key}" for key, value in summary.items() if key != "study")
+    click.echo(json.dumps(summary) if as_json else f"{study_file}: in order; {counts}")
+
+
+@main.command()
+def warmup() -> None:
+    """Compile the kernels now, so that nothing waits for it later."""
+    from archfrag.simulate import warmup as compile_kernels
+
+    click.echo(f"kernels ready after {compile_kernels():.1f} s")
+
+
+@main.command()
+@_study
+@_set
+@click.option("--resume", is_flag=True, help="Go on where a run was killed.")
+@click.option("--cores", type=click.IntRange(min=1), help="Cores to use; all if not given.")
+@click.option("--profile", type=click.Path(path_type=Path, exists=True, file_okay=False),
+              help="Snakemake profile, e.g. configs/profiles/slurm.")  # fmt: skip
+@click.option("--quiet", is_flag=True, help="Nothing but errors.")
+def run(study_file: Path, overrides: tuple[str, ...], **options: Any) -> None:
+    """Do all of a study that is not done yet: motions, simulations, cube, curves, report."""
+    from archfrag.study.config import load_study
+    from archfrag.study.workflow import run_study
+
+    typed = " ".join(["archfrag run", str(study_file), *(f"--set '{o}'" for o in overrides)])
+    report_file = run_study(load_study(study_file, overrides), typed=typed, **options)
+    if not options["quiet"]:
+        click.echo(f"report: {report_file}")
+
+
+@_step
+def motions(study: Any, say: Callable[[str], None]) -> None:
+    """Read the study's records, scale them, store them for the workers."""
+    from archfrag.study.records import prepare_motions
+
+    stored = prepare_motions(study)
+    say(f"motions: {len(stored)} records x {len(study.intensity.si)} levels ready")
+
+
+@_step
+@click.option("--batch", type=int, default=0, show_default=True, help="Which, counted from 0.")
+@click.option("--workers", type=click.IntRange(min=1), help="Processes; overrides the study.")
+@click.option("--quiet", is_flag=True, help="No progress bar.")
+def batch(
+    study: Any, say: Callable[[str], None], batch: int, workers: int | None, quiet: bool
+) -> None:
+    """Run the simulations of a batch; those that are done are kept."""
+    from archfrag.study.batch import run_batch
+
+    log = run_batch(study, batch, workers, quiet)
+    count = study.execution.batches
+    say(
+        f"batch {batch + 1} of {count}: {log.runs} runs, {log.kept} of them kept from before, "
+        f"{log.wall_time:.1f} s on {log.workers} workers"
+    )
+
+
+@_step
+def cube(study: Any, say: Callable[[str], None]) -> None:
+    """Gather the results into one CF netCDF cube."""
+    from archfrag.study.cube import write_cube, write_timings
+
+    path = write_cube(study)
+    write_timings(study)
+    say(f"cube: {path}")
+
+
+@_step
+@_json
+def fit(study: Any, say: Callable[[str], None], as_json: bool) -> None:
+    """Fit a fragility curve to each arch of the cube."""
+    from archfrag.study.fits import FITS, fit_cube, fit_sentence
+
+    for name, curve in fit_cube(study).items():
+        say(f"fit: {fit_sentence(study, name, curve)}")
+    if as_json:
+        click.echo((study.folder / FITS).read_text(encoding="utf-8"))
+
+
+@_step
+def report(study: Any, say: Callable[[str], None]) -> None:
+    """Write the report: one HTML file that needs no network."""
+    import pandas as pd
+
+    from archfrag.report.page import ReportInputs, write_report
+    from archfrag.simulate import onset as find_onset
+    from archfrag.study.cube import CUBE, TIMINGS
+    from archfrag.study.fits import FITS, load_fits, open_cube
+    from archfrag.study.records import load_prepared, load_record
+
+    open_cube(study).close()
+    built = [(entry.id, entry.build()) for entry in study.arches]
+    timings = study.folder / TIMINGS
+    inputs = ReportInputs(
+        cube=study.folder / CUBE,
+        measure=study.intensity.measure,
+        motions=[load_record(study, record) for record in load_prepared(study)],
+        arches=[(name, arch, find_onset(arch)) for name, arch in built],
+        fits=load_fits(study.folder / FITS),
+        timings=pd.read_csv(timings) if timings.is_file() else None,
+        title=study.title,
+    )
+    say(f"report: {write_report(inputs, study.folder / 'report.html')}")
+
+
+if __name__ == "__main__":
+    main()

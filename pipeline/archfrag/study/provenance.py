@@ -1,0 +1,130 @@
+"""Where results come from: one part that belongs in the cube, one that belongs in a log."""
+
+import contextlib
+import json
+import math
+import os
+import platform
+import socket
+import subprocess
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import archfrag
+from archfrag.study.config import Study
+from archfrag.study.files import PACKAGE, write_text
+from archfrag.study.plan import Plan
+
+_PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "obspy", "netCDF4")
+
+
+def portable_config(study: Study) -> dict[str, Any]:
+    """What a study says of its results: without folders and without how it is executed."""
+    return {
+        "id": study.id,
+        "title": study.title,
+        "arches": [{"id": entry.id, **entry.build().parameters} for entry in study.arches],
+        "intensity": {**study.intensity.model_dump(), "levels": list(study.intensity.given)},
+        "method": study.method.model_dump(),
+    }
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that results pass through."""
+    found = {"archfrag": archfrag.__version__, "python": platform.python_version()}
+    for name in _PACKAGES:
+        with contextlib.suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found
+
+
+def commit() -> str:
+    """Git commit of the checkout that this package runs from, "-dirty" if it has changes.
+
+    Without a checkout ARCHFRAG_COMMIT of the environment, which those who install from an
+    archive may set, or else "unknown".
+    """
+    checkout = PACKAGE.parents[1]
+    if (checkout / ".git").exists():
+        try:
+            found = subprocess.run(
+                ["git", "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty"],
+                cwd=checkout,
+                capture_output=True,
+                text=True,
+                timeout=20,
+            )
+        except (OSError, subprocess.TimeoutExpired):
+            return "unknown"
+        if found.returncode == 0:
+            return found.stdout.strip()
+    return os.environ.get("ARCHFRAG_COMMIT", "unknown")
+
+
+def attributes(study: Study, plan: Plan) -> dict[str, str]:
+    """Global attributes of the cube: the same on every run of the same study with this code.
+
+    Returns
+    -------
+    dict
+        Mappings as strict JSON texts.
+    """
+    inputs = {record.source: record.sha256 for record in plan.records}
+    return {
+        "archfrag_study": study.id,
+        "archfrag_config": strict_json(portable_config(study)),
+        "archfrag_inputs_sha256": strict_json(inputs),
+        "archfrag_versions": strict_json(versions()),
+        "archfrag_commit": commit(),
+        "archfrag_machine": platform.machine(),
+        "archfrag_plan": plan.identity,
+    }
+
+
+def strict_json(value: Any) -> str:
+    """JSON that every reader takes: infinity as "inf"."""
+    return json.dumps(finite(value), ensure_ascii=False, allow_nan=False)
+
+
+def finite(value: Any) -> Any:
+    """The value with text in the place of floats that JSON does not know."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    if isinstance(value, dict):
+        return {key: finite(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(entry) for entry in value]
+    return value
+
+
+def available_cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def machine() -> dict[str, Any]:
+    """Where it runs, for the log."""
+    return {
+        "host": socket.gethostname(),
+        "system": platform.platform(),
+        "cores": available_cores(),
+    }
+
+
+def add_to_log(folder: Path, entry: dict[str, Any]) -> None:
+    """Add an entry to ``run_log.json`` in an output folder.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    path = folder / "run_log.json"
+    entries: list[Any] = []
+    with contextlib.suppress(OSError, ValueError):
+        entries = json.loads(path.read_text(encoding="utf-8"))
+    entries.append(entry)
+    write_text(path, json.dumps(entries, indent=1) + "\n")

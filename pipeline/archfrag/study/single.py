@@ -1,0 +1,159 @@
+"""Answers for one arch or one record, as facts for scripts and as text for people."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from archfrag.errors import InputError, StudyError
+from archfrag.study.arches import ArchEntry
+from archfrag.study.config import load_study
+from archfrag.study.provenance import finite
+from archfrag.study.sentences import first_sentence
+
+if TYPE_CHECKING:
+    from archfrag.arch import Arch
+    from archfrag.simulate import Onset, Response
+
+
+def arch_of_study(path: Path, name: str | None) -> "Arch":
+    """An arch of a study file; its only one if `name` is None.
+
+    Raises
+    ------
+    StudyError
+        If it has no arch of that name, or several and none is named.
+    """
+    entries = {entry.id: entry for entry in load_study(path).arches}
+    if name is None and len(entries) == 1:
+        return next(iter(entries.values())).build()
+    if name not in entries:
+        wanted = "--arch is missing" if name is None else f"--arch {name}: there is none"
+        raise StudyError(f"{path}: {wanted}; the study has {', '.join(entries)}")
+    return entries[name].build()
+
+
+def arch_by_numbers(options: dict[str, Any]) -> "Arch":
+    """An arch from the options of the command line, None where not given.
+
+    Raises
+    ------
+    InputError
+        If one is missing or belongs to another profile.
+    GeometryError
+        If the arch cannot exist.
+    """
+    given = {key: value for key, value in options.items() if value is not None}
+    if given.pop("straight"):
+        given["sector"] = False
+    given["id"] = "arch"
+    try:
+        entry = TypeAdapter(ArchEntry).validate_python(given)
+    except ValidationError as error:
+        raise InputError(
+            f"--profile {given['profile']}: {first_sentence(error, given)}; give the arch by "
+            "options such as --radius, or take one by --study STUDY --arch ID"
+        ) from error
+    return entry.build()
+
+
+def onset_facts(start: "Onset") -> dict[str, Any]:
+    """Rest range [g] and mechanisms, ready for JSON."""
+    facts = {
+        name: getattr(start, name)
+        for name in ("stands", "plus", "minus", "hinges", "sliding", "hinges_minus",
+                     "sliding_minus")
+    }  # fmt: skip
+    return finite(facts)
+
+
+def onset_text(start: "Onset") -> str:
+    """Rest range and mechanisms in a few lines."""
+    if not start.stands:
+        return "does not stand under its own weight"
+    lines = []
+    for sense, value, hinges, sliding in (
+        ("+x", start.plus, start.hinges, start.sliding),
+        ("-x", start.minus, start.hinges_minus, start.sliding_minus),
+    ):
+        parts = [f"joint {joint} {side}" for joint, side in hinges]
+        parts += [f"joint {joint} slides" for joint in sliding]
+        how = f": {', '.join(parts)}" if parts else ""
+        bears = "any acceleration" if math.isinf(value) else f"{value:.4f} g"
+        lines.append(f"ground towards {sense}: moves from {bears}{how}")
+    return "\n".join(lines)
+
+
+def response_facts(response: "Response", scale: float) -> dict[str, Any]:
+    """What one run did, ready for JSON."""
+    names = (
+        "collapsed", "collapse_time", "collapse_joint", "collapse_mode", "peak_rotation",
+        "peak_displacement", "events", "model_time", "energy_error", "energy", "end_time",
+        "steps", "fallbacks", "residual", "method", "wall_time",
+    )  # fmt: skip
+    facts = {name: getattr(response, name) for name in names}
+    facts = {"status": response.status.name.lower(), "scale": scale, **facts}
+    return {key: None if value != value else value for key, value in facts.items()}
+
+
+def response_text(response: "Response", scale: float) -> str:
+    """What one run did in a few lines."""
+    from archfrag.errors import STATUS_SENTENCE
+
+    lines = [f"{response.status.name.lower()}: {STATUS_SENTENCE[response.status]}"]
+    if response.collapsed:
+        lines.append(
+            f"collapse at {response.collapse_time:.3f} s by {response.collapse_mode} at joint "
+            f"{response.collapse_joint}"
+        )
+    lines += [
+        f"scale {scale:.6g}, end at {response.end_time:.3f} s",
+        f"peak rotation {response.peak_rotation:.4g} rad, peak displacement "
+        f"{response.peak_displacement:.4g} m",
+        f"energy error {response.energy_error:.2g}, contact residual {response.residual:.2g}",
+        f"{response.method}: {response.steps} steps in {response.wall_time:.2f} s",
+    ]
+    return "\n".join(lines)
+
+
+def index_rows(path: Path) -> list[dict[str, Any]]:
+    """Rows of an index of records."""
+    from archfrag.motions.index import load_index
+
+    return [
+        {"id": entry.id, "file": str(entry.path), "unit": entry.unit, **entry.metadata}
+        for entry in load_index(path)
+    ]
+
+
+def motion_facts(path: Path, unit: str | None) -> list[dict[str, Any]]:
+    """Measures [SI], sampling and processing of each horizontal component of a file."""
+    from archfrag.motions.measures import measure
+    from archfrag.motions.read import read_motions
+
+    return [
+        {
+            "id": motion.id,
+            "samples": motion.acceleration.size,
+            "dt": motion.dt,
+            "duration": motion.duration,
+            "vertical": motion.vertical is not None,
+            **{name: measure(motion, name) for name in ("PGA", "PGV", "Arias", "D5_95")},
+            "log": list(motion.log),
+        }
+        for motion in read_motions(path, unit)
+    ]
+
+
+def motion_text(facts: dict[str, Any]) -> str:
+    """Facts of one component in a few lines."""
+    from archfrag.arch import STANDARD_GRAVITY
+
+    lines = [
+        f"{facts['id']}: {facts['samples']} samples at {facts['dt']:g} s, "
+        f"{facts['duration']:.2f} s" + (", with vertical" if facts["vertical"] else ""),
+        f"  PGA {facts['PGA'] / STANDARD_GRAVITY:.4f} g, PGV {100 * facts['PGV']:.2f} cm/s, "
+        f"Arias {facts['Arias']:.4g} m/s, D5-95 {facts['D5_95']:.2f} s",
+    ]
+    return "\n".join([*lines, *(f"  {step}" for step in facts["log"])])

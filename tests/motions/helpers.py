@@ -1,0 +1,54 @@
+"""Small files that the tests write themselves, and the real ones that may lie beside the repo."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+REAL_RECORDS = Path(__file__).resolve().parents[3] / "shared" / "records"
+SHIPPED = Path(__file__).resolve().parents[2] / "records"
+
+needs_real_records = pytest.mark.skipif(
+    not (REAL_RECORDS / "manifest.csv").is_file(),
+    reason="the real records of ../shared/records are not beside this repository",
+)
+
+FOURTH_LINES = (
+    "NPTS= {count:6d}, DT=   {dt:.4f} SEC,",
+    "NPTS=  {count}, DT= {dt:.5f} SEC",
+    "{count}    {dt:.4f}    NPTS, DT",
+    "NPTS=   {count}, DT=   {dt:.4f} SEC,   0 POLE @    13.90000 HZ,  -5 POLE @      .10000",
+)
+
+
+def at2_text(
+    samples, dt=0.01, *, count=None, unit="G", fourth=FOURTH_LINES[0], component="180", end="\n"
+):
+    """AT2 file with five samples a row, as PEER writes them."""
+    rows = [
+        "".join(f"{value:15.7E}" for value in samples[first : first + 5])
+        for first in range(0, len(samples), 5)
+    ]
+    header = [
+        "PEER NGA STRONG MOTION DATABASE RECORD",
+        f"Imperial Valley-02, 5/19/1940, El Centro Array #9, {component}",
+        f"ACCELERATION TIME SERIES IN UNITS OF {unit}",
+        fourth.format(count=len(samples) if count is None else count, dt=dt),
+    ]
+    return end.join([*header, *rows]) + end
+
+
+def wave(count=400, dt=0.01, frequency=1.5):
+    """A sine that grows and dies away, and starts and ends at zero."""
+    time = np.arange(count) * dt
+    return np.sin(2.0 * np.pi * frequency * time) * np.sin(np.pi * np.arange(count) / (count - 1))
+
+
+def real_rows(kind):
+    """Rows of the manifest of one format; none where the records are not at hand."""
+    import csv
+
+    if not (REAL_RECORDS / "manifest.csv").is_file():
+        return []
+    with open(REAL_RECORDS / "manifest.csv", newline="") as file:
+        return [row for row in csv.DictReader(file) if row["format"] == kind]
