@@ -217,8 +217,20 @@ class TestNumbers:
         per_second = 1e3 * 0.05 * study.cube["verdict"].size / simulated
         assert shown["wall time for one simulated second"] == f"{per_second:#.3g} ms"
         assert shown["wall time of a run, median and 95 %"] == "0.0500 s, 0.0500 s"
-        largest = float(study.cube["energy_error"].max())
+        kept = study.cube["verdict"] != Verdict.SOLVER_FAILURE
+        largest = float(study.cube["energy_error"].where(kept).max())
         assert shown["energy error, median and largest"].endswith(f", {largest:.1e}")
+
+    def test_residuals_of_failures_are_told_apart(self, study):
+        data = study.cube.copy(deep=True)
+        failed = data["verdict"] == Verdict.SOLVER_FAILURE
+        data["contact_residual"] = data["contact_residual"].where(~failed, 0.7)
+        page = lxml.html.document_fromstring(render(replace(study, cube=data)))
+        shown = dict(table(page, "Speed and energy figures of ring")[1])
+        kept = float(data["contact_residual"].where(~failed).max())
+        assert shown["contact residual, median and largest"].endswith(f", {kept:.1e}")
+        told = shown["contact residual of solver failures, median and largest"]
+        assert told == "7.0e-01, 7.0e-01"
 
     def test_no_timings_no_wall_time(self, study):
         page = lxml.html.document_fromstring(render(replace(study, timings=None)))

@@ -22,7 +22,7 @@ times its slip. The two agree wherever nothing slides; a case where they differ 
 
 import numpy as np
 
-from archfrag.mechanics.compile import kernel
+from archfrag.mechanics.compile import allocating
 from archfrag.mechanics.delassus import (
     TOLERANCE,
     Contacts,
@@ -48,7 +48,7 @@ SOLVED = int(Status.STANDING)
 UNSOLVED = int(Status.NO_CONTACT_SOLUTION)
 
 
-@kernel
+@allocating
 def solve_contact(mass, inertia, contacts, friction, free_velocity, work):
     """Solve one contact problem.
 

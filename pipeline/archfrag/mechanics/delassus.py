@@ -52,7 +52,7 @@ class ContactWork(NamedTuple):
     size: np.ndarray  # (n_joint,) rows of the present mode
     row: np.ndarray  # (n_joint, 3, 3) constrained directions of the present mode
     column: np.ndarray  # (n_joint, 3, 3) reaction directions of the present mode
-    factor: np.ndarray  # (n_joint, 3, 3) factorised pivot blocks
+    factor: np.ndarray  # (n_joint, 3, 3) factorised blocks, reciprocals on the diagonal
     exchange: np.ndarray  # (n_joint, 3) int8: row exchanges of the factorisation
     lower: np.ndarray  # (n_joint, 3, 3) block of joint j with joint j - 1, in the modes
     upper: np.ndarray  # (n_joint, 3, 3) eliminated block of joint j with joint j + 1
@@ -222,11 +222,11 @@ def _factorise_block(f, exchange, n):
         if p != k:
             for c in range(n):
                 f[k, c], f[p, c] = f[p, c], f[k, c]
-        pivot = f[k, k]
-        if pivot == 0.0:
+        if f[k, k] == 0.0:
             return False
+        f[k, k] = 1.0 / f[k, k]
         for i in range(k + 1, n):
-            f[i, k] /= pivot
+            f[i, k] *= f[k, k]
             for c in range(k + 1, n):
                 f[i, c] -= f[i, k] * f[k, c]
     return True
@@ -244,17 +244,17 @@ def _solve_block(f, exchange, n, x0, x1, x2):
             x1, x2 = x2, x1
         x1 -= f[1, 0] * x0
         x2 -= f[2, 0] * x0 + f[2, 1] * x1
-        x2 /= f[2, 2]
-        x1 = (x1 - f[1, 2] * x2) / f[1, 1]
-        x0 = (x0 - f[0, 1] * x1 - f[0, 2] * x2) / f[0, 0]
+        x2 *= f[2, 2]
+        x1 = (x1 - f[1, 2] * x2) * f[1, 1]
+        x0 = (x0 - f[0, 1] * x1 - f[0, 2] * x2) * f[0, 0]
     elif n == 2:
         if exchange[0] == 1:
             x0, x1 = x1, x0
         x1 -= f[1, 0] * x0
-        x1 /= f[1, 1]
-        x0 = (x0 - f[0, 1] * x1) / f[0, 0]
+        x1 *= f[1, 1]
+        x0 = (x0 - f[0, 1] * x1) * f[0, 0]
     elif n == 1:
-        x0 /= f[0, 0]
+        x0 *= f[0, 0]
     return x0, x1, x2
 
 
@@ -439,7 +439,7 @@ def solve_modes(mass, inertia, contacts, friction, free_velocity, work, scale, c
         work.reaction[j, 0] = work.reaction[j, 1] = work.reaction[j, 2] = 0.0
     if not factorise(work, compliance):
         return np.inf
-    apply_reactions(mass, inertia, contacts, free_velocity, work)
+    relative_velocity(contacts, free_velocity, work.pivot, work.relative)
     left = constrained_rest(contacts, work)
     for _ in range(MAX_REFINEMENTS if exact else 1):
         substitute(work, work.unknown)

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from archfrag.mechanics.compile import kernel
+from archfrag.mechanics.compile import allocating, kernel
 
 
-@kernel
+@allocating
 def cumulative_impulse(acceleration, time_step):
     """Integral of a piecewise-linear acceleration up to each sample, (n_sample,) [m/s]."""
     out = np.zeros(acceleration.size)

@@ -12,7 +12,7 @@ chain, with a block-tridiagonal solution for each piece.
 
 import numpy as np
 
-from archfrag.mechanics.compile import kernel
+from archfrag.mechanics.compile import allocating, kernel
 from archfrag.mechanics.delassus import (
     apply_reactions,
     constrained_rest,
@@ -135,7 +135,7 @@ def _solve_at(mass, inertia, contacts, free_velocity, work, value, target, frict
         piece_functions(j, contacts, friction, work, value[j], target[j])
 
 
-@kernel
+@allocating
 def follow_path(mass, inertia, contacts, friction, free_velocity, work, scale, compliance, limit):
     """Follow the solution from all joints open to the problem's own.
 

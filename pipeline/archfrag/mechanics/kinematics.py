@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from archfrag.mechanics.compile import kernel
+from archfrag.mechanics.compile import allocating, kernel
 from archfrag.mechanics.delassus import Contacts
 
 COINCIDENT = 1e-9
@@ -35,12 +35,14 @@ def move_faces(chain, position, before, after):
                 fx, fy = chain.face_before[body + 1, k, 0], chain.face_before[body + 1, k, 1]
                 before[body + 1, k, 0] = x + c * fx - s * fy
                 before[body + 1, k, 1] = y + s * fx + c * fy
-    before[0] = chain.face_before[0]
-    if n_joint > n_body:
-        after[n_body] = chain.face_after[n_body]
+    for k in range(2):
+        for c in range(2):
+            before[0, k, c] = chain.face_before[0, k, c]
+            if n_joint > n_body:
+                after[n_body, k, c] = chain.face_after[n_body, k, c]
 
 
-@kernel
+@allocating
 def joint_lengths(chain):
     """Shorter of the two faces of each joint, (n_joint,) [m]."""
     n_joint = chain.friction.size

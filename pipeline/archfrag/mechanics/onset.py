@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.compile import kernel
+from archfrag.mechanics.compile import allocating
 
 FEASIBLE = 1e-12
 BOX = 1e5
@@ -33,7 +33,7 @@ class RestLimit(NamedTuple):
     iterations: int
 
 
-@kernel
+@allocating
 def joint_inequalities(mass, centroid, point, normal, candidate, friction, gravity, free_end):
     """Inequalities ``a x <= b`` that the four unknowns must fulfil for rest.
 
@@ -123,7 +123,7 @@ def joint_inequalities(mass, centroid, point, normal, candidate, friction, gravi
     return a[:count], b[:count], joint[:count], kind[:count], weight, size
 
 
-@kernel
+@allocating
 def _solve_small(matrix, right, transpose, out):
     n = right.size
     m = matrix.T.copy() if transpose else matrix.copy()
@@ -151,7 +151,7 @@ def _solve_small(matrix, right, transpose, out):
     return True
 
 
-@kernel
+@allocating
 def largest_load_factor(a, b, sense):
     """Dual simplex: maximise ``sense * x[3]`` subject to ``a x <= b`` in four unknowns.
 
@@ -213,7 +213,7 @@ def largest_load_factor(a, b, sense):
     return False, x, active, multiplier, -1
 
 
-@kernel
+@allocating
 def rest_limit(mass, centroid, point, normal, candidate, friction, gravity, sense):
     """One end of the rest range of a chain in a given configuration.
 

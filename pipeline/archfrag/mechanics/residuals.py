@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from archfrag.mechanics.compile import kernel
+from archfrag.mechanics.compile import allocating, kernel
 from archfrag.mechanics.laws import MINUS, PLUS, cross, friction_ray
 
 
@@ -15,7 +15,7 @@ def _corner_free(contacts, j, corner, ux, uy):
     return max(0.0, -max(plus, minus))
 
 
-@kernel
+@allocating
 def joint_residual(j, contacts, friction, relative, reaction, pivot, scale, force_scale):
     """Smallest violation over the ways in which a joint can obey Signorini and Coulomb.
 
@@ -107,7 +107,7 @@ def joint_residual(j, contacts, friction, relative, reaction, pivot, scale, forc
     return best
 
 
-@kernel
+@allocating
 def contact_residual(contacts, friction, relative, reaction, pivot, scale, force_scale):
     """Largest `joint_residual` of a chain.
 

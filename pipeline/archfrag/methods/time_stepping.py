@@ -12,7 +12,7 @@ While the body force stays inside the rest range of the configuration nothing is
 
 import numpy as np
 
-from archfrag.mechanics.compile import kernel
+from archfrag.mechanics.compile import allocating
 from archfrag.mechanics.contact import solve_contact
 from archfrag.mechanics.delassus import (
     Contacts,
@@ -77,7 +77,7 @@ REACH = 5.0
 ROUNDING = 64 * 2.2e-16
 
 
-@kernel
+@allocating
 def _room(n_body, n_joint):
     block = (n_joint, 3, 3)
     work = ContactWork(
@@ -112,7 +112,7 @@ def _room(n_body, n_joint):
     return work, contacts
 
 
-@kernel
+@allocating
 def _rest_range(chain, position, before, after, slip, length, contacts):
     """Load factors between which the present configuration would stay at rest."""
     place_contacts(position, before, after, slip, length, contacts)
@@ -147,7 +147,7 @@ def _rest_range(chain, position, before, after, slip, length, contacts):
     return minus.found, plus.load_factor, -minus.load_factor
 
 
-@kernel
+@allocating
 def _write_frame(frames, n_frame, time, position, centroid, velocity, work, dt):
     if n_frame < frames.time.size:
         frames.time[n_frame] = time
@@ -162,7 +162,7 @@ def _write_frame(frames, n_frame, time, position, centroid, velocity, work, dt):
     return n_frame
 
 
-@kernel
+@allocating
 def run(chain, ground, position, velocity, from_rest, options, frames):
     """Integrate one chain under one ground motion; the signature of every method.
 
@@ -226,7 +226,7 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
                 slip[j] = 0.0
     at_rest = found
     rest_from = 0.0
-    first_half = not from_rest
+    first_half = True
 
     time = 0.0
     status = UNFINISHED
@@ -257,6 +257,7 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
             rest_time += leave - rest_from
             time = leave
             at_rest = False
+            first_half = True
             velocity[:] = 0.0
             work.mode[:] = old_mode
             n_frame = _write_frame(

@@ -285,7 +285,8 @@ def numerics(results: ArchResults, name: str) -> Picture:
         "shares of simulated time by model and level",
         caption="Energy error: what is missing in the energy account, relative to the largest "
         "kinetic energy of the run. Contact residual: largest violation of Signorini's and "
-        f"Coulomb's laws, dimensionless. Values below {_FLOOR:g} are shown at {_FLOOR:g}.",
+        f"Coulomb's laws, dimensionless. Values below {_FLOOR:g} are shown at {_FLOOR:g}; "
+        "solver failures are included.",
     )  # fmt: skip
 
 

@@ -16,6 +16,7 @@ from archfrag.fragility.bands import (
     clopper_pearson,
     theta_interval,
 )
+from archfrag.fragility.counts import Verdict
 from archfrag.fragility.fit import Fragility, fit_stripes
 from archfrag.report.summary import ArchResults
 
@@ -175,9 +176,19 @@ def quality(results: ArchResults, timings: pd.DataFrame | None) -> Table:
         ]
         for i, model in enumerate(results.models)
     ]
+    failed = results.verdict == Verdict.SOLVER_FAILURE
     rows += [
-        ["energy error, median and largest", _median_and_largest(results.energy_error)],
-        ["contact residual, median and largest", _median_and_largest(results.residual)],
+        ["energy error, median and largest", _median_and_largest(results.energy_error[~failed])],
+        ["contact residual, median and largest", _median_and_largest(results.residual[~failed])],
+    ]
+    if failed.any():
+        rows.append(
+            [
+                "contact residual of solver failures, median and largest",
+                _median_and_largest(results.residual[failed]),
+            ]
+        )
+    rows += [
         ["uses of the relaxation fallback", f"{results.fallbacks.sum():,}"],
     ]
     return Table(["figure", "value"], rows)

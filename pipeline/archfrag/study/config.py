@@ -2,6 +2,7 @@
 
 import copy
 import json
+import os
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -306,7 +307,7 @@ def _anchor(given: dict[str, Any], folder: Path) -> None:
 
     def absolute(value: Any) -> Any:
         if isinstance(value, str) and value:
-            return str((folder / Path(value).expanduser()).absolute())
+            return os.path.abspath(folder / Path(value).expanduser())
         return value
 
     def file_set(value: Any) -> Any:

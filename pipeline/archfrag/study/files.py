@@ -40,11 +40,11 @@ def make_folder(path: Path) -> Path:
 
 
 @contextlib.contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replacing(path: Path, lasting: bool = True) -> Iterator[Path]:
     """Give a temporary name in the same folder and, if all goes well, put it in `path`'s place.
 
-    The bytes are on the disk before the name is: neither a kill nor a power cut leaves half a
-    file under `path`.
+    The bytes are on the disk before the name is, unless not `lasting`: then a kill, but not a
+    power cut, leaves the file whole.
 
     Raises
     ------
@@ -57,16 +57,12 @@ def replacing(path: Path) -> Iterator[Path]:
         os.close(handle)
         temporary = Path(name)
         yield temporary
-        with open(temporary, "rb+") as file:
-            os.fsync(file.fileno())
+        if lasting:
+            with open(temporary, "rb+") as file:
+                os.fsync(file.fileno())
         temporary.chmod(0o644)
         os.replace(temporary, path)
         temporary = None
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
     except OSError as error:
         raise cannot_write(path, error) from error
     finally:

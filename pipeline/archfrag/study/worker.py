@@ -87,7 +87,7 @@ def run_chunk(plan_path: str, chunk: int) -> dict[str, float]:
         f"{run},{response.steps},{response.wall_time:.6f}\n"
         for run, response in zip(plan.rows(chunk), responses)
     ]
-    with replacing(plan.timing(chunk)) as temporary:
+    with replacing(plan.timing(chunk), lasting=False) as temporary:
         temporary.write_text("".join(lines), encoding="utf-8")
     # Linux counts in KiB, macOS in bytes.
     unit = 2**20 if sys.platform == "darwin" else 2**10

@@ -1,0 +1,52 @@
+"""A study of a few fast runs, for the tests of study and workflow."""
+
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+TEXT = """\
+id: small
+title: A small study
+output: out
+arches:
+  - {id: ring, profile: circular, radius: 10.0, thickness: 1.5, embrace: 157.5, voussoirs: 7,
+     friction: 0.7}
+  - {id: slab, profile: block, width: 0.4, height: 2.0, friction: .inf}
+motions:
+  files: ["records/*.AT2"]
+intensity:
+  measure: PGA
+  unit: g
+  levels: [0.1, 0.6, 1.2]
+method: {name: time_stepping, dt: 2.0e-3, follow: 2.0}
+execution: {chunk: 2, workers: 2}
+"""
+
+
+def write_at2(path: Path, acceleration: np.ndarray, dt: float) -> Path:
+    """Record in PEER's AT2, samples in g."""
+    rows = "\n".join(f"{value: .7E}" for value in acceleration)
+    path.write_text(
+        "PEER NGA STRONG MOTION DATABASE RECORD\nTest, 1/1/2000, Nowhere, 0\n"
+        f"ACCELERATION TIME SERIES IN UNITS OF G\nNPTS= {acceleration.size:5d}, DT= {dt:.4f} SEC\n"
+        f"{rows}\n",
+        encoding="ascii",
+    )
+    return path
+
+
+def small_study(folder: Path, text: str = TEXT, name: str = "small.yaml") -> Path:
+    """Write a study file and two records of a second and a half."""
+    (folder / "records").mkdir(parents=True, exist_ok=True)
+    time = np.arange(150) * 0.01
+    for number, frequency in enumerate((1.3, 2.1)):
+        wave = 0.3 * np.sin(2 * np.pi * frequency * time) * np.sin(np.pi * time / 1.5)
+        write_at2(folder / "records" / f"wave{number}.AT2", wave, 0.01)
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+def files(folder: Path) -> dict[str, bytes]:
+    """Names and contents of all files of a folder, hidden ones too."""
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}

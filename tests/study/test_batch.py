@@ -1,0 +1,175 @@
+"""Batches on dask workers: same results for any number of them, losses survived or told."""
+
+import os
+import signal
+import threading
+import time
+
+import psutil
+import pytest
+
+from archfrag.errors import InputError, StabilityError, WorkerError
+from archfrag.study import batch as batch_module
+from archfrag.study.batch import longest_first, run_batch
+from archfrag.study.checks import check_arches
+from archfrag.study.config import load_study
+from archfrag.study.parts import read_part
+from tests.study.small import files, small_study
+
+
+def parts_of(folder):
+    return {k: v for k, v in files(folder / "parts").items() if k.endswith(".npz")}
+
+
+def worker_processes():
+    """Processes that dask started for this one; not the trackers of multiprocessing."""
+    children = psutil.Process().children(recursive=True)
+    return [child for child in children if "spawn_main" in " ".join(child.cmdline())]
+
+
+class Killer(threading.Thread):
+    """Kills workers as soon as the first part is there: one of them, or whoever comes."""
+
+    def __init__(self, folder, every):
+        super().__init__(daemon=True)
+        self.folder, self.every, self.killed = folder, every, 0
+        self.stop = threading.Event()
+
+    def run(self):
+        while not self.stop.is_set():
+            if list(self.folder.glob("parts/0*.npz")):
+                for process in worker_processes()[: None if self.every else 1]:
+                    os.kill(process.pid, signal.SIGKILL)
+                    self.killed += 1
+                if not self.every:
+                    return
+            time.sleep(0.05)
+
+
+def test_one_worker_gives_the_same_parts_as_two(done, copied):
+    for path in copied.study.folder.glob("parts/*.npz"):
+        path.unlink()
+    log = run_batch(copied.study, workers=1, quiet=True)
+    assert (log.workers, log.runs, log.kept) == (1, 12, 0)
+    assert done.log.workers == 2
+    assert len(log.peak_memory) == 1
+    assert os.getpid() not in map(int, log.peak_memory)
+    assert parts_of(copied.study.folder) == parts_of(done.study.folder)
+    assert len(parts_of(copied.study.folder)) == 6
+
+
+def test_workers_stay_small(done):
+    assert len(done.log.peak_memory) >= 1
+    assert max(done.log.peak_memory.values()) < 400.0
+
+
+def test_workers_import_neither_obspy_nor_matplotlib():
+    import subprocess
+    import sys
+
+    code = (
+        "import sys; import archfrag.study.worker, archfrag.simulate, distributed.nanny; "
+        "print([n for n in ('obspy', 'matplotlib', 'xarray', 'netCDF4') if n in sys.modules])"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"
+
+
+def test_finished_parts_are_kept_and_only_the_others_made(done, copied):
+    plan = copied.plan
+    plan.part(1).unlink()
+    plan.part(4).write_bytes(b"torn")
+    os.utime(plan.part(0), (1, 1))
+    log = run_batch(copied.study, workers=2, quiet=True)
+    assert (log.runs, log.kept) == (12, 8)
+    assert plan.part(0).stat().st_mtime == 1
+    assert parts_of(copied.study.folder) == parts_of(done.study.folder)
+
+
+def test_nothing_to_do_starts_no_workers(copied, monkeypatch):
+    monkeypatch.setattr(batch_module, "_client", None)
+    log = run_batch(copied.study, quiet=True)
+    assert (log.kept, log.workers) == (12, 0)
+
+
+def test_batches_share_the_runs(copied):
+    study = copied.study
+    execution = study.execution.model_copy(update={"batches": 5})
+    study = study.model_copy(update={"execution": execution})
+    logs = [run_batch(study, number, quiet=True) for number in range(5)]
+    assert [log.runs for log in logs] == [4, 2, 2, 2, 2]
+    with pytest.raises(InputError, match="--batch 5: must be from 0 to 4"):
+        run_batch(study, 5, quiet=True)
+
+
+def test_the_longest_chunks_go_first(done):
+    order = longest_first(done.plan, [0, 1, 2, 3])
+    assert sorted(order) == [0, 1, 2, 3]
+    from dataclasses import replace
+
+    longer = replace(done.plan.records[1], duration=1e3)
+    plan = replace(done.plan, records=(done.plan.records[0], longer))
+    assert longest_first(plan, [0, 1, 2, 3])[0] == 2
+
+
+def test_a_killed_worker_costs_nothing_but_time(done, copied):
+    for path in copied.study.folder.glob("parts/*.npz"):
+        path.unlink()
+    killer = Killer(copied.study.folder, every=False)
+    killer.start()
+    run_batch(copied.study, workers=2, quiet=True)
+    killer.join(10.0)
+    assert killer.killed == 1
+    assert parts_of(copied.study.folder) == parts_of(done.study.folder)
+
+
+def test_workers_killed_again_and_again_end_the_batch(copied, monkeypatch):
+    monkeypatch.setattr(batch_module, "PATIENCE", 4.0)
+    for path in copied.study.folder.glob("parts/*.npz"):
+        path.unlink()
+    killer = Killer(copied.study.folder, every=True)
+    killer.start()
+    try:
+        with pytest.raises(WorkerError) as caught:
+            run_batch(copied.study, workers=2, quiet=True)
+    finally:
+        killer.stop.set()
+    assert caught.value.exit_code == 5
+    assert "killed" in str(caught.value)
+    assert str(caught.value).endswith(
+        "finished parts are kept, the same command with --resume goes on"
+    )
+    kept = [chunk for chunk in range(6) if read_part(copied.plan, chunk) is not None]
+    assert 1 <= len(kept) < 6
+    assert not [name for name in files(copied.study.folder / "parts") if name.endswith(".npz.tmp")]
+
+
+def test_a_scheduler_that_does_not_answer(copied):
+    copied.plan.part(0).unlink()
+    execution = copied.study.execution.model_copy(update={"scheduler": "tcp://127.0.0.1:1"})
+    study = copied.study.model_copy(update={"execution": execution})
+    with pytest.raises(WorkerError, match=r"execution.scheduler: tcp://127.0.0.1:1 cannot be used"):
+        run_batch(study, quiet=True)
+
+
+def test_disk_full_in_a_worker_is_told_and_keeps_the_finished_parts(copied):
+    """A folder in the place of a part stands for any failing write in another process."""
+    for path in copied.study.folder.glob("parts/*.npz"):
+        path.unlink()
+    copied.plan.part(5).mkdir()
+    from archfrag.errors import OutputError
+
+    with pytest.raises(OutputError) as caught:
+        run_batch(copied.study, workers=1, quiet=True)
+    assert str(caught.value).startswith(f"{copied.plan.part(5)}: cannot be written (")
+
+
+def test_arch_that_cannot_stand(tmp_path):
+    study = load_study(small_study(tmp_path), ["arches.0.thickness=0.2"])
+    with pytest.raises(StabilityError) as caught:
+        check_arches(study)
+    assert str(caught.value) == (
+        "arches[0] (ring): does not stand under its own weight; make it thicker or raise the "
+        "friction"
+    )
+    assert caught.value.exit_code == 3

@@ -1,0 +1,232 @@
+"""The cube: complete, CF-conforming, the same bytes from the same parts, small in memory."""
+
+import hashlib
+import json
+from dataclasses import replace
+
+import netCDF4
+import numpy as np
+import pytest
+import xarray as xr
+
+from archfrag.errors import InputError, OutputError
+from archfrag.study.cube import gather, write_cube, write_timings
+from archfrag.study.fits import fit_cube, fit_sentence, load_fits
+from archfrag.study.outcome import COLUMNS
+from archfrag.study.parts import read_part, write_part
+from archfrag.study.records import PreparedRecord
+from tests.study.small import files
+
+
+def sha256(path):
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@pytest.fixture(scope="module")
+def cube_file(done):
+    return write_cube(done.study)
+
+
+@pytest.fixture
+def cube(cube_file):
+    with xr.open_dataset(cube_file) as opened:
+        yield opened
+
+
+class TestContent:
+    def test_each_run_stands_where_its_part_says(self, done, cube):
+        plan = done.plan
+        for run in range(plan.n_run):
+            part, row = read_part(plan, run // plan.chunk), run % plan.chunk
+            place = dict(zip(("arch", "record", "level"), plan.case(run)))
+            for column in COLUMNS:
+                np.testing.assert_array_equal(
+                    cube[column.name].isel(place).values, part[column.name][row]
+                )
+            np.testing.assert_array_equal(
+                cube["model_time"].isel(place).values, part["model_time"][row]
+            )
+
+    def test_axes_can_be_selected_by_name(self, done, cube):
+        assert cube.sizes == {"arch": 2, "record": 2, "level": 3, "model": 2}
+        one = cube.sel(arch="ring", record="wave1", level=2)
+        assert one["record_file"].item() == "wave1.AT2"
+        assert one["record_sha256"].item() == done.plan.records[1].sha256
+        assert one["scale_factor"].item() == done.plan.records[1].factors[2]
+        assert one["intensity"].item() == pytest.approx(1.2 * 9.80665)
+
+    def test_every_variable_has_a_name_and_every_quantity_a_unit(self, cube_file):
+        with netCDF4.Dataset(cube_file) as raw:
+            for name, variable in raw.variables.items():
+                assert len(variable.long_name) > 5, name
+                text, flags = variable.dtype.kind == "S", hasattr(variable, "flag_values")
+                assert hasattr(variable, "units") != (text or flags), name
+                assert getattr(variable, "units", "") != "g", name
+                if flags:
+                    assert len(variable.flag_meanings.split()) == len(variable.flag_values)
+
+    def test_rest_range_is_the_arch_s(self, done, cube):
+        from archfrag.simulate import onset
+
+        start = onset(done.study.arches[0].build())
+        assert cube["onset_plus"].sel(arch="ring").item() == start.plus == pytest.approx(0.370, 1e-3)
+        assert cube["onset_minus"].sel(arch="slab").item() == pytest.approx(0.2)
+
+    def test_provenance_is_complete_and_knows_neither_time_nor_place(self, done, cube):
+        config = json.loads(cube.attrs["archfrag_config"])
+        assert config["arches"][1]["friction"] == "inf"
+        assert config["intensity"]["levels"] == [0.1, 0.6, 1.2]
+        assert json.loads(cube.attrs["archfrag_inputs_sha256"]) == {
+            record.source: record.sha256 for record in done.plan.records
+        }
+        assert {"archfrag", "python", "numpy", "numba"} <= set(
+            json.loads(cube.attrs["archfrag_versions"])
+        )
+        assert cube.attrs["Conventions"] == "CF-1.11"
+        everything = json.dumps({key: str(value) for key, value in cube.attrs.items()})
+        assert str(done.study.folder) not in everything
+        assert "workers" not in everything
+
+    def test_checker_finds_no_error(self, cube_file, tmp_path):
+        from compliance_checker.runner import CheckSuite, ComplianceChecker
+
+        CheckSuite.load_all_available_checkers()
+        report = tmp_path / "report.json"
+        _, crashed = ComplianceChecker.run_checker(
+            str(cube_file), ["cf:1.11"], verbose=0, criteria="normal",
+            output_filename=str(report), output_format="json",
+        )  # fmt: skip
+        assert not crashed
+        found = json.loads(report.read_text())["cf:1.11"]
+        assert found["high_count"] == 0, found["high_priorities"]
+        errors = [entry for entry in found["all_priorities"] if entry["weight"] == 3
+                  and entry["value"][0] < entry["value"][1]]  # fmt: skip
+        assert errors == []
+        assert len(found["all_priorities"]) > 5
+
+
+class TestFile:
+    def test_writing_again_gives_the_same_bytes(self, copied):
+        first = sha256(write_cube(copied.study))
+        assert sha256(write_cube(copied.study)) == first
+        table = read_part(copied.plan, 0)
+        table["peak_rotation"] = np.nextafter(table["peak_rotation"], 1.0)
+        write_part(copied.plan, 0, table)
+        assert sha256(write_cube(copied.study)) != first
+
+    def test_missing_parts_are_counted_and_the_command_told(self, copied):
+        copied.plan.part(1).unlink()
+        copied.plan.part(4).write_bytes(b"torn")
+        with pytest.raises(InputError) as caught:
+            write_cube(copied.study)
+        assert str(caught.value) == (
+            f"{copied.study.folder / 'parts'}: 2 of 6 parts are missing or damaged; `archfrag run` "
+            "with --resume on study 'small' makes them and the cube"
+        )
+        assert not (copied.study.folder / "cube.nc").exists()
+
+    def test_a_cube_of_another_study_is_left_alone(self, copied):
+        path = write_cube(copied.study)
+        before = path.read_bytes()
+        other = copied.study.model_copy(update={"id": "other"})
+        with pytest.raises(OutputError) as caught:
+            write_cube(other)
+        assert str(caught.value) == (
+            f"{path}: the cube of study 'small' is in the way of study 'other'; give the studies "
+            "different output folders, or move the file"
+        )
+        assert path.read_bytes() == before
+
+    def test_a_foreign_file_in_the_way_is_left_alone(self, copied):
+        path = copied.study.folder / "cube.nc"
+        path.write_bytes(b"a year of work")
+        with pytest.raises(OutputError, match="a file that is no cube of archfrag is in the way"):
+            write_cube(copied.study)
+        assert path.read_bytes() == b"a year of work"
+
+    def test_disk_full_leaves_the_old_cube(self, copied, full_disk):
+        path = write_cube(copied.study)
+        before = files(copied.study.folder)["cube.nc"] if path.is_file() else b""
+        with full_disk(at=1), pytest.raises(OutputError, match="No space left on device"):
+            write_cube(copied.study)
+        assert path.read_bytes() == before
+        assert not list(copied.study.folder.glob(".cube.nc*"))
+
+    def test_parts_of_different_ladders_are_not_mixed(self, copied):
+        table = read_part(copied.plan, 3)
+        table["model"] = np.array(["rest", "four_hinges"])
+        write_part(copied.plan, 3, table)
+        with pytest.raises(InputError, match="tells of other models than the parts before"):
+            write_cube(copied.study)
+
+    def test_wall_times_are_beside_the_cube(self, done, cube_file):
+        import pandas as pd
+
+        table = pd.read_csv(write_timings(done.study))
+        assert table["run"].tolist() == list(range(12))
+        assert (table["wall_time"] > 0.0).all()
+        with xr.open_dataset(cube_file) as cube:
+            np.testing.assert_array_equal(table["steps"], cube["steps"].values.ravel())
+
+
+@pytest.mark.slow
+def test_gathering_a_hundred_thousand_runs_takes_less_than_a_gibibyte(copied, tmp_path):
+    import subprocess
+    import sys
+
+    base = copied.plan.records[0]
+    n_record, n_level = 2000, 25
+    records = tuple(
+        PreparedRecord(**{**vars(base), "id": f"r{i}", "factors": (1.0,) * n_level})
+        for i in range(n_record)
+    )
+    plan = replace(
+        copied.plan, records=records, levels=tuple(float(i + 1) for i in range(n_level)), chunk=200
+    )
+    assert plan.n_run == 100_000
+    seed = read_part(copied.plan, 0)
+    table = {
+        name: values if name == "model" else np.repeat(values[:1], 200, axis=0)
+        for name, values in seed.items()
+    }
+    for chunk in range(plan.n_chunk):
+        write_part(plan, chunk, table)
+    plan.save()
+    code = (
+        "import sys, resource; from pathlib import Path; from archfrag.study.plan import Plan; "
+        "from archfrag.study.cube import gather; "
+        "t = gather(Plan.load(Path(sys.argv[1]))); assert t['steps'].size == 100_000; "
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", code, str(plan.path)], capture_output=True, text=True, check=True
+    )
+    assert int(found.stdout) < 2**20
+    assert gather(plan)["steps"].size == 100_000
+
+
+class TestFits:
+    def test_curves_are_stored_and_read_back_or_told_why_there_is_none(self, copied):
+        write_cube(copied.study)
+        fits = fit_cube(copied.study)
+        assert set(fits) == {"ring", "slab"}
+        again = load_fits(copied.study.folder / "fits.json")
+        for name, fit in fits.items():
+            if isinstance(fit, str):
+                assert again[name] == fit
+                assert fit in fit_sentence(copied.study, name, fit)
+            else:
+                assert again[name].to_dict() == fit.to_dict()
+
+    def test_a_curve_is_said_in_the_unit_of_the_study(self, copied):
+        from archfrag.fragility.fit import fit_stripes
+
+        fit = fit_stripes([9.80665, 19.6133], [1, 3], [4, 4])
+        sentence = fit_sentence(copied.study, "ring", fit)
+        assert sentence.startswith(f"ring: median {fit.theta / 9.80665:.4g} g of PGA, dispersion")
+
+    def test_no_cube_or_no_fits_yet(self, copied):
+        with pytest.raises(InputError, match="there is no cube yet; `archfrag cube`"):
+            fit_cube(copied.study)
+        with pytest.raises(InputError, match="there are no fits yet; `archfrag fit`"):
+            load_fits(copied.study.folder / "fits.json")

@@ -1,0 +1,79 @@
+"""Files appear whole or not at all."""
+
+import os
+
+import pytest
+
+from archfrag.errors import OutputError
+from archfrag.study.files import make_folder, replacing, source_hash, write_text
+from tests.study.small import files
+
+
+def test_a_file_is_replaced_only_at_the_end(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    with replacing(path) as temporary:
+        temporary.write_text("new")
+        assert path.read_text() == "old"
+        assert temporary.parent == tmp_path
+    assert files(tmp_path) == {"a.txt": b"new"}
+
+
+def test_a_full_disk_leaves_the_old_file_and_nothing_else(tmp_path, full_disk):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    sentence = (
+        f"{path}: cannot be written (No space left on device); the output folder must exist or be "
+        "creatable, allow writing and have room; what was finished is kept"
+    )
+    with full_disk(at=1), pytest.raises(OutputError) as caught, replacing(path) as temporary:
+        temporary.write_text("half")
+    assert str(caught.value) == sentence
+    assert caught.value.exit_code == 4
+    assert files(tmp_path) == {"a.txt": b"old"}
+
+
+def test_an_interruption_leaves_the_old_file_and_nothing_else(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    with pytest.raises(KeyboardInterrupt), replacing(path) as temporary:
+        temporary.write_text("half")
+        raise KeyboardInterrupt
+    assert files(tmp_path) == {"a.txt": b"old"}
+
+
+def test_output_below_a_file_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match=r"file/out: cannot be written \(Not a directory\)"):
+        make_folder(tmp_path / "file" / "out")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write anywhere")
+def test_output_in_a_folder_without_permission_is_refused(tmp_path):
+    tmp_path.chmod(0o500)
+    with pytest.raises(OutputError, match=r"cannot be written \(Permission denied\)"):
+        make_folder(tmp_path / "out")
+
+
+def test_text_that_is_there_already_is_left_alone(tmp_path):
+    path = tmp_path / "a.txt"
+    write_text(path, "same")
+    os.utime(path, (1, 1))
+    write_text(path, "same")
+    assert path.stat().st_mtime == 1
+    write_text(path, "other")
+    assert path.stat().st_mtime != 1
+
+
+def test_source_hash_tells_edits_in_any_file_of_a_folder(tmp_path, monkeypatch):
+    monkeypatch.setattr("archfrag.study.files.PACKAGE", tmp_path)
+    (tmp_path / "room").mkdir()
+    (tmp_path / "room" / "a.py").write_text("a = 1\n")
+    (tmp_path / "b.py").write_text("b = 1\n")
+    before = source_hash("room", "b.py")
+    assert source_hash("room", "b.py") == before
+    (tmp_path / "room" / "a.py").write_text("a = 2\n")
+    after = source_hash("room", "b.py")
+    assert after != before
+    (tmp_path / "b.py").write_text("b = 2\n")
+    assert source_hash("room", "b.py") != after
