@@ -95,7 +95,9 @@ class Response:
     collapse_joint : int
         -1 if none.
     collapse_mode : str
-        "none", "hinging", "sliding", "lift_off" or "overturning".
+        "none", "hinging", "sliding", "lift_off" or "overturning": by what that joint had done
+        when it lost contact, the larger of its rotation [rad] and its slip over its length, or
+        neither. A joint turned by 90 degrees with contact kept counts as overturning.
     peak_rotation : float
         Of any voussoir [rad].
     peak_displacement : float
@@ -114,9 +116,9 @@ class Response:
         Time it took, compilation included if there was any [s].
     end_time : float
         Simulated time at which the run ended [s].
-    steps, iterations, paths : int
-        Steps, linear contact problems solved, and contact problems that needed the path
-        following behind the Newton iteration.
+    steps, iterations, paths, shortened : int
+        Steps, linear contact problems solved, contact problems that needed the path following
+        behind the Newton iteration, and steps halved because that failed too.
     fallbacks : int
         Contact problems of which only the solution with slightly compliant joints was found
         (`archfrag.mechanics.contact`). No relaxation sweep is ever used.
@@ -143,6 +145,7 @@ class Response:
     steps: int
     iterations: int
     paths: int
+    shortened: int
     fallbacks: int
     residual: float
     method: str
@@ -168,7 +171,7 @@ def onset(arch: Arch) -> Onset:
 
     Notes
     -----
-    Static theorem: rest is the contact problem of METHOD-type chains with no acceleration,
+    Static theorem: rest is the contact problem of the chain with no acceleration,
     solved for the largest load factor (`archfrag.mechanics.onset`). With friction it is the
     largest load for which admissible reactions exist.
 
@@ -182,7 +185,7 @@ def onset(arch: Arch) -> Onset:
     """
     _check_arch(arch)
     chain = arch.chain
-    position, contacts = _contacts_at_rest(arch)
+    contacts = _contacts_at_rest(arch)
     limits = []
     for sense in (1.0, -1.0):
         limits.append(
@@ -402,7 +405,7 @@ def _contacts_at_rest(arch: Arch):
     contacts = empty_contacts(arch.n_voussoir, arch.n_joint)
     move_faces(chain, position, before, after)
     place_contacts(position, before, after, np.zeros(arch.n_joint), joint_lengths(chain), contacts)
-    return position, contacts
+    return contacts
 
 
 def _reactions_at_rest(chain, contacts) -> NDArray[np.float64]:
@@ -499,6 +502,7 @@ def _response(
         steps=int(outcome.steps),
         iterations=int(outcome.iterations),
         paths=int(outcome.paths),
+        shortened=int(outcome.shortened),
         fallbacks=int(outcome.compliant),
         residual=float(outcome.residual),
         method=info.name,

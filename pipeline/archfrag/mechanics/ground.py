@@ -30,6 +30,14 @@ def impulse_until(time, acceleration, cumulative, time_step):
 
 
 @kernel
+def impulse_between(start, end, acceleration, cumulative, time_step):
+    """Integral of the acceleration from `start` to `end` [m/s]."""
+    return impulse_until(end, acceleration, cumulative, time_step) - impulse_until(
+        start, acceleration, cumulative, time_step
+    )
+
+
+@kernel
 def acceleration_at(time, acceleration, time_step):
     """Acceleration at `time`, zero outside the record [m/s2]."""
     last = acceleration.size - 1

@@ -71,6 +71,7 @@ class Outcome(NamedTuple):
     iterations: int  # linear problems solved
     paths: int  # contact problems that needed the solution path
     compliant: int  # contact problems solved with compliant joints
+    shortened: int  # steps halved because their contact problem was not solved
     impacts: int
     openings: int
     slides: int

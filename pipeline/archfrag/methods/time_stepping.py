@@ -12,7 +12,7 @@ While the body force stays inside the rest range of the configuration nothing is
 
 import numpy as np
 
-from archfrag.mechanics.compile import allocating
+from archfrag.mechanics.compile import allocating, kernel
 from archfrag.mechanics.contact import solve_contact
 from archfrag.mechanics.delassus import (
     Contacts,
@@ -30,7 +30,7 @@ from archfrag.mechanics.ground import (
     acceleration_at,
     cumulative_impulse,
     end_of_rest,
-    impulse_until,
+    impulse_between,
     rest_margin,
 )
 from archfrag.mechanics.kinematics import (
@@ -74,6 +74,10 @@ FRESH_STEPS = 2
 # A corner takes part in a step if its gap could close within it at this many times its relative
 # velocity. Where both corners of a joint do, the joint has one normal for both.
 REACH = 5.0
+# A step whose contact problem is not solved is halved, down to this part of the nominal one.
+SHORTEST = 1.0 / 100.0
+# Contact lost below this slip over joint length and this rotation [rad] is lift-off.
+SMALL = 0.02
 ROUNDING = 64 * 2.2e-16
 
 
@@ -112,6 +116,55 @@ def _room(n_body, n_joint):
     return work, contacts
 
 
+@kernel
+def aim_contacts(
+    velocity, slip, next_before, next_after, step, gravity, rounding, moved, contacts, work
+):
+    """Bias that makes the contact laws hold at the positions which a step reaches.
+
+    Parameters
+    ----------
+    velocity : ndarray, (n_body, 3)
+        Before the step.
+    slip : ndarray, (n_joint,) [m]
+    next_before, next_after : ndarray, (n_joint, 2, 2)
+        Faces where `velocity` would take them.
+    step : float [s]
+    gravity : float [m/s2]
+    rounding : float [m]
+        Gaps smaller than this are none.
+    moved : ndarray, (n_joint, 3)
+        Overwritten: relative velocity at the pivots before the step.
+    contacts : Contacts
+        `bias` and `candidate` are overwritten, and the normals of joints that both corners
+        may close in this step.
+    work : ContactWork
+        `pivot` is overwritten.
+    """
+    n_joint = slip.size
+    for j in range(n_joint):
+        work.pivot[j, 0] = 0.5 * (contacts.point[j, 0, 0] + contacts.point[j, 1, 0])
+        work.pivot[j, 1] = 0.5 * (contacts.point[j, 0, 1] + contacts.point[j, 1, 1])
+    relative_velocity(contacts, velocity, work.pivot, moved)
+    for j in range(n_joint):
+        for c in range(2):
+            ex, ey = corner_offset(j, c, next_before, next_after, slip)
+            if abs(ex) + abs(ey) < rounding:
+                ex = ey = 0.0
+            ux = moved[j, 0] - moved[j, 2] * (contacts.point[j, c, 1] - work.pivot[j, 1])
+            uy = moved[j, 1] + moved[j, 2] * (contacts.point[j, c, 0] - work.pivot[j, 0])
+            contacts.bias[j, c, 0] = ex / step - ux
+            contacts.bias[j, c, 1] = ey / step - uy
+            gap = contacts.normal[j, 0] * ex + contacts.normal[j, 1] * ey
+            reach = REACH * step * (abs(ux) + abs(uy) + gravity * step)
+            contacts.candidate[j, c] = gap < reach
+        if contacts.candidate[j, 0] and contacts.candidate[j, 1]:
+            for c in range(2):
+                for k in range(2):
+                    contacts.normal_plus[j, c, k] = contacts.normal[j, k]
+                    contacts.normal_minus[j, c, k] = contacts.normal[j, k]
+
+
 @allocating
 def _rest_range(chain, position, before, after, slip, length, contacts):
     """Load factors between which the present configuration would stay at rest."""
@@ -148,7 +201,7 @@ def _rest_range(chain, position, before, after, slip, length, contacts):
 
 
 @allocating
-def _write_frame(frames, n_frame, time, position, centroid, velocity, work, dt):
+def _write_frame(frames, n_frame, time, position, centroid, velocity, work, span):
     if n_frame < frames.time.size:
         frames.time[n_frame] = time
         for i in range(position.shape[0]):
@@ -156,7 +209,7 @@ def _write_frame(frames, n_frame, time, position, centroid, velocity, work, dt):
             frames.position[n_frame, i, 1] = position[i, 1] - centroid[i, 1]
             frames.position[n_frame, i, 2] = position[i, 2]
         frames.velocity[n_frame] = velocity
-        frames.reaction[n_frame] = work.reaction / dt
+        frames.reaction[n_frame] = work.reaction / span
         frames.mode[n_frame] = work.mode
         return n_frame + 1
     return n_frame
@@ -201,6 +254,8 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
     last_contact = np.full(n_joint, CLOSED_STICK, np.int8)
     fresh = np.zeros(n_joint, np.int64)
     lost_since = np.full(n_joint, np.nan)
+    lost_slip = np.zeros(n_joint)
+    lost_turn = np.zeros(n_joint)
     work.mode[:] = CLOSED_STICK
     length = joint_lengths(chain)
     impulse_x = cumulative_impulse(ground.horizontal, ground.time_step)
@@ -226,16 +281,19 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
                 slip[j] = 0.0
     at_rest = found
     rest_from = 0.0
-    first_half = True
+    previous = 0.0
+    step = dt
+    sampling = ground.time_step
 
     time = 0.0
+    span = dt
     status = UNFINISHED
     collapse_time = np.nan
     collapse_joint = -1
     collapse_mode = MODE_NONE
     peak_rotation = peak_displacement = 0.0
     rest_time = moving_time = 0.0
-    steps = iterations = paths = compliant = 0
+    steps = iterations = paths = compliant = shortened = 0
     impacts = openings = slides = losses = rests = 0
     residual = 0.0
     kinetic = kinetic_energy(mass, inertia, velocity)
@@ -243,7 +301,7 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
     start_potential = potential_energy(mass, gravity, position)
     potential = start_potential
     work_ground = work_friction = work_impact = work_stray = stray_peak = 0.0
-    n_frame = _write_frame(frames, 0, 0.0, position, chain.centroid, velocity, work, dt)
+    n_frame = _write_frame(frames, 0, 0.0, position, chain.centroid, velocity, work, span)
     next_frame = options.frame_interval
 
     while True:
@@ -257,11 +315,12 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
             rest_time += leave - rest_from
             time = leave
             at_rest = False
-            first_half = True
+            previous = 0.0
+            step = dt
             velocity[:] = 0.0
             work.mode[:] = old_mode
             n_frame = _write_frame(
-                frames, n_frame, time, position, chain.centroid, velocity, work, dt
+                frames, n_frame, time, position, chain.centroid, velocity, work, span
             )
         if time >= stop:
             status = UNFINISHED
@@ -270,47 +329,24 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
             status = WORK_BOUND
             break
 
-        begin = time if first_half else time - 0.5 * dt
-        span = 0.5 * dt if first_half else dt
-        first_half = False
-        kick_x = impulse_until(
-            time + 0.5 * dt, ground.horizontal, impulse_x, ground.time_step
-        ) - impulse_until(begin, ground.horizontal, impulse_x, ground.time_step)
-        kick_y = impulse_until(
-            time + 0.5 * dt, ground.vertical, impulse_y, ground.time_step
-        ) - impulse_until(begin, ground.vertical, impulse_y, ground.time_step)
+        span = 0.5 * (previous + step)
+        kick_x = impulse_between(
+            time - 0.5 * previous, time + 0.5 * step, ground.horizontal, impulse_x, sampling
+        )
+        kick_y = impulse_between(
+            time - 0.5 * previous, time + 0.5 * step, ground.vertical, impulse_y, sampling
+        )
         for i in range(n_body):
             free[i, 0] = velocity[i, 0] - kick_x
             free[i, 1] = velocity[i, 1] - kick_y - span * gravity
             free[i, 2] = velocity[i, 2]
             for k in range(3):
-                trial[i, k] = position[i, k] + dt * velocity[i, k]
-
+                trial[i, k] = position[i, k] + step * velocity[i, k]
         place_contacts(position, before, after, slip, length, contacts)
         move_faces(chain, trial, next_before, next_after)
-        for j in range(n_joint):
-            work.pivot[j, 0] = 0.5 * (contacts.point[j, 0, 0] + contacts.point[j, 1, 0])
-            work.pivot[j, 1] = 0.5 * (contacts.point[j, 0, 1] + contacts.point[j, 1, 1])
-        relative_velocity(contacts, velocity, work.pivot, moved)
-        for j in range(n_joint):
-            for c in range(2):
-                ex, ey = corner_offset(j, c, next_before, next_after, slip)
-                if abs(ex) + abs(ey) < rounding:
-                    ex = ey = 0.0
-                px = contacts.point[j, c, 0] - work.pivot[j, 0]
-                py = contacts.point[j, c, 1] - work.pivot[j, 1]
-                ux = moved[j, 0] - moved[j, 2] * py
-                uy = moved[j, 1] + moved[j, 2] * px
-                contacts.bias[j, c, 0] = ex / dt - ux
-                contacts.bias[j, c, 1] = ey / dt - uy
-                gap = contacts.normal[j, 0] * ex + contacts.normal[j, 1] * ey
-                reach = REACH * dt * (abs(ux) + abs(uy) + gravity * dt)
-                contacts.candidate[j, c] = gap < reach
-            if contacts.candidate[j, 0] and contacts.candidate[j, 1]:
-                for c in range(2):
-                    contacts.normal_plus[j, c] = contacts.normal[j]
-                    contacts.normal_minus[j, c] = contacts.normal[j]
-
+        aim_contacts(
+            velocity, slip, next_before, next_after, step, gravity, rounding, moved, contacts, work
+        )
         solved, n_iteration, n_break, soft = solve_contact(
             mass, inertia, contacts, chain.friction, free, work
         )
@@ -320,7 +356,8 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
             paths += 1
         if soft:
             compliant += 1
-        if soft or solved != STANDING or steps % options.check_interval == 0:
+        last_try = solved != STANDING and step < SHORTEST * dt
+        if soft or last_try or steps % options.check_interval == 0:
             scale = velocity_scale(contacts, free, work)
             force_scale = 0.0
             for j in range(n_joint):
@@ -341,14 +378,20 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
                     ),
                 )
         if solved != STANDING:
-            status = NO_SOLUTION
-            break
+            if step < SHORTEST * dt:
+                status = NO_SOLUTION
+                break
+            step *= 0.5
+            shortened += 1
+            for j in range(n_joint):
+                work.mode[j] = old_mode[j]
+            continue
 
         for i in range(n_body):
             for k in range(3):
                 mean[i, k] = 0.5 * (velocity[i, k] + work.velocity[i, k])
                 velocity[i, k] = work.velocity[i, k]
-                position[i, k] += dt * velocity[i, k]
+                position[i, k] += step * velocity[i, k]
         relative_velocity(contacts, mean, work.pivot, mean_relative)
         work_ground += ground_work(mass, kick_x, kick_y, mean)
         fastest = 0.0
@@ -369,10 +412,17 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
                 openings += 1
             if slip_of(mode) != STICK and slip_of(old) == STICK:
                 slides += 1
+            turn = 0.0
+            if j < n_body:
+                turn += position[j, 2]
+            if j > 0:
+                turn -= position[j - 1, 2]
             if mode == OPEN:
                 if old != OPEN:
                     losses += 1
                     lost_since[j] = time
+                    lost_slip[j] = abs(slip[j]) / length[j]
+                    lost_turn[j] = abs(turn)
                 corner = 0
                 gap_0 = clearance(j, 0, before, after)
                 gap_1 = clearance(j, 1, before, after)
@@ -383,12 +433,11 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
                     status = COLLAPSED
                     collapse_joint = j
                     collapse_time = lost_since[j]
-                    if slip_of(last_contact[j]) != STICK:
+                    collapse_mode = MODE_HINGING
+                    if lost_slip[j] > lost_turn[j]:
                         collapse_mode = MODE_SLIDING
-                    elif is_closed(last_contact[j]):
+                    if is_closed(last_contact[j]) and max(lost_slip[j], lost_turn[j]) < SMALL:
                         collapse_mode = MODE_LIFT_OFF
-                    else:
-                        collapse_mode = MODE_HINGING
             else:
                 last_contact[j] = mode
                 if slip_of(mode) != STICK:
@@ -397,17 +446,12 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
                     if abs(slip[j]) >= length[j]:
                         status = COLLAPSED
                         collapse_joint = j
-                        collapse_time = time + dt
+                        collapse_time = time + step
                         collapse_mode = MODE_SLIDING
-            turn = 0.0
-            if j < n_body:
-                turn += position[j, 2]
-            if j > 0:
-                turn -= position[j - 1, 2]
             if abs(turn) >= 0.5 * np.pi:
                 status = COLLAPSED
                 collapse_joint = j
-                collapse_time = time + dt
+                collapse_time = time + step
                 collapse_mode = MODE_OVERTURNING
         friction, impact, stray = contact_works(contacts, work, mean_relative, old_mode, fresh)
         work_friction += friction
@@ -418,8 +462,10 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
             if fresh[j] > 0:
                 fresh[j] -= 1
         stray_peak = max(stray_peak, abs(work_stray))
-        time += dt
-        moving_time += dt
+        time += step
+        moving_time += step
+        previous = step
+        step = dt
         finite = True
         for i in range(n_body):
             dx = position[i, 0] - chain.centroid[i, 0]
@@ -438,7 +484,7 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
             break
         if frames.time.size > 0 and (time >= next_frame or status == COLLAPSED):
             n_frame = _write_frame(
-                frames, n_frame, time, position, chain.centroid, velocity, work, dt
+                frames, n_frame, time, position, chain.centroid, velocity, work, span
             )
             next_frame = time + options.frame_interval - 0.5 * dt
         if status == COLLAPSED:
@@ -464,13 +510,13 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
                 rest_from = time
                 rests += 1
                 n_frame = _write_frame(
-                    frames, n_frame, time, position, chain.centroid, velocity, work, dt
+                    frames, n_frame, time, position, chain.centroid, velocity, work, span
                 )
 
     # The potential belongs to the instant of the velocities, half a step back.
     for i in range(n_body):
         for k in range(3):
-            trial[i, k] = position[i, k] - 0.5 * dt * velocity[i, k]
+            trial[i, k] = position[i, k] - 0.5 * previous * velocity[i, k]
     potential = potential_energy(mass, gravity, trial) - start_potential
     return Outcome(
         status,
@@ -486,6 +532,7 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
         iterations,
         paths,
         compliant,
+        shortened,
         impacts,
         openings,
         slides,
