@@ -74,6 +74,9 @@ FRESH_STEPS = 2
 # A corner takes part in a step if its gap could close within it at this many times its relative
 # velocity. Where both corners of a joint do, the joint has one normal for both.
 REACH = 5.0
+# Overlap is mended no faster than at the joint's own relative speed plus what gravity and this
+# many times rotation do in a step: mending a deep one at once would throw the bodies apart.
+SWING = 4.0
 # A step whose contact problem is not solved is halved, down to this part of the nominal one.
 SHORTEST = 1.0 / 100.0
 # Contact lost below this slip over joint length and this rotation [rad] is lift-off.
@@ -118,7 +121,17 @@ def _room(n_body, n_joint):
 
 @kernel
 def aim_contacts(
-    velocity, slip, next_before, next_after, step, gravity, rounding, moved, contacts, work
+    velocity,
+    slip,
+    length,
+    next_before,
+    next_after,
+    step,
+    gravity,
+    rounding,
+    moved,
+    contacts,
+    work,
 ):
     """Bias that makes the contact laws hold at the positions which a step reaches.
 
@@ -126,7 +139,7 @@ def aim_contacts(
     ----------
     velocity : ndarray, (n_body, 3)
         Before the step.
-    slip : ndarray, (n_joint,) [m]
+    slip, length : ndarray, (n_joint,) [m]
     next_before, next_after : ndarray, (n_joint, 2, 2)
         Faces where `velocity` would take them.
     step : float [s]
@@ -146,15 +159,32 @@ def aim_contacts(
         work.pivot[j, 0] = 0.5 * (contacts.point[j, 0, 0] + contacts.point[j, 1, 0])
         work.pivot[j, 1] = 0.5 * (contacts.point[j, 0, 1] + contacts.point[j, 1, 1])
     relative_velocity(contacts, velocity, work.pivot, moved)
+    n_body = velocity.shape[0]
     for j in range(n_joint):
+        turning = 0.0
+        if j < n_body:
+            turning = abs(velocity[j, 2])
+        if j > 0:
+            turning = max(turning, abs(velocity[j - 1, 2]))
+        slow = step * (gravity + SWING * turning * turning * length[j])
         for c in range(2):
             ex, ey = corner_offset(j, c, next_before, next_after, slip)
             if abs(ex) + abs(ey) < rounding:
                 ex = ey = 0.0
             ux = moved[j, 0] - moved[j, 2] * (contacts.point[j, c, 1] - work.pivot[j, 1])
             uy = moved[j, 1] + moved[j, 2] * (contacts.point[j, c, 0] - work.pivot[j, 0])
-            contacts.bias[j, c, 0] = ex / step - ux
-            contacts.bias[j, c, 1] = ey / step - uy
+            limit = slow + abs(ux) + abs(uy)
+            bx = ex / step - ux
+            by = ey / step - uy
+            nx, ny = contacts.normal[j, 0], contacts.normal[j, 1]
+            inward = -limit - (nx * bx + ny * by)
+            if inward > 0.0:
+                bx += inward * nx
+                by += inward * ny
+            along = nx * by - ny * bx
+            excess = along - min(max(along, -limit), limit)
+            contacts.bias[j, c, 0] = bx + excess * ny
+            contacts.bias[j, c, 1] = by - excess * nx
             gap = contacts.normal[j, 0] * ex + contacts.normal[j, 1] * ey
             reach = REACH * step * (abs(ux) + abs(uy) + gravity * step)
             contacts.candidate[j, c] = gap < reach
@@ -345,7 +375,17 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
         place_contacts(position, before, after, slip, length, contacts)
         move_faces(chain, trial, next_before, next_after)
         aim_contacts(
-            velocity, slip, next_before, next_after, step, gravity, rounding, moved, contacts, work
+            velocity,
+            slip,
+            length,
+            next_before,
+            next_after,
+            step,
+            gravity,
+            rounding,
+            moved,
+            contacts,
+            work,
         )
         solved, n_iteration, n_break, soft = solve_contact(
             mass, inertia, contacts, chain.friction, free, work

@@ -1,5 +1,6 @@
 """What a worker process does: the runs of one chunk. Nothing heavy is imported here."""
 
+import contextlib
 import os
 import resource
 import sys
@@ -41,6 +42,17 @@ def _motion(path: str, modified: int) -> "Motion":
 
 def _modified(path: Path) -> int:
     return path.stat().st_mtime_ns
+
+
+def peak_memory() -> float:
+    """Largest resident memory of this process so far [MB]."""
+    with contextlib.suppress(OSError):
+        # getrusage would tell of the process that started this one, where that was larger.
+        for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) * 1024 / 1e6
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
 
 
 def run_case(plan: Plan, run: int) -> "Response":
@@ -89,13 +101,10 @@ def run_chunk(plan_path: str, chunk: int) -> dict[str, float]:
     ]
     with replacing(plan.timing(chunk), lasting=False) as temporary:
         temporary.write_text("".join(lines), encoding="utf-8")
-    # Linux counts in KiB, macOS in bytes.
-    unit = 2**20 if sys.platform == "darwin" else 2**10
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
     return {
         "chunk": chunk,
         "runs": len(responses),
         "kernel_time": sum(response.wall_time for response in responses),
-        "peak_memory": peak,
+        "peak_memory": peak_memory(),
         "pid": os.getpid(),
     }
