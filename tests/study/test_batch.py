@@ -144,7 +144,8 @@ def test_workers_killed_again_and_again_end_the_batch(copied, monkeypatch):
     assert not [name for name in files(copied.study.folder / "parts") if name.endswith(".npz.tmp")]
 
 
-def test_a_scheduler_that_does_not_answer(copied):
+def test_a_scheduler_that_does_not_answer(copied, monkeypatch):
+    monkeypatch.setattr(batch_module, "ANSWER_WITHIN", 0.5)
     copied.plan.part(0).unlink()
     execution = copied.study.execution.model_copy(update={"scheduler": "tcp://127.0.0.1:1"})
     study = copied.study.model_copy(update={"execution": execution})

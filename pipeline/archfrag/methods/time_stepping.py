@@ -494,9 +494,9 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
                 collapse_time = time + step
                 collapse_mode = MODE_OVERTURNING
         friction, impact, stray = contact_works(contacts, work, mean_relative, old_mode, fresh)
-        work_friction += friction
-        work_impact += impact
-        work_stray += stray
+        work_friction += min(friction, 0.0)
+        work_impact += min(impact, 0.0)
+        work_stray += stray + max(friction, 0.0) + max(impact, 0.0)
         for j in range(n_joint):
             old_mode[j] = work.mode[j]
             if fresh[j] > 0:

@@ -26,6 +26,7 @@ MEMORY_LIMIT = 800 * 10**6
 IN_FLIGHT = 2
 LOSSES_ALLOWED = 3
 PATIENCE = 60.0
+ANSWER_WITHIN = 10.0
 _SETTINGS = {
     "distributed.scheduler.allowed-failures": LOSSES_ALLOWED,
     # A kernel holds its worker's only thread, and with it the heartbeat, for a whole run.
@@ -159,7 +160,7 @@ def _client(study: Study, count: int) -> Iterator[Client]:
                 )
             else:
                 target = address
-            client = stack.enter_context(Client(target, timeout=30))
+            client = stack.enter_context(Client(target, timeout=ANSWER_WITHIN))
         except (OSError, TimeoutError, ValueError, RuntimeError) as error:
             what = f"execution.scheduler: {address}" if address else "the local workers"
             raise WorkerError(
@@ -189,20 +190,25 @@ def _results(client: Client, plan: Plan, chunks: list[int]) -> Iterator[dict[str
                 wait(at_work, timeout=1.0, return_when="FIRST_COMPLETED")
             crew.check()
             for future in [future for future in at_work if future.done()]:
-                at_work.discard(future)
-                yield _result(future)
-                send(1)
+                result = _result(future)
+                if result is not None:
+                    at_work.discard(future)
+                    yield result
+                    send(1)
     finally:
         if at_work:
             with contextlib.suppress(Exception):
                 client.cancel(list(at_work), force=True)
 
 
-def _result(future: Future) -> dict[str, float]:
+def _result(future: Future) -> dict[str, float] | None:
+    """Result of a chunk; None if it went under with its worker and is to be made again."""
     try:
-        return future.result()
+        return future.result(timeout=2.0)
     except ArchfragError:
         raise
+    except TimeoutError:
+        return None
     except KilledWorker as error:
         raise WorkerError(
             f"{future.key}: its worker was killed or ran out of memory {LOSSES_ALLOWED + 1} "

@@ -1,0 +1,221 @@
+"""The command: quick to answer, one sentence and an exit code for what is wrong."""
+
+import json
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from archfrag.cli import main
+from tests.study.small import ROOT, TEXT, small_study, write_at2
+
+ARCH = ["--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoirs", "7",
+        "--friction", "0.7"]  # fmt: skip
+COMMANDS = ("onset", "simulate", "records", "validate", "warmup", "run", "motions", "batch", "cube",
+            "fit", "report")  # fmt: skip
+
+
+def call(*arguments):
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+def refused(*arguments):
+    """Exit code and sentence of a command that fails."""
+    result = call(*arguments)
+    assert result.stderr.startswith("archfrag: error: ")
+    assert result.stderr.count("\n") == 1
+    return result.exit_code, result.stderr.removeprefix("archfrag: error: ").rstrip("\n")
+
+
+class TestHelp:
+    def test_help_imports_nothing_heavy_and_is_quick(self):
+        code = (
+            "import sys; from archfrag.cli import main; main(['--help'], standalone_mode=False); "
+            "sys.stderr.write(' '.join(sys.modules))"
+        )
+        took = []
+        for _ in range(3):
+            started = time.perf_counter()
+            found = subprocess.run(
+                [sys.executable, "-c", code], capture_output=True, text=True, check=True
+            )
+            took.append(time.perf_counter() - started)
+        loaded = set(found.stderr.split())
+        assert "click" in loaded
+        assert not loaded & {"numpy", "numba", "pydantic", "yaml", "dask", "obspy", "snakemake"}
+        assert min(took) < 0.3
+
+    @pytest.mark.parametrize("command", COMMANDS)
+    def test_every_command_explains_itself(self, command):
+        result = call(command, "--help")
+        assert result.exit_code == 0
+        assert command in result.output.split("\n", 1)[0]
+        assert command in call("--help").output
+
+    def test_version(self):
+        import archfrag
+
+        assert call("--version").output == f"archfrag {archfrag.__version__}\n"
+
+
+class TestOnset:
+    def test_by_numbers_in_text_and_json(self):
+        result = call("onset", *ARCH)
+        assert result.exit_code == 0
+        assert result.output.splitlines()[0] == (
+            "ground towards +x: moves from 0.3700 g: joint 0 extrados, joint 2 intrados, "
+            "joint 4 extrados, joint 7 intrados"
+        )
+        facts = json.loads(call("onset", *ARCH, "--json").output)
+        assert facts["plus"] == pytest.approx(0.37, abs=1e-4)
+        assert facts["hinges"][0] == [0, "extrados"]
+
+    def test_of_a_study(self, tmp_path):
+        path = small_study(tmp_path)
+        text = call("onset", "--study", path, "--arch", "slab").output
+        assert "moves from 0.2000 g: joint 0" in text
+        assert refused("onset", "--study", path) == (
+            2, f"{path}: --arch is missing; the study has ring, slab",
+        )  # fmt: skip
+        assert refused("onset", "--study", path, "--arch", "x") == (
+            2, f"{path}: --arch x: there is none; the study has ring, slab",
+        )  # fmt: skip
+
+    def test_an_arch_that_does_not_stand_is_a_result(self):
+        thin = [*ARCH[:2], "--thickness", "0.3", *ARCH[4:]]
+        result = call("onset", *thin)
+        assert (result.exit_code, result.output) == (0, "does not stand under its own weight\n")
+        assert json.loads(call("onset", *thin, "--json").output)["stands"] is False
+
+    def test_what_is_missing_or_impossible(self):
+        code, sentence = refused("onset", "--radius", "10")
+        assert code == 2
+        assert sentence.startswith("--profile circular: friction is missing (3 more keys")
+        code, sentence = refused("onset", *ARCH, "--span", "3")
+        assert sentence.startswith("--profile circular: span is no known key")
+        code, sentence = refused("onset", *ARCH[:2], "--thickness", "-1", *ARCH[4:])
+        assert code == 2
+        assert sentence.startswith("thickness = -1.0 m is impossible")
+        code, sentence = refused("onset", *ARCH[:-1], "nan")
+        assert sentence.startswith("friction = nan is impossible")
+
+
+class TestSimulate:
+    @pytest.fixture
+    def record(self, tmp_path):
+        time = np.arange(150) * 0.01
+        return write_at2(tmp_path / "wave.AT2", 0.3 * np.sin(8.0 * time), 0.01)
+
+    def test_scaled_to_a_peak(self, record):
+        result = call("simulate", *ARCH, record, "--pga", "0.2", "--json")
+        facts = json.loads(result.output)
+        assert facts["status"] == "standing"
+        assert facts["scale"] == pytest.approx(0.2 / 0.3, rel=1e-3)
+        assert facts["collapse_time"] is None
+        assert facts["peak_displacement"] == 0.0
+        text = call("simulate", *ARCH, record, "--pga", "0.2").output
+        assert text.startswith("standing: the chain came to rest")
+
+    def test_unusable_input(self, record, tmp_path):
+        lost = tmp_path / "lost.AT2"
+        assert refused("simulate", *ARCH, lost)[0] == 2
+        assert str(lost) in refused("simulate", *ARCH, lost)[1]
+        code, sentence = refused("simulate", *ARCH, record, "--method", "euler")
+        assert (code, sentence) == (
+            2, "method is 'euler'; allowed are auto, time_stepping",
+        )  # fmt: skip
+        thin = [*ARCH[:2], "--thickness", "0.3", *ARCH[4:]]
+        code, sentence = refused("simulate", *thin, record)
+        assert code == 3
+        assert "does not stand under its own weight" in sentence
+
+
+class TestRecords:
+    def test_list(self):
+        index = ROOT / "records" / "index.csv"
+        rows = json.loads(call("records", "list", index, "--json").output)
+        assert len(rows) >= 20
+        assert call("records", "list", index).output.count("\n") == len(rows)
+        assert rows[0]["id"] in call("records", "list", index).output
+
+    def test_show(self, tmp_path):
+        small_study(tmp_path)
+        paths = sorted((tmp_path / "records").iterdir())
+        facts = json.loads(call("records", "show", *paths, "--json").output)
+        assert [entry["id"] for entry in facts] == ["wave0", "wave1"]
+        assert facts[0]["samples"] == 150
+        assert "PGA 0.2" in call("records", "show", *paths).output
+        assert refused("records", "show", tmp_path / "no.AT2")[0] == 2
+
+
+class TestValidate:
+    def test_a_study_in_order(self, tmp_path):
+        path = small_study(tmp_path)
+        assert call("validate", path).output == (
+            f"{path}: in order; 2 arches, 2 records, 3 levels, 12 runs\n"
+        )
+        assert json.loads(call("validate", path, "--json").output)["runs"] == 12
+
+    @pytest.mark.parametrize(
+        ("old", "new", "code", "sentence"),
+        [
+            ("radius:", "radus:", 2, "arches[0].radus is no known key; did you mean radius?"),
+            ("time_stepping", "euler", 2, "method.name = euler must be one of auto"),
+            ("[0.1, 0.6", "[-0.1, 0.6", 2, "intensity.levels = [-0.1, 0.6, 1.2] must be greater"),
+            ("radius: 10.0", "radius: .nan", 2, "arches[0].radius = nan must be a finite number"),
+            ("thickness: 1.5", "thickness: 0.3", 3, "arches[0] (ring): does not stand under"),
+            ("*.AT2", "lost.AT2", 2, "records/lost.AT2: there is no such record file"),
+            ("output: out", "output: small.yaml/out", 4, "small.yaml/out: cannot be written (Not"),
+        ],
+    )  # fmt: skip
+    def test_what_is_wrong(self, tmp_path, old, new, code, sentence):
+        assert old in TEXT
+        found, text = refused("validate", small_study(tmp_path, TEXT.replace(old, new, 1)))
+        assert found == code
+        assert sentence in text
+
+    def test_a_truncated_record(self, tmp_path):
+        path = small_study(tmp_path)
+        record = tmp_path / "records" / "wave1.AT2"
+        record.write_text("\n".join(record.read_text().splitlines()[:-5]))
+        code, sentence = refused("validate", path)
+        assert code == 2
+        assert str(record) in sentence
+
+
+class TestSteps:
+    def test_steps_by_hand_in_order_with_logs(self, tmp_path):
+        path, out = small_study(tmp_path), tmp_path / "out"
+        assert refused("batch", path)[0] == 2
+        log = tmp_path / "logs" / "motions.log"
+        assert call("motions", path, "--log", log).exit_code == 0
+        assert log.read_text() == "archfrag: motions: 2 records x 3 levels ready\n"
+        assert refused("cube", path, "--log", log) == (
+            2,
+            f"{out / 'parts'}: 6 of 6 parts are missing or damaged; `archfrag run` with --resume "
+            "on study 'small' makes them and the cube",
+        )
+        assert log.read_text().endswith("makes them and the cube [exit code 2]\n")
+        result = call("batch", path, "--workers", "1", "--quiet")
+        assert "12 runs, 0 of them kept from before" in result.stderr
+        for command, result_file in {"cube": "cube.nc", "fit": "fits.json", "report": "report.html"}.items():
+            assert call(command, path).exit_code == 0
+            assert (out / result_file).stat().st_size > 0
+        assert "A small study" in (out / "report.html").read_text()
+        fits = json.loads(call("fit", path, "--json").stdout)
+        assert set(fits["fits"]) == {"ring", "slab"}
+
+    def test_other_exceptions_keep_their_traceback(self, tmp_path, monkeypatch):
+        import archfrag.study.records
+
+        def broken(study):
+            raise ZeroDivisionError("a mistake of ours")
+
+        monkeypatch.setattr(archfrag.study.records, "prepare_motions", broken)
+        log = tmp_path / "a.log"
+        result = call("motions", small_study(tmp_path), "--log", log)
+        assert isinstance(result.exception, ZeroDivisionError)
+        assert "ZeroDivisionError: a mistake of ours" in log.read_text()
