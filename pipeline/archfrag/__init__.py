@@ -19,9 +19,19 @@ _HOME = {
     "fit_ida": "archfrag.fragility.fit",
     "Fragility": "archfrag.fragility.fit",
 }
-__all__ = [  # noqa: PLE0604, RUF022
-    "Arch", "Block", "Fragility", "Motion", "Onset", "Response", "__version__", "fit_ida",
-    "fit_stripes", "onset", "read_motion", "simulate",
+__all__ = [
+    "Arch",
+    "Block",
+    "Fragility",
+    "Motion",
+    "Onset",
+    "Response",
+    "__version__",
+    "fit_ida",
+    "fit_stripes",
+    "onset",
+    "read_motion",
+    "simulate",
 ]
 
 if TYPE_CHECKING:

@@ -83,5 +83,5 @@ def use_kernel_cache() -> Path:
         base = Path(tempfile.gettempdir()) / f"archfrag-{os.getuid()}"
         folder = base / folder.name
         folder.mkdir(parents=True, exist_ok=True)
-    config.CACHE_DIR = str(folder)
+    config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]
     return folder

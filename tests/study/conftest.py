@@ -37,7 +37,9 @@ def copied(done, tmp_path) -> Done:
     import shutil
 
     folder = tmp_path / "copy"
-    shutil.copytree(done.study.folder, folder, ignore=shutil.ignore_patterns("cube.nc", "fits.json"))
+    shutil.copytree(
+        done.study.folder, folder, ignore=shutil.ignore_patterns("cube.nc", "fits.json")
+    )
     study = done.study.model_copy(update={"output": str(folder)})
     return Done(study, make_plan(study), done.log)
 

@@ -47,6 +47,7 @@ def small_study(folder: Path, text: str = TEXT, name: str = "small.yaml") -> Pat
     path.write_text(text, encoding="utf-8")
     return path
 
+
 def files(folder: Path) -> dict[str, bytes]:
     """Names and contents of all files of a folder, hidden ones too."""
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}

@@ -71,7 +71,9 @@ def test_workers_import_neither_obspy_nor_matplotlib():
         "import sys; import archfrag.study.worker, archfrag.simulate, distributed.nanny; "
         "print([n for n in ('obspy', 'matplotlib', 'xarray', 'netCDF4') if n in sys.modules])"
     )
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    found = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
     assert found.stdout.strip() == "[]"
 
 
@@ -149,7 +151,9 @@ def test_a_scheduler_that_does_not_answer(copied, monkeypatch):
     copied.plan.part(0).unlink()
     execution = copied.study.execution.model_copy(update={"scheduler": "tcp://127.0.0.1:1"})
     study = copied.study.model_copy(update={"execution": execution})
-    with pytest.raises(WorkerError, match=r"execution.scheduler: tcp://127.0.0.1:1 cannot be used"):
+    with pytest.raises(
+        WorkerError, match=r"execution.scheduler: tcp://127.0.0.1:1 cannot be used"
+    ):
         run_batch(study, quiet=True)
 
 

@@ -16,6 +16,7 @@ from archfrag.study.outcome import COLUMNS
 from archfrag.study.parts import read_part, write_part
 from archfrag.study.records import PreparedRecord
 
+
 def sha256(path):
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
@@ -67,7 +68,8 @@ class TestContent:
         from archfrag.simulate import onset
 
         start = onset(done.study.arches[0].build())
-        assert cube["onset_plus"].sel(arch="ring").item() == start.plus == pytest.approx(0.370, 1e-3)
+        assert start.plus == pytest.approx(0.370, 1e-3)
+        assert cube["onset_plus"].sel(arch="ring").item() == start.plus
         assert cube["onset_minus"].sel(arch="slab").item() == pytest.approx(0.2)
 
     def test_provenance_is_complete_and_knows_neither_time_nor_place(self, done, cube):
@@ -118,8 +120,8 @@ class TestFile:
         with pytest.raises(InputError) as caught:
             write_cube(copied.study)
         assert str(caught.value) == (
-            f"{copied.study.folder / 'parts'}: 2 of 6 parts are missing or damaged; `archfrag run` "
-            "with --resume on study 'small' makes them and the cube"
+            f"{copied.study.folder / 'parts'}: 2 of 6 parts are missing or damaged; `archfrag run "
+            "STUDY --resume` with the file of study 'small' makes them and the cube"
         )
         assert not (copied.study.folder / "cube.nc").exists()
 

@@ -56,7 +56,8 @@ class TestPlan:
         assert make_plan(same).identity == done.plan.identity
 
     @pytest.mark.parametrize(
-        "override", ["arches.0.friction=0.6", "method.dt=1e-3", "method.follow=3", "execution.chunk=3"]
+        "override",
+        ["arches.0.friction=0.6", "method.dt=1e-3", "method.follow=3", "execution.chunk=3"],
     )
     def test_whatever_changes_results_or_parts_makes_another_plan(self, done, override):
         path = done.study.folder.parent / "small.yaml"
@@ -124,9 +125,13 @@ class TestParts:
         for chunk in range(plan.n_chunk):
             plan.part(chunk).unlink()
         before = set(files(plan.part(0).parent))
-        with full_disk(at=3), pytest.raises(OutputError) as caught:
+
+        def run_all():
             for chunk in range(plan.n_chunk):
                 run_chunk(str(plan.path), chunk)
+
+        with full_disk(at=3), pytest.raises(OutputError) as caught:
+            run_all()
         assert str(caught.value).startswith(
             f"{plan.part(2)}: cannot be written (No space left on device)"
         )

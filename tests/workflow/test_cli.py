@@ -14,8 +14,8 @@ from tests.study.small import ROOT, TEXT, small_study, write_at2
 
 ARCH = ["--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoirs", "7",
         "--friction", "0.7"]  # fmt: skip
-COMMANDS = ("onset", "simulate", "records", "validate", "warmup", "run", "motions", "batch", "cube",
-            "fit", "report")  # fmt: skip
+COMMANDS = ("onset", "simulate", "records", "validate", "warmup", "run", "motions", "batch",
+            "cube", "fit", "report")  # fmt: skip
 
 
 def call(*arguments):
@@ -195,13 +195,17 @@ class TestSteps:
         assert log.read_text() == "archfrag: motions: 2 records x 3 levels ready\n"
         assert refused("cube", path, "--log", log) == (
             2,
-            f"{out / 'parts'}: 6 of 6 parts are missing or damaged; `archfrag run` with --resume "
-            "on study 'small' makes them and the cube",
+            f"{out / 'parts'}: 6 of 6 parts are missing or damaged; `archfrag run STUDY "
+            "--resume` with the file of study 'small' makes them and the cube",
         )
         assert log.read_text().endswith("makes them and the cube [exit code 2]\n")
         result = call("batch", path, "--workers", "1", "--quiet")
         assert "12 runs, 0 of them kept from before" in result.stderr
-        for command, result_file in {"cube": "cube.nc", "fit": "fits.json", "report": "report.html"}.items():
+        for command, result_file in {
+            "cube": "cube.nc",
+            "fit": "fits.json",
+            "report": "report.html",
+        }.items():
             assert call(command, path).exit_code == 0
             assert (out / result_file).stat().st_size > 0
         assert "A small study" in (out / "report.html").read_text()

@@ -3,7 +3,8 @@
 import json
 import os
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -89,15 +90,57 @@ def write_report(study_results: ReportInputs, out: Path) -> Path:
     OutputError
         If the file cannot be written.
     """
-    page = render(study_results)
     out = Path(out)
+    _write_whole(out, render(study_results))
+    return out
+
+
+def write_curves(study_results: ReportInputs, folder: Path) -> list[Path]:
+    """Write each arch's fragility curve as a figure of its own, ``curve-<arch>.svg``.
+
+    Parameters
+    ----------
+    study_results : ReportInputs
+    folder : Path
+
+    Returns
+    -------
+    list of Path
+        The figures, in the order of the arches.
+
+    Raises
+    ------
+    InputError, OutputError
+        See `write_report`.
+    """
+    written = []
+    with _opened(study_results) as cube:
+        scale = reading_scale(cube, study_results.measure)
+        _check(study_results, cube)
+        for name, arch, onset in study_results.arches:
+            section = _arch_section(
+                study_results, arch_results(cube, name, scale), arch, onset, "curve"
+            )
+            background = '<rect width="100%" height="100%" fill="white"/>'
+            svg = section["curve"].svg.replace(
+                "<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1
+            )
+            svg = svg.replace(">", f">{background}", 1)
+            svg = svg.replace("<svg ", '<svg xmlns:xlink="http://www.w3.org/1999/xlink" ', 1)
+            out = Path(folder) / f"curve-{name}.svg"
+            _write_whole(out, svg + "\n")
+            written.append(out)
+    return written
+
+
+def _write_whole(out: Path, text: str) -> None:
     temporary = None
     try:
         with tempfile.NamedTemporaryFile(
             "w", encoding="utf-8", dir=out.parent, prefix=f".{out.name}.", delete=False
         ) as file:
             temporary = file.name
-            file.write(page)
+            file.write(text)
         os.chmod(temporary, 0o644)
         os.replace(temporary, out)
     except OSError as error:
@@ -107,7 +150,18 @@ def write_report(study_results: ReportInputs, out: Path) -> Path:
             f"the report cannot be written to {out}: {error.strerror}; choose a folder that "
             "exists, may be written to and has room"
         ) from error
-    return out
+
+
+@contextmanager
+def _opened(inputs: ReportInputs) -> Iterator[xr.Dataset]:
+    if isinstance(inputs.cube, xr.Dataset):
+        yield inputs.cube
+        return
+    try:
+        cube = xr.load_dataset(inputs.cube)
+    except (OSError, ValueError) as error:
+        raise InputError(f"the cube {inputs.cube} cannot be read: {error}") from error
+    yield cube
 
 
 def render(study_results: ReportInputs) -> str:
@@ -118,13 +172,8 @@ def render(study_results: ReportInputs) -> str:
     InputError
         If the parts do not belong together.
     """
-    if isinstance(study_results.cube, xr.Dataset):
-        return _render(study_results, study_results.cube)
-    try:
-        with xr.open_dataset(study_results.cube) as cube:
-            return _render(study_results, cube.load())
-    except (OSError, ValueError) as error:
-        raise InputError(f"the cube {study_results.cube} cannot be read: {error}") from error
+    with _opened(study_results) as cube:
+        return _render(study_results, cube)
 
 
 def _render(inputs: ReportInputs, cube: xr.Dataset) -> str:

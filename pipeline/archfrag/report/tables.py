@@ -189,7 +189,7 @@ def quality(results: ArchResults, timings: pd.DataFrame | None) -> Table:
             ]
         )
     rows += [
-        ["uses of the relaxation fallback", f"{results.fallbacks.sum():,}"],
+        ["steps solved only with slightly compliant joints", f"{results.fallbacks.sum():,}"],
     ]
     return Table(["figure", "value"], rows)
 

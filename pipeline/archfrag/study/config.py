@@ -3,7 +3,6 @@
 import copy
 import json
 import os
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -138,7 +137,9 @@ class Intensity(Section):
         try:
             parse_measure(self.measure)
         except InputError as error:
-            raise PydanticCustomError("refused_key", "", {"key": "measure", "text": str(error)})
+            raise PydanticCustomError(
+                "refused_key", "", {"key": "measure", "text": str(error)}
+            ) from None
         # A duration has no entry: scaling does not change it.
         allowed = LEVEL_UNITS.get(measure_unit(self.measure), {})
         if not allowed:
@@ -357,5 +358,3 @@ def _override(given: dict[str, Any], text: str) -> None:
             place[index] = copy.deepcopy(addition)
         else:
             place = place.setdefault(index, {}) if isinstance(place, dict) else place[index]
-
-

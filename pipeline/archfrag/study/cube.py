@@ -105,7 +105,8 @@ def gather(plan: Plan) -> dict[str, NDArray]:
     if missing:
         raise InputError(
             f"{plan.part(0).parent}: {len(missing)} of {plan.n_chunk} parts are missing or "
-            f"damaged; `archfrag run` with --resume on study {plan.study!r} makes them and the cube"
+            f"damaged; `archfrag run STUDY --resume` with the file of study {plan.study!r} makes "
+            "them and the cube"
         )
     return table
 
@@ -187,9 +188,7 @@ def _version() -> str:
     return __version__
 
 
-def _create(
-    cube: Any, column: Column, dimensions: Sequence[str], labels: str = _LABELS
-) -> Any:
+def _create(cube: Any, column: Column, dimensions: Sequence[str], labels: str = _LABELS) -> Any:
     variable = cube.createVariable(
         column.name,
         column.dtype,

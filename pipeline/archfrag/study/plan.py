@@ -89,8 +89,8 @@ class Plan:
             PreparedRecord(**(entry | {"factors": tuple(entry["factors"])}))
             for entry in stored.pop("records")
         )
-        lists = {key: tuple(stored.pop(key)) for key in ("arches", "levels")}
-        return cls(records=records, **lists, **stored)
+        arches, levels = tuple(stored.pop("arches")), tuple(stored.pop("levels"))
+        return cls(arches=arches, records=records, levels=levels, **stored)
 
 
 def make_plan(study: Study) -> Plan:

@@ -58,9 +58,9 @@ def _place(location: tuple[Any, ...], kind: str, given: Any) -> list[Any]:
     here = given
     for i, part in enumerate(location):
         last = i == len(location) - 1
-        if isinstance(here, Mapping) and part in here:
-            here = here[part]
-        elif isinstance(here, list | tuple) and isinstance(part, int) and part < len(here):
+        if (isinstance(here, Mapping) and part in here) or (
+            isinstance(here, list | tuple) and isinstance(part, int) and part < len(here)
+        ):
             here = here[part]
         elif not (last and kind == "missing"):
             continue

@@ -50,7 +50,8 @@ def step_log(path: Path | None) -> Iterator[Callable[[str], None]]:
     lines: list[str] = []
 
     def say(text: str) -> None:
-        print(f"archfrag: {text}", file=sys.stderr, flush=True)
+        if os.environ.get(_INSIDE) != "quiet":
+            print(f"archfrag: {text}", file=sys.stderr, flush=True)
         lines.append(f"archfrag: {text}\n")
 
     try:
@@ -58,7 +59,7 @@ def step_log(path: Path | None) -> Iterator[Callable[[str], None]]:
     except ArchfragError as error:
         lines.append(f"archfrag: error: {error} [exit code {error.exit_code}]\n")
         # The run above tells what this log says, once.
-        error.told = _INSIDE in os.environ and path is not None
+        setattr(error, "told", _INSIDE in os.environ and path is not None)  # noqa: B010
         raise
     except BaseException:
         lines.append(traceback.format_exc())
@@ -154,7 +155,9 @@ def _only_run(study: Study) -> Iterator[IO[str]]:
 def _was_killed(folder: Path) -> bool:
     state = folder / ".snakemake"
     return any(
-        any((state / name).iterdir()) for name in ("locks", "incomplete") if (state / name).is_dir()
+        any((state / name).iterdir())
+        for name in ("locks", "incomplete")
+        if (state / name).is_dir()
     )
 
 
@@ -170,7 +173,7 @@ def _snakemake(study: Study, options: Sequence[str], lock: IO[str], quiet: bool)
     with open(log, "a", encoding="utf-8") as file:
         return subprocess.run(
             command,
-            env={**os.environ, "PATH": path, _INSIDE: "1"},
+            env={**os.environ, "PATH": path, _INSIDE: "quiet" if quiet else "told"},
             pass_fds=[lock.fileno()],
             stdin=subprocess.DEVNULL,
             stdout=file,
