@@ -5,7 +5,7 @@ import os
 import pytest
 
 from archfrag.errors import OutputError
-from archfrag.study.files import make_folder, replacing, source_hash, write_text
+from archfrag.study.files import make_folder, replacing, source_hash, sweep, write_text
 from tests.study.small import files
 
 
@@ -45,6 +45,17 @@ def test_an_interruption_leaves_the_old_file_and_nothing_else(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         interrupted()
     assert files(tmp_path) == {"a.txt": b"old"}
+
+
+def test_sweeping_removes_what_a_killed_run_left_and_nothing_else(tmp_path):
+    (tmp_path / "parts").mkdir()
+    left = [".cube.nc.ab_1.tmp", "parts/.000001-ab.npz.x9z.tmp", ".report.html.k2_"]
+    kept = [".archfrag.lock", "cube.nc", "parts/000001-ab.npz", ".hidden"]
+    for name in left + kept:
+        (tmp_path / name).write_text("")
+    sweep(tmp_path)
+    found = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()}
+    assert found == set(kept)
 
 
 def test_output_below_a_file_is_refused(tmp_path):

@@ -111,7 +111,7 @@ def test_killed_three_times_and_resumed_gives_the_same_cube(finished, tmp_path):
     code, _, stderr = run(path, "--resume")
     assert code == 0, stderr
     assert sha256(out / "cube.nc") == sha256(finished[0].parent / "out" / "cube.nc")
-    assert not list(out.rglob("*.tmp"))
+    assert not list(out.rglob(".*.tmp"))
 
 
 def test_an_interrupted_run_says_what_to_type(tmp_path):

@@ -22,7 +22,7 @@ times its slip. The two agree wherever nothing slides; a case where they differ 
 
 import numpy as np
 
-from archfrag.mechanics.compile import allocating
+from archfrag.mechanics.compile import allocating, kernel
 from archfrag.mechanics.delassus import (
     TOLERANCE,
     Contacts,
@@ -48,44 +48,24 @@ SOLVED = int(Status.STANDING)
 UNSOLVED = int(Status.NO_CONTACT_SOLUTION)
 
 
-@allocating
-def solve_contact(mass, inertia, contacts, friction, free_velocity, work):
-    """Solve one contact problem.
-
-    Parameters
-    ----------
-    mass, inertia : ndarray, (n_body,) [kg], [kg m2]
-    contacts : Contacts
-    friction : ndarray, (n_joint,)
-    free_velocity : ndarray, (n_body, 3)
-        Velocities (or accelerations) that the bodies would have without reactions.
-    work : ContactWork
-        ``work.mode`` holds the modes to start from; on return `work` holds the solution.
+@kernel
+def newton_contact(mass, inertia, contacts, friction, free_velocity, work):
+    """Solve one contact problem by the Newton iteration alone; arguments as `solve_contact`.
 
     Returns
     -------
     status : int
-        ``Status.STANDING`` if solved, ``Status.NO_CONTACT_SOLUTION`` if not: then what `work`
-        holds breaks a law and must not be used as motion.
+        As `solve_contact`; unsolved means that the path has to be followed.
     iterations : int
-        Linear problems solved by the Newton iteration.
-    breaks : int
-        Pieces of the solution path followed; 0 where the Newton iteration sufficed.
-    compliant : bool
-        Whether the solution is that of slightly compliant joints (relative compliance 1e-6 to
-        1e-4). Where a ring closes, its last gaps contradict each other by the square of their
-        size, and of the many ways to leave one of them open by 1e-10 m rounding finds none.
     """
-    n_joint = work.mode.size
     assemble(mass, inertia, contacts, work)
     scale = velocity_scale(contacts, free_velocity, work)
     if scale == 0.0:
         work.reaction[:] = 0.0
         apply_reactions(mass, inertia, contacts, free_velocity, work)
-        return SOLVED, 0, 0, False
+        return SOLVED, 0
     if not np.isfinite(scale):
-        return UNSOLVED, 0, 0, False
-    limit = 100 + 4 * n_joint
+        return UNSOLVED, 0
     solved, iterations = active_set(
         mass,
         inertia,
@@ -96,11 +76,21 @@ def solve_contact(mass, inertia, contacts, friction, free_velocity, work):
         scale,
         COMPLIANCE,
         TOLERANCE,
-        limit,
+        100 + 4 * work.mode.size,
         True,
     )
-    if solved:
-        return SOLVED, iterations, 0, False
+    return (SOLVED if solved else UNSOLVED), iterations
+
+
+@allocating
+def path_contact(mass, inertia, contacts, friction, free_velocity, work):
+    """Solve one contact problem that the Newton iteration has not; as `solve_contact`."""
+    n_joint = work.mode.size
+    limit = 100 + 4 * n_joint
+    scale = velocity_scale(contacts, free_velocity, work)
+    if not np.isfinite(scale):
+        return UNSOLVED, 0, 0, False
+    iterations = 0
     breaks = 0
     for attempt in range(PATHS):
         compliance = PATH_COMPLIANCE * 0.01**attempt
@@ -180,3 +170,40 @@ def solve_contact(mass, inertia, contacts, friction, free_velocity, work):
         if solved:
             return SOLVED, iterations, breaks, True
     return UNSOLVED, iterations, breaks, False
+
+
+@allocating
+def solve_contact(mass, inertia, contacts, friction, free_velocity, work):
+    """Solve one contact problem.
+
+    Parameters
+    ----------
+    mass, inertia : ndarray, (n_body,) [kg], [kg m2]
+    contacts : Contacts
+    friction : ndarray, (n_joint,)
+    free_velocity : ndarray, (n_body, 3)
+        Velocities (or accelerations) that the bodies would have without reactions.
+    work : ContactWork
+        ``work.mode`` holds the modes to start from; on return `work` holds the solution.
+
+    Returns
+    -------
+    status : int
+        ``Status.STANDING`` if solved, ``Status.NO_CONTACT_SOLUTION`` if not: then what `work`
+        holds breaks a law and must not be used as motion.
+    iterations : int
+        Linear problems solved by the Newton iteration.
+    breaks : int
+        Pieces of the solution path followed; 0 where the Newton iteration sufficed.
+    compliant : bool
+        Whether the solution is that of slightly compliant joints (relative compliance 1e-6 to
+        1e-4). Where a ring closes, its last gaps contradict each other by the square of their
+        size, and of the many ways to leave one of them open by 1e-10 m rounding finds none.
+    """
+    status, iterations = newton_contact(mass, inertia, contacts, friction, free_velocity, work)
+    if status == SOLVED:
+        return SOLVED, iterations, 0, False
+    status, more, breaks, compliant = path_contact(
+        mass, inertia, contacts, friction, free_velocity, work
+    )
+    return status, iterations + more, breaks, compliant

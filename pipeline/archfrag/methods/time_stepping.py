@@ -13,7 +13,7 @@ While the body force stays inside the rest range of the configuration nothing is
 import numpy as np
 
 from archfrag.mechanics.compile import allocating, kernel
-from archfrag.mechanics.contact import solve_contact
+from archfrag.mechanics.contact import newton_contact, path_contact
 from archfrag.mechanics.delassus import (
     Contacts,
     ContactWork,
@@ -195,6 +195,79 @@ def aim_contacts(
                     contacts.normal_minus[j, c, k] = contacts.normal[j, k]
 
 
+@kernel
+def try_step(
+    chain,
+    position,
+    velocity,
+    slip,
+    length,
+    before,
+    after,
+    next_before,
+    next_after,
+    step,
+    kick_x,
+    kick_y,
+    rounding,
+    free,
+    trial,
+    moved,
+    contacts,
+    work,
+):
+    """Pose the contact problem of a step and solve it by the Newton iteration.
+
+    Parameters
+    ----------
+    kick_x, kick_y : float
+        What the ground, and gravity, take from the velocities [m/s].
+    free : ndarray, (n_body, 3)
+        Overwritten: velocities without reactions.
+
+    Returns
+    -------
+    status, iterations : int
+        As `newton_contact`.
+    """
+    for i in range(position.shape[0]):
+        free[i, 0] = velocity[i, 0] - kick_x
+        free[i, 1] = velocity[i, 1] - kick_y
+        free[i, 2] = velocity[i, 2]
+        for k in range(3):
+            trial[i, k] = position[i, k] + step * velocity[i, k]
+    place_contacts(position, before, after, slip, length, contacts)
+    move_faces(chain, trial, next_before, next_after)
+    aim_contacts(
+        velocity,
+        slip,
+        length,
+        next_before,
+        next_after,
+        step,
+        chain.gravity,
+        rounding,
+        moved,
+        contacts,
+        work,
+    )
+    return newton_contact(chain.mass, chain.inertia, contacts, chain.friction, free, work)
+
+
+@kernel
+def finish_step(
+    chain, step, kick_x, kick_y, position, velocity, mean, mean_relative, contacts, work
+):
+    """Take the solved velocities over and move the bodies; returns the work of the ground [J]."""
+    for i in range(position.shape[0]):
+        for k in range(3):
+            mean[i, k] = 0.5 * (velocity[i, k] + work.velocity[i, k])
+            velocity[i, k] = work.velocity[i, k]
+            position[i, k] += step * velocity[i, k]
+    relative_velocity(contacts, mean, work.pivot, mean_relative)
+    return ground_work(chain.mass, kick_x, kick_y, mean)
+
+
 @allocating
 def _rest_range(chain, position, before, after, slip, length, contacts):
     """Load factors between which the present configuration would stay at rest."""
@@ -366,30 +439,33 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
         kick_y = impulse_between(
             time - 0.5 * previous, time + 0.5 * step, ground.vertical, impulse_y, sampling
         )
-        for i in range(n_body):
-            free[i, 0] = velocity[i, 0] - kick_x
-            free[i, 1] = velocity[i, 1] - kick_y - span * gravity
-            free[i, 2] = velocity[i, 2]
-            for k in range(3):
-                trial[i, k] = position[i, k] + step * velocity[i, k]
-        place_contacts(position, before, after, slip, length, contacts)
-        move_faces(chain, trial, next_before, next_after)
-        aim_contacts(
+        solved, n_iteration = try_step(
+            chain,
+            position,
             velocity,
             slip,
             length,
+            before,
+            after,
             next_before,
             next_after,
             step,
-            gravity,
+            kick_x,
+            kick_y + span * gravity,
             rounding,
+            free,
+            trial,
             moved,
             contacts,
             work,
         )
-        solved, n_iteration, n_break, soft = solve_contact(
-            mass, inertia, contacts, chain.friction, free, work
-        )
+        n_break = 0
+        soft = False
+        if solved != STANDING:
+            solved, more, n_break, soft = path_contact(
+                mass, inertia, contacts, chain.friction, free, work
+            )
+            n_iteration += more
         steps += 1
         iterations += n_iteration
         if n_break > 0:
@@ -427,13 +503,10 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
                 work.mode[j] = old_mode[j]
             continue
 
-        for i in range(n_body):
-            for k in range(3):
-                mean[i, k] = 0.5 * (velocity[i, k] + work.velocity[i, k])
-                velocity[i, k] = work.velocity[i, k]
-                position[i, k] += step * velocity[i, k]
-        relative_velocity(contacts, mean, work.pivot, mean_relative)
-        work_ground += ground_work(mass, kick_x, kick_y, mean)
+        gain = finish_step(
+            chain, step, kick_x, kick_y, position, velocity, mean, mean_relative, contacts, work
+        )
+        work_ground += gain
         fastest = 0.0
         move_faces(chain, position, before, after)
         for j in range(n_joint):

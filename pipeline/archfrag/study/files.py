@@ -4,6 +4,7 @@ import contextlib
 import hashlib
 import json
 import os
+import re
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +13,8 @@ from typing import Any
 import archfrag
 from archfrag.errors import OutputError
 
+# Temporary names: a dot, the name that the file was to have, and random characters.
+_LEFT_OVER = re.compile(r"\..+\.(npz|json|csv|nc|html|svg|yaml)\.[A-Za-z0-9_]+(\.tmp)?")
 PACKAGE = Path(archfrag.__file__).resolve().parent
 
 
@@ -68,6 +71,13 @@ def replacing(path: Path, lasting: bool = True) -> Iterator[Path]:
     finally:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
+
+
+def sweep(folder: Path) -> None:
+    """Remove temporary files that a killed run left; nothing else may be at work there."""
+    for path in folder.rglob(".*"):
+        if _LEFT_OVER.fullmatch(path.name) and path.is_file():
+            path.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:

@@ -15,7 +15,7 @@ from typing import IO
 from archfrag.errors import ArchfragError, OutputError
 from archfrag.study.checks import STUDY_FILE, check_output
 from archfrag.study.config import Study, dump_study
-from archfrag.study.files import PACKAGE, cannot_write, make_folder, write_text
+from archfrag.study.files import PACKAGE, cannot_write, make_folder, sweep, write_text
 from archfrag.study.provenance import available_cores
 from archfrag.study.records import find_sources
 
@@ -122,6 +122,7 @@ def run_study(
                     f"`{typed} --resume` to go on"
                 )
             _snakemake(study, ["--cores", "1", "--unlock"], lock, quiet=True)
+            sweep(study.folder)
         write_text(study.folder / STUDY_FILE, dump_study(study))
         share = ["--profile", str(profile.resolve())] if profile is not None else []
         if cores is not None or profile is None:
