@@ -1,7 +1,7 @@
 """Batches on dask workers: same results for any number of them, losses survived or told."""
 
+import contextlib
 import os
-import signal
 import threading
 import time
 
@@ -24,8 +24,12 @@ def parts_of(folder):
 
 def worker_processes():
     """Processes that dask started for this one; not the trackers of multiprocessing."""
-    children = psutil.Process().children(recursive=True)
-    return [child for child in children if "spawn_main" in " ".join(child.cmdline())]
+    found = []
+    for child in psutil.Process().children(recursive=True):
+        with contextlib.suppress(psutil.NoSuchProcess):
+            if "spawn_main" in " ".join(child.cmdline()):
+                found.append(child)
+    return found
 
 
 class Killer(threading.Thread):
@@ -40,8 +44,9 @@ class Killer(threading.Thread):
         while not self.stop.is_set():
             if list(self.folder.glob("parts/0*.npz")):
                 for process in worker_processes()[: None if self.every else 1]:
-                    os.kill(process.pid, signal.SIGKILL)
-                    self.killed += 1
+                    with contextlib.suppress(psutil.NoSuchProcess):
+                        process.kill()
+                        self.killed += 1
                 if not self.every:
                     return
             time.sleep(0.05)

@@ -40,7 +40,8 @@ __all__ = ["COMPLIANCE", "ContactWork", "Contacts", "contact_work", "solve_conta
 
 COMPLIANCE = 1e-10
 PATH_COMPLIANCE = 1e-6
-PATHS = 3
+PATHS = 9
+SOFT_PATHS = 3
 # Where a corner neither presses nor parts, rounding decides: such a state may break a law by
 # this much, relative, and its residual says so.
 DEGENERATE = 1e-8
@@ -93,7 +94,7 @@ def path_contact(mass, inertia, contacts, friction, free_velocity, work):
     iterations = 0
     breaks = 0
     for attempt in range(PATHS):
-        compliance = PATH_COMPLIANCE * 0.01**attempt
+        compliance = PATH_COMPLIANCE * 0.01 ** (attempt % 3)
         _, more_breaks = follow_path(
             mass,
             inertia,
@@ -103,6 +104,7 @@ def path_contact(mass, inertia, contacts, friction, free_velocity, work):
             work,
             scale,
             compliance,
+            attempt,
             100 + 20 * n_joint,
         )
         breaks += max(more_breaks, 1)
@@ -139,7 +141,7 @@ def path_contact(mass, inertia, contacts, friction, free_velocity, work):
             iterations += more
             if solved:
                 return SOLVED, iterations, breaks, False
-    for attempt in range(PATHS):
+    for attempt in range(SOFT_PATHS):
         compliance = PATH_COMPLIANCE * 10.0**attempt
         _, more_breaks = follow_path(
             mass,
@@ -150,6 +152,7 @@ def path_contact(mass, inertia, contacts, friction, free_velocity, work):
             work,
             scale,
             compliance,
+            attempt,
             100 + 20 * n_joint,
         )
         breaks += max(more_breaks, 1)

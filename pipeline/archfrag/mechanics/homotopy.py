@@ -136,7 +136,18 @@ def _solve_at(mass, inertia, contacts, free_velocity, work, value, target, frict
 
 
 @allocating
-def follow_path(mass, inertia, contacts, friction, free_velocity, work, scale, compliance, limit):
+def follow_path(
+    mass,
+    inertia,
+    contacts,
+    friction,
+    free_velocity,
+    work,
+    scale,
+    compliance,
+    attempt,
+    limit,
+):
     """Follow the solution from all joints open to the problem's own.
 
     Parameters
@@ -152,6 +163,8 @@ def follow_path(mass, inertia, contacts, friction, free_velocity, work, scale, c
         Largest relative velocity without reactions.
     compliance : float
         Of the contact rows, relative: it keeps the pieces of hyperstatic joints regular.
+    attempt : int
+        Chooses other opening velocities, and with them another path to the same problem.
     limit : int
         Breaks allowed.
 
@@ -164,7 +177,7 @@ def follow_path(mass, inertia, contacts, friction, free_velocity, work, scale, c
     bias = contacts.bias.copy()
     friction = np.minimum(friction, PATH_FRICTION)
     opening = np.zeros((n_joint, 2, 2))
-    seed = np.uint32(88172645)
+    seed = np.uint32(88172645 + 7919 * attempt)
     for j in range(n_joint):
         work.mode[j] = OPEN
         for c in range(2):
