@@ -11,11 +11,13 @@ import os
 import platform
 import shutil
 import tempfile
+import time
 from importlib.metadata import version
 from pathlib import Path
 
 KERNEL_FOLDERS = ("mechanics", "methods")
-KEPT = 5
+KEPT = 8
+KEPT_FOR_SURE = 30 * 86400.0
 
 
 def kernel_hash() -> str:
@@ -56,7 +58,10 @@ def _base() -> Path:
 def _forget_old(base: Path) -> None:
     folders = [p for p in base.iterdir() if p.is_dir() and p.name.startswith("k-")]
     folders.sort(key=lambda p: p.stat().st_mtime, reverse=True)
+    recent = time.time() - KEPT_FOR_SURE
     for folder in folders[KEPT:]:
+        if folder.stat().st_mtime > recent:
+            continue
         shutil.rmtree(folder, ignore_errors=True)
 
 

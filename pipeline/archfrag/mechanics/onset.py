@@ -17,6 +17,7 @@ from archfrag.mechanics.compile import allocating
 
 FEASIBLE = 1e-12
 BOX = 1e5
+NO_LIMIT = 1e3
 N_UNKNOWN = 4
 HINGE_INTRADOS = 1
 HINGE_EXTRADOS = 2
@@ -248,7 +249,7 @@ def rest_limit(mass, centroid, point, normal, candidate, friction, gravity, sens
     for i in range(N_UNKNOWN):
         if found and active[i] < b.size and multiplier[i] > 1e-9:
             mechanism[joint[active[i]]] |= kind[active[i]]
-    load_factor = np.inf * sense if abs(k) >= 0.999 * BOX else k
+    load_factor = np.inf * sense if abs(k) > NO_LIMIT else k
     fx, fy, mo = x[0] * weight, x[1] * weight, x[2] * weight * size
     if free_end:
         fx = fy = mo = 0.0

@@ -507,6 +507,11 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
             chain, step, kick_x, kick_y, position, velocity, mean, mean_relative, contacts, work
         )
         work_ground += gain
+        if step != previous:
+            # Weight and height are weighed differently where the step changes.
+            for i in range(n_body):
+                change = work.velocity[i, 1] - (free[i, 1] + kick_y + span * gravity)
+                work_stray += 0.25 * gravity * mass[i] * (step - previous) * change
         fastest = 0.0
         move_faces(chain, position, before, after)
         for j in range(n_joint):
@@ -617,6 +622,8 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
                 )
             if margin > 0.0:
                 work_stray -= kinetic
+                for i in range(n_body):
+                    work_stray += 0.5 * gravity * mass[i] * previous * velocity[i, 1]
                 kinetic = 0.0
                 velocity[:] = 0.0
                 at_rest = True
