@@ -43,4 +43,5 @@ def test_readme_gives_the_commands_that_ci_runs():
     readme = (ROOT / "README.md").read_text()
     script = (ROOT / ".ci" / "run").read_text()
     assert 'pip install -e ".[test]" && pytest' in readme
-    assert "pytest" in script and '".[test]"' in script
+    assert "pytest" in script
+    assert '".[test]"' in script
