@@ -31,6 +31,12 @@ class Block(Arch):
     ------
     GeometryError
         Naming the parameter, its value and what is allowed.
+
+    Examples
+    --------
+    >>> import archfrag as af
+    >>> round(af.onset(af.Block(width=0.2, height=1.0, friction=0.8)).plus, 6)
+    0.2
     """
 
     def __init__(

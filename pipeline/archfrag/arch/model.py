@@ -138,6 +138,15 @@ class Arch:
         Raises
         ------
         GeometryError
+
+        Examples
+        --------
+        >>> import archfrag as af
+        >>> arch = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
+        >>> arch.n_voussoir, arch.n_joint
+        (7, 8)
+        >>> round(float(arch.chain.mass.sum()))
+        82467
         """
         radius = checks.number("radius", radius)
         thickness = checks.number("thickness", thickness, below=2.0 * radius, note="2 x radius")
@@ -179,6 +188,13 @@ class Arch:
         Raises
         ------
         GeometryError
+
+        Examples
+        --------
+        >>> import archfrag as af
+        >>> bridge = af.Arch.segmental(span=8.0, rise=2.0, thickness=0.6, voussoirs=15, friction=0.6)
+        >>> af.onset(bridge).stands
+        True
         """
         span = checks.number("span", span)
         rise = checks.number(
@@ -231,6 +247,13 @@ class Arch:
         Raises
         ------
         GeometryError
+
+        Examples
+        --------
+        >>> import archfrag as af
+        >>> gothic = af.Arch.pointed(span=6.0, rise=4.0, thickness=0.6, voussoirs=12, friction=0.7)
+        >>> gothic
+        <Arch pointed: 12 voussoirs, 13 joints>
         """
         span = checks.number("span", span)
         rise = checks.number("rise", rise, at_least=0.5 * span, note="half the span")
@@ -268,6 +291,13 @@ class Arch:
         Raises
         ------
         GeometryError
+
+        Examples
+        --------
+        >>> import archfrag as af
+        >>> arch = af.Arch.elliptic(span=8.0, rise=2.5, thickness=0.8, voussoirs=11, friction=0.7)
+        >>> arch.n_joint
+        12
         """
         span = checks.number("span", span)
         rise = checks.number("rise", rise, at_least=_FLATTEST * span, note="1e-6 x span")
@@ -307,6 +337,13 @@ class Arch:
         Raises
         ------
         GeometryError
+
+        Examples
+        --------
+        >>> import archfrag as af
+        >>> arch = af.Arch.catenary(span=6.0, rise=4.0, thickness=0.4, voussoirs=13, friction=0.7)
+        >>> af.onset(arch).stands
+        True
         """
         span = checks.number("span", span)
         rise = checks.number("rise", rise, at_least=_FLATTEST * span, note="1e-6 x span")
@@ -355,6 +392,15 @@ class Arch:
         GeometryError
             Also if corners coincide, joints cross, a voussoir is not a convex quadrilateral, the
             chain doubles back, or two voussoirs overlap.
+
+        Examples
+        --------
+        >>> import numpy as np, archfrag as af
+        >>> height = np.linspace(0.0, 6.0, 8)
+        >>> right = np.column_stack([np.linspace(0.55, 0.45, 8), height])
+        >>> column = af.Arch.from_joints(right, right * [-1, 1], friction=0.7, free_end=True)
+        >>> column.n_joint, round(af.onset(column).plus, 3)
+        (7, 0.19)
         """
         free_end = checks.flag("free_end", free_end)
         least = 2 if free_end else 3

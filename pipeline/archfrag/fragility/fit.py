@@ -41,6 +41,14 @@ def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Fragility:
         If an argument has the wrong shape or a value that cannot be.
     FitError
         If the likelihood has no maximum with beta > 0; the sentence says what is known instead.
+
+    Examples
+    --------
+    >>> import archfrag as af
+    >>> im = [0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0]
+    >>> curve = af.fit_stripes(im, [0, 0, 0, 4, 6, 13, 12, 16], 40)
+    >>> round(curve.theta, 4), round(curve.beta, 4)
+    (1.0761, 0.4292)
     """
     im, collapses, n = checked_stripes(im, collapses, n)
     used = n > 0
@@ -90,6 +98,13 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragilit
         If a capacity or the limit is not a positive number.
     FitError
         If the data do not determine a dispersion > 0.
+
+    Examples
+    --------
+    >>> import archfrag as af
+    >>> curve = af.fit_ida([0.5, 0.7, 0.9, 1.3], truncate_at=None)
+    >>> round(curve.theta, 3)
+    0.8
     """
     capacities = np.asarray(capacities, dtype=float)
     if capacities.ndim != 1 or capacities.size == 0:

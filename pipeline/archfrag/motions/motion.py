@@ -35,6 +35,13 @@ class Motion:
     RecordError
         If a sample is not finite, the samples are not one row of at least two, `dt` is not
         positive, or the vertical has another length.
+
+    Examples
+    --------
+    >>> import numpy as np, archfrag as af
+    >>> motion = af.Motion(np.sin(np.arange(100) / 10.0), dt=0.01, id="sine")
+    >>> float(round(motion.duration, 2)), motion.scaled(2.0).log
+    (0.99, ('Multiplied by 2.',))
     """
 
     acceleration: NDArray[np.float64]

@@ -69,6 +69,17 @@ def read_motion(
     RecordError
         With the file and what is wrong: missing, empty, truncated, not finite, with gaps,
         unknown format or unit, no positive time step, or no such horizontal component.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import archfrag as af
+    >>> lines = ["PEER", "Event, 1/1/1999, Station, 90", "ACCELERATION IN UNITS OF G"]
+    >>> lines += ["NPTS=  4, DT=  .0100 SEC", " .1E+00 -.2E+00 .1E+00 .0E+00"]
+    >>> _ = Path("example.AT2").write_text("\\n".join(lines) + "\\n")
+    >>> motion = af.read_motion("example.AT2")
+    >>> float(round(abs(motion.acceleration).max(), 4)), motion.dt
+    (1.9613, 0.01)
     """
     source = Path(path)
     channels, entry = _channels(source, unit, inventory)
