@@ -192,7 +192,7 @@ class Arch:
         Examples
         --------
         >>> import archfrag as af
-        >>> bridge = af.Arch.segmental(span=8.0, rise=2.0, thickness=0.6, voussoirs=15, friction=0.6)
+        >>> bridge = af.Arch.segmental(span=8.0, rise=2.0, thickness=0.6, voussoirs=9, friction=1)
         >>> af.onset(bridge).stands
         True
         """
