@@ -284,8 +284,10 @@ class TestImpact:
 
 
 class TestEnergy:
-    def test_the_account_closes(self):
-        energy = af.simulate(oppenheim(), pulse(0.5, 0.3)).energy
+    @pytest.mark.parametrize("follow", [0.0, 20.0])
+    def test_the_account_closes_in_motion_and_at_rest(self, follow):
+        energy = af.simulate(oppenheim(), pulse(0.5, 0.3), follow=follow).energy
+        assert (energy["kinetic"] > 0.0) == (follow == 0.0)
         gained = energy["kinetic"] + energy["potential"]
         given = energy["ground"] + energy["friction"] + energy["impacts"] + energy["stray"]
         assert gained == pytest.approx(given, abs=1e-9 * energy["largest_kinetic"])
