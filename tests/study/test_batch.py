@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import socket
 import threading
 import time
 
@@ -98,6 +99,17 @@ def test_nothing_to_do_starts_no_workers(copied, monkeypatch):
     monkeypatch.setattr(batch_module, "_client", None)
     log = run_batch(copied.study, quiet=True)
     assert (log.kept, log.workers) == (12, 0)
+
+
+def test_another_cluster_beside_it_is_no_matter(copied, recwarn):
+    copied.plan.part(1).unlink()
+    with socket.socket() as taken:
+        taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        with contextlib.suppress(OSError):
+            taken.bind(("127.0.0.1", 8787))
+            taken.listen()
+        run_batch(copied.study, workers=1, quiet=True)
+    assert not [str(w.message) for w in recwarn if "8787" in str(w.message)]
 
 
 def test_batches_share_the_runs(copied):

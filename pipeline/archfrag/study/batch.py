@@ -154,7 +154,7 @@ def _client(study: Study, count: int) -> Iterator[Client]:
                         threads_per_worker=1,
                         processes=True,
                         memory_limit=MEMORY_LIMIT,
-                        dashboard_address=None,
+                        dashboard_address="127.0.0.1:0",  # any: two studies may run at once
                         silence_logs=logging.CRITICAL,
                     )
                 )
