@@ -7,7 +7,7 @@ import pytest
 
 from archfrag.mechanics.contact import COMPLIANCE, Contacts, contact_work, solve_contact
 from archfrag.mechanics.delassus import assemble, relative_velocity, solve_modes, velocity_scale
-from archfrag.mechanics.laws import CLOSED_MINUS, CLOSED_PLUS, CLOSED_STICK, OPEN
+from archfrag.mechanics.laws import CLOSED_MINUS, CLOSED_PLUS, CLOSED_STICK, OPEN, touches
 from archfrag.mechanics.residuals import contact_residual
 from tests.physics.random_states import KINDS, random_state
 
@@ -93,33 +93,41 @@ class TestSignoriniAndCoulomb:
                 size = np.abs(work.reaction).max() / mass[i]
                 assert gain == pytest.approx(expected, abs=1e-9 * size)
 
-    def test_every_solution_of_short_chains_is_among_all_mode_combinations(self):
+    @pytest.mark.parametrize(("n", "states"), [(2, 40), (3, 8)])
+    def test_answers_for_short_chains_are_among_all_mode_combinations(self, n, states):
+        """No state without a solution: of every one, trying all cases finds what was found."""
         rng = np.random.default_rng(6)
-        for trial in range(40):
-            state = random_state(rng, 2, rng.uniform(0.2, 1.2), KINDS[trial % 4])
+        several = 0
+        for trial in range(states):
+            state = random_state(rng, n, rng.uniform(0.2, 1.2), KINDS[trial % 4])
             mass, inertia, contacts, friction, free, _ = state
             work, status, *_ = solve(state)
             assert status == SOLVED
             found = work.velocity.copy()
-            other = contact_work(2, 3)
+            other = contact_work(n, n + 1)
             assemble(mass, inertia, contacts, other)
             scale = velocity_scale(contacts, free, other)
-            matches = 0
-            for modes in itertools.product(range(10), repeat=3):
-                if any(
-                    not contacts.candidate[j, c] and (m >= CLOSED_STICK or (m - 1) // 3 == c)
-                    for j, m in enumerate(modes)
-                    if m != OPEN
-                    for c in range(2)
-                ):
-                    continue
+            possible = [
+                [
+                    m
+                    for m in range(10)
+                    if all(contacts.candidate[j, c] or not touches(m, c) for c in range(2))
+                ]
+                for j in range(n + 1)
+            ]
+            answers = []
+            for modes in itertools.product(*possible):
                 other.mode[:] = modes
                 left = solve_modes(
                     mass, inertia, contacts, friction, free, other, scale, COMPLIANCE, True
                 )
                 if left < 1e-8 * scale and residual_of(state, other) < 1e-8:
-                    matches += np.abs(other.velocity - found).max() < 1e-6 * scale
-            assert matches >= 1
+                    answers.append(other.velocity.copy())
+            near = [np.abs(answer - found).max() < 1e-6 * scale for answer in answers]
+            assert any(near)
+            several += not all(near)
+        # Coulomb friction may leave more than one motion; it must be the exception.
+        assert several <= 0.1 * states
 
 
 class TestCoulomb:

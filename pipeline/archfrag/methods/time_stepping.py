@@ -410,7 +410,10 @@ def run(chain, ground, position, velocity, from_rest, options, frames):
     while True:
         if at_rest:
             leave = end_of_rest(time, ground, gravity, plus, minus)
-            if leave >= record_end:
+            stays = rest_margin(0.0, 0.0, gravity, plus, minus) >= 0.0
+            if leave >= record_end and not stays:
+                leave = max(time, record_end)
+            elif leave >= record_end:
                 rest_time += max(record_end - rest_from, 0.0)
                 time = max(time, record_end)
                 status = STANDING

@@ -1,0 +1,105 @@
+"""Scenes and measurements for tests of motion, written apart from the kernels they judge."""
+
+import numpy as np
+
+import archfrag as af
+
+g = 9.80665
+
+
+def sampled(shape, duration, dt=1e-4):
+    """Motion whose acceleration [g] at time t [s] is ``shape(t)``, and zero from `duration` on."""
+    time = np.arange(0.0, duration + 0.01, dt)
+    value = np.where(time < duration - 1e-9, np.broadcast_to(shape(time), time.shape), 0.0)
+    return af.Motion(value * g, dt)
+
+
+def pulse(amplitude, duration):
+    """Ground acceleration +a for `duration`, then -a/2 for twice as long [g, s]."""
+    return sampled(lambda t: amplitude * np.where(t < duration - 1e-9, 1.0, -0.5), 3.0 * duration)
+
+
+def random_scene(rng, dt=5e-4):
+    """An arch that stands and four seconds of motion, up to 2.5 times what starts it."""
+    while True:
+        arch = af.Arch.circular(
+            10.0,
+            rng.uniform(1.0, 2.5),
+            rng.uniform(90.0, 170.0),
+            int(rng.integers(3, 28)),
+            rng.uniform(0.4, 1.0),
+            sector=bool(rng.random() < 0.5),
+        )
+        start = af.onset(arch)
+        if start.stands:
+            break
+    time = np.arange(0.0, 4.0, dt)
+    window = np.minimum(1.0, np.minimum(time, time[-1] - time) / 0.2)
+    waves = zip(rng.normal(size=6), rng.uniform(0.4, 6.0, 6), rng.uniform(0.0, 6.3, 6))
+    across = sum(a * np.sin(2.0 * np.pi * f * time + p) for a, f, p in waves) * window
+    across *= min(start.plus, 3.0) * g * rng.uniform(1.05, 2.5) / np.abs(across).max()
+    upward = 0.3 * g * rng.random() * np.sin(6.0 * np.pi * time) * window
+    return arch, af.Motion(across, dt, upward)
+
+
+def impulse(samples, dt, start, end):
+    """Integral of a piecewise-linear history, zero outside, from `start` to `end` (arrays)."""
+    total = np.concatenate([[0.0], np.cumsum(0.5 * dt * (samples[1:] + samples[:-1]))])
+
+    def until(time):
+        time = np.clip(time, 0.0, (samples.size - 1) * dt)
+        i = np.minimum((time / dt).astype(int), samples.size - 2)
+        part = time - i * dt
+        slope = (samples[i + 1] - samples[i]) / dt
+        return total[i] + part * (samples[i] + 0.5 * part * slope)
+
+    return until(end) - until(start)
+
+
+def work_of_contacts(arch, motion, history, dt):
+    """Work of all joints in each step, from velocities before and after it alone.
+
+    Returns
+    -------
+    work : ndarray, (n_step,) [J]
+        Gain of kinetic energy less the work of gravity and of the ground's inertia forces.
+    kinetic : ndarray, (n_step,) [J]
+        After each step.
+    regular : ndarray, (n_step,)
+        Whether the step and the one before it have the nominal size.
+    """
+    chain = arch.chain
+    time = history.time.values
+    shift, spin = history.velocity.values, history.angular_velocity.values
+    kinetic = 0.5 * ((shift**2).sum(2) @ chain.mass + spin**2 @ chain.inertia)
+    start, end = time[:-1] - 0.5 * dt, time[:-1] + 0.5 * dt
+    upward = np.zeros_like(motion.acceleration) if motion.vertical is None else motion.vertical
+    kick_x = impulse(motion.acceleration, motion.dt, start, end)
+    kick_y = impulse(upward, motion.dt, start, end) + g * dt
+    mean = 0.5 * (shift[1:] + shift[:-1])
+    given = -(kick_x * (mean[:, :, 0] @ chain.mass) + kick_y * (mean[:, :, 1] @ chain.mass))
+    regular = np.abs(np.diff(time) - dt) < 1e-6 * dt
+    regular[1:] &= regular[:-1].copy()
+    regular[0] = False
+    return np.diff(kinetic) - given, kinetic[1:], regular
+
+
+def joint_faces(arch, history):
+    """Corners of the faces before and after every joint, each (time, joint, corner, xy) [m]."""
+    chain = arch.chain
+    turn = history.rotation.values
+    place = history.displacement.values + chain.centroid
+    cos, sin = np.cos(turn)[..., None], np.sin(turn)[..., None]
+
+    def carried(body, face):
+        x, y = face[:, :, 0], face[:, :, 1]
+        c, s = cos[:, body], sin[:, body]
+        return place[:, body, None] + np.stack([c * x - s * y, s * x + c * y], axis=-1)
+
+    n_body, n_joint = arch.n_voussoir, arch.n_joint
+    ground = np.broadcast_to(chain.face_before[:1], (turn.shape[0], 1, 2, 2))
+    before = [ground, carried(slice(0, n_joint - 1), chain.face_before[1:])]
+    after = [carried(slice(0, n_body), chain.face_after[:n_body])]
+    if n_joint > n_body:
+        after.append(np.broadcast_to(chain.face_after[n_body:], (turn.shape[0], 1, 2, 2)))
+    return np.concatenate(before, axis=1), np.concatenate(after, axis=1)

@@ -1,0 +1,315 @@
+"""Onset of motion against limit analysis written from the voussoirs' outlines alone."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+import archfrag as af
+from archfrag.errors import StabilityError
+from archfrag.mechanics.contact import contact_work, solve_contact
+from archfrag.mechanics.kinematics import (
+    empty_contacts,
+    joint_lengths,
+    move_faces,
+    place_contacts,
+)
+from archfrag.mechanics.laws import CLOSED_STICK
+
+g = 9.80665
+DENSITY = 2000.0
+
+
+def polygon(points):
+    """Area and centroid of a polygon, (n, 2) [m]."""
+    x, y = np.asarray(points).T
+    u, v = np.roll(x, -1), np.roll(y, -1)
+    piece = x * v - u * y
+    area = piece.sum() / 2.0
+    return abs(area), np.array([((x + u) * piece).sum(), ((y + v) * piece).sum()]) / (6.0 * area)
+
+
+def annular_sector(radius, thickness, start, end):
+    """Area and centroid of a sector of a ring about the origin [m, rad]."""
+    inner, outer = radius - thickness / 2.0, radius + thickness / 2.0
+    half = abs(start - end) / 2.0
+    reach = 2.0 / 3.0 * (outer**3 - inner**3) / (outer**2 - inner**2) * math.sin(half) / half
+    middle = (start + end) / 2.0
+    area = half * (outer**2 - inner**2)
+    return area, reach * np.array([math.cos(middle), math.sin(middle)])
+
+
+def largest_factor(lines, weight, centre, friction, sense):
+    """Largest k for which forces at the joints' ends balance the weights and k times them.
+
+    `lines` are the joints (n_joint, end, xy); `weight` and `centre` belong to the bodies, in
+    order; a joint beyond the last body is a springing.
+    """
+    n_body, n_joint = len(weight), len(lines)
+    total = weight.sum()
+    columns = 3 * n_joint + 1
+    balance, load = np.zeros((3 * n_body, columns)), np.zeros(3 * n_body)
+    cone = []
+    for j, (near, far) in enumerate(lines):
+        along = (far - near) / np.linalg.norm(far - near)
+        across = np.array([along[1], -along[0]])
+        for body, sign in ((j, 1.0), (j - 1, -1.0)):
+            if 0 <= body < n_body:
+                for k, (place, way) in enumerate(((near, across), (far, across), (near, along))):
+                    arm = place - centre[body]
+                    turn = arm[0] * way[1] - arm[1] * way[0]
+                    balance[3 * body : 3 * body + 3, 3 * j + k] = sign * np.array([*way, turn])
+        if math.isfinite(friction[j]):
+            for side in (1.0, -1.0):
+                row = np.zeros(columns)
+                row[3 * j : 3 * j + 3] = -friction[j], -friction[j], side
+                cone.append(row)
+    load[1::3] = weight / total
+    balance[::3, -1] = -weight / total
+    objective = np.zeros(columns)
+    objective[-1] = -sense
+    found = linprog(
+        objective,
+        A_ub=np.array(cone) if cone else None,
+        b_ub=np.zeros(len(cone)) if cone else None,
+        A_eq=balance,
+        b_eq=load,
+        bounds=[(0, None), (0, None), (None, None)] * n_joint + [(None, None)],
+        method="highs",
+        options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
+    )
+    if found.status == 3:
+        return sense * math.inf
+    return found.x[-1] if found.success else math.nan
+
+
+def random_friction(rng, n, low=0.3):
+    friction = rng.uniform(low, 1.1, n)
+    friction[rng.random(n) < 0.3] = np.inf
+    return friction
+
+
+def random_ring(rng):
+    """A circular arch and, worked out apart from it, what limit analysis needs."""
+    n = int(rng.integers(2, 24))
+    radius, embrace = rng.uniform(1.0, 20.0), rng.uniform(50.0, 180.0)
+    thickness = radius * rng.uniform(0.06, 0.35)
+    friction = random_friction(rng, n + 1)
+    dead = rng.uniform(0.0, 2.0, n) * DENSITY * g * radius * thickness / n
+    sector = bool(rng.random() < 0.5)
+    arch = af.Arch.circular(
+        radius, thickness, embrace, n, friction, density=DENSITY, dead_load=dead, sector=sector
+    )
+    angle = math.radians(90.0 + embrace / 2.0) - np.arange(n + 1) * math.radians(embrace) / n
+    ray = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    lines = np.stack([(radius - thickness / 2) * ray, (radius + thickness / 2) * ray], axis=1)
+    weight, centre = np.empty(n), np.empty((n, 2))
+    for i in range(n):
+        if sector:
+            area, own = annular_sector(radius, thickness, angle[i], angle[i + 1])
+            middle = (angle[i] + angle[i + 1]) / 2.0
+            back = (radius + thickness / 2) * np.array([math.cos(middle), math.sin(middle)])
+        else:
+            area, own = polygon([lines[i, 0], lines[i, 1], lines[i + 1, 1], lines[i + 1, 0]])
+            back = (lines[i, 1] + lines[i + 1, 1]) / 2.0
+        weight[i] = DENSITY * area * g + dead[i]
+        centre[i] = (DENSITY * area * g * own + dead[i] * back) / weight[i]
+    return arch, lines, weight, centre, friction
+
+
+def random_column(rng):
+    """A leaning, tapered stack of blocks with a free end, and what limit analysis needs."""
+    n = int(rng.integers(1, 9))
+    level = np.concatenate([[0.0], rng.uniform(0.3, 1.2, n).cumsum()])
+    middle = rng.uniform(-0.06, 0.06) * level
+    half = 0.5 - rng.uniform(0.0, 0.03) * level
+    right = np.stack([middle + half, level + rng.uniform(-0.05, 0.05, n + 1)], axis=1)
+    left = np.stack([middle - half, level + rng.uniform(-0.05, 0.05, n + 1)], axis=1)
+    friction = random_friction(rng, n, low=0.15)
+    arch = af.Arch.from_joints(right, left, friction, density=DENSITY, free_end=True)
+    lines = np.stack([right, left], axis=1)
+    weight, centre = np.empty(n), np.empty((n, 2))
+    for i in range(n):
+        area, centre[i] = polygon([right[i], left[i], left[i + 1], right[i + 1]])
+        weight[i] = DENSITY * area * g
+    return arch, lines[:n], weight, centre, friction
+
+
+def spread_contacts(arch):
+    """Contacts of an arch in its own geometry."""
+    position = np.zeros((arch.n_voussoir, 3))
+    position[:, :2] = arch.chain.centroid
+    before, after = np.zeros((2, arch.n_joint, 2, 2))
+    contacts = empty_contacts(arch.n_voussoir, arch.n_joint)
+    move_faces(arch.chain, position, before, after)
+    slip = np.zeros(arch.n_joint)
+    place_contacts(position, before, after, slip, joint_lengths(arch.chain), contacts)
+    return contacts
+
+
+def first_acceleration(arch, horizontal, vertical=0.0):
+    """Largest acceleration of any voussoir under a steady ground acceleration [g]."""
+    chain = arch.chain
+    work = contact_work(arch.n_voussoir, arch.n_joint)
+    work.mode[:] = CLOSED_STICK
+    free = np.zeros((arch.n_voussoir, 3))
+    free[:, 0] = -horizontal * g
+    free[:, 1] = -(1.0 + vertical) * g
+    status, *_ = solve_contact(
+        chain.mass, chain.inertia, spread_contacts(arch), chain.friction, free, work
+    )
+    assert status == 0
+    return np.abs(work.velocity[:, :2]).max() / g
+
+
+class TestStaticTheorem:
+    """Rest is where forces in equilibrium, pressing and inside the cones, exist."""
+
+    @pytest.mark.parametrize("kind", [random_ring, random_column])
+    def test_onset_equals_limit_analysis_of_the_outlines(self, kind):
+        rng = np.random.default_rng(60)
+        finite = standing = 0
+        for _ in range(40):
+            arch, *scene = kind(rng)
+            start = af.onset(arch)
+            expected = [largest_factor(*scene, sense) for sense in (1.0, -1.0)]
+            if math.isnan(expected[0]):
+                assert math.isnan(start.plus)
+                assert not start.stands
+                continue
+            # Of ground acceleration towards +x the body force points towards -x.
+            assert start.plus == pytest.approx(expected[0], rel=1e-7, abs=1e-9)
+            assert -start.minus == pytest.approx(expected[1], rel=1e-7, abs=1e-9)
+            assert start.stands == (expected[1] <= 0.0 <= expected[0])
+            finite += math.isfinite(start.plus)
+            standing += start.stands
+        assert finite >= 20
+        assert standing >= 12
+
+    def test_depends_on_shape_alone(self):
+        one = af.Arch.circular(10.0, 1.5, 157.5, 9, 0.6)
+        two = af.Arch.circular(0.1, 0.015, 157.5, 9, 0.6, density=7800.0, depth=0.3)
+        assert af.onset(two).plus == pytest.approx(af.onset(one).plus, rel=1e-9)
+
+
+class TestKinematicTheorem:
+    """At onset the weights do no net work on the mechanism that the hinges allow."""
+
+    @pytest.mark.parametrize("sense", [1.0, -1.0])
+    def test_work_on_the_four_hinges_gives_the_same_load(self, sense):
+        rng = np.random.default_rng(8)
+        tried = 0
+        while tried < 25:
+            n = int(rng.integers(5, 40))
+            arch = af.Arch.circular(
+                10.0, rng.uniform(1.1, 2.5), rng.uniform(90.0, 175.0), n, math.inf,
+                dead_load=rng.uniform(0.0, 2e5, n),
+            )  # fmt: skip
+            start = af.onset(arch)
+            hinges = start.hinges if sense > 0 else start.hinges_minus
+            value = start.plus if sense > 0 else -start.minus
+            if not start.stands or len({joint for joint, _ in hinges}) != 4:
+                continue
+            tried += 1
+            corners = {"intrados": arch.intrados, "extrados": arch.extrados}
+            place = np.array([corners[side][joint] for joint, side in hinges])
+            # Turns of the three mega-voussoirs: the velocities of the third hinge agree.
+            step = np.diff(place, axis=0)
+            turn = np.linalg.svd(np.stack([[-s[1], s[0]] for s in step], axis=1))[2][-1]
+            assert sum(np.outer(turn, [1.0, 1.0]) * step[:, ::-1] * [-1.0, 1.0]) == (
+                pytest.approx([0.0, 0.0], abs=1e-9)
+            )
+            chain = arch.chain
+            power = np.zeros(2)
+            base = np.zeros(2)
+            joints = [joint for joint, _ in hinges]
+            for k in range(3):
+                for body in range(joints[k], joints[k + 1]):
+                    arm = chain.centroid[body] - place[k]
+                    velocity = base + turn[k] * np.array([-arm[1], arm[0]])
+                    power += chain.mass[body] * velocity
+                base = base + turn[k] * np.array([-step[k, 1], step[k, 0]])
+            assert -power[1] / power[0] == pytest.approx(value, rel=1e-8)
+            # A hinge at the extrados opens the intrados: its relative turn has the other sign.
+            opening = np.diff(np.concatenate([[0.0], turn, [0.0]]))
+            side = np.array([1.0 if name == "extrados" else -1.0 for _, name in hinges])
+            assert len(set(np.sign(opening * side))) == 1
+
+
+class TestDirectionOfTheBodyForce:
+    """With vertical acceleration the rest range holds for k_h / (1 + k_v)."""
+
+    @pytest.mark.parametrize("vertical", [-0.5, 0.0, 0.7])
+    def test_contact_problem_starts_to_move_at_the_limit(self, vertical):
+        rng = np.random.default_rng(21)
+        tried = 0
+        while tried < 12:
+            n = int(rng.integers(3, 30))
+            arch = af.Arch.circular(
+                10.0, rng.uniform(1.2, 2.5), rng.uniform(80.0, 170.0), n, rng.uniform(0.6, 1.2)
+            )
+            start = af.onset(arch)
+            if not start.stands or not math.isfinite(start.plus):
+                continue
+            tried += 1
+            limit = start.plus * (1.0 + vertical)
+            assert first_acceleration(arch, 0.999 * limit, vertical) < 1e-9
+            assert first_acceleration(arch, -0.999 * limit, vertical) < 1e-9
+            assert first_acceleration(arch, 1.001 * limit, vertical) > 1e-6
+            assert first_acceleration(arch, -1.001 * limit, vertical) > 1e-6
+
+
+class TestThrustLine:
+    def test_of_an_arch_at_rest_lies_in_the_joints_and_follows_its_symmetry(self):
+        arch = af.Arch.circular(10.0, 1.5, 157.5, 12, 0.7)
+        thrust = af.onset(arch).thrust
+        assert thrust == pytest.approx(thrust[::-1] * [-1.0, 1.0], abs=1e-6)
+        radius = np.hypot(*thrust.T)
+        assert ((radius > 9.25) & (radius < 10.75)).all()
+
+    def test_crosses_each_joint_where_the_forces_before_it_have_no_moment(self):
+        arch = af.Arch.circular(10.0, 1.5, 157.5, 9, 0.7)
+        start = af.onset(arch)
+        line, centre = start.thrust_plus, arch.chain.centroid
+        force = np.outer(arch.chain.mass * g, [-start.plus, -1.0])
+
+        def moments(joint):
+            """Of a unit force along x and along y at the first joint, and of the weights."""
+            lever = line[0] - line[joint]
+            arm = centre[:joint] - line[joint]
+            load = arm[:, 0] * force[:joint, 1] - arm[:, 1] * force[:joint, 0]
+            return [-lever[1], lever[0], load.sum()]
+
+        rows = np.array([moments(joint) for joint in range(1, 10)])
+        thrust = np.linalg.solve(rows[[2, 8], :2], -rows[[2, 8], 2])
+        left = rows[:, :2] @ thrust + rows[:, 2]
+        assert np.abs(left).max() < 1e-9 * np.abs(rows[:, 2]).max()
+        assert thrust[1] > 0.0
+
+
+class TestArchThatDoesNotStand:
+    def test_is_a_result_of_onset(self):
+        start = af.onset(af.Arch.circular(10.0, 0.95, 180.0, 27, 0.7, sector=False))
+        assert start.stands is False
+        assert start.thrust is None
+
+    def test_is_a_clear_sentence_of_simulate(self):
+        thin = af.Arch.circular(10.0, 0.95, 180.0, 27, 0.7, sector=False)
+        still = af.Motion(np.zeros(10), 0.01)
+        with pytest.raises(StabilityError) as caught:
+            af.simulate(thin, still)
+        sentence = str(caught.value)
+        assert sentence.count("\n") == 0
+        assert "does not stand under its own weight; make it thicker" in sentence
+        assert "27 voussoirs" in sentence
+
+    def test_a_leaning_column_tells_what_would_hold_it(self):
+        right = np.array([[0.25, 0.0], [0.85, 3.0]])
+        column = af.Arch.from_joints(right, right - [0.5, 0.0], 1.0, free_end=True)
+        start = af.onset(column)
+        assert not start.stands
+        # Its centroid lies 0.05 m beyond its base's edge and 1.5 m above it.
+        assert -start.minus == pytest.approx(0.05 / 1.5, rel=1e-9)
+        with pytest.raises(StabilityError, match=r"between 0\.0333\d* and 0\.3667 g"):
+            af.simulate(column, af.Motion(np.zeros(10), 0.01))

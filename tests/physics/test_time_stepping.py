@@ -1,0 +1,441 @@
+"""Motion in time against closed forms, equations of motion integrated apart, and bookkeeping."""
+
+import math
+import sys
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import archfrag as af
+from archfrag.mechanics.contact import path_contact
+from archfrag.mechanics.delassus import contact_work
+from archfrag.mechanics.kinematics import (
+    clearance,
+    empty_contacts,
+    joint_lengths,
+    measure_slip,
+    move_faces,
+)
+from archfrag.mechanics.laws import CLOSED_STICK
+from archfrag.mechanics.status import Status
+from archfrag.methods.time_stepping import finish_step, try_step
+from tests.physics.audit import (
+    g,
+    impulse,
+    joint_faces,
+    pulse,
+    random_scene,
+    sampled,
+    work_of_contacts,
+)
+
+
+@pytest.fixture
+def every_step_measured(monkeypatch):
+    """Contact laws measured in every step instead of in every sixty-fourth."""
+    monkeypatch.setattr(sys.modules["archfrag.simulate"], "CHECK_INTERVAL", 1)
+
+
+def tilted(width, height, tilt):
+    """State of a block turned about its right corner by `tilt` [rad], at rest."""
+    half, up = width / 2.0, height / 2.0
+    across = half - (half * math.cos(tilt) - up * math.sin(tilt))
+    rise = half * math.sin(tilt) + up * math.cos(tilt) - up
+    return np.array([[across, rise, -tilt]]), np.zeros((1, 3))
+
+
+def rocking(frequency, slenderness, tilt, turns):
+    """Exact free rocking with Housner's impacts: times of impact and amplitudes after them."""
+
+    def turning(_, state):
+        return [state[1], -(frequency**2) * math.sin(slenderness - state[0])]
+
+    def lands(_, state):
+        return state[0]
+
+    def tops(_, state):
+        return state[1]
+
+    lands.terminal = tops.terminal = True
+    lands.direction = tops.direction = -1.0
+    ratio = 1.0 - 1.5 * math.sin(slenderness) ** 2
+    options = {"rtol": 1e-11, "atol": 1e-13}
+    times, amplitudes, now = [], [], 0.0
+    for _ in range(turns):
+        fall = solve_ivp(turning, (0.0, 20.0), [tilt, 0.0], events=lands, **options)
+        now += fall.t[-1]
+        times.append(now)
+        speed = -ratio * fall.y[1, -1]
+        rise = solve_ivp(turning, (0.0, 20.0), [0.0, speed], events=tops, **options)
+        now += rise.t[-1]
+        tilt = rise.y[0, -1]
+        amplitudes.append(tilt)
+    return np.array(times), np.array(amplitudes)
+
+
+class TestRest:
+    """What stands does not creep, even when every step is integrated."""
+
+    def test_steps_without_rest_detection_do_not_creep(self):
+        arch = af.Arch.circular(10.0, 1.2, 180.0, 27, 0.7, sector=False)
+        chain = arch.chain
+        n, joints, step = arch.n_voussoir, arch.n_joint, 2e-3
+        limit = af.onset(arch).plus
+        noise = np.random.default_rng(3).uniform(-1.0, 1.0, 6001) * 0.9 * limit * g
+        edges = np.arange(-0.5, 3000.0) * step
+        kicks = impulse(noise, 0.01, edges[:-1], edges[1:])
+        position = np.zeros((n, 3))
+        position[:, :2] = chain.centroid
+        velocity, free, trial, mean = np.zeros((4, n, 3))
+        moved, mean_relative = np.zeros((2, joints, 3))
+        before, after, next_before, next_after = np.zeros((4, joints, 2, 2))
+        contacts, work = empty_contacts(n, joints), contact_work(n, joints)
+        work.mode[:] = CLOSED_STICK
+        slip, length = np.zeros(joints), joint_lengths(chain)
+        move_faces(chain, position, before, after)
+        moved_by = []
+        for kick in kicks:
+            status, _ = try_step(
+                chain, position, velocity, slip, length, before, after, next_before,
+                next_after, step, kick, step * g, 1e-13, free, trial, moved, contacts, work,
+            )  # fmt: skip
+            if status != 0:
+                status, *_ = path_contact(
+                    chain.mass, chain.inertia, contacts, chain.friction, free, work
+                )
+            assert status == 0
+            finish_step(
+                chain, step, kick, step * g, position, velocity, mean, mean_relative,
+                contacts, work,
+            )  # fmt: skip
+            move_faces(chain, position, before, after)
+            moved_by.append(np.abs(position[:, :2] - chain.centroid).max())
+        # Rounding wanders up to what one degenerate step allows, and stays there.
+        assert max(moved_by) <= 1e-7
+        assert max(moved_by[1500:]) <= 2.0 * max(moved_by[:1500]) + 1e-9
+
+    def test_what_only_the_ground_held_up_falls_when_the_record_ends(self):
+        right = np.array([[0.25, 0.0], [0.80, 3.0]])
+        column = af.Arch.from_joints(right, right - [0.5, 0.0], 1.0, free_end=True)
+        still = np.zeros((1, 3))
+        held = af.Motion(np.full(101, 0.04 * g), 0.01)
+        response = af.simulate(column, held, initial=(still, still))
+        assert response.collapsed is True
+
+
+class TestFreeFlight:
+    """Nothing holds a body up: lift-off under vertical ground motion is ballistic."""
+
+    def test_height_of_a_block_thrown_by_the_ground(self):
+        block = af.Block(1.0, 2.0, friction=0.6)
+        time = 0.03
+        still = np.zeros(400)
+        down = np.where(np.arange(400) * 1e-4 <= time, -2.0 * g, 0.0)
+        thrown = af.simulate(block, af.Motion(still, 1e-4, down), dt=1e-4)
+        assert thrown.status is Status.STANDING
+        assert thrown.peak_displacement == pytest.approx(g * time**2, rel=0.02)
+        assert thrown.peak_rotation < 1e-9
+
+    def test_is_collapse_by_lift_off_where_the_gap_grows(self):
+        block = af.Block(1.0, 2.0, friction=0.6)
+        down = np.full(3000, -2.0 * g)
+        lost = af.simulate(block, af.Motion(np.zeros(3000), 1e-4, down))
+        assert (lost.collapsed, lost.collapse_mode, lost.collapse_joint) == (True, "lift_off", 0)
+        assert lost.collapse_time == pytest.approx(0.0, abs=1e-3)
+
+    def test_less_than_gravity_lifts_nothing(self):
+        arch = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7)
+        down = np.full(3000, -0.99 * g)
+        assert af.simulate(arch, af.Motion(np.zeros(3000), 1e-4, down)).steps == 0
+
+
+class TestCoulomb:
+    """A block that slides: Newmark's closed form."""
+
+    @pytest.mark.parametrize("sense", [1.0, -1.0])
+    def test_slide_of_a_block_under_a_rectangular_pulse(self, sense):
+        friction, amplitude, duration = 0.3, 0.8, 0.4
+        # The ground is a pedestal as wide as the block, which has to stay on it.
+        block = af.Block(4.0, 1.0, friction=friction)
+        push = sampled(lambda t: sense * amplitude, duration)
+        response = af.simulate(block, push, history=True)
+        excess = (amplitude - friction) * g
+        distance = 0.5 * excess * duration**2 * (1.0 + excess / (friction * g))
+        slid = response.history.displacement.values[-1, 0, 0]
+        assert slid == pytest.approx(-sense * distance, rel=2e-3)
+        weight = block.chain.mass[0] * g
+        lost = friction * weight * distance
+        assert response.energy["friction"] == pytest.approx(-lost, rel=2e-3)
+        assert response.energy["impacts"] == pytest.approx(0.0, abs=1e-9 * lost)
+        assert response.peak_rotation < 1e-9
+        assert response.collapsed is False
+
+    def test_reactions_press_stay_in_the_cone_and_in_the_joint(self):
+        rng = np.random.default_rng(31)
+        for _ in range(4):
+            arch, motion = random_scene(rng)
+            history = af.simulate(arch, motion, history=True).history
+            before, after = joint_faces(arch, history)
+            middle = 0.5 * (before + after)
+            along = middle[:, :, 1] - middle[:, :, 0]
+            length = np.linalg.norm(along, axis=2)
+            along /= length[..., None]
+            across = np.stack([along[..., 1], -along[..., 0]], axis=-1)
+            force = history.reaction.values
+            press = (force * across).sum(2)
+            shear = np.abs((force * along).sum(2))
+            moving = np.abs(force).max(axis=(1, 2)) > 0.0
+            scale = np.abs(force).max(axis=(1, 2), keepdims=True)[:, :, 0]
+            # Either face's normal may hold at an open joint: half the angle between them.
+            turns = np.pad(history.rotation.values, ((0, 0), (1, 1)))
+            spins = np.abs(np.pad(history.angular_velocity.values, ((0, 0), (1, 1))))
+            lean = 0.5 * np.abs(np.diff(turns, axis=1))
+            # The reactions belong to the middle of the step, the positions to its end.
+            lean = lean + 5e-4 * np.maximum(spins[:, 1:], spins[:, :-1])
+            slack = (1e-9 + 1.1 * lean) * scale
+            mu = arch.chain.friction
+            assert moving.sum() > 100
+            assert (press >= -slack)[moving].all()
+            assert (shear <= mu * press + (1.0 + mu) * slack)[moving].all()
+            reach = 0.5 * length * (press + (1.0 + mu) * slack) * 1.02
+            slid = np.abs(((after - before) * along[:, :, None]).sum(3)).max(2)
+            assert (np.abs(history.moment.values) <= reach + scale * slid)[moving].all()
+
+
+class TestSignorini:
+    """No voussoir enters another; lost contact is collapse, and nothing else is."""
+
+    @pytest.mark.xfail(
+        strict=True,
+        reason="measured: 1.3e-3 of a joint's length, for a moment after contact is lost and made",
+    )
+    def test_nothing_penetrates(self):
+        rng = np.random.default_rng(32)
+        for _ in range(4):
+            arch, motion = random_scene(rng)
+            history = af.simulate(arch, motion, history=True).history
+            before, after = joint_faces(arch, history)
+            length = joint_lengths(arch.chain)
+            for frame in range(0, before.shape[0], 3):
+                gap = [
+                    clearance(j, c, before[frame], after[frame]) / length[j]
+                    for j in range(arch.n_joint)
+                    for c in range(2)
+                ]
+                assert min(gap) > -1e-3
+
+    def test_sweep_of_the_half_second_pulse(self):
+        arch = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7)
+        levels = np.arange(0.42, 0.5301, 0.0025)
+        fell = np.array([af.simulate(arch, pulse(a, 0.5)).collapsed for a in levels])
+        assert levels[fell][0] == pytest.approx(0.4395, rel=0.01)
+        assert not fell[levels < 0.4395 * 0.99].any()
+        assert fell[levels > 0.52].all()
+        assert fell[levels > 0.4395 * 1.01].mean() > 0.9
+
+    def test_residual_of_every_step_of_real_motions(self, every_step_measured):
+        rng = np.random.default_rng(33)
+        residuals = []
+        steps = fallbacks = 0
+        for _ in range(20):
+            response = af.simulate(*random_scene(rng))
+            steps += response.steps
+            fallbacks += response.fallbacks
+            if response.shortened == response.fallbacks == 0:
+                residuals.append(response.residual)
+        # Where a corner neither presses nor parts rounding decides: `contact.DEGENERATE`.
+        assert max(residuals) <= 1e-8
+        assert len(residuals) >= 16
+        assert fallbacks < 1e-4 * steps
+        assert np.quantile(residuals, 0.8) <= 1e-10
+
+
+class TestRocking:
+    """One block on its corners."""
+
+    def test_first_swing_equals_the_equation_of_motion(self):
+        half, slender = 0.5, 0.2
+        height = half / math.tan(slender)
+        block = af.Block(2.0 * half, 2.0 * height, friction=5.0)
+        frequency = math.sqrt(0.75 * g / math.hypot(half, height))
+        start = 0.5 * slender
+        exact = solve_ivp(
+            lambda _, y: [y[1], -(frequency**2) * math.sin(slender - y[0])],
+            (0.0, 0.7),
+            [start, 0.0],
+            rtol=1e-11,
+            atol=1e-13,
+        ).y[0, -1]
+        still = af.Motion(np.zeros(8001), 1e-4)
+        errors = []
+        for dt in (2e-3, 1e-3, 5e-4):
+            history = af.simulate(
+                block, still, dt=dt, initial=tilted(2.0 * half, 2.0 * height, start),
+                history=True, follow=0.0,
+            ).history  # fmt: skip
+            found = np.interp(0.7, history.time, -history.rotation.values[:, 0])
+            errors.append(abs(found - exact) / start)
+        assert errors[-1] < 1e-6
+        assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.15)
+
+    def test_impact_times_and_amplitudes_of_free_rocking(self):
+        half, slender = 0.5, 0.2
+        height = half / math.tan(slender)
+        block = af.Block(2.0 * half, 2.0 * height, friction=5.0)
+        frequency = math.sqrt(0.75 * g / math.hypot(half, height))
+        times, amplitudes = rocking(frequency, slender, 0.5 * slender, 3)
+        # The published digits are those of small angles.
+        assert amplitudes / slender == pytest.approx([0.42019, 0.35777, 0.30721], rel=1.5e-3)
+        assert 4.0 * times[0] == pytest.approx(3.08096, rel=2e-3)
+        found, landed = [], []
+        for dt in (5e-4, 5e-5):
+            history = af.simulate(
+                block, af.Motion(np.zeros(50001), 1e-4), dt=dt,
+                initial=tilted(2.0 * half, 2.0 * height, 0.5 * slender),
+                history=True, follow=0.0,
+            ).history  # fmt: skip
+            turn = history.rotation.values[:, 0]
+            crossing = np.flatnonzero((turn[:-1] * turn[1:] <= 0.0) & (turn[:-1] != 0.0))[:4]
+            landed.append(history.time.values[crossing[:3] + 1])
+            found.append([np.abs(turn[a:b]).max() for a, b in pairwise(crossing)])
+        # Where in its step an impact falls is chance: the error is of first order.
+        assert found[0] == pytest.approx(amplitudes, rel=2e-2)
+        assert found[1] == pytest.approx(amplitudes, rel=3e-3)
+        assert landed[0] == pytest.approx(times, rel=5e-3)
+        assert landed[1] == pytest.approx(times, rel=1e-3)
+
+    def test_overturning_amplitude_of_one_sine(self):
+        block = af.Block(0.2, 1.0, friction=0.8)
+        sine = sampled(lambda t: np.sin(4.0 * np.pi * t), 0.5)
+        low, high = 0.28, 0.31
+        while high - low > 1e-4:
+            middle = 0.5 * (low + high)
+            if af.simulate(block, sine, scale=middle).collapsed:
+                high = middle
+            else:
+                low = middle
+        assert 0.2930 - 5e-4 < low < high < 0.2944 + 5e-4
+        fallen = af.simulate(block, sine, scale=high)
+        assert fallen.collapse_mode in ("hinging", "overturning")
+        assert fallen.peak_rotation > 3.0 * math.atan(0.2)
+
+
+class TestEnergy:
+    """Contacts take energy and never give any; the account says where it went."""
+
+    @pytest.mark.xfail(
+        strict=True,
+        reason="measured: one step gives 5 % of the largest kinetic energy; counted in energy_error",
+    )
+    def test_joints_never_give_energy_in_any_step(self):
+        rng = np.random.default_rng(34)
+        dt = 5e-4
+        moved = 0
+        for _ in range(40):
+            arch, motion = random_scene(rng, dt)
+            response = af.simulate(arch, motion, dt=dt, history=True)
+            assert response.status in (Status.STANDING, Status.COLLAPSED)
+            if response.steps == 0:
+                continue
+            work, kinetic, regular = work_of_contacts(arch, motion, response.history, dt)
+            # Weight and height are a step apart: a step from rest may seem to give that much.
+            if kinetic.max() < 100.0 * arch.chain.mass.sum() * (g * dt) ** 2:
+                continue
+            given = work[regular] / kinetic.max()
+            assert given.max() < 1e-5
+            assert given[given > 0.0].sum() < 1e-4
+            assert given.sum() < 0.0
+            moved += regular.sum()
+        assert moved > 100_000
+
+    def test_the_account_closes_on_random_scenes(self):
+        rng = np.random.default_rng(35)
+        for _ in range(10):
+            energy = af.simulate(*random_scene(rng)).energy
+            gained = energy["kinetic"] + energy["potential"]
+            given = sum(energy[name] for name in ("ground", "friction", "impacts", "stray"))
+            assert gained == pytest.approx(given, abs=1e-9 * energy["largest_kinetic"])
+
+    def test_the_account_equals_the_work_measured_from_the_history(self):
+        arch = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7)
+        dt = 5e-4
+        motion = sampled(lambda t: 0.5 * np.where(t < 0.3, 1.0, -0.5), 0.9, dt)
+        response = af.simulate(arch, motion, dt=dt, history=True, follow=0.0)
+        work, kinetic, regular = work_of_contacts(arch, motion, response.history, dt)
+        taken = sum(response.energy[name] for name in ("friction", "impacts", "stray"))
+        assert regular.sum() >= response.steps - 2
+        assert kinetic.max() == pytest.approx(response.energy["largest_kinetic"], rel=1e-9)
+        assert work[regular].sum() == pytest.approx(taken, abs=1e-5 * kinetic.max())
+        assert taken < -0.01 * kinetic.max()
+
+
+class TestSymmetry:
+    """The laws know no left and right."""
+
+    def test_mirrored_arch_and_motion_give_the_mirrored_response(self):
+        rng = np.random.default_rng(36)
+        angle = np.radians(168.0 - np.concatenate([[0.0], rng.uniform(0.6, 1.4, 8).cumsum()]) * 18)
+        ray = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        inner, outer = 9.2 * ray, (10.8 + 0.05 * np.arange(9))[:, None] * ray
+        flip = np.array([-1.0, 1.0])
+        dead = rng.uniform(0.0, 5e4, 8)
+        one = af.Arch.from_joints(inner, outer, 0.7, dead_load=dead)
+        two = af.Arch.from_joints(
+            (inner * flip)[::-1], (outer * flip)[::-1], 0.7, dead_load=dead[::-1]
+        )
+        assert af.onset(one).plus == pytest.approx(af.onset(two).minus, rel=1e-9)
+        assert af.onset(one).plus != pytest.approx(af.onset(one).minus, rel=1e-3)
+        motion = sampled(lambda t: 1.3 * af.onset(one).plus, 0.25)
+        right = af.simulate(one, motion, history=True)
+        left = af.simulate(two, motion, scale=-1.0, history=True)
+        n = int(np.searchsorted(right.history.time.values, 0.35))
+        mirrored = left.history.displacement.values[:n, ::-1] * flip
+        assert right.history.displacement.values[:n] == pytest.approx(mirrored, abs=1e-9)
+        assert np.abs(mirrored).max() > 1e-3
+
+    def test_scale_multiplies_both_components(self):
+        arch = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7)
+        motion = pulse(0.25, 0.3)
+        both = af.Motion(motion.acceleration, motion.dt, 0.3 * motion.acceleration)
+        scaled = af.simulate(arch, both, scale=2.0)
+        doubled = af.simulate(arch, both.scaled(2.0))
+        assert scaled.energy == doubled.energy
+        alone = af.simulate(arch, motion, scale=2.0)
+        assert scaled.peak_displacement != pytest.approx(alone.peak_displacement, rel=1e-3)
+
+    def test_mirrored_slip_of_a_joint(self):
+        before = np.array([[[0.0, 0.0], [0.0, 1.0]]])
+        after = before + np.array([0.0, 0.2])
+        assert measure_slip(0, 0, before, after) == pytest.approx(0.2)
+        assert measure_slip(0, 1, before, before - [0.0, 0.2]) == pytest.approx(-0.2)
+
+
+class TestFollowing:
+    """The end of the record is not the end of the motion."""
+
+    def test_goes_on_until_rest_within_its_limit(self):
+        arch = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7)
+        motion = pulse(0.5, 0.3)
+        whole = af.simulate(arch, motion)
+        assert whole.status is Status.STANDING
+        assert whole.end_time > motion.duration + 0.1
+        part = af.simulate(arch, motion, follow=0.05)
+        assert part.status is Status.UNFINISHED
+        assert part.collapsed is None
+        assert part.end_time == pytest.approx(motion.duration + 0.05, abs=1e-3)
+
+    def test_rest_and_motion_make_up_the_whole_time(self):
+        arch = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7)
+        quiet = np.zeros(20000)
+        pushed = pulse(0.5, 0.3).acceleration
+        motion = af.Motion(np.concatenate([quiet, pushed, quiet, quiet]), 1e-4)
+        response = af.simulate(arch, motion)
+        spent = response.model_time
+        assert sum(spent.values()) == pytest.approx(response.end_time, abs=1e-3)
+        assert response.end_time == pytest.approx(motion.duration, abs=1e-3)
+        assert spent["rest"] > 3.0
+        assert spent["all_voussoirs"] == pytest.approx(response.steps * 5e-4, abs=2e-3)
+        alone = af.simulate(arch, af.Motion(np.concatenate([pushed, quiet]), 1e-4))
+        assert response.peak_displacement == pytest.approx(alone.peak_displacement, rel=0.05)
