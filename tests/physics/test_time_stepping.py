@@ -327,7 +327,7 @@ class TestEnergy:
 
     @pytest.mark.xfail(
         strict=True,
-        reason="measured: one step gives 5 % of the largest kinetic energy; counted in energy_error",
+        reason="measured: a step gives 5 % of the largest kinetic energy; see energy_error",
     )
     def test_joints_never_give_energy_in_any_step(self):
         rng = np.random.default_rng(34)
