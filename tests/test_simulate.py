@@ -1,14 +1,24 @@
 """`simulate` and `onset` as a user calls them: answers, histories, refusals."""
 
+import sys
+
 import numpy as np
 import pytest
 
 import archfrag as af
 from archfrag.errors import STATUS_SENTENCE, InputError
-from archfrag.mechanics.status import Status
+from archfrag.mechanics.status import Cause, Model, Status
+from archfrag.methods.registry import resolve
+from archfrag.simulation.mechanism import (
+    CAUSE_WORDS,
+    MODEL_WORDS,
+    MechanismChange,
+    summary,
+)
 
 ARCH = af.Arch.circular(10.0, 1.5, 157.5, 5, 0.7)
 PUSH = af.Motion(np.where(np.arange(800) < 250, 6.0, 0.0), 1e-3)
+LATE = af.Motion(np.where(np.arange(2000) < 1000, 0.0, 6.0) * (np.arange(2000) < 1250), 1e-3)
 STILL = (np.zeros((5, 3)), np.zeros((5, 3)))
 
 
@@ -49,14 +59,34 @@ class TestResponse:
         before = PUSH.acceleration.copy()
         initial = tuple(part.copy() for part in STILL)
         response = af.simulate(ARCH, PUSH, initial=initial)
-        assert response.method == "time_stepping"
+        assert response.method == resolve("auto").name
         assert (PUSH.acceleration == before).all()
         assert (initial[0] == 0.0).all()
         assert response.history is None
+        assert response.mechanism is None
         assert set(response.events) == {
-            "impacts", "openings", "slides", "contact_losses", "rests"
+            "impacts", "openings", "slides", "contact_losses", "rests", "events", "hand_overs"
         }  # fmt: skip
-        assert response.steps > 100
+        assert list(response.model_time) == [
+            "rest", "four_hinges", "mega_voussoirs", "all_voussoirs"
+        ]  # fmt: skip
+        assert set(response.work) == {
+            "steps", "iterations", "paths", "compliant", "shortened", "levels",
+            "level_iterations", "general",
+        }  # fmt: skip
+        assert response.steps == response.work["steps"] > 100
+        assert response.fallbacks == response.work["compliant"]
+
+    def test_models_share_the_simulated_time(self):
+        response = af.simulate(ARCH, LATE, history=True)
+        assert sum(response.model_time.values()) == pytest.approx(response.end_time)
+        # The push is strong from its first sample on: until a sample before it nothing moves.
+        assert response.model_time["rest"] >= 0.999
+        assert response.model_time["rest"] < response.end_time
+        logged = dict.fromkeys(response.model_time, 0.0)
+        for change in response.mechanism:
+            logged[change.model] += change.until - change.time
+        assert logged == pytest.approx(response.model_time, abs=1e-9)
 
     def test_standing_has_no_collapse(self):
         response = af.simulate(ARCH, PUSH, scale=0.1)
@@ -115,6 +145,114 @@ class TestHistory:
         weight = ARCH.chain.mass.sum() * 9.80665
         force = response.history.reaction.isel(time=-2).values
         assert force[0, 1] - force[-1, 1] == pytest.approx(weight, rel=0.2)
+
+
+class TestMechanism:
+    def test_entries_follow_each_other_to_the_end_of_the_run(self):
+        response = af.simulate(ARCH, PUSH, history=True)
+        log = response.mechanism
+        assert len(log) > 5
+        assert log[0].time == 0.0
+        assert [change.until for change in log[:-1]] == [change.time for change in log[1:]]
+        assert log[-1].until == response.end_time
+        assert {change.cause for change in log} <= {cause.name.lower() for cause in Cause}
+        assert {change.model for change in log} <= set(response.model_time)
+
+    def test_motion_starts_with_the_hinges_of_the_onset(self):
+        start = af.onset(ARCH)
+        for sign, hinges in ((1.0, start.hinges), (-1.0, start.hinges_minus)):
+            steady = np.full(400, sign * 1.01 * start.plus * 9.80665)
+            log = af.simulate(ARCH, af.Motion(steady, 1e-3), history=True).mechanism
+            first = next(change for change in log if change.joints)
+            assert first.joints == {joint: f"hinge {side}" for joint, side in hinges}
+
+    def test_it_tells_the_contact_modes_of_the_history(self):
+        """Wherever the arch moves, the log and each frame agree on every joint."""
+        response = af.simulate(ARCH, PUSH, scale=1.2, history=True)
+        meanings = response.history.contact_mode.attrs["flag_meanings"].split()
+        log = response.mechanism
+        place = np.searchsorted([c.time for c in log], response.history.time, side="right") - 1
+        compared = 0
+        for i, mode in zip(place, response.history.contact_mode.values):
+            if log[i].model == "rest":
+                continue
+            for joint, code in enumerate(mode):
+                side, _, verb = meanings[code].partition("_")
+                told = log[i].joints.get(joint, "closed")
+                assert (told == "open") == (side == "open")
+                assert told.startswith(f"hinge {side}") == (side in ("intrados", "extrados"))
+                assert ("slid" in told) == ("slides" in verb)
+                compared += 1
+        assert compared > 1000
+
+    @pytest.mark.parametrize("sign", [1.0, -1.0])
+    def test_a_joint_slides_towards_where_its_later_voussoir_goes(self, sign):
+        block = af.Block(1.0, 1.0, friction=0.1)
+        motion = af.Motion(np.full(300, 3.0 * sign), 1e-3)
+        response = af.simulate(block, motion, history=True)
+        moved = response.history.displacement.isel(time=50, voussoir=0, component=0).item()
+        assert moved * sign < -0.001
+        sliding = next(change for change in response.mechanism if change.joints)
+        assert list(sliding.joints) == [0]
+        assert sliding.joints[0].startswith("slides towards ")
+        side = sliding.joints[0].removeprefix("slides towards ")
+        ends = {name: getattr(block, name)[0, 0] for name in ("intrados", "extrados")}
+        other = next(name for name in ends if name != side)
+        assert (ends[side] - ends[other]) * moved > 0.0
+
+    def test_begins_with_the_rest_before_the_motion(self):
+        late = af.simulate(ARCH, LATE, history=True).mechanism
+        assert (late[0].time, late[0].model, late[0].joints) == (0.0, "rest", {})
+        assert late[0].until == late[1].time >= 0.999
+        never = af.simulate(ARCH, PUSH, scale=0.1, history=True)
+        (only,) = never.mechanism
+        assert (only.model, only.until) == ("rest", never.end_time)
+
+    def test_text_can_be_read(self):
+        joints = {
+            0: "hinge extrados", 1: "open", 3: "hinge intrados", 4: "slides towards intrados",
+            5: "hinge intrados sliding towards extrados",
+        }  # fmt: skip
+        change = MechanismChange(0.412, 0.5, "impact", 4, "mega_voussoirs", joints)
+        assert str(change) == (
+            "0.4120 s  impact at joint 4: hinges 0 extrados, 3 intrados, 5 intrados sliding "
+            "towards extrados; slides 4 towards intrados; open 1; mega-voussoirs"
+        )
+        still = MechanismChange(1.0, 2.0, "rest", -1, "rest", {})
+        assert str(still) == "1.0000 s  comes to rest: all joints closed; rest"
+        assert summary([change, change, still]) == (
+            "3 changes of the mechanism (impact 2, comes to rest 1)"
+        )
+
+    def test_every_cause_and_model_has_words(self):
+        for cause in Cause:
+            for model in Model:
+                change = MechanismChange(0.0, 0.0, cause.name.lower(), -1, model.name.lower(), {})
+                assert str(change).endswith(MODEL_WORDS[model])
+                assert CAUSE_WORDS[cause] in str(change)
+
+    def test_a_log_without_room_is_kept_in_a_larger_one(self, monkeypatch):
+        whole = af.simulate(ARCH, PUSH, history=True)
+        monkeypatch.setattr(sys.modules["archfrag.simulate"], "ROOM", 3)
+        again = af.simulate(ARCH, PUSH, history=True)
+        assert again.mechanism == whole.mechanism
+        assert again.history.identical(whole.history)
+
+    def test_a_log_beyond_the_bound_says_where_it_ends(self, monkeypatch):
+        whole = af.simulate(ARCH, PUSH, history=True).mechanism
+        monkeypatch.setattr(sys.modules["archfrag.simulate"], "ROOM", 2)
+        monkeypatch.setattr(sys.modules["archfrag.simulate"], "LARGEST_ROOM", 6)
+        kept = af.simulate(ARCH, PUSH, history=True).mechanism
+        assert kept[:5] == whole[:5]
+        assert len(kept) == 6
+        assert kept[5].joints == whole[5].joints
+        assert np.isnan(kept[5].until)
+
+    def test_history_changes_nothing(self):
+        without, kept = af.simulate(ARCH, PUSH), af.simulate(ARCH, PUSH, history=True)
+        assert without.work == kept.work
+        assert without.energy == kept.energy
+        assert without.peak_rotation == kept.peak_rotation
 
 
 def test_every_status_has_a_sentence():

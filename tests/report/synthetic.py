@@ -14,7 +14,7 @@ from archfrag.report.page import ReportInputs
 from archfrag.simulate import Onset
 
 GRAVITY = 9.80665
-MODELS = ("rest", "all_voussoirs")
+MODELS = ("rest", "four_hinges", "mega_voussoirs", "all_voussoirs")
 FLAGS = {"flag_values": np.arange(4, dtype=np.int8)}
 
 
@@ -80,6 +80,7 @@ def cube(names=("ring",), items=None, n_level=9, n_joint=8, theta=4.0, beta=0.4,
     verdict[0, 1, -2] = Verdict.SOLVER_FAILURE
     fell = verdict == Verdict.COLLAPSED
     joint = generator.choice(n_joint, size=shape, p=_bathtub(n_joint))
+    impacts = generator.choice([0, 1, 2, 300], shape, p=[0.3, 0.2, 0.1, 0.4])
     mode = generator.choice([CollapseMode.HINGING, CollapseMode.SLIDING], shape, p=[0.85, 0.15])
     end = generator.uniform(20.0, 26.0, shape)
     moving = np.clip(intensity / 12.0, 0.0, 0.9) * end
@@ -94,10 +95,15 @@ def cube(names=("ring",), items=None, n_level=9, n_joint=8, theta=4.0, beta=0.4,
             "peak_rotation": (dims, generator.uniform(0, 0.1, shape), {"units": "rad"}),
             "peak_displacement": (dims, generator.uniform(0, 0.4, shape), {"units": "m"}),
             "energy_error": (dims, 10.0 ** generator.normal(-8, 0.7, shape), {"units": "1"}),
-            "model_time": ((*dims, "model"), np.stack([end - moving, moving], axis=-1)),
+            "model_time": ((*dims, "model"), _split(end, moving)),
             "end_time": (dims, end, {"units": "s"}),
             "steps": (dims, (moving * 1000).astype(np.int32)),
-            "impacts": (dims, generator.integers(0, 900, shape, dtype=np.int32)),
+            "impacts": (dims, impacts.astype(np.int64)),
+            "events": (dims, generator.integers(0, 400, shape, dtype=np.int64)),
+            "hand_overs": (dims, generator.integers(0, 4, shape, dtype=np.int64)),
+            "levels": (dims, (moving * 900).astype(np.int64)),
+            "level_iterations": (dims, (moving * 30).astype(np.int64)),
+            "general": (dims, generator.integers(0, 40, shape, dtype=np.int64)),
             "contact_residual": (dims, 10.0 ** generator.normal(-13, 0.5, shape)),
             "fallbacks": (dims, np.zeros(shape, dtype=np.int32)),
             "scale_factor": (("record", "level"), intensity / peaks[:, None]),
@@ -142,6 +148,12 @@ def fit_or_sentence(data, name):
         return fit_stripes(data["intensity"].values, counts.collapsed, counts.n)
     except FitError as error:
         return str(error)
+
+
+def _split(end, moving):
+    """Time of each model: three rungs share the motion."""
+    parts = [end - moving, *(share * moving for share in (0.3, 0.6, 0.1))]
+    return np.stack(parts, axis=-1)
 
 
 def _bathtub(n):

@@ -48,7 +48,11 @@ def overlaps(figure):
             low, high = sorted(axis.get_view_interval())
             labels += [t.label1 for t in axis.get_major_ticks() if low <= t.get_loc() <= high]
         labels += [axes.xaxis.label, axes.yaxis.label, axes.title, axes._left_title]
-        boxes += [(t.get_text(), t.get_window_extent()) for t in labels if t.get_text()]
+        boxes += [
+            (t.get_text(), t.get_window_extent())
+            for t in labels
+            if t.get_text() and t.get_visible()
+        ]
     return [
         (a, b)
         for i, (a, box) in enumerate(boxes)

@@ -169,7 +169,7 @@ class TestOffline:
 
     def test_figures_have_a_text_alternative(self, page):
         pictures = page.xpath("//svg")
-        assert len(pictures) == 7
+        assert len(pictures) == 9
         for picture in pictures:
             assert picture.get("role") == "img"
             assert len(picture.get("aria-label")) > 20

@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from archfrag.errors import StudyError
+from archfrag.simulation.checks import method_names
 from archfrag.study.config import dump_study, load_study, study_schema
 from tests.study.small import ROOT, TEXT, small_study
 
@@ -37,7 +38,7 @@ BAD = {
     ),
     "unknown method": (
         ("name: time_stepping", "name: euler"),
-        "method.name = euler must be one of auto, time_stepping",
+        f"method.name = euler must be one of {', '.join(method_names())}",
     ),
     "level zero": (
         ("[0.1, 0.6", "[0.0, 0.6"),
@@ -202,6 +203,18 @@ def test_schema_beside_the_configs_is_the_one_of_the_models():
     assert (ROOT / "configs" / "study.schema.json").read_text() == study_schema(), (
         "write study_schema() to configs/study.schema.json"
     )
+
+
+def test_schema_tells_what_the_registry_says_of_methods():
+    from archfrag.methods.registry import METHODS
+
+    method = json.loads(study_schema())["$defs"]["Method"]["properties"]
+    assert method["name"]["enum"] == list(dict.fromkeys(["auto", *METHODS]))
+    for info in METHODS.values():
+        for parameter in info.parameters:
+            assert info.name in method[parameter.name]["description"]
+    assert "[s]" in method["dt"]["description"]
+    assert "0.0005 if not given" in method["dt"]["description"]
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "configs").glob("*.yaml")), ids=lambda p: p.stem)

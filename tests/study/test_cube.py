@@ -46,8 +46,14 @@ class TestContent:
                 cube["model_time"].isel(place).values, part["model_time"][row]
             )
 
+    def test_models_are_those_of_the_ladder_and_add_up(self, cube):
+        assert [str(name) for name in cube["model"].values] == [
+            "rest", "four_hinges", "mega_voussoirs", "all_voussoirs"
+        ]  # fmt: skip
+        np.testing.assert_allclose(cube["model_time"].sum("model"), cube["end_time"], rtol=1e-9)
+
     def test_axes_can_be_selected_by_name(self, done, cube):
-        assert cube.sizes == {"arch": 2, "record": 2, "level": 3, "model": 2}
+        assert cube.sizes == {"arch": 2, "record": 2, "level": 3, "model": 4}
         one = cube.sel(arch="ring", record="wave1", level=2)
         assert one["record_file"].item() == "wave1.AT2"
         assert one["record_sha256"].item() == done.plan.records[1].sha256
@@ -154,7 +160,7 @@ class TestFile:
 
     def test_parts_of_different_ladders_are_not_mixed(self, copied):
         table = read_part(copied.plan, 3)
-        table["model"] = np.array(["rest", "four_hinges"])
+        table["model"] = table["model"][::-1]
         write_part(copied.plan, 3, table)
         with pytest.raises(InputError, match="tells of other models than the parts before"):
             write_cube(copied.study)

@@ -1,15 +1,19 @@
 """The run table and its parts."""
 
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from archfrag.errors import InputError, OutputError
 from archfrag.study.config import load_study
+from archfrag.study.files import PACKAGE
 from archfrag.study.outcome import COLUMNS
 from archfrag.study.parts import read_part, write_part
-from archfrag.study.plan import Plan, chunks_of_batch, make_plan, run_table
+from archfrag.study.plan import DECIDING, Plan, chunks_of_batch, make_plan, run_table
 from archfrag.study.worker import run_chunk
 from tests.study.small import files
 
@@ -68,6 +72,24 @@ class TestPlan:
         monkeypatch.setattr("archfrag.study.plan.kernel_hash", lambda: "edited")
         assert make_plan(done.study).identity != done.plan.identity
 
+    def test_all_that_a_simulation_passes_through_decides(self, done, monkeypatch):
+        code = (
+            "import sys, archfrag as af, numpy as np; af.simulate(af.Block(1.0, 2.0, 0.6), "
+            "af.Motion(np.zeros(5), 0.01)); print(*(m.__file__ for n, m in sys.modules.items() "
+            "if n.startswith('archfrag.')), sep='\\n')"
+        )
+        found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+        passed = {str(Path(name).relative_to(PACKAGE)) for name in found.stdout.split()}
+        assert "simulation/response.py" in passed
+        # The motions that a worker takes are hashed as they were stored, not as code.
+        elsewhere = ("mechanics/", "methods/", "motions/", "errors.py", "kernel_cache.py")
+        decided = {
+            str(path.relative_to(PACKAGE))
+            for name in DECIDING
+            for path in ([PACKAGE / name] if name.endswith(".py") else (PACKAGE / name).rglob("*"))
+        }
+        assert {name for name in passed if not name.startswith(elsewhere)} <= decided
+
 
 class TestParts:
     def test_parts_hold_what_single_simulations_say(self, done):
@@ -86,7 +108,11 @@ class TestParts:
         assert part["status"][row] == response.status
         assert part["peak_displacement"][row] == response.peak_displacement > 0.0
         assert part["steps"][row] == response.steps
-        assert part["impacts"][row] == response.events["impacts"]
+        for name, count in response.events.items():
+            assert part[name][row] == count
+        for name in ("levels", "level_iterations", "general"):
+            assert part[name][row] == response.work[name]
+        assert part["impacts"][row] > 0
         assert part["model"].tolist() == list(response.model_time)
         assert part["model_time"][row].tolist() == list(response.model_time.values())
 
@@ -118,6 +144,12 @@ class TestParts:
         assert read_part(plan, 3) is None
         path.unlink()
         assert read_part(plan, 3) is None
+
+    def test_a_part_from_before_a_column_was_made_counts_as_missing(self, copied):
+        table = read_part(copied.plan, 3)
+        del table["hand_overs"]
+        write_part(copied.plan, 3, table)
+        assert read_part(copied.plan, 3) is None
 
     def test_disk_full_in_a_part_keeps_the_finished_ones(self, copied, full_disk):
         plan = copied.plan

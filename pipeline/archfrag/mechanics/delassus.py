@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.compile import inlined, kernel
+from archfrag.mechanics.compile import allocating, inlined, kernel
 from archfrag.mechanics.laws import (
     CLOSED_STICK,
     MINUS,
@@ -61,6 +61,7 @@ class ContactWork(NamedTuple):
     best_mode: np.ndarray  # (n_joint,) int8
 
 
+@allocating
 def contact_work(n_body, n_joint):
     """Allocate the room that `solve_contact` needs.
 
@@ -76,23 +77,23 @@ def contact_work(n_body, n_joint):
     """
     block = (n_joint, 3, 3)
     return ContactWork(
-        velocity=np.zeros((n_body, 3)),
-        reaction=np.zeros((n_joint, 3)),
-        mode=np.zeros(n_joint, np.int8),
-        pivot=np.zeros((n_joint, 2)),
-        relative=np.zeros((n_joint, 3)),
-        delassus=np.zeros(block),
-        coupling=np.zeros(block),
-        size=np.zeros(n_joint, np.int64),
-        row=np.zeros(block),
-        column=np.zeros(block),
-        factor=np.zeros(block),
-        exchange=np.zeros((n_joint, 3), np.int8),
-        lower=np.zeros(block),
-        upper=np.zeros(block),
-        unknown=np.zeros((n_joint, 3)),
-        rest=np.zeros((n_joint, 3)),
-        best_mode=np.zeros(n_joint, np.int8),
+        np.zeros((n_body, 3)),
+        np.zeros((n_joint, 3)),
+        np.zeros(n_joint, np.int8),
+        np.zeros((n_joint, 2)),
+        np.zeros((n_joint, 3)),
+        np.zeros(block),
+        np.zeros(block),
+        np.zeros(n_joint, np.int64),
+        np.zeros(block),
+        np.zeros(block),
+        np.zeros(block),
+        np.zeros((n_joint, 3), np.int8),
+        np.zeros(block),
+        np.zeros(block),
+        np.zeros((n_joint, 3)),
+        np.zeros((n_joint, 3)),
+        np.zeros(n_joint, np.int8),
     )
 
 

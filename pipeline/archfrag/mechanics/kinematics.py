@@ -160,6 +160,7 @@ def clearance(j, corner, before, after):
     return gap_a if vertex_on_earlier(corner, slip) else gap_b
 
 
+@allocating
 def empty_contacts(n_body, n_joint):
     """Room for the contacts of a chain, all corners able to touch.
 
@@ -172,12 +173,12 @@ def empty_contacts(n_body, n_joint):
     Contacts
     """
     return Contacts(
-        centroid=np.zeros((n_body, 2)),
-        point=np.zeros((n_joint, 2, 2)),
-        normal=np.zeros((n_joint, 2)),
-        normal_plus=np.zeros((n_joint, 2, 2)),
-        normal_minus=np.zeros((n_joint, 2, 2)),
-        candidate=np.ones((n_joint, 2), np.int8),
-        slip=np.zeros(n_joint, np.int8),
-        bias=np.zeros((n_joint, 2, 2)),
+        np.zeros((n_body, 2)),
+        np.zeros((n_joint, 2, 2)),
+        np.zeros((n_joint, 2)),
+        np.zeros((n_joint, 2, 2)),
+        np.zeros((n_joint, 2, 2)),
+        np.ones((n_joint, 2), np.int8),
+        np.zeros(n_joint, np.int8),
+        np.zeros((n_joint, 2, 2)),
     )

@@ -23,3 +23,72 @@ class CollapseMode(IntEnum):
     SLIDING = 2
     LIFT_OFF = 3
     OVERTURNING = 4
+
+
+class Model(IntEnum):
+    """Rungs of the ladder of models, from the smallest."""
+
+    REST = 0
+    FOUR_HINGES = 1
+    MEGA_VOUSSOIRS = 2
+    ALL_VOUSSOIRS = 3
+
+
+class Cause(IntEnum):
+    """Why a mechanism, or the model of it, changed."""
+
+    START = 0  # the initial state, or the body force left the rest range
+    HINGE = 1  # the thrust reached the edge of a joint
+    SLIDE = 2  # Coulomb's limit was reached
+    STICK = 3  # a slip came to its end or turned round
+    IMPACT = 4  # an open joint closed
+    LOSS = 5  # the force at a hinge vanished: contact lost
+    CLOSE = 6  # a hinge that was not turning became a closed joint without an impact
+    REST = 7  # the chain came to rest
+    CROWD = 8  # events accumulated: handed over to time stepping
+    UNSOLVED = 9  # a law could not be met on few mega-voussoirs: handed over to time stepping
+    CALM = 10  # taken back from time stepping
+    END = 11  # the run ended
+
+
+class Count(IntEnum):
+    """Entries of ``Ledger.count``."""
+
+    STEPS = 0  # integration steps, of whatever method
+    ITERATIONS = 1  # linear contact problems solved on all voussoirs
+    PATHS = 2  # contact problems that needed the solution path
+    COMPLIANT = 3  # contact problems solved with compliant joints
+    SHORTENED = 4  # steps halved: contact problem unsolved, or error above tolerance
+    IMPACTS = 5  # joints that closed
+    OPENINGS = 6
+    SLIDES = 7
+    LOSSES = 8  # times that a joint was left without contact
+    RESTS = 9
+    EVENTS = 10  # instants located at which the mechanism changed
+    LEVELS = 11  # contact problems solved by the first and second level
+    LEVEL_ITERATIONS = 12  # of these, those that needed more than one round
+    GENERAL = 13  # contact problems that were left to the general solver
+    HAND_OVERS = 14  # times that event-driven integration gave way to time stepping
+    FRAMES = 15  # frames of the history written
+    LOG_ENTRIES = 16  # changes of the mechanism
+
+
+class Energy(IntEnum):
+    """Entries of ``Ledger.energy`` [J]."""
+
+    GROUND = 0  # work of the inertia forces of the ground motion
+    POTENTIAL = 1  # gained in gravity
+    KINETIC = 2  # at the end
+    FRICTION = 3
+    IMPACT = 4
+    STRAY = 5  # work that no law explains: the integrator's error
+    STRAY_PEAK = 6  # its largest magnitude on the way
+    LARGEST_KINETIC = 7
+
+
+class Peak(IntEnum):
+    """Entries of ``Ledger.peak``."""
+
+    ROTATION = 0  # of any body [rad]
+    DISPLACEMENT = 1  # of any centroid [m]
+    RESIDUAL = 2  # largest contact residual measured [1]

@@ -55,6 +55,30 @@ class Frames(NamedTuple):
     mode: np.ndarray  # (n_frame, n_joint) contact mode
 
 
+class MechanismLog(NamedTuple):
+    """Room for the history of the mechanism, an entry for each change; empty for none.
+
+    Entry i holds from ``time[i]`` until the next entry. Entries beyond the room are counted in
+    ``Count.LOG_ENTRIES`` but not kept.
+    """
+
+    time: np.ndarray  # (n_entry,) [s]
+    cause: np.ndarray  # (n_entry,) int8: archfrag.mechanics.status.Cause of the change
+    joint: np.ndarray  # (n_entry,) int32: the joint that caused it; -1 where none did
+    model: np.ndarray  # (n_entry,) int8: archfrag.mechanics.status.Model from then on
+    mode: np.ndarray  # (n_entry, n_joint) int8: contact modes from then on
+
+
+class Ledger(NamedTuple):
+    """What a run counts while it goes on; filled by every method alike."""
+
+    # (len(Count),) int64, by archfrag.mechanics.status.Count
+    count: np.ndarray  # type: ignore[assignment]
+    energy: np.ndarray  # (len(Energy),) by archfrag.mechanics.status.Energy [J]
+    model_time: np.ndarray  # (len(Model),) simulated time in each model [s]
+    peak: np.ndarray  # (len(Peak),) by archfrag.mechanics.status.Peak
+
+
 class Outcome(NamedTuple):
     """What every method returns."""
 
@@ -63,27 +87,4 @@ class Outcome(NamedTuple):
     collapse_time: float  # [s]; nan if none
     collapse_joint: int  # -1 if none
     collapse_mode: int  # archfrag.mechanics.status.CollapseMode
-    peak_rotation: float  # [rad]
-    peak_displacement: float  # of any centroid [m]
-    rest_time: float  # [s] of simulated time at rest
-    moving_time: float  # [s] of simulated time on all voussoirs
-    steps: int
-    iterations: int  # linear problems solved
-    paths: int  # contact problems that needed the solution path
-    compliant: int  # contact problems solved with compliant joints
-    shortened: int  # steps halved because their contact problem was not solved
-    impacts: int
-    openings: int
-    slides: int
-    contact_losses: int
-    rests: int
-    residual: float  # largest contact residual measured [1]
-    largest_kinetic: float  # [J]
-    ground_work: float  # done by the inertia forces of the ground motion [J]
-    potential: float  # gained in gravity [J]
-    kinetic: float  # at the end [J]
-    friction_work: float  # [J]; not positive
-    impact_work: float  # [J]; not positive
-    stray_work: float  # done by contacts that should do none: the integrator's error [J]
-    stray_peak: float  # largest magnitude that stray_work had on the way [J]
-    frames: int  # frames written
+    ledger: Ledger

@@ -33,6 +33,13 @@ def _time_stepping():
     return run
 
 
+def _event_driven():
+    from archfrag.methods.event_driven import run
+
+    return run
+
+
+FOLLOW = Parameter("follow", "s", 20.0, "how long to go on past the end of the record")
 METHODS = {
     "time_stepping": MethodInfo(
         name="time_stepping",
@@ -41,13 +48,32 @@ METHODS = {
         meaning="Moreau-Jean time stepping on all voussoirs; rest is detected and skipped",
         parameters=(
             Parameter("dt", "s", 5e-4, "time step"),
-            Parameter("follow", "s", 20.0, "how long to go on past the end of the record"),
+            FOLLOW,
         ),
         citation=(
             "Moreau 1988, CISM 302, 1-82; Jean 1999, Comput. Methods Appl. Mech. Engrg. 177, "
             "235-257; Paoli and Schatzman 2002, SIAM J. Numer. Anal. 40(2), 702-733"
         ),
         load=_time_stepping,
+    ),
+    "event_driven": MethodInfo(
+        name="event_driven",
+        code=2,
+        order=5,
+        meaning=(
+            "mega-voussoirs between located events (Sinopoli's semi-analytical approach); time "
+            "stepping only where events accumulate"
+        ),
+        parameters=(
+            Parameter("rtol", "1", 1e-6, "relative error allowed between events"),
+            Parameter("dt", "s", 5e-4, "time step where time stepping has to help out"),
+            FOLLOW,
+        ),
+        citation=(
+            "A. Sinopoli, A semi-analytical approach for masonry arch dynamics; Dormand and "
+            "Prince 1980, J. Comput. Appl. Math. 6(1), 19-26"
+        ),
+        load=_event_driven,
     ),
 }
 AUTO_METHOD = "time_stepping"

@@ -177,7 +177,7 @@ def verdict_map(results: ArchResults, name: str) -> Picture:
         axes.invert_yaxis()
         axes.spines[:].set_visible(False)
         axes.tick_params(length=0)
-        _level_ticks(axes, results.levels, most=15)
+        level_ticks(axes, results.levels, most=15)
         axes.set_xlabel(results.scale.label)
         if labelled:
             axes.set_yticks(np.arange(n_record), [results.records[i] for i in order], fontsize=7)
@@ -241,7 +241,7 @@ def collapses(results: ArchResults, n_joint: int, name: str) -> Picture | None:
                     level, joint, str(by_level[joint, level]), ha="center", va="center",
                     fontsize=6.5, color="white" if dark else canvas.INK,
                 )  # fmt: skip
-        _level_ticks(right, results.levels)
+        level_ticks(right, results.levels)
         right.set(xlabel=results.scale.label, ylabel="joint that lost contact")
         right.set_yticks(joints)
         right.tick_params(length=0)
@@ -258,31 +258,16 @@ def collapses(results: ArchResults, n_joint: int, name: str) -> Picture | None:
 
 
 def numerics(results: ArchResults, name: str) -> Picture:
-    """Energy error, contact residual, and the share of each model of simulated time."""
+    """Energy error and contact residual of all runs."""
 
     def draw(figure: Figure) -> None:
-        first, second, third = figure.subplots(1, 3)
+        first, second = figure.subplots(1, 2)
         _log_histogram(first, results.energy_error, "energy error [1]", canvas.BLUE)
         _log_histogram(second, results.residual, "contact residual [1]", canvas.GREEN)
-        time = results.model_time.sum(axis=0)
-        total = np.maximum(time.sum(axis=1), np.finfo(float).tiny)
-        base = np.zeros(results.levels.size)
-        colours = (canvas.PALE, canvas.BLUE, canvas.ORANGE, canvas.GREEN, canvas.PURPLE)
-        for i, model in enumerate(results.models):
-            share = 100.0 * time[:, i] / total
-            third.bar(
-                np.arange(share.size), share, bottom=base, width=0.85, label=_plain(model),
-                color=colours[i % len(colours)],
-            )  # fmt: skip
-            base += share
-        _level_ticks(third, results.levels, most=4)
-        third.set(xlabel=results.scale.label, ylabel="simulated time [%]", ylim=(0, 100))
-        legend_above(third, columns=2)
 
     return picture(
         name, (canvas.WIDTH, 2.6), draw,
-        alternative=f"Histograms of energy error and contact residual of {results.arch}, and "
-        "shares of simulated time by model and level",
+        alternative=f"Histograms of energy error and contact residual of {results.arch}",
         caption="Energy error: what is missing in the energy account, relative to the largest "
         "kinetic energy of the run. Contact residual: largest violation of Signorini's and "
         f"Coulomb's laws, dimensionless. Values below {_FLOOR:g} are shown at {_FLOOR:g}; "
@@ -290,15 +275,11 @@ def numerics(results: ArchResults, name: str) -> Picture:
     )  # fmt: skip
 
 
-def _plain(name: str) -> str:
-    return name.replace("_", " ")
-
-
 def _swatch(label: str, colour: str, hatch: str) -> Patch:
     return Patch(facecolor=colour, hatch=hatch, edgecolor=canvas.GREY, linewidth=0.4, label=label)
 
 
-def _level_ticks(axes: Axes, levels: FloatArray, most: int = 8) -> None:
+def level_ticks(axes: Axes, levels: FloatArray, most: int = 8) -> None:
     """At most so many labels over cells that stand for levels, the first always among them."""
     step = max(1, int(np.ceil(levels.size / most)))
     ticks = np.arange(0, levels.size, step)

@@ -18,10 +18,11 @@ from markupsafe import Markup
 from archfrag.arch import Arch
 from archfrag.errors import InputError, OutputError
 from archfrag.fragility.fit import Fragility
-from archfrag.report import arch_figure, figures, motion_figures, tables
+from archfrag.report import motion_figures, tables
+from archfrag.report.arch_section import arch_curve, arch_section
 from archfrag.report.canvas import Picture
 from archfrag.report.motion_figures import PERIODS, Spectrum
-from archfrag.report.summary import ArchResults, Scale, arch_results, reading_scale
+from archfrag.report.summary import Scale, arch_results, reading_scale
 
 if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
@@ -117,14 +118,11 @@ def write_curves(study_results: ReportInputs, folder: Path) -> list[Path]:
     with _opened(study_results) as cube:
         scale = reading_scale(cube, study_results.measure)
         _check(study_results, cube)
-        for name, arch, onset in study_results.arches:
-            section = _arch_section(
-                study_results, arch_results(cube, name, scale), arch, onset, "curve"
-            )
+        for name, _, _ in study_results.arches:
+            results = arch_results(cube, name, scale)
+            picture, _ = arch_curve(study_results, results, "curve")
             background = '<rect width="100%" height="100%" fill="white"/>'
-            svg = section["curve"].svg.replace(
-                "<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1
-            )
+            svg = picture.svg.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)
             svg = svg.replace(">", f">{background}", 1)
             svg = svg.replace("<svg ", '<svg xmlns:xlink="http://www.w3.org/1999/xlink" ', 1)
             out = Path(folder) / f"curve-{name}.svg"
@@ -180,7 +178,7 @@ def _render(inputs: ReportInputs, cube: xr.Dataset) -> str:
     scale = reading_scale(cube, inputs.measure)
     _check(inputs, cube)
     sections = [
-        _arch_section(inputs, arch_results(cube, name, scale), arch, onset, f"arch{i}")
+        arch_section(inputs, cube, arch_results(cube, name, scale), arch, onset, f"arch{i}")
         for i, (name, arch, onset) in enumerate(inputs.arches)
     ]
     environment = Environment(
@@ -216,46 +214,6 @@ def _check(inputs: ReportInputs, cube: xr.Dataset) -> None:
     for name, _, _ in inputs.arches:
         if name not in inputs.fits:
             raise InputError(f"fits holds neither a curve nor a sentence for arch {name!r}")
-
-
-def _arch_section(
-    inputs: ReportInputs, results: ArchResults, arch: Arch, onset: "Onset", prefix: str
-) -> dict[str, Any]:
-    given = inputs.fits[results.arch]
-    fit = given if isinstance(given, Fragility) else None
-    counts = results.counts
-    resampled = (
-        None
-        if fit is None or len(results.records) < 2
-        else figures.resample(results, inputs.confidence)
-    )
-    return {
-        "id": prefix,
-        "name": results.arch,
-        "answer": tables.answer(
-            results, given, inputs.confidence, resampled.band if resampled else None
-        ),
-        "counts": {
-            "runs": int(counts.runs.sum()),
-            "collapsed": int(counts.collapsed.sum()),
-            "standing": int(counts.standing.sum()),
-            "unfinished": int(counts.unfinished.sum()),
-            "failures": int(counts.solver_failures.sum()),
-        },
-        "curve": figures.curve(results, fit, f"{prefix}-curve", inputs.confidence, resampled),
-        "levels": tables.levels(results, fit, inputs.confidence),
-        "verdicts": figures.verdict_map(results, f"{prefix}-verdicts"),
-        "arch": arch_figure.arch_at_onset(arch, onset, results.arch, f"{prefix}-onset"),
-        "onset": {
-            "plus": arch_figure.onset_text(onset.plus),
-            "minus": arch_figure.onset_text(onset.minus),
-        },
-        "stands": onset.stands,
-        "geometry": tables.geometry(arch.parameters),
-        "collapses": figures.collapses(results, arch.n_joint, f"{prefix}-collapses"),
-        "numerics": figures.numerics(results, f"{prefix}-numerics"),
-        "quality": tables.quality(results, inputs.timings),
-    }
 
 
 def _motion_section(inputs: ReportInputs, cube: xr.Dataset, scale: Scale) -> dict[str, Any]:

@@ -24,6 +24,12 @@ NEEDED = (
     "model_time",
     "end_time",
     "steps",
+    "impacts",
+    "events",
+    "hand_overs",
+    "levels",
+    "level_iterations",
+    "general",
     "contact_residual",
     "fallbacks",
     "scale_factor",
@@ -67,6 +73,12 @@ class ArchResults:
     residual: FloatArray  # [1]
     fallbacks: IntArray
     steps: IntArray
+    impacts: IntArray  # joints that closed
+    events: IntArray  # instants located at which the mechanism changed
+    hand_overs: IntArray  # to time stepping
+    two_level: IntArray  # contact problems solved by the first and second level
+    level_iterations: IntArray  # of these, with more than one round
+    general: IntArray  # contact problems left to the general solver
     end_time: FloatArray  # [s]
     model_time: FloatArray  # (n_record, n_level, n_model) [s]
     models: list[str]
@@ -115,7 +127,9 @@ def arch_results(cube: xr.Dataset, arch: str, scale: Scale) -> ArchResults:
     """
     missing = [name for name in NEEDED if name not in cube]
     if missing:
-        raise InputError(f"the cube lacks {', '.join(missing)}; is it a cube of archfrag?")
+        raise InputError(
+            f"the cube lacks {', '.join(missing)}; is it of this version of archfrag?"
+        )
     names = [str(name) for name in cube["arch"].values]
     if arch not in names:
         raise InputError(f"the cube holds no arch {arch!r}; it holds {', '.join(names)}")
@@ -141,6 +155,12 @@ def arch_results(cube: xr.Dataset, arch: str, scale: Scale) -> ArchResults:
         residual=table("contact_residual", float),
         fallbacks=table("fallbacks", np.int64),
         steps=table("steps", np.int64),
+        impacts=table("impacts", np.int64),
+        events=table("events", np.int64),
+        hand_overs=table("hand_overs", np.int64),
+        two_level=table("levels", np.int64),
+        level_iterations=table("level_iterations", np.int64),
+        general=table("general", np.int64),
         end_time=table("end_time", float),
         model_time=model_time.values.astype(float),
         models=[str(name) for name in model_time["model"].values],

@@ -167,15 +167,6 @@ def quality(results: ArchResults, timings: pd.DataFrame | None) -> Table:
             middle, tail = own["wall_time"].quantile([0.5, 0.95])
             rows.append(["wall time of a run, median and 95 %", f"{middle:#.3g} s, {tail:#.3g} s"])
     rows.append(["steps of integration", f"{results.steps.sum():,}"])
-    total = max(float(results.model_time.sum()), np.finfo(float).tiny)
-    rows += [
-        [
-            f"simulated time in model “{model.replace('_', ' ')}”",
-            f"{results.model_time[..., i].sum():,.1f} s "
-            f"({100 * results.model_time[..., i].sum() / total:.1f} %)",
-        ]
-        for i, model in enumerate(results.models)
-    ]
     failed = results.verdict == Verdict.SOLVER_FAILURE
     rows += [
         ["energy error, median and largest", _median_and_largest(results.energy_error[~failed])],

@@ -170,14 +170,9 @@ class Intensity(Section):
         return tuple(level * factor for level in self.given)
 
 
-def method_names() -> tuple[str, ...]:
-    """Methods that a study may name."""
-    from archfrag.methods.registry import METHODS
-
-    return ("auto", *METHODS)
-
-
 def _known_method(name: str) -> str:
+    from archfrag.simulation.checks import method_names
+
     if name not in method_names():
         raise _refuse(f"must be one of {', '.join(method_names())}")
     return name
@@ -191,7 +186,7 @@ class Method(Section):
     dt: Annotated[float, Field(gt=0.0)] | None = None
     """Step of methods with a fixed step [s]; the method's default where not given."""
     rtol: Annotated[float, Field(gt=0.0, lt=1.0)] = 1e-6
-    """Relative error allowed by methods with step control [1]."""
+    """Relative error allowed by methods with step control, event_driven and auto [1]."""
     follow: Annotated[float, Field(ge=0.0)] = 20.0
     """How long a chain still moving at the end of a record is followed [s]."""
 
@@ -294,13 +289,43 @@ def dump_study(study: Study) -> str:
 
 def study_schema() -> str:
     """JSON schema of study files, for editors; the text of ``configs/study.schema.json``."""
+    from archfrag.simulation.checks import method_names
+
     schema = Study.model_json_schema()
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     schema["title"] = "archfrag study"
-    schema["$defs"]["Method"]["properties"]["name"]["enum"] = list(method_names())
+    method = schema["$defs"]["Method"]["properties"]
+    method["name"]["enum"] = list(method_names())
+    for key, text in _parameter_texts().items():
+        method[key]["description"] = text
     file_sets = schema["$defs"]["Motions"]["properties"]["files"]
     file_sets["items"] = {"anyOf": [{"type": "string"}, file_sets["items"]]}
     return json.dumps(schema, indent=2, ensure_ascii=False, sort_keys=True) + "\n"
+
+
+def _parameter_texts() -> dict[str, str]:
+    """What the registry says of each key of `Method` that some method takes."""
+    from archfrag.methods.registry import resolve
+    from archfrag.simulation.checks import method_names
+
+    takers: dict[str, list[str]] = {}
+    meaning: dict[str, str] = {}
+    for name in method_names():
+        info = resolve(name)
+        for parameter in info.parameters if info else ():
+            key = parameter.name
+            if key in Method.model_fields:
+                own = (
+                    f" ({parameter.default:g} if not given)"
+                    if Method.model_fields[key].default is None
+                    else ""
+                )
+                takers.setdefault(key, []).append(name + own)
+                meaning.setdefault(key, f"{parameter.meaning} [{parameter.unit}]")
+    return {
+        key: f"{text[:1].upper()}{text[1:]}; used by {', '.join(takers[key])}."
+        for key, text in meaning.items()
+    }
 
 
 def _anchor(given: dict[str, Any], folder: Path) -> None:

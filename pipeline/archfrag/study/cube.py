@@ -152,7 +152,10 @@ def _write(cube: Any, study: Study, plan: Plan, table: dict[str, NDArray]) -> No
     for column in COLUMNS:
         variable = _create(cube, column, _RUN)
         variable[:] = table[column.name].reshape(shape)
-    column = Column("model_time", "f8", "s", "simulated time in each model")
+    column = Column(
+        "model_time", "f8", "s", "simulated time in each model",
+        comment="The models add up to end_time: from rest through few bodies to all voussoirs.",
+    )  # fmt: skip
     variable = _create(cube, column, (*_RUN, "model"), f"{_LABELS} model")
     variable[:] = table["model_time"].reshape(*shape, len(models))
 

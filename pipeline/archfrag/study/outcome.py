@@ -79,10 +79,25 @@ COLUMNS = (
     Column("slides", "i8", "1", "number of times that a joint began to slide"),
     Column("contact_losses", "i8", "1", "number of times that a joint was without contact"),
     Column("rests", "i8", "1", "number of times that the chain came to rest"),
+    Column("events", "i8", "1", "number of instants located at which the mechanism changed"),
+    Column(
+        "hand_overs", "i8", "1",
+        "number of times that event-driven integration gave way to time stepping",
+    ),
+    Column("levels", "i8", "1", "number of contact problems solved by the first and second level"),
+    Column(
+        "level_iterations", "i8", "1",
+        "number of contact problems of the two levels that needed more than one round",
+    ),
+    Column("general", "i8", "1", "number of contact problems that the levels left to the general "
+           "solver"),
     Column("contact_residual", "f8", "1", "largest relative residual of the contact laws"),
     Column("fallbacks", "i8", "1", "number of contact problems left to the fallback"),
 )  # fmt: skip
-EVENTS = ("impacts", "openings", "slides", "contact_losses", "rests")
+EVENTS = (
+    "impacts", "openings", "slides", "contact_losses", "rests", "events", "hand_overs",
+)  # fmt: skip
+WORK = ("steps", "levels", "level_iterations", "general")
 
 
 def row_of(response: "Response") -> dict[str, Any]:
@@ -97,10 +112,10 @@ def row_of(response: "Response") -> dict[str, Any]:
         "peak_displacement": response.peak_displacement,
         "energy_error": response.energy_error,
         "end_time": response.end_time,
-        "steps": response.steps,
         "contact_residual": response.residual,
         "fallbacks": response.fallbacks,
         **{name: response.events[name] for name in EVENTS},
+        **{name: response.work[name] for name in WORK},
     }
 
 

@@ -1,6 +1,8 @@
 """Answers for one arch or one record, as facts for scripts and as text for people."""
 
 import math
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +16,9 @@ from archfrag.study.sentences import first_sentence
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
-    from archfrag.simulate import Onset, Response
+    from archfrag.simulate import MechanismChange, Onset, Response
+
+_SHOWN = 40  # entries of a log that fit a screen
 
 
 def arch_of_study(path: Path, name: str | None) -> "Arch":
@@ -90,9 +94,14 @@ def response_facts(response: "Response", scale: float) -> dict[str, Any]:
     names = (
         "collapsed", "collapse_time", "collapse_joint", "collapse_mode", "peak_rotation",
         "peak_displacement", "events", "model_time", "energy_error", "energy", "end_time",
-        "steps", "fallbacks", "residual", "method", "wall_time",
+        "work", "steps", "fallbacks", "residual", "method", "wall_time",
     )  # fmt: skip
     facts = {name: getattr(response, name) for name in names}
+    if response.mechanism is not None:
+        facts["mechanism"] = [
+            {key: None if value != value else value for key, value in asdict(change).items()}
+            for change in response.mechanism
+        ]
     facts = {"status": response.status.name.lower(), "scale": scale, **facts}
     return {key: None if value != value else value for key, value in facts.items()}
 
@@ -113,8 +122,36 @@ def response_text(response: "Response", scale: float) -> str:
         f"{response.peak_displacement:.4g} m",
         f"energy error {response.energy_error:.2g}, contact residual {response.residual:.2g}",
         f"{response.method}: {response.steps} steps in {response.wall_time:.2f} s",
+        f"simulated time: {_times(response.model_time)}",
+        f"events: {_numbers(response.events)}",
+        f"work: {_numbers(response.work)}",
     ]
+    if response.mechanism is not None:
+        lines += _mechanism_lines(response.mechanism)
     return "\n".join(lines)
+
+
+def _times(model_time: dict[str, float]) -> str:
+    return ", ".join(
+        f"{name.replace('_', ' ')} {seconds:.3f} s"
+        for name, seconds in model_time.items()
+        if seconds > 0.0
+    )
+
+
+def _numbers(counts: dict[str, int]) -> str:
+    """Counts that are not zero."""
+    told = [f"{name.replace('_', ' ')} {count}" for name, count in counts.items() if count]
+    return ", ".join(told) or "none"
+
+
+def _mechanism_lines(changes: Sequence["MechanismChange"]) -> list[str]:
+    """Summary of a log and its first entries; ``--json`` gives all."""
+    from archfrag.simulation.mechanism import summary
+
+    left = len(changes) - _SHOWN
+    more = [f"  ... and {left} more entries"] if left > 0 else []
+    return [summary(changes), *(f"  {change}" for change in changes[:_SHOWN]), *more]
 
 
 def index_rows(path: Path) -> list[dict[str, Any]]:

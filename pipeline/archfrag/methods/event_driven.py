@@ -1,0 +1,395 @@
+"""Event-driven integration on mega-voussoirs.
+
+Between events the few bodies that move relative to each other are integrated by a Runge-Kutta
+method of order 5 with step control (`smooth`), every event is located on its dense output
+(`events`), and what follows it is the contact problem of all voussoirs, by levels first
+(`resolve`). While the body force stays inside the rest range nothing is integrated. Where events
+accumulate faster than they can be told apart (a rocking body comes to rest through infinitely
+many impacts), or where a mechanism's reactions are not unique, time stepping takes over for a
+while and gives back.
+"""
+
+import numpy as np
+
+from archfrag.mechanics.collapse import collapse_of, new_joint_state, note_loss
+from archfrag.mechanics.compile import allocating, kernel
+from archfrag.mechanics.energy import kinetic_energy
+from archfrag.mechanics.ground import rest_margin
+from archfrag.mechanics.kinematics import move_faces
+from archfrag.mechanics.laws import CLOSED_STICK, OPEN, is_closed
+from archfrag.mechanics.ledger import close_account, log_change, new_ledger, write_frame
+from archfrag.mechanics.levels import view_few
+from archfrag.mechanics.mechanism import assemble_mechanism, gather_state, split_state
+from archfrag.mechanics.reactions import inner_target, is_four_hinges
+from archfrag.mechanics.status import Cause, CollapseMode, Count, Energy, Model, Peak, Status
+from archfrag.mechanics.types import Outcome
+from archfrag.methods.events import GAP, PASSING, SLIP_END, new_margins
+from archfrag.methods.few_bodies import new_few_room, view_motion
+from archfrag.methods.resolve import (
+    new_whole,
+    place_whole,
+    resolve_accelerations,
+    resolve_impact,
+    settle,
+)
+from archfrag.methods.smooth import (
+    BOUND,
+    BROKEN,
+    COLLAPSE,
+    EVENT,
+    FIRST,
+    Pace,
+    begin,
+    find_breaks,
+    integrate,
+    segment_at,
+)
+from archfrag.methods.time_stepping import (
+    advance,
+    leave_rest,
+    new_stepper,
+    read_slips,
+    rest_range,
+    rests,
+)
+
+STANDING = int(Status.STANDING)
+COLLAPSED = int(Status.COLLAPSED)
+UNFINISHED = int(Status.UNFINISHED)
+WORK_BOUND = int(Status.WORK_BOUND)
+NO_MODE = int(CollapseMode.NONE)
+BY_START, BY_HINGE, BY_SLIDE = int(Cause.START), int(Cause.HINGE), int(Cause.SLIDE)
+BY_STICK, BY_IMPACT, BY_LOSS = int(Cause.STICK), int(Cause.IMPACT), int(Cause.LOSS)
+BY_REST, BY_CROWD, BY_CALM = int(Cause.REST), int(Cause.CROWD), int(Cause.CALM)
+AT_REST, FOUR, FEW = int(Model.REST), int(Model.FOUR_HINGES), int(Model.MEGA_VOUSSOIRS)
+ALL = int(Model.ALL_VOUSSOIRS)
+STILL = 1e-7
+# Rest is left where the load is beyond its range by this part of gravity.
+BEYOND = 1e-7
+# Rocking slower than this times the root of the tolerance, over the speed of a fall, has settled:
+# what is left out is of the second order. Below the other its flights are shorter than the gaps
+# to which impacts are located.
+SLOW = 1e-1
+SLOWEST = 3e-6
+# So many events within this part of the time of a fall through a joint's length are a crowd.
+CROWD = 64
+CROWDED = 1e-2
+# Time stepping goes on for this part of that time, or until nothing changes in so many steps.
+WINDOW = 0.05
+CALM_STEPS = 4
+RESTING = 0
+RESOLVE = 1
+START = 2
+MOVING = 3
+HAND = 4
+
+
+@kernel
+def _model(few):
+    if is_four_hinges(few.work.mode, few.position.shape[0]):
+        return FOUR
+    return FEW
+
+
+@kernel
+def cause_of(margins, few):
+    """Why the mechanism ends, and at which joint of the chain."""
+    inner, k, q = margins.trigger[0], margins.trigger[1], margins.trigger[2]
+    if inner == 1:
+        return (BY_HINGE if q < 2 else BY_SLIDE), k
+    joint = few.joint[k]
+    if q == SLIP_END:
+        return BY_STICK, joint
+    if q == PASSING or q >= GAP:
+        return BY_IMPACT, joint
+    if margins.target[k, q] == OPEN:
+        return BY_LOSS, joint
+    if is_closed(few.work.mode[k]):
+        return BY_HINGE, joint
+    return BY_SLIDE, joint
+
+
+@kernel
+def _note_contacts(whole, joints, old, time, ledger):
+    """Joints that lost all contact, and the last contact of the others."""
+    for j in range(joints.mode.size):
+        if joints.mode[j] == OPEN:
+            if old[j] != OPEN:
+                note_loss(j, time, whole.position, whole.length, joints)
+                ledger.count[Count.LOSSES] += 1
+        else:
+            joints.last_contact[j] = joints.mode[j]
+        old[j] = joints.mode[j]
+
+
+@allocating
+def _start_few(chain, whole, joints, margins, few_room, pace, ground):
+    """Assemble the mechanism of the present modes; nan margin where it has no unique motion."""
+    n, m = assemble_mechanism(chain, joints.mode, joints.slip, whole.length, whole.mechanism)
+    gather_state(
+        chain,
+        whole.mechanism,
+        whole.position,
+        whole.velocity,
+        whole.bodies.position,
+        whole.bodies.velocity,
+    )
+    few = view_motion(whole.mechanism, chain.gravity, view_few(whole.bodies, n, m), few_room)
+    worst = np.nan
+    if n > 0:
+        worst = begin(chain, whole.mechanism, few, margins, pace, ground)
+    return few, worst
+
+
+@allocating
+def _settle(chain, whole, joints, margins, few_room, pace, ground, ledger):
+    """End accumulations of impacts: bring velocities onto the joints that are closed now."""
+    slow = pace.falling * max(SLOW * np.sqrt(pace.tolerance), SLOWEST)
+    if not settle(whole, joints.mode, slow):
+        return
+    had = kinetic_energy(chain.mass, chain.inertia, whole.velocity)
+    few, worst = _start_few(chain, whole, joints, margins, few_room, pace, ground)
+    if few.position.shape[0] == 0 or worst > -np.inf:
+        split_state(whole.mechanism, few.position, few.velocity, whole.position, whole.velocity)
+    left = kinetic_energy(chain.mass, chain.inertia, whole.velocity)
+    ledger.energy[Energy.IMPACT] += left - had
+
+
+@allocating
+def _after_event(
+    chain, whole, joints, few, margins, few_room, pace, ground, ground_x, ground_y, ledger
+):
+    """Resolve what the trigger says; False where no solution was found."""
+    cause, joint = cause_of(margins, few)
+    for k in range(few.joint.size):
+        joints.slip[few.joint[k]] = few.slip[k]
+    split_state(whole.mechanism, few.position, few.velocity, whole.position, whole.velocity)
+    ledger.count[Count.EVENTS] += 1
+    if cause == BY_IMPACT:
+        k, q = margins.trigger[1], margins.trigger[2]
+        if q != PASSING and joints.mode[joint] == OPEN:
+            # The slip of a joint without contact is that of the corner which lands.
+            place_whole(chain, whole, joints.slip, joints.mode)
+        if not resolve_impact(chain, whole, joints.slip, joints.mode, ledger):
+            return False
+        _settle(chain, whole, joints, margins, few_room, pace, ground, ledger)
+    elif cause == BY_STICK:
+        mode = joints.mode[joint]
+        joints.mode[joint] = CLOSED_STICK if is_closed(mode) else 1 + 3 * ((mode - 1) // 3)
+    elif margins.trigger[0] == 1:
+        joints.mode[joint] = inner_target(margins.trigger[2])
+    else:
+        joints.mode[joint] = margins.target[margins.trigger[1], margins.trigger[2]]
+    return resolve_accelerations(
+        chain, whole, joints.slip, joints.mode, ground_x, ground_y, ledger
+    )
+
+
+@kernel
+def _look_ahead(time, ground, pace, gravity, plus, minus):
+    """Ground acceleration just outside the rest range, after `time` [m/s2]."""
+    end, gx, sx, gy, sy = segment_at(time, ground, pace.next_break)
+    ahead = 0.0
+    while True:
+        x, y = gx + sx * ahead, gy + sy * ahead
+        if rest_margin(x, y, gravity, plus, minus) < -BEYOND * gravity:
+            return x, y
+        if time + ahead >= end:
+            return x, y
+        ahead = min(max(2.0 * ahead, 1e-9), end - time)
+
+
+@allocating
+def _comes_to_rest(chain, ground, whole, joints, stepper, time, falling):
+    """Whether nothing moves, and the body force leaves it so; the range into the stepper."""
+    fastest = 0.0
+    for i in range(whole.velocity.shape[0]):
+        v = whole.velocity[i]
+        fastest = max(fastest, abs(v[0]) + abs(v[1]), whole.length[0] * abs(v[2]))
+    if fastest > STILL * falling:
+        return False
+    move_faces(chain, whole.position, stepper.before, stepper.after)
+    return rests(chain, ground, stepper, joints, whole.position, time)
+
+
+@allocating
+def run(chain, ground, position, velocity, from_rest, options, frames, log):
+    """Integrate one chain under one ground motion; the signature of every method.
+
+    Parameters
+    ----------
+    chain : archfrag.mechanics.types.Chain
+    ground : archfrag.mechanics.types.GroundMotion
+    position, velocity : ndarray, (n_body, 3)
+        Initial state; overwritten with the final one.
+    from_rest : bool
+        Whether the initial state is the chain at rest in its own geometry.
+    options : archfrag.mechanics.types.Options
+    frames : archfrag.mechanics.types.Frames
+        Overwritten with the history; arrays of length zero for none.
+    log : archfrag.mechanics.types.MechanismLog
+        Overwritten with the changes of the mechanism; arrays of length zero for none.
+
+    Returns
+    -------
+    archfrag.mechanics.types.Outcome
+    """
+    n_body, n_joint = chain.mass.size, chain.friction.size
+    stepper = new_stepper(chain, ground, position)
+    length = stepper.length
+    whole = new_whole(n_body, n_joint, length)
+    whole.position[:] = position
+    whole.velocity[:] = velocity
+    joints = new_joint_state(n_joint)
+    ledger = new_ledger()
+    shortest = np.min(length)
+    falling = np.sqrt(chain.gravity * shortest)
+    pace = Pace(
+        shortest,
+        falling,
+        1.0 / (chain.gravity * np.sum(chain.mass)),
+        options.tolerance,
+        find_breaks(ground),
+        np.zeros(4),
+        np.zeros(n_body),
+    )
+    clock = pace.clock
+    unit = shortest / falling
+    clock[1] = FIRST * unit
+    margins = new_margins(n_joint)
+    few_room = new_few_room(n_body, n_joint)
+    old = joints.mode.copy()
+    few, worst = _start_few(chain, whole, joints, margins, few_room, pace, ground)
+    record_end = (ground.horizontal.size - 1) * ground.time_step
+    stop = record_end + options.follow
+    recent = np.full(CROWD, -np.inf)
+    status = UNFINISHED
+    collapse_time, collapse_joint, collapse_mode = np.nan, -1, NO_MODE
+    cause, joint = BY_START, -1
+    move_faces(chain, position, stepper.before, stepper.after)
+    write_frame(
+        frames, ledger, 0.0, chain, whole.position, whole.velocity, whole.work.reaction,
+        joints.mode, 1.0,
+    )  # fmt: skip
+    clock[3] = options.frame_interval
+    phase = HAND
+    if from_rest and rest_range(chain, position, joints, stepper):
+        phase = RESTING
+    elif not from_rest:
+        read_slips(chain, stepper, joints, position)
+    while True:
+        if phase == RESTING:
+            leave, for_good = leave_rest(chain, ground, stepper.rest, clock[0])
+            ledger.model_time[Model.REST] += leave - clock[0]
+            clock[0] = leave
+            whole.velocity[:] = 0.0
+            if for_good:
+                status = STANDING
+                break
+            write_frame(
+                frames, ledger, leave, chain, whole.position, whole.velocity,
+                whole.work.reaction, joints.mode, 1.0,
+            )  # fmt: skip
+            clock[3] = leave + options.frame_interval
+            gx, gy = _look_ahead(
+                leave, ground, pace, chain.gravity, stepper.rest[0], stepper.rest[1]
+            )
+            cause, joint = BY_START, -1
+            phase = START
+            if not resolve_accelerations(chain, whole, joints.slip, joints.mode, gx, gy, ledger):
+                phase = HAND
+        elif phase == RESOLVE:
+            _, gx, _, gy, _ = segment_at(clock[0], ground, pace.next_break)
+            phase = START
+            if not resolve_accelerations(chain, whole, joints.slip, joints.mode, gx, gy, ledger):
+                phase = HAND
+        elif phase == START:
+            _note_contacts(whole, joints, old, clock[0], ledger)
+            close_account(chain, whole.position, whole.velocity, stepper.clock[1], ledger)
+            if cause != BY_START and _comes_to_rest(
+                chain, ground, whole, joints, stepper, clock[0], falling
+            ):
+                phase = RESTING
+                whole.velocity[:] = 0.0
+                write_frame(
+                    frames, ledger, clock[0], chain, whole.position, whole.velocity,
+                    whole.work.reaction, joints.mode, 1.0,
+                )  # fmt: skip
+                ledger.count[Count.RESTS] += 1
+                log_change(log, ledger, clock[0], BY_REST, -1, AT_REST, joints.mode)
+                continue
+            few, worst = _start_few(chain, whole, joints, margins, few_room, pace, ground)
+            phase = MOVING if worst > -np.inf else HAND
+            if phase == MOVING:
+                log_change(log, ledger, clock[0], cause, joint, _model(few), joints.mode)
+        elif phase == MOVING:
+            before = clock[0]
+            limit = record_end if before < record_end else stop
+            code = integrate(
+                chain, whole, joints, few, margins, pace, ground, limit, options, frames, ledger
+            )
+            ledger.model_time[_model(few)] += clock[0] - before
+            if code == EVENT:
+                cause, joint = cause_of(margins, few)
+                _, gx, _, gy, _ = segment_at(clock[0], ground, pace.next_break)
+                phase = START
+                if not _after_event(
+                    chain, whole, joints, few, margins, few_room, pace, ground, gx, gy, ledger
+                ):
+                    phase = HAND
+                slot = ledger.count[Count.EVENTS] % CROWD
+                if clock[0] - recent[slot] < CROWDED * unit:
+                    phase = HAND
+                recent[slot] = clock[0]
+                continue
+            for k in range(few.joint.size):
+                joints.slip[few.joint[k]] = few.slip[k]
+            split_state(
+                whole.mechanism, few.position, few.velocity, whole.position, whole.velocity
+            )
+            close_account(chain, whole.position, whole.velocity, stepper.clock[1], ledger)
+            if code == COLLAPSE:
+                move_faces(chain, whole.position, whole.before, whole.after)
+                collapse_joint, collapse_mode, collapse_time = collapse_of(
+                    whole.position, whole.before, whole.after, length, joints,
+                    options.loss_limit, clock[0],
+                )  # fmt: skip
+                status = COLLAPSED
+                write_frame(
+                    frames, ledger, clock[0], chain, whole.position, whole.velocity,
+                    whole.work.reaction, joints.mode, 1.0,
+                )  # fmt: skip
+                break
+            if code == BOUND:
+                status = WORK_BOUND
+                break
+            if code == BROKEN:
+                phase = HAND
+            elif clock[0] >= stop:
+                break
+            else:
+                phase = RESOLVE
+        else:
+            ledger.count[Count.HAND_OVERS] += 1
+            stepper.clock[0] = clock[3]
+            log_change(log, ledger, clock[0], BY_CROWD, joint, ALL, joints.mode)
+            status, clock[0], collapse_time, collapse_joint, collapse_mode = advance(
+                chain, ground, options, stepper, joints, ledger, frames, log, whole.position,
+                whole.velocity, clock[0], min(clock[0] + WINDOW * unit, stop), CALM_STEPS,
+            )  # fmt: skip
+            clock[3] = max(clock[3], stepper.clock[0])
+            _note_contacts(whole, joints, old, clock[0], ledger)
+            if status == STANDING:
+                phase = RESTING
+            elif status != UNFINISHED or clock[0] >= stop:
+                break
+            elif resolve_impact(chain, whole, joints.slip, joints.mode, ledger):
+                _settle(chain, whole, joints, margins, few_room, pace, ground, ledger)
+                cause, joint = BY_CALM, -1
+                phase = RESOLVE
+            recent[:] = -np.inf
+    peak = ledger.peak
+    peak[Peak.DISPLACEMENT] = max(peak[Peak.DISPLACEMENT], np.sqrt(clock[2]))
+    position[:] = whole.position
+    velocity[:] = whole.velocity
+    return Outcome(status, clock[0], collapse_time, collapse_joint, collapse_mode, ledger)

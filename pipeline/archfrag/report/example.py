@@ -1,0 +1,129 @@
+"""One run of the study, done again with its history, to show the log of its mechanism."""
+
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from archfrag.arch import Arch
+from archfrag.fragility.counts import Verdict
+from archfrag.report.summary import ArchResults
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from archfrag.motions.motion import Motion
+    from archfrag.simulation.response import Response
+
+
+@dataclass(frozen=True)
+class Example:
+    """A run that was done again.
+
+    Attributes
+    ----------
+    arch : Arch
+    motion : Motion
+        Unscaled.
+    factor : float
+        On the motion.
+    level : str
+        Intensity, with its measure and unit.
+    response : Response
+        With its history.
+    reason : str
+        Why this run was chosen.
+    same : bool
+        Whether it ended as in the study: status, steps and time of collapse.
+    """
+
+    arch: Arch
+    motion: "Motion"
+    factor: float
+    level: str
+    response: "Response"
+    reason: str
+    same: bool
+
+
+def choose(results: ArchResults, median: float | None) -> tuple[int, int, str] | None:
+    """Which run to show: record, level, reason; None if no run collapsed or stood.
+
+    The record whose capacity, the lowest level that brings the arch down, is nearest the median
+    in its logarithm, at that level; the middle one of the capacities where there is no curve;
+    the standing run that was displaced most where nothing collapsed.
+
+    Parameters
+    ----------
+    results : ArchResults
+    median : float or None
+        Median capacity in the reader's unit.
+    """
+    fell = results.verdict == Verdict.COLLAPSED
+    records = np.flatnonzero(fell.any(axis=1))
+    if records.size:
+        first = fell[records].argmax(axis=1)
+        logs = np.log(results.levels[first])
+        centre = np.median(logs) if median is None else np.log(median)
+        place = int(np.abs(logs - centre).argmin())
+        what = "median capacity" if median is not None else "middle one of the capacities"
+        reason = f"the record whose capacity is nearest the {what}, at its lowest collapsing level"
+        return int(records[place]), int(first[place]), reason
+    stood = results.verdict == Verdict.STANDING
+    if not stood.any():
+        return None
+    reach = np.where(stood, results.peak_displacement, -1.0)
+    record, level = np.unravel_index(int(reach.argmax()), reach.shape)
+    return int(record), int(level), "the standing run with the largest displacement"
+
+
+def repeat(
+    cube: xr.Dataset,
+    results: ArchResults,
+    arch: Arch,
+    motions: "Sequence[Motion]",
+    median: float | None,
+) -> Example | None:
+    """Do a run of a study again, with the study's method and its history.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        Its attribute archfrag_config tells the method.
+    results : ArchResults
+    arch : Arch
+    motions : sequence of Motion
+        Unscaled.
+    median : float or None
+        See `choose`.
+
+    Returns
+    -------
+    Example or None
+        None if the cube does not tell its method, or no run is worth showing.
+    """
+    from archfrag.simulate import simulate
+
+    method = json.loads(cube.attrs.get("archfrag_config", "{}")).get("method")
+    chosen = choose(results, median)
+    if method is None or chosen is None:
+        return None
+    record, level, reason = chosen
+    motion = next(m for m in motions if m.id == results.records[record])
+    factor = float(cube["scale_factor"].transpose("record", "level").values[record, level])
+    response = simulate(
+        arch, motion, scale=factor, method=method["name"], rtol=method["rtol"], dt=method["dt"],
+        follow=method["follow"], history=True,
+    )  # fmt: skip
+    status = cube["status"].sel(arch=results.arch).transpose("record", "level").values
+    same = (
+        int(status[record, level]) == int(response.status)
+        and int(results.steps[record, level]) == response.steps
+        and np.allclose(
+            results.collapse_time[record, level], response.collapse_time, equal_nan=True
+        )
+    )
+    shown = f"{results.scale.measure} = {results.levels[level]:#.3g} {results.scale.unit}"
+    return Example(arch, motion, factor, shown, response, reason, bool(same))

@@ -1,0 +1,90 @@
+"""Histories: room for the frames of a run, and the labelled data set made of them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from archfrag.arch import STANDARD_GRAVITY, Arch
+from archfrag.mechanics.types import Frames
+
+if TYPE_CHECKING:
+    import xarray
+
+_TEXT = {
+    "displacement": ("m", "displacement of the centroid from rest"),
+    "rotation": ("rad", "rotation of the voussoir"),
+    "velocity": ("m s-1", "velocity of the centroid relative to the ground"),
+    "angular_velocity": ("rad s-1", "angular velocity of the voussoir"),
+    "reaction": ("N", "reaction on the voussoir after the joint"),
+    "moment": ("N m", "moment of the reaction about the joint's middle"),
+}
+
+
+def empty_frames(n_frame: int, n_body: int, n_joint: int) -> Frames:
+    """Room for so many frames."""
+    return Frames(
+        time=np.zeros(n_frame),
+        position=np.zeros((n_frame, n_body, 3)),
+        velocity=np.zeros((n_frame, n_body, 3)),
+        reaction=np.zeros((n_frame, n_joint, 3)),
+        mode=np.zeros((n_frame, n_joint), np.int8),
+    )
+
+
+def history_of(arch: Arch, frames: Frames, n_frame: int) -> xarray.Dataset:
+    """The frames that were written, with names and units.
+
+    Parameters
+    ----------
+    arch : Arch
+    frames : archfrag.mechanics.types.Frames
+    n_frame : int
+        How many of them were written.
+
+    Returns
+    -------
+    xarray.Dataset
+        Dimensions time, voussoir, joint and component.
+    """
+    import xarray
+
+    body, joint = ("time", "voussoir", "component"), ("time", "joint", "component")
+    arrays = {
+        "displacement": (body, frames.position[:n_frame, :, :2]),
+        "rotation": (body[:2], frames.position[:n_frame, :, 2]),
+        "velocity": (body, frames.velocity[:n_frame, :, :2]),
+        "angular_velocity": (body[:2], frames.velocity[:n_frame, :, 2]),
+        "reaction": (joint, frames.reaction[:n_frame, :, :2]),
+        "moment": (joint[:2], frames.reaction[:n_frame, :, 2]),
+    }
+    variables = {
+        name: (*arrays[name], {"units": units, "long_name": long_name})
+        for name, (units, long_name) in _TEXT.items()
+    }
+    mode = {
+        "long_name": "contact mode of the joint",
+        "flag_values": np.arange(10, dtype=np.int8),
+        "flag_meanings": _mode_meanings(arch),
+    }
+    dataset = xarray.Dataset(
+        variables | {"contact_mode": (joint[:2], frames.mode[:n_frame], mode)},
+        coords={
+            "time": ("time", frames.time[:n_frame], {"units": "s", "long_name": "time"}),
+            "voussoir": np.arange(arch.n_voussoir),
+            "joint": np.arange(arch.n_joint),
+            "component": ["x", "y"],
+        },
+    )
+    dataset.attrs["gravity"] = STANDARD_GRAVITY
+    return dataset
+
+
+def _mode_meanings(arch: Arch) -> str:
+    names = ["open"]
+    for corner in range(2):
+        side = arch.corner_name(corner)
+        names += [f"{side}_sticks", f"{side}_slides_plus", f"{side}_slides_minus"]
+    names += ["closed_sticks", "closed_slides_plus", "closed_slides_minus"]
+    return " ".join(names)

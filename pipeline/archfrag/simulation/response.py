@@ -1,0 +1,182 @@
+"""The answer to one case: what an arch did, what it was computed with, and how well."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from archfrag.mechanics.status import CollapseMode, Count, Energy, Model, Peak, Status
+from archfrag.mechanics.types import Outcome
+from archfrag.simulation.mechanism import MechanismChange
+
+if TYPE_CHECKING:
+    import xarray
+
+_EVENTS = {
+    "impacts": Count.IMPACTS,
+    "openings": Count.OPENINGS,
+    "slides": Count.SLIDES,
+    "contact_losses": Count.LOSSES,
+    "rests": Count.RESTS,
+    "events": Count.EVENTS,
+    "hand_overs": Count.HAND_OVERS,
+}
+_WORK = (
+    Count.STEPS, Count.ITERATIONS, Count.PATHS, Count.COMPLIANT, Count.SHORTENED, Count.LEVELS,
+    Count.LEVEL_ITERATIONS, Count.GENERAL,
+)  # fmt: skip
+_ENERGY = {
+    "kinetic": Energy.KINETIC,
+    "potential": Energy.POTENTIAL,
+    "ground": Energy.GROUND,
+    "friction": Energy.FRICTION,
+    "impacts": Energy.IMPACT,
+    "stray": Energy.STRAY,
+    "largest_kinetic": Energy.LARGEST_KINETIC,
+}
+
+
+@dataclass(frozen=True)
+class Response:
+    """What one arch did under one ground motion.
+
+    Attributes
+    ----------
+    status : Status
+        How the run ended; `archfrag.errors.STATUS_SENTENCE` says it in words.
+    collapsed : bool or None
+        None if the run was unfinished or the solver failed: neither collapse nor survival.
+    collapse_time : float
+        Instant from which the joint's contact was lost for good [s]; nan if none.
+    collapse_joint : int
+        -1 if none.
+    collapse_mode : str
+        "none", "hinging", "sliding", "lift_off" or "overturning": by what that joint had done
+        when it lost contact, the larger of its rotation [rad] and its slip over its length, or
+        neither. A joint turned by 90 degrees with contact kept counts as overturning.
+    peak_rotation : float
+        Of any voussoir [rad].
+    peak_displacement : float
+        Of any voussoir's centroid, relative to the ground [m].
+    events : dict of str to int
+        "impacts" (joints that closed), "openings", "slides", "contact_losses" and "rests";
+        "events": instants located at which the mechanism changed; "hand_overs": times that
+        event-driven integration gave way to time stepping.
+    model_time : dict of str to float
+        Simulated time in each model of the ladder [s]: "rest", "four_hinges", "mega_voussoirs",
+        "all_voussoirs".
+    energy_error : float
+        Largest energy that the integrator made or lost on the way and no contact law explains,
+        over the largest kinetic energy [1].
+    energy : dict of str to float
+        Kinetic and potential energy at the end, work of the ground, friction, impacts, and what
+        is left over ("stray") [J].
+    work : dict of str to int
+        Counts of what was computed: "steps"; "iterations", linear contact problems on all
+        voussoirs; "paths", contact problems that needed the path following behind the Newton
+        iteration; "compliant", those solved with slightly compliant joints only
+        (`archfrag.mechanics.contact`); "shortened", steps halved; "levels", contact problems
+        solved by the first and second level; "level_iterations", those of them that needed more
+        than one round; "general", those that the levels left to the general solver.
+    wall_time : float
+        Time it took, compilation included if there was any [s].
+    end_time : float
+        Simulated time at which the run ended [s].
+    residual : float
+        Largest residual of the contact laws that was measured on the way [1].
+    method : str
+        What ran.
+    mechanism : tuple of MechanismChange or None
+        With a history only: every change of the mechanism, up to a bound of 50,000; ``print``
+        one to read it, ``pandas.DataFrame(response.mechanism)`` for a table.
+    history : xarray.Dataset or None
+    steps, iterations, paths, shortened, fallbacks : int
+        As in `work`; fallbacks are its "compliant".
+    """
+
+    status: Status
+    collapsed: bool | None
+    collapse_time: float
+    collapse_joint: int
+    collapse_mode: str
+    peak_rotation: float
+    peak_displacement: float
+    events: dict[str, int]
+    model_time: dict[str, float]
+    energy_error: float
+    energy: dict[str, float]
+    work: dict[str, int]
+    wall_time: float
+    end_time: float
+    residual: float
+    method: str
+    mechanism: tuple[MechanismChange, ...] | None = field(default=None, repr=False)
+    history: xarray.Dataset | None = field(default=None, repr=False)
+
+    @property
+    def steps(self) -> int:
+        """Integration steps."""
+        return self.work["steps"]
+
+    @property
+    def iterations(self) -> int:
+        """Linear contact problems solved on all voussoirs."""
+        return self.work["iterations"]
+
+    @property
+    def paths(self) -> int:
+        """Contact problems that needed the solution path."""
+        return self.work["paths"]
+
+    @property
+    def shortened(self) -> int:
+        """Steps halved."""
+        return self.work["shortened"]
+
+    @property
+    def fallbacks(self) -> int:
+        """Contact problems solved with compliant joints only."""
+        return self.work["compliant"]
+
+
+def response_of(
+    outcome: Outcome,
+    method: str,
+    wall_time: float,
+    mechanism: tuple[MechanismChange, ...] | None,
+    history: xarray.Dataset | None,
+) -> Response:
+    """What a method returned, in names.
+
+    Parameters
+    ----------
+    outcome : archfrag.mechanics.types.Outcome
+    method : str
+    wall_time : float
+        [s]
+    mechanism, history
+        As in `Response`.
+    """
+    status = Status(outcome.status)
+    count, energy, model_time, peak = outcome.ledger
+    largest = float(energy[Energy.LARGEST_KINETIC])
+    return Response(
+        status=status,
+        collapsed={Status.STANDING: False, Status.COLLAPSED: True}.get(status),
+        collapse_time=float(outcome.collapse_time),
+        collapse_joint=int(outcome.collapse_joint),
+        collapse_mode=CollapseMode(outcome.collapse_mode).name.lower(),
+        peak_rotation=float(peak[Peak.ROTATION]),
+        peak_displacement=float(peak[Peak.DISPLACEMENT]),
+        events={name: int(count[entry]) for name, entry in _EVENTS.items()},
+        model_time={model.name.lower(): float(model_time[model]) for model in Model},
+        energy_error=float(energy[Energy.STRAY_PEAK]) / largest if largest > 0.0 else 0.0,
+        energy={name: float(energy[entry]) for name, entry in _ENERGY.items()},
+        work={entry.name.lower(): int(count[entry]) for entry in _WORK},
+        wall_time=wall_time,
+        end_time=float(outcome.end_time),
+        residual=float(peak[Peak.RESIDUAL]),
+        method=method,
+        mechanism=mechanism,
+        history=history,
+    )

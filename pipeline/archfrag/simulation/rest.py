@@ -1,0 +1,214 @@
+"""Rest: how much steady acceleration a chain bears, and how it would start to move."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from archfrag.arch import Arch
+from archfrag.errors import STATUS_SENTENCE, StabilityError
+from archfrag.mechanics.contact import contact_work, solve_contact
+from archfrag.mechanics.kinematics import (
+    empty_contacts,
+    joint_lengths,
+    move_faces,
+    place_contacts,
+)
+from archfrag.mechanics.laws import CLOSED_STICK
+from archfrag.mechanics.onset import (
+    HINGE_EXTRADOS,
+    HINGE_INTRADOS,
+    SLIDING,
+    RestLimit,
+    rest_limit,
+)
+from archfrag.mechanics.status import Status
+from archfrag.simulation.checks import check_arch
+
+STANDS_TOLERANCE = 1e-12
+
+Hinge = tuple[int, str]
+
+
+@dataclass(frozen=True)
+class Onset:
+    """Rest range of an arch and the mechanisms at its ends.
+
+    Attributes
+    ----------
+    stands : bool
+        Whether the arch is at rest under its own weight.
+    plus, minus : float
+        Largest steady ground acceleration towards +x and towards -x that it bears [g]; nan if
+        no load of any size leaves it at rest, inf if none moves it. With a vertical ground
+        acceleration k_v they hold for k_h / (1 + k_v).
+    hinges, hinges_minus : list of (int, str)
+        Joint and side ("intrados" or "extrados") of the hinges at `plus` and at `minus`.
+    sliding, sliding_minus : list of int
+        Joints that slide there.
+    thrust : ndarray, (n_joint, 2) or None
+        Contact centres under self-weight [m]; nan where a joint bears nothing; None if the arch
+        does not stand. An arch at rest is hyperstatic: of its admissible thrust lines this is
+        the one of joints that are equal springs in the limit of infinite stiffness.
+    thrust_plus, thrust_minus : ndarray, (n_joint, 2) or None
+        Contact centres at the two ends of the range, where they are unique [m].
+    """
+
+    stands: bool
+    plus: float
+    minus: float
+    hinges: list[Hinge]
+    sliding: list[int]
+    hinges_minus: list[Hinge]
+    sliding_minus: list[int]
+    thrust: NDArray[np.float64] | None = field(repr=False)
+    thrust_plus: NDArray[np.float64] | None = field(repr=False)
+    thrust_minus: NDArray[np.float64] | None = field(repr=False)
+
+
+def onset(arch: Arch) -> Onset:
+    """How much steady ground acceleration an arch bears, and how it would start to move.
+
+    Parameters
+    ----------
+    arch : Arch
+
+    Returns
+    -------
+    Onset
+        Also for an arch that does not stand (``stands`` is then False).
+
+    Raises
+    ------
+    InputError
+        If `arch` is not an arch.
+
+    Notes
+    -----
+    Static theorem: rest is the contact problem of the chain with no acceleration,
+    solved for the largest load factor (`archfrag.mechanics.onset`). With friction it is the
+    largest load for which admissible reactions exist.
+
+    Examples
+    --------
+    >>> import archfrag as af
+    >>> arch = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
+    >>> start = af.onset(arch)
+    >>> round(start.plus, 4), start.hinges
+    (0.37, [(0, 'extrados'), (2, 'intrados'), (4, 'extrados'), (7, 'intrados')])
+    """
+    check_arch(arch)
+    chain = arch.chain
+    contacts = _contacts_at_rest(arch)
+    limits = []
+    for sense in (1.0, -1.0):
+        limits.append(
+            rest_limit(
+                chain.mass,
+                chain.centroid,
+                contacts.point,
+                contacts.normal,
+                contacts.candidate,
+                chain.friction,
+                chain.gravity,
+                sense,
+            )
+        )
+    plus, minus = limits
+    found = plus.found and minus.found
+    stands = bool(
+        found and plus.load_factor >= -STANDS_TOLERANCE and minus.load_factor <= STANDS_TOLERANCE
+    )
+    thrust = None
+    if stands:
+        thrust = _thrust(contacts.point, contacts.normal, _reactions_at_rest(chain, contacts))
+    return Onset(
+        stands=stands,
+        plus=float(plus.load_factor) if found else math.nan,
+        minus=float(-minus.load_factor) if found else math.nan,
+        hinges=_hinges(arch, plus),
+        sliding=[int(j) for j in np.flatnonzero(plus.mechanism & SLIDING)],
+        hinges_minus=_hinges(arch, minus),
+        sliding_minus=[int(j) for j in np.flatnonzero(minus.mechanism & SLIDING)],
+        thrust=thrust,
+        thrust_plus=_thrust_at_limit(contacts, plus),
+        thrust_minus=_thrust_at_limit(contacts, minus),
+    )
+
+
+def check_stands(arch: Arch) -> None:
+    """See that an arch is at rest under its own weight.
+
+    Raises
+    ------
+    StabilityError
+        Saying what steady acceleration it would need, if any leaves it at rest.
+    """
+    start = onset(arch)
+    if not start.stands:
+        raise StabilityError(
+            f"{arch!r}: {STATUS_SENTENCE[Status.DOES_NOT_STAND]} "
+            f"(rest would need a steady horizontal acceleration between {-start.minus:.4g} and "
+            f"{start.plus:.4g} g)"
+            if math.isfinite(start.plus)
+            else f"{arch!r}: {STATUS_SENTENCE[Status.DOES_NOT_STAND]}"
+        )
+
+
+def _contacts_at_rest(arch: Arch):
+    chain = arch.chain
+    position = np.zeros((arch.n_voussoir, 3))
+    position[:, :2] = chain.centroid
+    before = np.zeros((arch.n_joint, 2, 2))
+    after = np.zeros((arch.n_joint, 2, 2))
+    contacts = empty_contacts(arch.n_voussoir, arch.n_joint)
+    move_faces(chain, position, before, after)
+    place_contacts(position, before, after, np.zeros(arch.n_joint), joint_lengths(chain), contacts)
+    return contacts
+
+
+def _reactions_at_rest(chain, contacts) -> NDArray[np.float64]:
+    """Admissible reactions under self-weight, moments about the origin, (n_joint, 3)."""
+    n_body, n_joint = chain.mass.size, chain.friction.size
+    work = contact_work(n_body, n_joint)
+    work.mode[:] = CLOSED_STICK
+    free = np.zeros((n_body, 3))
+    free[:, 1] = -chain.gravity
+    solve_contact(chain.mass, chain.inertia, contacts, chain.friction, free, work)
+    reaction = work.reaction.copy()
+    reaction[:, 2] += work.pivot[:, 0] * reaction[:, 1] - work.pivot[:, 1] * reaction[:, 0]
+    return reaction
+
+
+def _thrust(point, normal, reaction) -> NDArray[np.float64]:
+    """Contact centres (Eq 34): where on each joint the reaction has no moment [m]."""
+    force = reaction[:, :2]
+    press = np.einsum("jk,jk->j", force, normal)
+
+    def moment_about(corner):
+        arm = point[:, corner]
+        return reaction[:, 2] - (arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0])
+
+    length = np.linalg.norm(point[:, 1] - point[:, 0], axis=1)
+    bears = press > 1e-12 * np.abs(reaction[:, :2]).max()
+    share = np.full(press.size, np.nan)
+    share[bears] = -moment_about(0)[bears] / (press * length)[bears]
+    return point[:, 0] + share[:, None] * (point[:, 1] - point[:, 0])
+
+
+def _thrust_at_limit(contacts, limit: RestLimit) -> NDArray[np.float64] | None:
+    if not limit.found or math.isinf(limit.load_factor):
+        return None
+    return _thrust(contacts.point, contacts.normal, limit.reaction)
+
+
+def _hinges(arch: Arch, limit: RestLimit) -> list[Hinge]:
+    hinges = []
+    for j, bits in enumerate(limit.mechanism):
+        for corner, bit in ((0, HINGE_INTRADOS), (1, HINGE_EXTRADOS)):
+            if bits & bit:
+                hinges.append((j, arch.corner_name(corner)))
+    return hinges

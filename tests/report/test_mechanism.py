@@ -1,0 +1,281 @@
+"""Mechanisms on the page: shares of collapses, one run done again, its log over time."""
+
+import json
+from dataclasses import replace
+
+import lxml.html
+import numpy as np
+import pytest
+
+import archfrag as af
+from archfrag.fragility.counts import Verdict
+from archfrag.mechanics.status import CollapseMode, Model, Status
+from archfrag.report import ladder_figures, mechanism_figures, timeline
+from archfrag.report.example import Example, choose, repeat
+from archfrag.report.page import render
+from archfrag.report.summary import arch_results, reading_scale
+from archfrag.simulation.mechanism import MechanismChange
+from tests.report import synthetic
+from tests.report.test_figures import drawn, overlaps, results  # noqa: F401
+from tests.report.test_page import table, text
+
+ARCH = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7)
+
+
+def groups_of(data, n_joint=8):
+    return [
+        mechanism_figures.by_mode(data, 0.9),
+        mechanism_figures.by_joint(data, n_joint, 0.9),
+        mechanism_figures.by_impacts(data, 0.9),
+    ]
+
+
+def pulse(scale=1.0):
+    """A run that ends in collapse, with its motion."""
+    motion = af.Motion(np.where(np.arange(900) < 300, 6.8, -3.4), 1e-3, id="pulse")
+    return motion, af.simulate(ARCH, motion, scale=scale, history=True)
+
+
+class TestShares:
+    def test_every_grouping_shares_out_the_same_collapses(self):
+        data = results()
+        fell = (data.verdict == Verdict.COLLAPSED).sum(axis=0)
+        for group in groups_of(data):
+            np.testing.assert_array_equal(group.counts.sum(axis=0), fell)
+
+    def test_categories_are_what_the_cube_says(self):
+        data = results()
+        fell = data.verdict == Verdict.COLLAPSED
+        mode, joint, impacts = groups_of(data)
+        assert (
+            mode.counts[CollapseMode.SLIDING].sum()
+            == (fell & (data.collapse_mode == CollapseMode.SLIDING)).sum()
+        )
+        for category, count in zip(joint.categories[:-1], joint.counts[:-1]):
+            number = int(category.removeprefix("joint "))
+            assert count.sum() == (fell & (data.collapse_joint == number)).sum() > 0
+        assert joint.categories[-1] == "other joints"
+        assert impacts.counts.sum(axis=1).tolist() == [
+            (fell & (data.impacts == 0)).sum(),
+            (fell & (data.impacts == 1)).sum(),
+            (fell & (data.impacts == 2)).sum(),
+            0,
+            (fell & (data.impacts == 300)).sum(),
+        ]
+
+    def test_table_of_the_page(self):
+        study = synthetic.inputs()
+        page = lxml.html.document_fromstring(render(study))
+        heads, rows = table(page, "Collapses of ring by mechanism")
+        data = results()
+        fell = (data.verdict == Verdict.COLLAPSED).sum(axis=0)
+        shown = {row[0]: row[1:] for row in rows}
+        assert [int(cell) for cell in shown["all"][3:]] == fell.tolist()
+        assert int(shown["all"][0]) == fell.sum()
+        hinging = groups_of(data)[0]
+        assert shown["hinging"][heads.index("share") - 1] == f"{hinging.overall[1]:.2f}"
+        assert "lift-off" not in shown
+
+    @pytest.mark.parametrize("n_level", [2, 9, 16, 40])
+    def test_labels_keep_clear(self, n_level, drawn):  # noqa: F811
+        data = results(n_level=n_level)
+        mechanism_figures.shares(groups_of(data), data, "a")
+        ladder_figures.what_ran(data, "b")
+        assert [overlaps(figure) for figure in drawn] == [[], []]
+
+    def test_columns_are_as_high_as_the_fraction_of_collapses(self, drawn):  # noqa: F811
+        data = results()
+        mechanism_figures.shares(groups_of(data), data, "a")
+        expected = data.counts.collapsed / data.counts.n
+        for axes in drawn[0].axes:
+            top = np.zeros(expected.size)
+            for bar in axes.patches:
+                level = round(bar.get_x() + 0.5 * bar.get_width())
+                top[level] = max(top[level], bar.get_y() + bar.get_height())
+            np.testing.assert_allclose(top, expected, atol=1e-12)
+
+    def test_nothing_collapsed_nothing_drawn(self):
+        data = results()
+        calm = replace(
+            data,
+            verdict=np.zeros_like(data.verdict),
+            counts=replace(data.counts, collapsed=0 * data.counts.collapsed),
+        )
+        assert mechanism_figures.shares(groups_of(calm), calm, "a") is None
+
+
+class TestWhatRan:
+    def test_table(self):
+        data = results()
+        rows = dict(ladder_figures.table(data).rows)
+        total = data.model_time.sum()
+        mega = data.model_time[..., 2].sum()
+        assert rows["simulated time, mega-voussoirs"] == (
+            f"{mega:,.1f} s ({100 * mega / total:.1f} %)"
+        )
+        assert rows["share of the time in motion on all voussoirs"] == "10.0 %"
+        assert rows["hand-overs to time stepping"].startswith(f"{data.hand_overs.sum():,} (")
+        assert rows["contact problems left to the general solver"] == f"{data.general.sum():,}"
+        again = data.level_iterations.sum()
+        share = 100 * again / data.two_level.sum()
+        assert rows["of these, with more than one round"] == f"{again:,} ({share:.2g} %)"
+
+    def test_arch_that_never_moved(self, drawn):  # noqa: F811
+        data = results()
+        data.model_time[..., 0] = data.model_time.sum(axis=2)
+        data.model_time[..., 1:] = 0.0
+        assert "share of the time in motion on all voussoirs" not in dict(
+            ladder_figures.table(data).rows
+        )
+        ladder_figures.what_ran(data, "a")
+        assert "no events" in [label.get_text() for label in drawn[0].axes[1].texts]
+
+
+class TestChoice:
+    def test_capacity_nearest_the_median(self):
+        data = results()
+        data.verdict[:] = [0, 0, 0, 0, 0, 0, 0, 0, 1]
+        data.verdict[2, 4:] = 1
+        data.verdict[4, 6:] = 1
+        record, level, reason = choose(data, 1.02 * data.levels[4])
+        assert (record, level) == (2, 4)
+        assert "nearest the median" in reason
+        assert choose(data, 0.99 * data.levels[6])[:2] == (4, 6)
+        # The capacity is the lowest collapsing level even where the record stands above it.
+        data.verdict[2, 5] = 0
+        assert choose(data, data.levels[4])[:2] == (2, 4)
+
+    def test_without_a_curve(self):
+        data = results()
+        data.verdict[:] = 0
+        data.verdict[1, 7:] = 1
+        assert choose(data, None)[:2] == (1, 7)
+        data.verdict[:] = 0
+        data.verdict[3, 8] = Verdict.UNFINISHED
+        data.peak_displacement[3, 8] = 9.0
+        data.peak_displacement[5, 2] = 7.0
+        assert choose(data, None)[:2] == (5, 2)
+        data.verdict[:] = Verdict.SOLVER_FAILURE
+        assert choose(data, None) is None
+
+
+def study_of_pulses(method="time_stepping"):
+    """A cube of real runs: one arch, the pulse of `pulse` at two levels."""
+    motion, fallen = pulse()
+    standing = af.simulate(ARCH, motion, scale=0.5)
+    items = [motion, synthetic.motions(1)[0]]
+    data = synthetic.cube(items=items).isel(record=[0], level=[0, 1]).copy(deep=True)
+    for level, response in enumerate((standing, fallen)):
+        data["verdict"][0, 0, level] = int(response.collapsed)
+        data["status"][0, 0, level] = int(response.status)
+        data["steps"][0, 0, level] = response.steps
+        data["collapse_time"][0, 0, level] = response.collapse_time
+        data["scale_factor"][0, level] = (0.5, 1.0)[level]
+    settings = {"name": method, "dt": None, "rtol": 1e-6, "follow": 20.0}
+    data.attrs["archfrag_config"] = json.dumps({"method": settings})
+    return data, motion, fallen
+
+
+class TestRepetition:
+    def test_is_the_run_of_the_study_with_its_log(self):
+        data, motion, fallen = study_of_pulses()
+        scale = reading_scale(data, "PGA")
+        again = repeat(data, arch_results(data, "ring", scale), ARCH, [motion], None)
+        assert fallen.status is Status.COLLAPSED
+        assert again.same
+        assert again.response.mechanism == fallen.mechanism
+        assert again.factor == 1.0
+
+    def test_another_end_is_told(self, drawn):  # noqa: F811
+        data, motion, _ = study_of_pulses()
+        data["steps"][0, 0, 1] += 1
+        results_ = arch_results(data, "ring", reading_scale(data, "PGA"))
+        again = repeat(data, results_, ARCH, [motion], None)
+        assert not again.same
+        assert "did not end as the run in the cube did" in timeline.timeline(again, "a").caption
+
+    def test_a_cube_that_does_not_tell_its_method(self):
+        data = results()
+        assert repeat(synthetic.cube(), data, ARCH, synthetic.motions(), None) is None
+
+    def test_page_shows_it_with_the_log_in_words(self):
+        data, motion, fallen = study_of_pulses()
+        arch, onset = synthetic.arch_and_onset()
+        study = synthetic.inputs(
+            cube=data, motions=[motion], arches=[("ring", arch, onset)], fits={"ring": "none"},
+            timings=None,
+        )  # fmt: skip
+        page = lxml.html.document_fromstring(render(study))
+        assert "The mechanism in one run" in [text(head) for head in page.xpath("//h3")]
+        (log,) = page.xpath("//details/pre")
+        lines = log.text_content().strip().splitlines()
+        assert lines[1] == str(fallen.mechanism[1])
+        (shown,) = page.xpath('//svg[contains(@aria-label, "Mechanism over time")]')
+        assert "pulse" in shown.get("aria-label")
+
+
+def change(time, until, joints, model="mega_voussoirs"):
+    return MechanismChange(time, until, "impact", -1, model, joints)
+
+
+class TestTimeline:
+    def test_bins_hold_what_lasts_longest_in_them(self):
+        log = [
+            change(0.0, 0.99, {0: "hinge extrados", 2: "slides towards intrados"}, "four_hinges"),
+            change(0.99, 1.1, {1: "open"}),
+            change(1.1, 2.0, {0: "hinge intrados sliding towards extrados"}, "all_voussoirs"),
+        ]
+        joints, models = timeline.sampled(log, 3, np.linspace(0.0, 2.0, 5))
+        names = ("closed", *timeline.LOOK)
+        assert [[names[k] for k in row] for row in joints] == [
+            ["hinge at extrados", "closed", "slides"],
+            ["hinge at extrados", "closed", "slides"],
+            ["sliding hinge at intrados", "closed", "closed"],
+            ["sliding hinge at intrados", "closed", "closed"],
+        ]
+        assert [Model(m) for m in models] == [Model.FOUR_HINGES] * 2 + [Model.ALL_VOUSSOIRS] * 2
+        fine, _ = timeline.sampled(log, 3, np.linspace(0.98, 1.12, 15))
+        assert [names[k] for k in fine[:, 1]] == ["closed"] + ["open"] * 11 + ["closed"] * 2
+
+    def test_bars_stand_where_the_log_says(self, drawn):  # noqa: F811
+        """Coloured length of each joint in the figure against its time in the log."""
+        motion, response = pulse()
+        example = Example(ARCH, motion, 1.0, "PGA = 0.69 g", response, "chosen", True)
+        timeline.timeline(example, "a")
+        middle = drawn[0].axes[1]
+        shown = np.zeros(8)
+        for bars in middle.collections:
+            for path in bars.get_paths():
+                (low, bottom), (high, top) = path.vertices.min(axis=0), path.vertices.max(axis=0)
+                shown[round(0.5 * (bottom + top))] += high - low
+        start, end = timeline.window(response.mechanism, response.end_time)
+        logged = np.zeros(8)
+        for entry in response.mechanism:
+            for joint in entry.joints:
+                logged[joint] += max(0.0, min(entry.until, end) - max(entry.time, start))
+        np.testing.assert_allclose(shown, logged, atol=0.02 * (end - start))
+        assert logged.max() > 0.5 * (end - start)
+
+    @pytest.mark.parametrize("voussoirs", [1, 7, 27, 81])
+    def test_labels_keep_clear(self, voussoirs, drawn):  # noqa: F811
+        arch = (
+            af.Arch.circular(10.0, 1.5, 157.5, voussoirs, 0.7) if voussoirs > 1
+            else af.Block(1.0, 4.0, 0.7)
+        )  # fmt: skip
+        motion, response = pulse()
+        last = arch.n_joint - 1
+        log = (
+            change(0.0, 1.0, {}, "rest"),
+            change(1.0, 3.0, {0: "hinge extrados", last: "open"}, "four_hinges"),
+            change(3.0, 7.0, {0: "slides towards intrados"}, "all_voussoirs"),
+        )
+        shown = replace(response, mechanism=log, end_time=7.0, collapse_time=6.5)
+        timeline.timeline(Example(arch, motion, 1.0, "PGA = 1 g", shown, "x", True), "a")
+        assert overlaps(drawn[0]) == []
+        assert drawn[0].axes[2].get_xlim()[0] == pytest.approx(1.0 - 0.03 * 6.0)
+
+    def test_nothing_moved(self):
+        motion, response = pulse(0.2)
+        example = Example(ARCH, motion, 0.2, "PGA", response, "x", True)
+        assert response.peak_displacement == 0.0
+        assert timeline.timeline(example, "a") is None

@@ -1,0 +1,58 @@
+"""One run told to people and to scripts."""
+
+import json
+
+import numpy as np
+import pytest
+
+import archfrag as af
+from archfrag.study.provenance import strict_json
+from archfrag.study.single import response_facts, response_text
+
+ARCH = af.Arch.circular(10.0, 1.5, 157.5, 5, 0.7)
+PUSH = af.Motion(np.where(np.arange(800) < 250, 6.0, 0.0), 1e-3)
+
+
+@pytest.fixture(scope="module")
+def response():
+    return af.simulate(ARCH, PUSH, history=True)
+
+
+class TestFacts:
+    def test_are_json_and_hold_the_log(self, response):
+        facts = json.loads(strict_json(response_facts(response, 1.0)))
+        assert facts["model_time"] == response.model_time
+        assert facts["work"] == response.work
+        assert len(facts["mechanism"]) == len(response.mechanism)
+        last = facts["mechanism"][3]
+        assert set(last) == {"time", "until", "cause", "joint", "model", "joints"}
+        assert last["time"] == response.mechanism[3].time
+        assert {int(k): v for k, v in last["joints"].items()} == response.mechanism[3].joints
+
+    def test_no_log_where_none_was_kept(self):
+        facts = response_facts(af.simulate(ARCH, PUSH, scale=0.1), 0.1)
+        assert "mechanism" not in facts
+        assert facts["collapse_time"] is None
+
+
+class TestText:
+    def test_tells_models_events_and_work(self, response):
+        lines = response_text(response, 1.0).splitlines()
+        (times,) = [line for line in lines if line.startswith("simulated time: ")]
+        assert f"all voussoirs {response.model_time['all_voussoirs']:.3f} s" in times
+        (events,) = [line for line in lines if line.startswith("events: ")]
+        assert f"impacts {response.events['impacts']}" in events
+        (work,) = [line for line in lines if line.startswith("work: ")]
+        assert f"steps {response.steps}" in work
+
+    def test_tells_the_log_as_far_as_it_fits(self, response):
+        text = response_text(response, 1.0)
+        assert f"  {response.mechanism[2]}" in text
+        assert f"... and {len(response.mechanism) - 40} more entries" in text
+        assert "changes of the mechanism" in text
+        assert "mechanism" not in response_text(af.simulate(ARCH, PUSH), 1.0)
+
+    def test_nothing_happened(self):
+        text = response_text(af.simulate(ARCH, PUSH, scale=0.1), 0.1)
+        assert "events: none" in text
+        assert "simulated time: rest 0.799 s" in text
