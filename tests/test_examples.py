@@ -11,12 +11,15 @@ import archfrag as af
 MODULES = (
     "archfrag.arch.model",
     "archfrag.arch.block",
+    "archfrag.fragility.deaggregate",
     "archfrag.fragility.fit",
     "archfrag.kernel_cache",
     "archfrag.methods.registry",
     "archfrag.motions.motion",
     "archfrag.motions.read",
     "archfrag.simulate",
+    "archfrag.simulation.mechanism",
+    "archfrag.simulation.rest",
 )
 FUNCTIONS = ("Block", "Motion", "fit_ida", "fit_stripes", "onset", "read_motion", "simulate")
 

@@ -139,6 +139,7 @@ def onset(arch: Any, as_json: bool) -> None:
 @click.option("--rtol", type=float, default=1e-6, show_default=True)
 @click.option("--follow", type=float, default=20.0, show_default=True,
               help="how long to go on past the record's end while the arch moves [s]")  # fmt: skip
+@click.option("--mechanism", "history", is_flag=True, help="show how the mechanism changed")
 @_json
 def simulate(
     arch: Any, record: Path, unit: str | None, component: str | None, scale: float,

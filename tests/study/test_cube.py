@@ -199,15 +199,16 @@ def test_gathering_a_hundred_thousand_runs_takes_less_than_a_gibibyte(copied, tm
         write_part(plan, chunk, table)
     plan.save()
     code = (
-        "import sys, resource; from pathlib import Path; from archfrag.study.plan import Plan; "
-        "from archfrag.study.cube import gather; "
+        "import sys; from pathlib import Path; from archfrag.study.plan import Plan; "
+        "from archfrag.study.cube import gather; from archfrag.study.worker import peak_memory; "
         "t = gather(Plan.load(Path(sys.argv[1]))); assert t['steps'].size == 100_000; "
-        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+        "print(peak_memory())"
     )
     found = subprocess.run(
         [sys.executable, "-c", code, str(plan.path)], capture_output=True, text=True, check=True
     )
-    assert int(found.stdout) < 2**20
+    # What this process itself held: its parent, with kernels just compiled, may hold more.
+    assert float(found.stdout) < 2**30 / 1e6
     assert gather(plan)["steps"].size == 100_000
 
 

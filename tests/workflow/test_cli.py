@@ -125,7 +125,7 @@ class TestSimulate:
         assert str(lost) in refused("simulate", *ARCH, lost)[1]
         code, sentence = refused("simulate", *ARCH, record, "--method", "euler")
         assert (code, sentence) == (
-            2, "method is 'euler'; allowed are auto, time_stepping",
+            2, "method is 'euler'; allowed are auto, time_stepping, event_driven",
         )  # fmt: skip
         thin = [*ARCH[:2], "--thickness", "0.3", *ARCH[4:]]
         code, sentence = refused("simulate", *thin, record)

@@ -84,8 +84,12 @@ def newton_contact(mass, inertia, contacts, friction, free_velocity, work):
 
 
 @allocating
-def path_contact(mass, inertia, contacts, friction, free_velocity, work):
-    """Solve one contact problem that the Newton iteration has not; as `solve_contact`."""
+def path_contact(mass, inertia, contacts, friction, free_velocity, work, paths=PATHS):
+    """Solve one contact problem that the Newton iteration has not; as `solve_contact`.
+
+    `paths` bounds the attempts, each along another path; with fewer than all of them slightly
+    compliant joints are not tried.
+    """
     n_joint = work.mode.size
     limit = 100 + 4 * n_joint
     scale = velocity_scale(contacts, free_velocity, work)
@@ -93,7 +97,7 @@ def path_contact(mass, inertia, contacts, friction, free_velocity, work):
         return UNSOLVED, 0, 0, False
     iterations = 0
     breaks = 0
-    for attempt in range(PATHS):
+    for attempt in range(paths):
         compliance = PATH_COMPLIANCE * 0.01 ** (attempt % 3)
         _, more_breaks = follow_path(
             mass,
@@ -141,7 +145,7 @@ def path_contact(mass, inertia, contacts, friction, free_velocity, work):
             iterations += more
             if solved:
                 return SOLVED, iterations, breaks, False
-    for attempt in range(SOFT_PATHS):
+    for attempt in range(SOFT_PATHS if paths == PATHS else 0):
         compliance = PATH_COMPLIANCE * 10.0**attempt
         _, more_breaks = follow_path(
             mass,

@@ -77,6 +77,9 @@ CROWDED = 1e-2
 # Time stepping goes on for this part of that time, or until nothing changes in so many steps.
 WINDOW = 0.05
 CALM_STEPS = 4
+# Where it has to take over again at once both are doubled, up to these.
+LONGEST_WINDOW = 1.0
+MOST_CALM_STEPS = 64
 RESTING = 0
 RESOLVE = 1
 START = 2
@@ -145,7 +148,7 @@ def _start_few(chain, whole, joints, margins, few_room, pace, ground):
 def _settle(chain, whole, joints, margins, few_room, pace, ground, ledger):
     """End accumulations of impacts: bring velocities onto the joints that are closed now."""
     slow = pace.falling * max(SLOW * np.sqrt(pace.tolerance), SLOWEST)
-    if not settle(whole, joints.mode, slow):
+    if not settle(chain, whole, joints.mode, slow):
         return
     had = kinetic_energy(chain.mass, chain.inertia, whole.velocity)
     few, worst = _start_few(chain, whole, joints, margins, few_room, pace, ground)
@@ -265,6 +268,7 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
     recent = np.full(CROWD, -np.inf)
     status = UNFINISHED
     collapse_time, collapse_joint, collapse_mode = np.nan, -1, NO_MODE
+    window, calm_steps, calm_until = 0.0, CALM_STEPS, -np.inf
     cause, joint = BY_START, -1
     move_faces(chain, position, stepper.before, stepper.after)
     write_frame(
@@ -276,7 +280,14 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
     if from_rest and rest_range(chain, position, joints, stepper):
         phase = RESTING
     elif not from_rest:
-        read_slips(chain, stepper, joints, position)
+        # Which corners touch follows from the positions alone.
+        joints.mode[:] = OPEN
+        if resolve_impact(chain, whole, joints.slip, joints.mode, ledger):
+            phase = RESOLVE
+            old[:] = joints.mode
+            ledger.count[Count.IMPACTS] = 0
+        else:
+            read_slips(chain, stepper, joints, position)
     while True:
         if phase == RESTING:
             leave, for_good = leave_rest(chain, ground, stepper.rest, clock[0])
@@ -372,12 +383,18 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
         else:
             ledger.count[Count.HAND_OVERS] += 1
             stepper.clock[0] = clock[3]
+            if clock[0] < calm_until:
+                window = min(2.0 * window, LONGEST_WINDOW * unit)
+                calm_steps = min(2 * calm_steps, MOST_CALM_STEPS)
+            else:
+                window, calm_steps = WINDOW * unit, CALM_STEPS
             log_change(log, ledger, clock[0], BY_CROWD, joint, ALL, joints.mode)
             status, clock[0], collapse_time, collapse_joint, collapse_mode = advance(
                 chain, ground, options, stepper, joints, ledger, frames, log, whole.position,
-                whole.velocity, clock[0], min(clock[0] + WINDOW * unit, stop), CALM_STEPS,
+                whole.velocity, clock[0], min(clock[0] + window, stop), calm_steps,
             )  # fmt: skip
             clock[3] = max(clock[3], stepper.clock[0])
+            calm_until = clock[0] + window
             _note_contacts(whole, joints, old, clock[0], ledger)
             if status == STANDING:
                 phase = RESTING

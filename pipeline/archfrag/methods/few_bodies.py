@@ -48,6 +48,8 @@ D = (
     69997945 / 29380423,
 )
 N_POWER = 2
+# A projection farther than this part of a joint's length is none.
+FARTHEST = 1e-3
 BY_GROUND = 0
 BY_FRICTION = 1
 
@@ -361,7 +363,8 @@ def project(few, position, velocity):
     Returns
     -------
     float
-        Largest gap that was closed [m].
+        Largest gap that was closed [m]; inf where the bodies would have to move so far that
+        the mechanism is no longer the one that was evaluated, and nothing was done.
     """
     work, contacts = few.work, few.contacts
     largest = 0.0
@@ -378,6 +381,12 @@ def project(few, position, velocity):
     work.relative[:] = 0.0
     largest = constrained_rest(contacts, work)
     _apply(few)
+    farthest = 0.0
+    for i in range(position.shape[0]):
+        for c in range(2):
+            farthest = max(farthest, abs(work.velocity[i, c]))
+    if not farthest <= FARTHEST * few.length[0]:
+        return np.inf
     for i in range(position.shape[0]):
         for c in range(3):
             position[i, c] += work.velocity[i, c]

@@ -17,7 +17,7 @@ from archfrag.mechanics.acceleration import (
     uniform_force,
 )
 from archfrag.mechanics.compile import allocating, kernel
-from archfrag.mechanics.contact import solve_contact
+from archfrag.mechanics.contact import newton_contact, path_contact
 from archfrag.mechanics.delassus import (
     Contacts,
     ContactWork,
@@ -32,7 +32,15 @@ from archfrag.mechanics.kinematics import (
     move_faces,
     place_contacts,
 )
-from archfrag.mechanics.laws import OPEN, STICK, closed_mode, is_closed, slip_of, touches
+from archfrag.mechanics.laws import (
+    CLOSED_STICK,
+    OPEN,
+    STICK,
+    closed_mode,
+    is_closed,
+    slip_of,
+    touches,
+)
 from archfrag.mechanics.levels import FewBodies, new_few_bodies, solve_levels
 from archfrag.mechanics.mechanism import Mechanism, new_mechanism
 from archfrag.mechanics.status import Count, Energy, Status
@@ -47,6 +55,8 @@ SLIPPING = 1e-6
 # Accelerations beyond this many times gravity are no motion but a state in which rigid bodies
 # with friction have none (Painleve).
 IMPOSSIBLE = 300.0
+# Where so many solution paths lead nowhere, time stepping takes over.
+FEW_PATHS = 2
 # Relative velocities below this part of it are rounding: nothing is left to an impact.
 PARTING = 1e-8
 
@@ -132,15 +142,23 @@ def _solve(chain, whole, slip, turning, scale, ledger):
         return True
     ledger.count[Count.GENERAL] += 1
     whole.work.mode[:] = kept
-    status, iterations, breaks, soft = solve_contact(
+    status, iterations = newton_contact(
         chain.mass, chain.inertia, whole.contacts, chain.friction, whole.free, whole.work
     )
-    ledger.count[Count.ITERATIONS] += iterations
-    if breaks > 0:
+    if status != SOLVED:
+        status, more, _, _ = path_contact(
+            chain.mass,
+            chain.inertia,
+            whole.contacts,
+            chain.friction,
+            whole.free,
+            whole.work,
+            FEW_PATHS,
+        )
+        iterations += more
         ledger.count[Count.PATHS] += 1
-    if soft:
-        ledger.count[Count.COMPLIANT] += 1
-    return status == SOLVED and not soft
+    ledger.count[Count.ITERATIONS] += iterations
+    return status == SOLVED
 
 
 @allocating
@@ -203,7 +221,7 @@ def resolve_impact(chain, whole, slip, mode, ledger):
 
 
 @kernel
-def settle(whole, mode, slow):
+def settle(chain, whole, mode, slow):
     """Close the joints that rock so slowly that their impacts have accumulated.
 
     A joint that rocks from corner to corner loses a fixed part of its rate at each impact and
@@ -212,6 +230,7 @@ def settle(whole, mode, slow):
 
     Parameters
     ----------
+    chain : Chain
     whole : Whole
         After `resolve_impact`.
     mode : ndarray, (n_joint,) int8
@@ -237,7 +256,8 @@ def settle(whole, mode, slow):
         ux = work.relative[j, 0] - work.relative[j, 2] * ry
         uy = work.relative[j, 1] + work.relative[j, 2] * rx
         if contacts.normal[j, 0] * ux + contacts.normal[j, 1] * uy < slow:
-            mode[j] = closed_mode(slip_of(mode[j]))
+            rough = np.isinf(chain.friction[j])
+            mode[j] = CLOSED_STICK if rough else closed_mode(slip_of(mode[j]))
             changed = True
     return changed
 
@@ -275,6 +295,10 @@ def resolve_accelerations(chain, whole, slip, mode, ground_x, ground_y, ledger):
             if touches(mode[j], c):
                 contacts.candidate[j, c] = 1
         work.mode[j] = mode[j]
+        if np.isinf(chain.friction[j]):
+            contacts.slip[j] = STICK
+            if is_closed(mode[j]):
+                work.mode[j] = CLOSED_STICK
     admit_modes(contacts, work.mode)
     uniform_force(chain.mass.size, ground_x, ground_y, chain.gravity, whole.free)
     centripetal_bias(contacts, work.mode, slip, whole.velocity, contacts.bias)

@@ -1,0 +1,181 @@
+"""Event-driven integration: exact motions, convergence, and the arch beyond time stepping."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import archfrag as af
+from archfrag.mechanics.status import Status
+from tests.physics.audit import g, pulse, random_scene
+from tests.physics.test_time_stepping import rocking, tilted
+
+EVENT_DRIVEN = {"method": "event_driven"}
+
+
+def one_pulse(amplitude, duration, dt=1e-4):
+    """Ground acceleration +a for `duration`, then nothing [g, s]."""
+    n = round(duration / dt)
+    samples = np.zeros(n + 3)
+    samples[: n + 1] = amplitude * g
+    return af.Motion(samples, dt)
+
+
+def oppenheim(voussoirs=7, friction=0.7):
+    return af.Arch.circular(10.0, 1.5, 157.5, voussoirs, friction)
+
+
+class TestBlock:
+    def test_free_rocking_and_its_impacts(self):
+        half, slender = 0.5, 0.2
+        height = half / math.tan(slender)
+        block = af.Block(2.0 * half, 2.0 * height, friction=5.0)
+        frequency = math.sqrt(0.75 * g / math.hypot(half, height))
+        times, amplitudes = rocking(frequency, slender, 0.5 * slender, 3)
+        run = af.simulate(
+            block, af.Motion(np.zeros(1201), 0.005), rtol=1e-9, history=True, follow=0.0,
+            initial=tilted(2.0 * half, 2.0 * height, 0.5 * slender), **EVENT_DRIVEN,
+        )  # fmt: skip
+        landed = [c.time for c in run.mechanism if c.cause == "impact"][:3]
+        assert landed == pytest.approx(times, rel=1e-6)
+        turn = np.abs(run.history.rotation.values[:, 0])
+        time = run.history.time.values
+        for begin, end, amplitude in zip(times, times[1:], amplitudes):
+            found = turn[(time > begin) & (time < end)].max()
+            assert found == pytest.approx(amplitude, rel=1e-3)
+
+    def test_comes_to_rest_through_infinitely_many_impacts(self):
+        block = af.Block(1.0, 4.0, friction=5.0)
+        run = af.simulate(
+            block, af.Motion(np.zeros(10), 0.1), initial=tilted(1.0, 4.0, 0.1), **EVENT_DRIVEN
+        )
+        assert run.status is Status.STANDING
+        assert run.events["impacts"] > 30
+        assert run.energy["kinetic"] == 0.0
+        lost = block.chain.mass[0] * g * (2.0 * (math.cos(0.1) - 1.0) + 0.5 * math.sin(0.1))
+        assert run.energy["impacts"] == pytest.approx(-lost, rel=1e-6)
+
+    def test_slides_as_newmark_says(self):
+        friction, amplitude, duration = 0.3, 0.8, 0.4
+        block = af.Block(4.0, 1.0, friction=friction)
+        run = af.simulate(block, one_pulse(amplitude, duration), history=True, **EVENT_DRIVEN)
+        excess = (amplitude - friction) * g
+        distance = 0.5 * excess * duration**2 * (1.0 + excess / (friction * g))
+        assert run.history.displacement.values[-1, 0, 0] == pytest.approx(-distance, rel=1e-3)
+        weight = block.chain.mass[0] * g
+        assert run.energy["friction"] == pytest.approx(-friction * weight * distance, rel=1e-3)
+
+
+class TestArch:
+    def first_impact(self, rtol):
+        run = af.simulate(
+            oppenheim(), pulse(0.5, 0.3), rtol=rtol, history=True, follow=0.0, **EVENT_DRIVEN
+        )
+        change = next(c for c in run.mechanism if c.cause == "impact")
+        history = run.history.sel(time=slice(0.0, change.time))
+        return change.time, history.displacement.values[-1], history.time.values[-1]
+
+    def test_first_impact_converges_with_the_tolerance(self):
+        exact, place, _ = self.first_impact(1e-11)
+        errors = []
+        for rtol in (1e-5, 1e-7, 1e-9):
+            time, found, _ = self.first_impact(rtol)
+            errors.append(max(abs(time - exact) / exact, np.abs(found - place).max()))
+        assert errors[-1] < 1e-8
+        assert errors[0] < 1e-5
+        assert errors[2] < errors[0]
+
+    @pytest.mark.parametrize(
+        ("amplitude", "duration"), [(0.5, 0.634), (0.7, 0.365), (1.0, 0.2197)]
+    )
+    def test_pulses_of_one_sign(self, amplitude, duration):
+        def falls(part):
+            return af.simulate(
+                oppenheim(), one_pulse(amplitude, part * duration, 1e-5), **EVENT_DRIVEN
+            ).collapsed
+
+        assert falls(1.005) is True
+        assert falls(0.995) is False
+
+    def test_peak_after_impacts_has_a_limit(self):
+        peaks = [
+            af.simulate(oppenheim(), pulse(0.5, 0.3), rtol=rtol, **EVENT_DRIVEN).peak_displacement
+            for rtol in (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
+        ]
+        assert peaks == pytest.approx(np.full(6, np.median(peaks)), rel=1e-2)
+
+    def test_energy_has_no_stray_part(self):
+        for rtol in (1e-4, 1e-6):
+            run = af.simulate(oppenheim(), pulse(0.5, 0.3), rtol=rtol, **EVENT_DRIVEN)
+            assert run.energy_error < 10.0 * rtol
+            assert run.energy["friction"] <= 0.0
+            assert run.energy["impacts"] < -0.01 * run.energy["largest_kinetic"]
+
+    def test_history_does_not_change_the_run(self):
+        plain = af.simulate(oppenheim(), pulse(0.6, 0.3), **EVENT_DRIVEN)
+        kept = af.simulate(oppenheim(), pulse(0.6, 0.3), history=True, **EVENT_DRIVEN)
+        assert kept.energy == plain.energy
+        assert kept.peak_displacement == plain.peak_displacement
+
+    def test_four_hinges_near_the_onset(self):
+        arch = oppenheim(27)
+        limit = af.onset(arch).plus
+        run = af.simulate(arch, one_pulse(1.01 * limit, 0.3), history=True, **EVENT_DRIVEN)
+        first = run.mechanism[1] if run.mechanism[0].model == "rest" else run.mechanism[0]
+        assert first.model == "four_hinges"
+        assert run.model_time["four_hinges"] > 0.1
+        assert sorted(first.joints) == [j for j, _ in af.onset(arch).hinges]
+
+
+class TestAgainstTimeStepping:
+    def test_verdicts_of_random_scenes(self):
+        rng = np.random.default_rng(41)
+        same = compared = 0
+        for _ in range(12):
+            arch, motion = random_scene(rng)
+            one = af.simulate(arch, motion, rtol=1e-5, **EVENT_DRIVEN).collapsed
+            other = af.simulate(arch, motion, method="time_stepping", dt=2.5e-4).collapsed
+            if one is None or other is None:
+                continue
+            compared += 1
+            same += one == other
+        assert compared >= 8
+        assert same >= compared - 1
+
+    def test_the_same_history_up_to_the_first_impact(self):
+        fine = af.simulate(
+            oppenheim(), pulse(0.5, 0.3), method="time_stepping", dt=1e-4, history=True,
+            follow=0.0,
+        ).history  # fmt: skip
+        ours = af.simulate(
+            oppenheim(), pulse(0.5, 0.3), rtol=1e-8, history=True, follow=0.0, **EVENT_DRIVEN
+        ).history
+        for time in (0.1, 0.2, 0.3, 0.4):
+            one = ours.rotation.drop_duplicates("time").interp(time=time).values
+            other = fine.rotation.drop_duplicates("time").interp(time=time).values
+            assert one == pytest.approx(other, abs=1e-6 + 1e-3 * np.abs(other).max())
+
+
+def test_solve_ivp_agrees_on_the_first_swing():
+    half, slender = 0.5, 0.2
+    height = half / math.tan(slender)
+    block = af.Block(2.0 * half, 2.0 * height, friction=5.0)
+    frequency = math.sqrt(0.75 * g / math.hypot(half, height))
+    exact = solve_ivp(
+        lambda _, y: [y[1], -(frequency**2) * math.sin(slender - y[0])],
+        (0.0, 0.7), [0.5 * slender, 0.0], rtol=1e-12, atol=1e-14,
+    ).y[0, -1]  # fmt: skip
+    errors = []
+    for rtol in (1e-4, 1e-6, 1e-8, 1e-10):
+        history = af.simulate(
+            block, af.Motion(np.zeros(8), 0.1), rtol=rtol, history=True, follow=0.0,
+            initial=tilted(2.0 * half, 2.0 * height, 0.5 * slender), **EVENT_DRIVEN,
+        ).history  # fmt: skip
+        found = -history.rotation.sel(time=0.7, method="nearest").values[0]
+        errors.append(abs(found - exact) / slender)
+    assert errors[-1] < 1e-9
+    assert errors[0] < 1e-4
+    # The longest step allowed is finer than the loosest tolerances ask for.
+    assert errors[1] <= errors[0]
+    assert errors[2] < errors[1]
