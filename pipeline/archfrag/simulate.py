@@ -134,8 +134,13 @@ def simulate(
     )
 
 
-def warmup() -> float:
-    """Compile every kernel, or load it from the cache, once for this machine.
+def warmup(method: str | None = None) -> float:
+    """Compile the kernels, or load them from the cache, once for this machine.
+
+    Parameters
+    ----------
+    method : str, optional
+        The one whose kernels are wanted; all methods if not given.
 
     Returns
     -------
@@ -145,14 +150,14 @@ def warmup() -> float:
     Examples
     --------
     >>> from archfrag.simulate import warmup
-    >>> warmup() > 0.0
+    >>> warmup("time_stepping") > 0.0
     True
     """
     started = time.perf_counter()
     arch = Arch.circular(10.0, 1.5, 157.5, voussoirs=3, friction=0.7)
     onset(arch)
     motion = Motion(np.zeros(3), dt=0.01)
-    for name in METHODS:
+    for name in METHODS if method is None else (method,):
         simulate(arch, motion, method=name)
     return time.perf_counter() - started
 

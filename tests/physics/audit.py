@@ -103,3 +103,34 @@ def joint_faces(arch, history):
     if n_joint > n_body:
         after.append(np.broadcast_to(chain.face_after[n_body:], (turn.shape[0], 1, 2, 2)))
     return np.concatenate(before, axis=1), np.concatenate(after, axis=1)
+
+
+def deepest_overlap(before, after):
+    """How deep a corner of either face of a joint lies inside the other body.
+
+    Measured by where the corners are, with no contact law: a corner is inside where it is
+    behind the other body's face and within the face's ends by more than its depth.
+
+    Parameters
+    ----------
+    before, after : ndarray, (n_time, n_joint, 2, 2)
+        From `joint_faces`.
+
+    Returns
+    -------
+    ndarray, (n_time, n_joint) [m]
+        Zero where there is none.
+    """
+    deepest = np.zeros(before.shape[:2])
+    for face, corners, sense in ((before, after, 1.0), (after, before, -1.0)):
+        along = face[:, :, 1] - face[:, :, 0]
+        length = np.linalg.norm(along, axis=2)
+        along = along / length[..., None]
+        outward = sense * np.stack([along[..., 1], -along[..., 0]], axis=-1)
+        for c in range(2):
+            arm = corners[:, :, c] - face[:, :, 0]
+            depth = -(arm * outward).sum(2)
+            place = (arm * along).sum(2)
+            inside = np.minimum(place, length - place) > depth
+            deepest = np.maximum(deepest, np.where(inside, depth, 0.0))
+    return deepest

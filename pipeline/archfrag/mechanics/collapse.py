@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from archfrag.mechanics.compile import allocating, kernel
-from archfrag.mechanics.kinematics import clearance
-from archfrag.mechanics.laws import CLOSED_STICK, OPEN, is_closed
+from archfrag.mechanics.kinematics import clearance, measure_slip
+from archfrag.mechanics.laws import CLOSED_STICK, OPEN, STICK, is_closed, slip_of, touches
 from archfrag.mechanics.status import CollapseMode
 
 # Contact lost below this slip over joint length and this rotation [rad] is lift-off.
@@ -68,6 +68,37 @@ def note_loss(j, time, position, length, joints):
     joints.lost_since[j] = time
     joints.lost_slip[j] = abs(joints.slip[j]) / length[j]
     joints.lost_turn[j] = abs(relative_turn(j, position))
+
+
+@kernel
+def follow_joints(mode, position, before, after, length, time, joints):
+    """Bring slips and what joints remember up to a state that a step has reached.
+
+    Parameters
+    ----------
+    mode : ndarray, (n_joint,) int8
+        Contact modes there; ``joints.mode`` still holds those before.
+    position : ndarray, (n_body, 3)
+    before, after : ndarray, (n_joint, 2, 2)
+        Faces there.
+    length : ndarray, (n_joint,) [m]
+    time : float
+        From when on `mode` has held [s].
+    joints : JointState
+    """
+    for j in range(mode.size):
+        if mode[j] == OPEN:
+            if joints.mode[j] != OPEN:
+                note_loss(j, time, position, length, joints)
+            corner = 0
+            if clearance(j, 1, before, after) < clearance(j, 0, before, after):
+                corner = 1
+            joints.slip[j] = measure_slip(j, corner, before, after)
+        else:
+            joints.last_contact[j] = mode[j]
+            if slip_of(mode[j]) != STICK:
+                joints.slip[j] = measure_slip(j, 0 if touches(mode[j], 0) else 1, before, after)
+        joints.mode[j] = mode[j]
 
 
 @kernel

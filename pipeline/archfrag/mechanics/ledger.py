@@ -4,9 +4,12 @@ import numpy as np
 
 from archfrag.mechanics.compile import allocating, kernel
 from archfrag.mechanics.energy import kinetic_energy, potential_energy
-from archfrag.mechanics.status import Count, Energy, Peak
+from archfrag.mechanics.laws import OPEN, STICK, is_closed, slip_of, touches
+from archfrag.mechanics.status import Cause, Count, Energy, Peak
 from archfrag.mechanics.types import Ledger
 
+BY_HINGE, BY_SLIDE, BY_STICK = int(Cause.HINGE), int(Cause.SLIDE), int(Cause.STICK)
+BY_IMPACT, BY_LOSS = int(Cause.IMPACT), int(Cause.LOSS)
 N_COUNT = len(Count)
 N_ENERGY = len(Energy)
 N_MODEL = 4
@@ -27,27 +30,137 @@ def new_ledger():
 
 
 @kernel
-def close_account(chain, position, velocity, start_potential, ledger):
-    """Energies now, and what of them no law explains.
+def book_state(chain, position, velocity, start_potential, ledger):
+    """Energies of a state.
 
     Parameters
     ----------
     chain : archfrag.mechanics.types.Chain
     position, velocity : ndarray, (n_body, 3)
+        At one instant.
     start_potential : float
         Potential energy at the beginning [J].
     ledger : Ledger
-        Kinetic, potential and stray energy are overwritten.
+        Kinetic and potential energy are overwritten.
     """
     energy = ledger.energy
-    kinetic = kinetic_energy(chain.mass, chain.inertia, velocity)
-    energy[Energy.KINETIC] = kinetic
+    energy[Energy.KINETIC] = kinetic_energy(chain.mass, chain.inertia, velocity)
     energy[Energy.POTENTIAL] = potential_energy(chain.mass, chain.gravity, position)
     energy[Energy.POTENTIAL] -= start_potential
-    energy[Energy.LARGEST_KINETIC] = max(energy[Energy.LARGEST_KINETIC], kinetic)
+    energy[Energy.LARGEST_KINETIC] = max(energy[Energy.LARGEST_KINETIC], energy[Energy.KINETIC])
+
+
+@kernel
+def close_account(chain, position, velocity, start_potential, ledger):
+    """Energies of a state, and as stray work what of them no law explains.
+
+    For methods that do not follow stray work from step to step; arguments as `book_state`.
+    """
+    book_state(chain, position, velocity, start_potential, ledger)
+    energy = ledger.energy
     explained = energy[Energy.GROUND] + energy[Energy.FRICTION] + energy[Energy.IMPACT]
-    energy[Energy.STRAY] = kinetic + energy[Energy.POTENTIAL] - explained
+    energy[Energy.STRAY] = energy[Energy.KINETIC] + energy[Energy.POTENTIAL] - explained
     energy[Energy.STRAY_PEAK] = max(energy[Energy.STRAY_PEAK], abs(energy[Energy.STRAY]))
+
+
+@kernel
+def book_work(friction, impact, stray, ledger):
+    """Works of all joints over one step [J].
+
+    An impact at one joint and the friction that it causes at others belong together: only what
+    both give in sum is the integrator's error, and booked as stray work.
+    """
+    energy = ledger.energy
+    if friction + impact > 0.0:
+        stray += friction + impact
+    else:
+        energy[Energy.FRICTION] += friction
+        energy[Energy.IMPACT] += impact
+    energy[Energy.STRAY] += stray
+    energy[Energy.STRAY_PEAK] = max(energy[Energy.STRAY_PEAK], abs(energy[Energy.STRAY]))
+
+
+@kernel
+def book_motion(chain, position, velocity, length, ledger):
+    """Peaks of displacement, rotation and kinetic energy.
+
+    Parameters
+    ----------
+    length : float
+        By which rotations are multiplied to compare them with velocities [m].
+
+    Returns
+    -------
+    float
+        Largest speed of any body [m/s]; nan where a position is not finite.
+    """
+    fastest = 0.0
+    energy, peak = ledger.energy, ledger.peak
+    farthest = 0.0
+    for i in range(position.shape[0]):
+        dx = position[i, 0] - chain.centroid[i, 0]
+        dy = position[i, 1] - chain.centroid[i, 1]
+        shift = dx * dx + dy * dy
+        if not np.isfinite(shift + position[i, 2]):
+            return np.nan
+        farthest = max(farthest, shift)
+        peak[Peak.ROTATION] = max(peak[Peak.ROTATION], abs(position[i, 2]))
+        speed = abs(velocity[i, 0]) + abs(velocity[i, 1])
+        fastest = max(fastest, speed, length * abs(velocity[i, 2]))
+    peak[Peak.DISPLACEMENT] = max(peak[Peak.DISPLACEMENT], np.sqrt(farthest))
+    kinetic = kinetic_energy(chain.mass, chain.inertia, velocity)
+    energy[Energy.LARGEST_KINETIC] = max(energy[Energy.LARGEST_KINETIC], kinetic)
+    return fastest
+
+
+@kernel
+def makes_contact(old, new):
+    """Whether a joint touches in the mode `new` at a corner where it did not in `old`."""
+    at_0 = touches(new, 0) and not touches(old, 0)
+    return at_0 or (touches(new, 1) and not touches(old, 1))
+
+
+@kernel
+def book_changes(old, new, ledger):
+    """Count what joints did in a step, and name the gravest.
+
+    Parameters
+    ----------
+    old, new : ndarray, (n_joint,) int8
+        Contact modes before and after.
+    ledger : Ledger
+
+    Returns
+    -------
+    cause : int
+        archfrag.mechanics.status.Cause; -1 if no mode changed.
+    joint : int
+        Where; -1 if nowhere.
+    """
+    count = ledger.count
+    cause, joint, gravest = -1, -1, -1
+    for j in range(old.size):
+        if new[j] == old[j]:
+            continue
+        made = makes_contact(old[j], new[j])
+        count[Count.IMPACTS] += made
+        count[Count.OPENINGS] += makes_contact(new[j], old[j])
+        slides = slip_of(new[j]) != STICK
+        count[Count.SLIDES] += slides and slip_of(old[j]) == STICK
+        count[Count.LOSSES] += new[j] == OPEN
+        if new[j] == OPEN:
+            this, grave = BY_LOSS, 5
+        elif made:
+            this, grave = BY_IMPACT, 4
+        elif is_closed(old[j]) and not is_closed(new[j]):
+            this, grave = BY_HINGE, 3
+        elif slides:
+            this, grave = BY_SLIDE, 2
+        else:
+            this, grave = BY_STICK, 1
+        if grave > gravest:
+            cause, joint, gravest = this, j, grave
+    return cause, joint
 
 
 @kernel

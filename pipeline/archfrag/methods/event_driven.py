@@ -32,6 +32,7 @@ from archfrag.methods.resolve import (
     resolve_impact,
     settle,
 )
+from archfrag.methods.rest import leave_rest, read_slips, rest_range, rests
 from archfrag.methods.smooth import (
     BOUND,
     BROKEN,
@@ -44,14 +45,8 @@ from archfrag.methods.smooth import (
     integrate,
     segment_at,
 )
-from archfrag.methods.time_stepping import (
-    advance,
-    leave_rest,
-    new_stepper,
-    read_slips,
-    rest_range,
-    rests,
-)
+from archfrag.methods.stepping import Clock, new_stepper
+from archfrag.methods.time_stepping import advance
 
 STANDING = int(Status.STANDING)
 COLLAPSED = int(Status.COLLAPSED)
@@ -316,7 +311,9 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
                 phase = HAND
         elif phase == START:
             _note_contacts(whole, joints, old, clock[0], ledger)
-            close_account(chain, whole.position, whole.velocity, stepper.clock[1], ledger)
+            close_account(
+                chain, whole.position, whole.velocity, stepper.clock[Clock.START_POTENTIAL], ledger
+            )
             if cause != BY_START and _comes_to_rest(
                 chain, ground, whole, joints, stepper, clock[0], falling
             ):
@@ -358,7 +355,9 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
             split_state(
                 whole.mechanism, few.position, few.velocity, whole.position, whole.velocity
             )
-            close_account(chain, whole.position, whole.velocity, stepper.clock[1], ledger)
+            close_account(
+                chain, whole.position, whole.velocity, stepper.clock[Clock.START_POTENTIAL], ledger
+            )
             if code == COLLAPSE:
                 move_faces(chain, whole.position, whole.before, whole.after)
                 collapse_joint, collapse_mode, collapse_time = collapse_of(
@@ -382,7 +381,7 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
                 phase = RESOLVE
         else:
             ledger.count[Count.HAND_OVERS] += 1
-            stepper.clock[0] = clock[3]
+            stepper.clock[Clock.NEXT_FRAME] = clock[3]
             if clock[0] < calm_until:
                 window = min(2.0 * window, LONGEST_WINDOW * unit)
                 calm_steps = min(2 * calm_steps, MOST_CALM_STEPS)
@@ -393,7 +392,7 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
                 chain, ground, options, stepper, joints, ledger, frames, log, whole.position,
                 whole.velocity, clock[0], min(clock[0] + window, stop), calm_steps,
             )  # fmt: skip
-            clock[3] = max(clock[3], stepper.clock[0])
+            clock[3] = max(clock[3], stepper.clock[Clock.NEXT_FRAME])
             calm_until = clock[0] + window
             _note_contacts(whole, joints, old, clock[0], ledger)
             if status == STANDING:

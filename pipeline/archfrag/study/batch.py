@@ -95,7 +95,7 @@ def run_batch(
             plan.save()
             bar.set_description("compiling kernels, once")
             check_arches(study)
-            warmup()
+            warmup(study.method.name)
             bar.set_description("simulations")
             count = min(workers or study.execution.workers or available_cores(), len(missing))
             with _client(study, count) as client:

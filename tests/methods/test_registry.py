@@ -1,0 +1,62 @@
+"""Every method says what it is, and all are called alike."""
+
+import inspect
+import re
+
+import numpy as np
+import pytest
+
+import archfrag as af
+from archfrag.methods.registry import AUTO, METHODS, resolve
+
+SIGNATURE = [
+    "chain", "ground", "position", "velocity", "from_rest", "options", "frames", "log"
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", METHODS)
+class TestEveryMethod:
+    def test_is_known_by_its_own_name(self, name):
+        assert METHODS[name].name == name == resolve(name).name
+
+    def test_loads_a_kernel_of_the_common_signature(self, name):
+        run = METHODS[name].load()
+        assert list(inspect.signature(getattr(run, "py_func", run)).parameters) == SIGNATURE
+
+    def test_says_what_it_does_and_whose_it_is(self, name):
+        info = METHODS[name]
+        assert info.order >= 1
+        assert len(info.meaning.split()) >= 4
+        assert re.search(r"[A-Z][a-z]+", info.citation)
+        assert re.search(r"\b(19|20)\d\d\b", info.citation)
+
+    def test_parameters_have_names_of_their_own_units_and_positive_defaults(self, name):
+        parameters = METHODS[name].parameters
+        names = [parameter.name for parameter in parameters]
+        assert len(set(names)) == len(names) > 0
+        arguments = inspect.signature(af.simulate).parameters
+        for parameter in parameters:
+            assert parameter.name in arguments
+            assert parameter.default > 0.0
+            assert parameter.unit in ("1", "s")
+            assert parameter.meaning
+
+
+class TestRegistry:
+    def test_codes_are_unique(self):
+        codes = [info.code for info in METHODS.values()]
+        assert len(set(codes)) == len(codes)
+
+    def test_auto_is_one_of_the_methods(self):
+        assert AUTO not in METHODS or METHODS[AUTO].name == AUTO
+        assert resolve(AUTO) in METHODS.values()
+
+    @pytest.mark.parametrize("name", ["", "Time_Stepping", "newmark", "auto "])
+    def test_any_other_name_is_none(self, name):
+        assert resolve(name) is None
+
+    def test_response_names_the_method_that_ran(self):
+        still = af.Motion(np.zeros(3), 0.01)
+        block = af.Block(1.0, 2.0, friction=0.6)
+        for name in METHODS:
+            assert af.simulate(block, still, method=name).method == name

@@ -1,0 +1,160 @@
+"""A block that has slipped on its pedestal: which of the two bodies lends the vertex.
+
+Where the joint is open Signorini's law splits (Eqs 23a and 23b): towards one side the block's
+own corner stands on the pedestal, towards the other the pedestal's edge bears the block's face.
+Both are compared with equations of motion written for the two bodies' geometry.
+"""
+
+import functools
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import archfrag as af
+from tests.physics.audit import g
+
+simulate = functools.partial(af.simulate, method="time_stepping")
+
+HALF, UP = 0.3, 0.6
+GYRATION = (HALF**2 + UP**2) / 3.0
+# To the left, so that the block's right corner is over the pedestal; and to the right.
+SHIFTS = [-0.1, 0.1]
+FINE = {"rtol": 1e-11, "atol": 1e-13}
+
+
+def turned(turn, arm):
+    c, s = math.cos(turn), math.sin(turn)
+    return np.array([c * arm[0] - s * arm[1], s * arm[0] + c * arm[1]])
+
+
+def pivots(shift):
+    """Where a block shifted by `shift` touches when it leans to the right, and to the left."""
+    return min(HALF, HALF + shift), max(-HALF, -HALF + shift)
+
+
+def leaning(shift, tilt):
+    """Displacement from rest of a block shifted, then turned to the right by `tilt`, (1, 3)."""
+    pivot = np.array([pivots(shift)[0], 0.0])
+    centre = pivot + turned(-tilt, np.array([shift, UP]) - pivot)
+    return np.array([[centre[0], centre[1] - UP, -tilt]])
+
+
+def moved(friction, shift, tilt, duration, dt):
+    """History of such a block, let go at rest on ground that does not move."""
+    block = af.Block(2.0 * HALF, 2.0 * UP, friction=friction)
+    still = af.Motion(np.zeros(round(duration / dt) + 1), dt)
+    start = leaning(shift, tilt), np.zeros((1, 3))
+    return simulate(block, still, dt=dt, initial=start, history=True, follow=0.0).history
+
+
+def swing(arm, turn, spin, until):
+    """Turn about a fixed point, `arm` from it to the upright block's centre.
+
+    Returns
+    -------
+    scipy.integrate.OdeResult
+        Up to where ``until(state)`` vanishes; states are turn and angular velocity.
+    """
+
+    def turning(_, state):
+        return [state[1], -g * turned(state[0], arm)[0] / (GYRATION + arm @ arm)]
+
+    def ends(_, state):
+        return until(state)
+
+    ends.terminal = True
+    return solve_ivp(turning, (0.0, 5.0), [turn, spin], events=ends, dense_output=True, **FINE)
+
+
+class TestSticking:
+    """Without slip the block turns about one fixed point, then about the other."""
+
+    @pytest.mark.parametrize("shift", SHIFTS)
+    def test_turns_about_the_vertex_that_bears_and_lands_on_the_other(self, shift):
+        tilt = 0.15
+        right, left = (np.array([shift - pivot, UP]) for pivot in pivots(shift))
+        fall = swing(right, -tilt, 0.0, lambda state: state[0])
+        # Moment of momentum about the point on which it lands.
+        spin = fall.y[1, -1] * (GYRATION + right @ left) / (GYRATION + left @ left)
+        rise = swing(left, 0.0, spin, lambda state: state[1])
+        history = moved(8.0, shift, tilt, fall.t[-1] + rise.t[-1] + 0.02, 2.5e-5)
+        turn, time = history.rotation.values[:, 0], history.time.values
+        falling = time < fall.t[-1] - 1e-3
+        assert turn[falling] == pytest.approx(fall.sol(time[falling])[0], abs=1e-6 * tilt)
+        assert time[turn > 1e-6][0] == pytest.approx(fall.t[-1], abs=1e-3)
+        assert turn.max() == pytest.approx(rise.y[0, -1], rel=2e-3)
+
+
+def slide(friction, shift, tilt, duration):
+    """Motion of a leaning block whose contact slides, (n, 3) at so many equal times.
+
+    Returns
+    -------
+    time : ndarray, (n,) [s]
+    state : ndarray, (6, n)
+        x, y, turn and their rates.
+    slip_rate : ndarray, (n,)
+    """
+    corner = np.array([HALF, -UP])
+    edge = np.array([HALF, 0.0])
+
+    def contact(state):
+        """Normal, arm from the centre to the contact, and what the gap accelerates unforced."""
+        _, _, turn, vx, vy, spin = state
+        if shift < 0.0:
+            normal = np.array([0.0, 1.0])
+            arm = turned(turn, corner)
+            return normal, arm, -g - spin**2 * arm[1]
+        normal = turned(turn, np.array([0.0, 1.0]))
+        arm = edge - state[:2]
+        swung = spin * np.array([-normal[1], normal[0]])
+        bend = 2.0 * swung @ [vx, vy] + spin**2 * (normal @ arm)
+        return normal, arm, normal @ [0.0, -g] + bend
+
+    def slip_rate(state):
+        normal, arm, _ = contact(state)
+        rate = state[3:5] + state[5] * np.array([-arm[1], arm[0]])
+        return rate @ [normal[1], -normal[0]]
+
+    def moving(_, state, sense):
+        normal, arm, unforced = contact(state)
+        pull = normal - sense * friction * np.array([normal[1], -normal[0]])
+        moment = arm[0] * pull[1] - arm[1] * pull[0]
+        lever = arm[0] * normal[1] - arm[1] * normal[0]
+        press = -unforced / (normal @ pull + lever * moment / GYRATION)
+        assert press > 0.0
+        return [*state[3:], press * pull[0], press * pull[1] - g, press * moment / GYRATION]
+
+    x, y, turn = leaning(shift, tilt)[0]
+    start = np.array([x, y + UP, turn, 0.0, 0.0, 0.0])
+    for sense in (1.0, -1.0):
+        found = solve_ivp(moving, (0.0, duration), start, args=(sense,), dense_output=True, **FINE)
+        time = np.linspace(0.0, duration, 50)[1:]
+        state = found.sol(time)
+        slips = np.array([slip_rate(s) for s in state.T])
+        if (sense * slips > 0.0).all():
+            return time, state, slips
+    raise AssertionError("the contact sticks")
+
+
+class TestSliding:
+    """The vertex runs over the other body's face."""
+
+    @pytest.mark.parametrize("shift", SHIFTS)
+    def test_equals_the_equations_of_motion(self, shift):
+        friction, tilt, duration = 0.05, 0.25, 0.15
+        time, state, slips = slide(friction, shift, tilt, duration)
+        assert np.abs(slips[-1]) > 0.05
+        errors = []
+        for dt in (2e-4, 1e-4):
+            history = moved(friction, shift, tilt, duration, dt)
+            found = np.column_stack(
+                [history.displacement.values[:, 0], history.rotation.values[:, 0]]
+            )
+            exact = state[:3] - np.array([[0.0], [UP], [0.0]])
+            error = [np.interp(time, history.time, found[:, k]) - exact[k] for k in range(3)]
+            errors.append(np.abs(error).max())
+        assert errors[1] < 3e-8
+        assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)
