@@ -24,6 +24,7 @@ localrules:
     cube,
     fit,
     report,
+    method_figures,
 
 
 rule all:
@@ -34,3 +35,4 @@ rule all:
 include: "pipeline/rules/motions.smk"
 include: "pipeline/rules/simulations.smk"
 include: "pipeline/rules/results.smk"
+include: "pipeline/rules/method.smk"
