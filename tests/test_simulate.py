@@ -103,9 +103,9 @@ class TestResponse:
         assert response.collapse_mode in ("hinging", "sliding", "lift_off", "overturning")
 
     def test_step_of_the_method_is_its_default(self):
-        alone = af.simulate(ARCH, PUSH)
-        given = af.simulate(ARCH, PUSH, dt=5e-4)
-        other = af.simulate(ARCH, PUSH, dt=1e-3)
+        alone = af.simulate(ARCH, PUSH, method="time_stepping")
+        given = af.simulate(ARCH, PUSH, method="time_stepping", dt=5e-4)
+        other = af.simulate(ARCH, PUSH, method="time_stepping", dt=1e-3)
         assert alone.steps == given.steps
         assert alone.peak_rotation == given.peak_rotation
         assert other.steps < 0.7 * alone.steps

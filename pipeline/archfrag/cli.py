@@ -136,7 +136,7 @@ def onset(arch: Any, as_json: bool) -> None:
 @click.option("--pga", type=float, help="peak to scale the record to [g], in place of --scale")
 @click.option("--method", default="auto", show_default=True)
 @click.option("--dt", type=float, help="time step [s]; the method's default if not given")
-@click.option("--rtol", type=float, default=1e-6, show_default=True)
+@click.option("--rtol", type=float, help="relative error; the method's default if not given")
 @click.option("--follow", type=float, default=20.0, show_default=True,
               help="how long to go on past the record's end while the arch moves [s]")  # fmt: skip
 @click.option("--mechanism", "history", is_flag=True, help="show how the mechanism changed")

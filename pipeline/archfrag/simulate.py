@@ -37,7 +37,7 @@ def simulate(
     motion: Motion,
     scale: float = 1.0,
     method: str = AUTO,
-    rtol: float = 1e-6,
+    rtol: float | None = None,
     dt: float | None = None,
     history: bool = False,
     initial: tuple[ArrayLike, ArrayLike] | None = None,
@@ -54,9 +54,9 @@ def simulate(
         Factor on the motion, vertical component included.
     method : str
         "auto" or a name in `archfrag.methods.registry.METHODS`.
-    rtol : float
+    rtol : float, optional
         Relative error allowed by methods with step control: event_driven, and auto, which is
-        the ladder of models built on it.
+        the ladder of models built on it; the method's default if not given.
     dt : float, optional
         Time step [s]; the method's default if not given. The event-driven methods take it
         where they hand over to time stepping.
@@ -93,8 +93,9 @@ def simulate(
     info = checks.check_method(method)
     if not isinstance(motion, Motion):
         raise InputError(f"motion is {type(motion).__name__}; it must be an archfrag Motion")
-    step = checks.step_of(info) if dt is None else dt
-    _check_numbers(scale, rtol, follow, step)
+    step = checks.default_of(info, "dt") if dt is None else dt
+    tolerance = checks.default_of(info, "rtol") if rtol is None else rtol
+    _check_numbers(scale, tolerance, follow, step)
     position = np.zeros((arch.n_voussoir, 3))
     position[:, :2] = arch.chain.centroid
     velocity = np.zeros_like(position)
@@ -107,12 +108,13 @@ def simulate(
     span = (ground.horizontal.size - 1) * motion.dt + follow
     options = Options(
         time_step=float(step),
-        tolerance=float(rtol),
+        tolerance=float(tolerance),
         follow=float(follow),
         max_steps=int(span / step) + 1000,
         loss_limit=LOSS_LIMIT,
         check_interval=CHECK_INTERVAL,
         frame_interval=max(float(step), float(motion.dt)),
+        crowding=0.0,
     )
     n_frame = int(span / options.frame_interval) + 64 if history else 0
     started = time.perf_counter()

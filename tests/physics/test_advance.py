@@ -28,7 +28,7 @@ class Part:
         self.position[:, :2] = arch.chain.centroid
         vertical = motion.vertical if motion.vertical is not None else 0.0 * motion.acceleration
         self.ground = GroundMotion(motion.acceleration, vertical, motion.dt)
-        self.options = Options(dt, 1e-6, 0.0, 10**7, 0.02, 64, 0.0)
+        self.options = Options(dt, 1e-6, 0.0, 10**7, 0.02, 64, 0.0, 0.0)
         self.stepper = new_stepper(self.chain, self.ground, self.position)
         self.joints = new_joint_state(joints)
         self.ledger = new_ledger()

@@ -62,10 +62,13 @@ def piece_functions(j, contacts, friction, work, value, target):
                 ux, uy = corner_velocity(j, c, contacts, work)
                 n = contacts.normal_plus[j, c]
                 m = contacts.normal_minus[j, c]
-                value[2 * c] = n[0] * ux + n[1] * uy
-                value[2 * c + 1] = m[0] * ux + m[1] * uy
-                target[2 * c] = corner_mode(c, PLUS)
-                target[2 * c + 1] = corner_mode(c, MINUS)
+                known = contacts.slip[j]
+                for k in range(2):
+                    sense = known if known != STICK else (PLUS if k == 0 else MINUS)
+                    value[2 * c + k] = n[0] * ux + n[1] * uy
+                    if sense == MINUS:
+                        value[2 * c + k] = m[0] * ux + m[1] * uy
+                    target[2 * c + k] = corner_mode(c, sense)
         return
     fx, fy = work.reaction[j, 0], work.reaction[j, 1]
     slip = slip_of(mode)
@@ -116,7 +119,7 @@ def piece_functions(j, contacts, friction, work, value, target):
         ux, uy = corner_velocity(j, other, contacts, work)
         nx, ny = contacts.normal[j, 0], contacts.normal[j, 1]
         value[2] = nx * ux + ny * uy
-        target[2] = closed_mode(slip)
+        target[2] = closed_mode(STICK if np.isinf(mu) else slip)
 
 
 @kernel
@@ -253,7 +256,8 @@ def follow_path(
                         continue
                     n = contacts.normal_plus[j, c]
                     m = contacts.normal_minus[j, c]
-                    same = abs(n[0] - m[0]) + abs(n[1] - m[1]) < 1e-12
+                    same = contacts.slip[j] == STICK
+                    same = same and abs(n[0] - m[0]) + abs(n[1] - m[1]) < 1e-12
                     if far < distance:
                         distance = far
                         next_joint = j

@@ -23,12 +23,12 @@ from archfrag.mechanics.delassus import (
     solve_modes,
 )
 from archfrag.mechanics.kinematics import empty_contacts
-from archfrag.mechanics.laws import cross
+from archfrag.mechanics.laws import CLOSED_STICK, CORNER_STICK, OPEN, cross, is_closed, touches
 from archfrag.mechanics.mechanism import GROUND, assemble_mechanism
-from archfrag.mechanics.newton import propose_modes
+from archfrag.mechanics.newton import closed_forces, is_finite, propose_modes
 from archfrag.mechanics.reactions import four_hinges, is_four_hinges
 
-ROUNDS = 12
+ROUNDS = 32
 # The few bodies' linear problem is solved once; where more than this is left it is near singular.
 ILL_CONDITIONED = 1e-10
 
@@ -211,6 +211,57 @@ def _solve_few(mechanism, slip, few):
     return left <= ILL_CONDITIONED * scale
 
 
+@kernel
+def _worst_loss(contacts, work):
+    """Of the joints that ask to lose their only contact the one that pulls most; -1 if none."""
+    worst_joint = -1
+    worst = -np.inf
+    for j in range(work.mode.size):
+        if work.best_mode[j] == OPEN and work.mode[j] != OPEN and not is_closed(work.mode[j]):
+            corner = 0 if touches(work.mode[j], 0) else 1
+            fx, fy = work.reaction[j, 0], work.reaction[j, 1]
+            nx = contacts.normal_plus[j, corner, 0] + contacts.normal_minus[j, corner, 0]
+            ny = contacts.normal_plus[j, corner, 1] + contacts.normal_minus[j, corner, 1]
+            pull = -(fx * nx + fy * ny)
+            if pull > worst:
+                worst_joint, worst = j, pull
+    return worst_joint
+
+
+@kernel
+def _take_changes(contacts, friction, work):
+    """Modes of the next round.
+
+    Inside a mega-voussoir the thrust leaves many joints at once where it leaves one far: only
+    the joint where it is farthest outside changes, to a hinge rather than to no contact. Of the
+    hinges that pull only the one that pulls most is lost. The next round shows what is left.
+    """
+    worst_joint = -1
+    worst = 0.0
+    n_joint = work.mode.size
+    loss = _worst_loss(contacts, work)
+    for j in range(n_joint + 1):
+        if j < n_joint and work.mode[j] == CLOSED_STICK:
+            if work.best_mode[j] != CLOSED_STICK:
+                force_0, force_1, tangential = closed_forces(j, contacts, work)
+                violation = -min(force_0, force_1)
+                if not np.isinf(friction[j]):
+                    bound = friction[j] * max(force_0 + force_1, 0.0)
+                    violation = max(violation, abs(tangential) - bound)
+                if worst_joint < 0 or violation > worst:
+                    worst_joint, worst = j, violation
+            continue
+        if worst_joint >= 0:
+            mode = work.best_mode[worst_joint]
+            if mode == OPEN:
+                force_0, force_1, _ = closed_forces(worst_joint, contacts, work)
+                mode = CORNER_STICK[0 if force_0 > force_1 else 1]
+            work.mode[worst_joint] = mode
+            worst_joint = -1
+        if j < n_joint and (loss < 0 or work.best_mode[j] != OPEN or j == loss):
+            work.mode[j] = work.best_mode[j]
+
+
 @allocating
 def solve_levels(chain, contacts, slip, length, turning, free, scale, mechanism, room, work):
     """First and second level, from the modes in ``work.mode``.
@@ -258,7 +309,6 @@ def solve_levels(chain, contacts, slip, length, turning, free, scale, mechanism,
             force_scale = 1.0
         changed, _ = propose_modes(contacts, chain.friction, work, scale, force_scale, TOLERANCE)
         if changed == 0:
-            return True, number + 1
-        for j in range(work.mode.size):
-            work.mode[j] = work.best_mode[j]
+            return is_finite(work.velocity), number + 1
+        _take_changes(contacts, chain.friction, work)
     return False, ROUNDS

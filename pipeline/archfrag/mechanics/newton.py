@@ -28,6 +28,18 @@ def _unclosed(j, corner, contacts, work):
     return max(plus, minus)
 
 
+@inlined
+def closed_forces(j, contacts, work):
+    """Normal forces at both corners of a closed joint, and the tangential force [N]."""
+    fx, fy = work.reaction[j, 0], work.reaction[j, 1]
+    nx, ny = contacts.normal[j, 0], contacts.normal[j, 1]
+    push = fx * nx + fy * ny
+    px = contacts.point[j, 0, 0] - work.pivot[j, 0]
+    py = contacts.point[j, 0, 1] - work.pivot[j, 1]
+    difference = work.reaction[j, 2] / cross(px, py, nx, ny)
+    return 0.5 * (push + difference), 0.5 * (push - difference), fy * nx - fx * ny
+
+
 @kernel
 def propose_modes(contacts, friction, work, scale, force_scale, tolerance):
     """Mode that every joint asks for, given the solution for the present modes.
@@ -70,22 +82,15 @@ def propose_modes(contacts, friction, work, scale, force_scale, tolerance):
                             violation = -rate / scale
                             deepest = corner
             if count == 2:
-                mode = closed_mode(known)
+                mode = closed_mode(STICK if np.isinf(mu) else known)
             elif count == 1:
                 mode = corner_mode(deepest, known)
         elif is_closed(mode):
-            fx, fy = work.reaction[j, 0], work.reaction[j, 1]
             nx, ny = contacts.normal[j, 0], contacts.normal[j, 1]
-            normal_force = fx * nx + fy * ny
-            px = contacts.point[j, 0, 0] - work.pivot[j, 0]
-            py = contacts.point[j, 0, 1] - work.pivot[j, 1]
-            difference = work.reaction[j, 2] / cross(px, py, nx, ny)
-            force_0 = 0.5 * (normal_force + difference)
-            force_1 = 0.5 * (normal_force - difference)
+            force_0, force_1, tangential = closed_forces(j, contacts, work)
             slip = slip_of(mode)
             if slip == STICK:
-                tangential = fy * nx - fx * ny
-                excess = abs(tangential) - mu * max(normal_force, 0.0)
+                excess = abs(tangential) - mu * max(force_0 + force_1, 0.0)
                 if excess > slack_force:
                     slip = PLUS if tangential > 0.0 else MINUS
                     violation = excess / force_scale
@@ -160,6 +165,15 @@ def propose_modes(contacts, friction, work, scale, force_scale, tolerance):
 
 
 @kernel
+def is_finite(velocity):
+    """Whether no velocity, (n_body, 3), has overflowed; comparisons with nan would pass."""
+    total = 0.0
+    for i in range(velocity.shape[0]):
+        total += abs(velocity[i, 0]) + abs(velocity[i, 1]) + abs(velocity[i, 2])
+    return np.isfinite(total)
+
+
+@kernel
 def active_set(
     mass,
     inertia,
@@ -200,7 +214,8 @@ def active_set(
             contacts, friction, work, scale, force_scale, tolerance
         )
         if changed == 0:
-            return not exact or left <= tolerance * scale, iteration + 1
+            good = not exact or left <= tolerance * scale
+            return good and is_finite(work.velocity), iteration + 1
         for j in range(n_joint):
             if work.best_mode[j] == work.mode[j]:
                 continue

@@ -43,6 +43,7 @@ class Options(NamedTuple):
     loss_limit: float  # gap at both corners, over joint length, that counts as lost contact [1]
     check_interval: int  # steps between measurements of the contact residual
     frame_interval: float  # least time between frames of the history [s]
+    crowding: float  # mean time between events below which all voussoirs are stepped [s]
 
 
 class Frames(NamedTuple):

@@ -56,6 +56,7 @@ NO_MODE = int(CollapseMode.NONE)
 BY_START, BY_HINGE, BY_SLIDE = int(Cause.START), int(Cause.HINGE), int(Cause.SLIDE)
 BY_STICK, BY_IMPACT, BY_LOSS = int(Cause.STICK), int(Cause.IMPACT), int(Cause.LOSS)
 BY_REST, BY_CROWD, BY_CALM = int(Cause.REST), int(Cause.CROWD), int(Cause.CALM)
+BY_UNSOLVED = int(Cause.UNSOLVED)
 AT_REST, FOUR, FEW = int(Model.REST), int(Model.FOUR_HINGES), int(Model.MEGA_VOUSSOIRS)
 ALL = int(Model.ALL_VOUSSOIRS)
 STILL = 1e-7
@@ -66,9 +67,11 @@ BEYOND = 1e-7
 # to which impacts are located.
 SLOW = 1e-1
 SLOWEST = 3e-6
-# So many events within this part of the time of a fall through a joint's length are a crowd.
+# So many events within this part of the time of a fall through a joint's length are a crowd; and
+# so many closer to each other than the options allow.
 CROWD = 64
 CROWDED = 1e-2
+SOME = 12
 # Time stepping goes on for this part of that time, or until nothing changes in so many steps.
 WINDOW = 0.05
 CALM_STEPS = 4
@@ -141,14 +144,23 @@ def _start_few(chain, whole, joints, margins, few_room, pace, ground):
 
 @allocating
 def _settle(chain, whole, joints, margins, few_room, pace, ground, ledger):
-    """End accumulations of impacts: bring velocities onto the joints that are closed now."""
+    """Take slow rocking and slips as over, where bringing velocities there gives no energy."""
     slow = pace.falling * max(SLOW * np.sqrt(pace.tolerance), SLOWEST)
+    modes = joints.mode.copy()
     if not settle(chain, whole, joints.mode, slow):
         return
     had = kinetic_energy(chain.mass, chain.inertia, whole.velocity)
     few, worst = _start_few(chain, whole, joints, margins, few_room, pace, ground)
-    if few.position.shape[0] == 0 or worst > -np.inf:
+    if few.position.shape[0] > 0:
+        if (
+            not worst > -np.inf
+            or kinetic_energy(few.chain.mass, few.chain.inertia, few.velocity) > had
+        ):
+            joints.mode[:] = modes
+            return
         split_state(whole.mechanism, few.position, few.velocity, whole.position, whole.velocity)
+    else:
+        whole.velocity[:] = 0.0
     left = kinetic_energy(chain.mass, chain.inertia, whole.velocity)
     ledger.energy[Energy.IMPACT] += left - had
 
@@ -264,7 +276,7 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
     status = UNFINISHED
     collapse_time, collapse_joint, collapse_mode = np.nan, -1, NO_MODE
     window, calm_steps, calm_until = 0.0, CALM_STEPS, -np.inf
-    cause, joint = BY_START, -1
+    cause, joint, why = BY_START, -1, BY_UNSOLVED
     move_faces(chain, position, stepper.before, stepper.after)
     write_frame(
         frames, ledger, 0.0, chain, whole.position, whole.velocity, whole.work.reaction,
@@ -346,8 +358,9 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
                 ):
                     phase = HAND
                 slot = ledger.count[Count.EVENTS] % CROWD
-                if clock[0] - recent[slot] < CROWDED * unit:
-                    phase = HAND
+                since = clock[0] - recent[slot - SOME]
+                if clock[0] - recent[slot] < CROWDED * unit or since < SOME * options.crowding:
+                    phase, why = HAND, BY_CROWD
                 recent[slot] = clock[0]
                 continue
             for k in range(few.joint.size):
@@ -387,7 +400,8 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
                 calm_steps = min(2 * calm_steps, MOST_CALM_STEPS)
             else:
                 window, calm_steps = WINDOW * unit, CALM_STEPS
-            log_change(log, ledger, clock[0], BY_CROWD, joint, ALL, joints.mode)
+            log_change(log, ledger, clock[0], why, joint, ALL, joints.mode)
+            why = BY_UNSOLVED
             status, clock[0], collapse_time, collapse_joint, collapse_mode = advance(
                 chain, ground, options, stepper, joints, ledger, frames, log, whole.position,
                 whole.velocity, clock[0], min(clock[0] + window, stop), calm_steps,

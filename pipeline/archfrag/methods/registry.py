@@ -39,6 +39,12 @@ def _event_driven():
     return run
 
 
+def _ladder():
+    from archfrag.methods.ladder import run
+
+    return run
+
+
 FOLLOW = Parameter("follow", "s", 20.0, "how long to go on past the end of the record")
 METHODS = {
     "time_stepping": MethodInfo(
@@ -75,8 +81,23 @@ METHODS = {
         ),
         load=_event_driven,
     ),
+    AUTO: MethodInfo(
+        name=AUTO,
+        code=3,
+        order=5,
+        meaning=(
+            "the ladder: rest, few mega-voussoirs from event to event, all voussoirs where events "
+            "come too thick"
+        ),
+        parameters=(
+            Parameter("rtol", "1", 1e-3, "relative error allowed between events"),
+            Parameter("dt", "s", 5e-4, "time step on all voussoirs"),
+            FOLLOW,
+        ),
+        citation="as event_driven (Dormand and Prince 1980) and time_stepping (Moreau 1988)",
+        load=_ladder,
+    ),
 }
-AUTO_METHOD = "time_stepping"
 
 
 def resolve(name: str) -> MethodInfo | None:
@@ -85,7 +106,7 @@ def resolve(name: str) -> MethodInfo | None:
     Parameters
     ----------
     name : str
-        A key of `METHODS`, or "auto" for the one that archfrag chooses.
+        A key of `METHODS`.
 
     Returns
     -------
@@ -95,7 +116,7 @@ def resolve(name: str) -> MethodInfo | None:
     Examples
     --------
     >>> from archfrag.methods.registry import resolve
-    >>> resolve("auto").name
-    'time_stepping'
+    >>> resolve("auto").name, resolve("newmark")
+    ('auto', None)
     """
-    return METHODS.get(AUTO_METHOD if name == AUTO else name)
+    return METHODS.get(name)

@@ -37,6 +37,7 @@ from archfrag.mechanics.laws import (
     OPEN,
     STICK,
     closed_mode,
+    corner_mode,
     is_closed,
     slip_of,
     touches,
@@ -158,7 +159,14 @@ def _solve(chain, whole, slip, turning, scale, ledger):
         iterations += more
         ledger.count[Count.PATHS] += 1
     ledger.count[Count.ITERATIONS] += iterations
-    return status == SOLVED
+    if status != SOLVED:
+        return False
+    for j in range(slip.size):
+        # No solution path may turn round a slip that is under way.
+        sense = whole.contacts.slip[j]
+        if sense != STICK and whole.work.mode[j] != OPEN and slip_of(whole.work.mode[j]) != sense:
+            return False
+    return True
 
 
 @allocating
@@ -222,11 +230,11 @@ def resolve_impact(chain, whole, slip, mode, ledger):
 
 @kernel
 def settle(chain, whole, mode, slow):
-    """Close the joints that rock so slowly that their impacts have accumulated.
+    """End what an impact left so slow that its own end is as good as reached.
 
     A joint that rocks from corner to corner loses a fixed part of its rate at each impact and
-    is closed after infinitely many of them, in a finite time. Those that are left below `slow`
-    are taken at once.
+    is closed after infinitely many of them, in a finite time; a slip ends by friction in a time
+    in proportion to its rate. Those that are left below `slow` are taken to be over.
 
     Parameters
     ----------
@@ -234,9 +242,9 @@ def settle(chain, whole, mode, slow):
     whole : Whole
         After `resolve_impact`.
     mode : ndarray, (n_joint,) int8
-        Changed where a joint is taken to be closed.
+        Changed where a joint is taken to be closed, or to stick.
     slow : float
-        Opening rate of a corner, after an impact at the other one [m/s].
+        Opening rate of a corner after an impact at the other one, or slip rate [m/s].
 
     Returns
     -------
@@ -246,18 +254,24 @@ def settle(chain, whole, mode, slow):
     contacts, work = whole.contacts, whole.work
     changed = False
     for j in range(mode.size):
-        if mode[j] == OPEN or is_closed(mode[j]):
+        if mode[j] == OPEN:
             continue
-        other = 1 if touches(mode[j], 0) else 0
-        if not contacts.candidate[j, other]:
-            continue
-        rx = contacts.point[j, other, 0] - work.pivot[j, 0]
-        ry = contacts.point[j, other, 1] - work.pivot[j, 1]
-        ux = work.relative[j, 0] - work.relative[j, 2] * ry
-        uy = work.relative[j, 1] + work.relative[j, 2] * rx
-        if contacts.normal[j, 0] * ux + contacts.normal[j, 1] * uy < slow:
-            rough = np.isinf(chain.friction[j])
-            mode[j] = CLOSED_STICK if rough else closed_mode(slip_of(mode[j]))
+        nx, ny = contacts.normal[j, 0], contacts.normal[j, 1]
+        if not is_closed(mode[j]):
+            other = 1 if touches(mode[j], 0) else 0
+            if contacts.candidate[j, other]:
+                rx = contacts.point[j, other, 0] - work.pivot[j, 0]
+                ry = contacts.point[j, other, 1] - work.pivot[j, 1]
+                ux = work.relative[j, 0] - work.relative[j, 2] * ry
+                uy = work.relative[j, 1] + work.relative[j, 2] * rx
+                if nx * ux + ny * uy < slow:
+                    rough = np.isinf(chain.friction[j])
+                    mode[j] = CLOSED_STICK if rough else closed_mode(slip_of(mode[j]))
+                    changed = True
+        slip_rate = abs(nx * work.relative[j, 1] - ny * work.relative[j, 0])
+        if slip_of(mode[j]) != STICK and slip_rate < slow:
+            corner = 0 if touches(mode[j], 0) else 1
+            mode[j] = CLOSED_STICK if is_closed(mode[j]) else corner_mode(corner, STICK)
             changed = True
     return changed
 

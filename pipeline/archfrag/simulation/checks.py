@@ -16,10 +16,13 @@ def method_names() -> tuple[str, ...]:
     return tuple(dict.fromkeys([AUTO, *METHODS]))
 
 
-def step_of(info: MethodInfo) -> float:
-    """Time step [s] of a method, or that of time stepping, to which the others hand over."""
-    own = [p.default for p in info.parameters if p.name == "dt"]
-    return own[0] if own else step_of(METHODS["time_stepping"])
+def default_of(info: MethodInfo, name: str) -> float:
+    """Default of a setting; that of time stepping, or of auto, for a method without it."""
+    for method in (info, METHODS["time_stepping"], METHODS[AUTO]):
+        for parameter in method.parameters:
+            if parameter.name == name:
+                return parameter.default
+    raise KeyError(name)
 
 
 def check_arch(arch: Any) -> None:

@@ -185,8 +185,8 @@ class Method(Section):
     """Method; auto lets archfrag choose."""
     dt: Annotated[float, Field(gt=0.0)] | None = None
     """Step of methods with a fixed step [s]; the method's default where not given."""
-    rtol: Annotated[float, Field(gt=0.0, lt=1.0)] = 1e-6
-    """Relative error allowed by methods with step control, event_driven and auto [1]."""
+    rtol: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
+    """Relative error allowed by methods with step control; the method's default if not given."""
     follow: Annotated[float, Field(ge=0.0)] = 20.0
     """How long a chain still moving at the end of a record is followed [s]."""
 
