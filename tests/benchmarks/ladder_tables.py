@@ -115,11 +115,14 @@ def number(row: Row, name: str) -> float:
 
 
 def parts_of(row: Row, step: float) -> dict[str, float]:
-    """What the wall time of a run goes into, by `PARTS`; `step` is that of time stepping [s]."""
+    """What the time of a run goes into, by `PARTS`; `step` is that of time stepping [s].
+
+    A hundredth of its steps is allowed to be halved ones.
+    """
     stepped = number(row, "all_voussoirs")
     return {
         "start and rest": 1.0,
-        "between events": max(number(row, "steps") - stepped / step, 0.0),
+        "between events": max(number(row, "steps") - round(1.01 * stepped / step), 0.0),
         "events, by levels": max(number(row, "events") - number(row, "general"), 0.0),
         "events, general contact problem": number(row, "general"),
         "all voussoirs": stepped,
@@ -166,11 +169,13 @@ def share_rows(rows: Sequence[Row], step_of: Callable[[str], float]) -> list[lis
         seconds = {name: sum(number(row, name) for row in part) for name in MODELS}
         moving = sum(seconds.values()) - seconds["rest"]
         spent = sum(number(row, "cpu_time") or number(row, "wall_time") for row in part)
-        for name in MODELS:
+        for name in filter(seconds.get, MODELS):
             share = f"{100 * seconds[name] / moving:.1f} %" if name != "rest" and moving else ""
             table.append([arch, method, name, f"{seconds[name]:.0f}", share, "", ""])
         for name in PARTS:
             total = sum(parts_of(row, step)[name] for row in part)
+            if total == 0.0:
+                continue
             cells = [arch, method, name, f"{total:.0f} times" if name != "all voussoirs" else ""]
             each = f"{1e6 * rates[name]:.1f}"
             table.append([*cells, "", f"{rates[name] * total:.2f}", each])

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 from tables import machine, markdown, write_csv
+from watched import watched
 
 import archfrag
 from archfrag.arch import STANDARD_GRAVITY
@@ -41,7 +42,7 @@ class Sample(NamedTuple):
 
     span: str
     voussoirs: int
-    wall_time: float
+    cpu_time: float
     response: Response
 
 
@@ -120,23 +121,26 @@ def check_mechanism(numbers: list[int], **options) -> None:
         raise SystemExit(f"the mechanism is not the same for all numbers of voussoirs: {seen}")
 
 
-def measure(numbers: list[int], runs: int, **options) -> list[Sample]:
+def measure(numbers: list[int], runs: int, method: str, **options) -> list[Sample]:
     """Every span and number, `runs` times in turn; kernels and memory warm."""
+    run = watched(method)
     samples: list[Sample] = []
     for repeat in range(-1, runs):
         for name, (build, motion, follow, times) in SPANS.items():
             for number in numbers * times:
-                response = archfrag.simulate(build(number), motion, follow=follow, **options)
+                response = archfrag.simulate(
+                    build(number), motion, follow=follow, method=run.name, **options
+                )
                 if repeat >= 0:
-                    samples.append(Sample(name, number, response.wall_time, response))
+                    samples.append(Sample(name, number, run.cpu_time, response))
     return samples
 
 
 def sample_row(sample: Sample) -> list[object]:
     """One timed run as cells."""
-    span, number, wall_time, response = sample
+    span, number, cpu_time, response = sample
     ends = [response.steps, response.events["events"], response.status.name]
-    return [span, number, f"{wall_time:.7f}", *ends]
+    return [span, number, f"{cpu_time:.7f}", *ends]
 
 
 def exponent(numbers: list[int], costs: list[float]) -> tuple[float, float]:
@@ -147,8 +151,8 @@ def exponent(numbers: list[int], costs: list[float]) -> tuple[float, float]:
 
 
 def median_of(samples: list[Sample], span: str, number: int) -> float:
-    """Median wall time of a span [s]."""
-    times = [s.wall_time for s in samples if (s.span, s.voussoirs) == (span, number)]
+    """Median CPU time of a span [s]."""
+    times = [s.cpu_time for s in samples if (s.span, s.voussoirs) == (span, number)]
     return statistics.median(times)
 
 
@@ -195,9 +199,10 @@ def per_event_row(samples: list[Sample], numbers: list[int]) -> list[object]:
 
 
 def rest_rows(
-    record: archfrag.Motion, numbers: list[int], runs: int, **options
+    record: archfrag.Motion, numbers: list[int], runs: int, method: str, **options
 ) -> list[list[object]]:
-    """Simulated seconds for a wall second of an arch that a record leaves at rest."""
+    """Simulated seconds for a CPU second of an arch that a record leaves at rest."""
+    run = watched(method)
     rows: list[list[object]] = []
     for number in numbers:
         arch = cut_equally(number)
@@ -206,8 +211,8 @@ def rest_rows(
         scale = bears / np.abs(record.acceleration).max()
         times = []
         for _ in range(runs + 1):
-            response = archfrag.simulate(arch, record, scale=scale, **options)
-            times.append(response.wall_time)
+            response = archfrag.simulate(arch, record, scale=scale, method=run.name, **options)
+            times.append(run.cpu_time)
         middle = statistics.median(times[1:])
         rest = response.model_time["rest"]
         cells = [number, f"{rest:.1f}", record.acceleration.size, f"{1e6 * middle:.0f}"]
@@ -231,18 +236,18 @@ def main() -> None:
     options = {"method": given.method} | ({"rtol": given.rtol} if given.rtol else {})
     check_mechanism(given.voussoirs, **options)
     samples = measure(given.voussoirs, given.runs, **options)
-    head = ["span", "voussoirs", "wall (us), median", "moving (s)", "steps", "events"]
+    head = ["span", "voussoirs", "CPU (us), median", "moving (s)", "steps", "events"]
     head += ["hand-overs", "joints in motion"]
     rows = growth_rows(samples, given.voussoirs, **options)
     rows.append(per_event_row(samples, given.voussoirs))
     print(f"{machine()}, one thread, {given.method}, rtol {given.rtol or 'its own'}\n")
     print(markdown(f"Growth, medians of {given.runs}, 90 % intervals", head, rows))
     record = archfrag.read_motion(given.record)
-    head = ["voussoirs", "at rest (s)", "samples", "wall (us)", "simulated s per wall s"]
+    head = ["voussoirs", "at rest (s)", "samples", "CPU (us)", "simulated s per CPU s"]
     table = rest_rows(record, given.voussoirs, given.runs, **options)
     print(markdown(f"At rest in {given.record.name}, at nine tenths of onset", head, table))
     if given.out:
-        head = ["span", "voussoirs", "wall_time", "steps", "events", "status"]
+        head = ["span", "voussoirs", "cpu_time", "steps", "events", "status"]
         write_csv(given.out, head, [sample_row(sample) for sample in samples])
 
 

@@ -7,7 +7,6 @@ a folder of them. How far two verdicts can agree at all, a judge beside itself s
 
 import argparse
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, partial
@@ -27,6 +26,7 @@ from ladder_tables import (
 )
 from resumable import Row, code_of, run_all
 from tables import machine, markdown
+from watched import watched
 
 import archfrag
 from archfrag.arch import STANDARD_GRAVITY
@@ -113,10 +113,11 @@ def work(task: Task) -> Row:
     method, options, change = settings_of(task.method)
     motion = motion_of(task.folder, task.record)
     factor = scale_factor(motion, "PGA", float(task.level) * STANDARD_GRAVITY) * (1.0 + change)
-    arch = arch_of(task.arch)
-    began = time.process_time()
-    response = archfrag.simulate(arch, motion, scale=factor, method=method, **options)
-    values = {"cpu_time": time.process_time() - began}
+    run = watched(method)
+    response = archfrag.simulate(
+        arch_of(task.arch), motion, scale=factor, method=run.name, **options
+    )
+    values = {"cpu_time": run.cpu_time}
     values |= {name: getattr(response, name) for name in NUMBERS}
     values |= {"status": response.status.name, "kernels": code()}
     values |= response.model_time

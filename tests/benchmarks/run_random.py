@@ -8,21 +8,20 @@ import argparse
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from random_scenes import how_contact_ended, random_scene
 from resumable import CRASHED, ERROR, HUNG, Row, code_of, run_all
 from tables import machine, markdown
+from watched import watched
 
 import archfrag
 from archfrag.kernel_cache import kernel_hash
 from archfrag.mechanics.status import Energy, Status
-from archfrag.methods.registry import METHODS, resolve
 from archfrag.simulate import warmup
 
-WATCHED = "watched"
 KEYS = ("method", "rtol", "follow", "seed", "index")
 SCENE = ("kind", "voussoirs", "friction", "shaking", "vertical", "onset", "level", "duration")
 NUMBERS = (
@@ -53,44 +52,13 @@ class Task:
     follow: float
 
 
-class Watched:
-    """A method that remembers what it was given and what it left behind.
-
-    Attributes
-    ----------
-    position, velocity : ndarray, (n_body, 3)
-        At the end of the last run.
-    options : Options
-    outcome : Outcome
-    """
-
-    def __init__(self, method: str) -> None:
-        info = resolve(method)
-        if info is None:
-            raise SystemExit(f"there is no method {method!r}")
-        self.run = info.load()
-        METHODS[WATCHED] = info._replace(load=lambda: self)
-
-    def __call__(self, chain, ground, position, velocity, from_rest, options, *room):
-        """Run it; the signature of every method."""
-        self.position, self.velocity, self.options = position, velocity, options
-        self.outcome = self.run(chain, ground, position, velocity, from_rest, options, *room)
-        return self.outcome
-
-
-@cache
-def watched(method: str) -> Watched:
-    """The method, put into the registry under the name `WATCHED`."""
-    return Watched(method)
-
-
 def work(task: Task) -> Row:
     """One run, as values by field."""
     scene = random_scene(task.seed, task.index)
     method = watched(task.method)
     settings = {} if task.rtol is None else {"rtol": task.rtol}
     response = archfrag.simulate(
-        scene.arch, scene.motion, method=WATCHED, follow=task.follow, **settings
+        scene.arch, scene.motion, method=method.name, follow=task.follow, **settings
     )
     energy = method.outcome.ledger.energy
     largest = energy[Energy.LARGEST_KINETIC]

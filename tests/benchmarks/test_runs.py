@@ -118,7 +118,7 @@ class TestLadderTables:
         rows = []
         for _ in range(60):
             stepped, few, events, general = rng.exponential([2.0, 3e3, 2e3, 1e2])
-            counts = {"steps": few + stepped / 5e-4, "events": events + general}
+            counts = {"steps": few + round(1.01 * stepped / 5e-4), "events": events + general}
             row = verdict("m", 1, "STANDING", all_voussoirs=str(stepped), general=str(general))
             row |= {name: str(value) for name, value in counts.items()}
             spent = sum(wanted[name] * part for name, part in parts_of(row, 5e-4).items())

@@ -33,6 +33,7 @@ from archfrag.mechanics.delassus import (
     velocity_scale,
 )
 from archfrag.mechanics.homotopy import follow_path
+from archfrag.mechanics.laws import CLOSED_STICK, is_closed
 from archfrag.mechanics.newton import active_set
 from archfrag.mechanics.status import Status
 
@@ -83,6 +84,17 @@ def newton_contact(mass, inertia, contacts, friction, free_velocity, work):
     return (SOLVED if solved else UNSOLVED), iterations
 
 
+@kernel
+def _stick_rough(friction, mode):
+    """Closed joints without friction limit stick again, whatever a path took them through.
+
+    A corner of such a joint may slide, without a normal force; a whole face may not.
+    """
+    for j in range(mode.size):
+        if np.isinf(friction[j]) and is_closed(mode[j]):
+            mode[j] = CLOSED_STICK
+
+
 @allocating
 def path_contact(mass, inertia, contacts, friction, free_velocity, work, paths=PATHS):
     """Solve one contact problem that the Newton iteration has not; as `solve_contact`.
@@ -112,6 +124,7 @@ def path_contact(mass, inertia, contacts, friction, free_velocity, work, paths=P
             100 + 20 * n_joint,
         )
         breaks += max(more_breaks, 1)
+        _stick_rough(friction, work.mode)
         while compliance > 2.0 * COMPLIANCE:
             _, more = active_set(
                 mass,
@@ -160,6 +173,7 @@ def path_contact(mass, inertia, contacts, friction, free_velocity, work, paths=P
             100 + 20 * n_joint,
         )
         breaks += max(more_breaks, 1)
+        _stick_rough(friction, work.mode)
         solved, more = active_set(
             mass,
             inertia,

@@ -90,7 +90,9 @@ def propose_modes(contacts, friction, work, scale, force_scale, tolerance):
             force_0, force_1, tangential = closed_forces(j, contacts, work)
             slip = slip_of(mode)
             if slip == STICK:
-                excess = abs(tangential) - mu * max(force_0 + force_1, 0.0)
+                excess = -1.0
+                if not np.isinf(mu):
+                    excess = abs(tangential) - mu * max(force_0 + force_1, 0.0)
                 if excess > slack_force:
                     slip = PLUS if tangential > 0.0 else MINUS
                     violation = excess / force_scale

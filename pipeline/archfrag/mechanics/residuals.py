@@ -3,6 +3,7 @@
 import numpy as np
 
 from archfrag.mechanics.compile import allocating, kernel
+from archfrag.mechanics.delassus import relative_velocity, velocity_scale
 from archfrag.mechanics.laws import MINUS, PLUS, cross, friction_ray
 
 
@@ -125,3 +126,35 @@ def contact_residual(contacts, friction, relative, reaction, pivot, scale, force
         )
         largest = max(largest, value)
     return largest
+
+
+@allocating
+def solution_residual(contacts, friction, free, work, least_scale):
+    """Largest residual of a contact problem as `work` holds it.
+
+    Parameters
+    ----------
+    contacts : Contacts
+    friction : ndarray, (n_joint,)
+    free : ndarray, (n_body, 3)
+        Velocities or accelerations without reactions.
+    work : ContactWork
+        ``work.relative`` is overwritten.
+    least_scale : float
+        Velocity or acceleration that counts as one where nothing would move faster.
+
+    Returns
+    -------
+    float
+        Dimensionless; 0 without any reaction.
+    """
+    scale = max(velocity_scale(contacts, free, work), least_scale)
+    force_scale = 0.0
+    for j in range(work.mode.size):
+        force_scale = max(force_scale, abs(work.reaction[j, 0]), abs(work.reaction[j, 1]))
+    if force_scale == 0.0:
+        return 0.0
+    relative_velocity(contacts, work.velocity, work.pivot, work.relative)
+    return contact_residual(
+        contacts, friction, work.relative, work.reaction, work.pivot, scale, force_scale
+    )

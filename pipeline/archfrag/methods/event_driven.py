@@ -20,12 +20,14 @@ from archfrag.mechanics.laws import CLOSED_STICK, OPEN, is_closed
 from archfrag.mechanics.ledger import close_account, log_change, new_ledger, write_frame
 from archfrag.mechanics.levels import view_few
 from archfrag.mechanics.mechanism import assemble_mechanism, gather_state, split_state
+from archfrag.mechanics.newton import is_finite
 from archfrag.mechanics.reactions import inner_target, is_four_hinges
 from archfrag.mechanics.status import Cause, CollapseMode, Count, Energy, Model, Peak, Status
 from archfrag.mechanics.types import Outcome
 from archfrag.methods.events import GAP, PASSING, SLIP_END, new_margins
 from archfrag.methods.few_bodies import new_few_room, view_motion
 from archfrag.methods.resolve import (
+    measure_residual,
     new_whole,
     place_whole,
     resolve_accelerations,
@@ -52,6 +54,7 @@ STANDING = int(Status.STANDING)
 COLLAPSED = int(Status.COLLAPSED)
 UNFINISHED = int(Status.UNFINISHED)
 WORK_BOUND = int(Status.WORK_BOUND)
+NOT_FINITE = int(Status.NOT_FINITE)
 NO_MODE = int(CollapseMode.NONE)
 BY_START, BY_HINGE, BY_SLIDE = int(Cause.START), int(Cause.HINGE), int(Cause.SLIDE)
 BY_STICK, BY_IMPACT, BY_LOSS = int(Cause.STICK), int(Cause.IMPACT), int(Cause.LOSS)
@@ -78,6 +81,8 @@ CALM_STEPS = 4
 # Where it has to take over again at once both are doubled, up to these.
 LONGEST_WINDOW = 1.0
 MOST_CALM_STEPS = 64
+# Every so many events the residual of the contact problem behind them is measured.
+MEASURED = 16
 RESTING = 0
 RESOLVE = 1
 START = 2
@@ -322,6 +327,9 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
             if not resolve_accelerations(chain, whole, joints.slip, joints.mode, gx, gy, ledger):
                 phase = HAND
         elif phase == START:
+            if not is_finite(whole.velocity):
+                status = NOT_FINITE
+                break
             _note_contacts(whole, joints, old, clock[0], ledger)
             close_account(
                 chain, whole.position, whole.velocity, stepper.clock[Clock.START_POTENTIAL], ledger
@@ -357,6 +365,8 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
                     chain, whole, joints, few, margins, few_room, pace, ground, gx, gy, ledger
                 ):
                     phase = HAND
+                elif ledger.count[Count.EVENTS] % MEASURED == 0:
+                    measure_residual(chain, whole, ledger)
                 slot = ledger.count[Count.EVENTS] % CROWD
                 since = clock[0] - recent[slot - SOME]
                 if clock[0] - recent[slot] < CROWDED * unit or since < SOME * options.crowding:

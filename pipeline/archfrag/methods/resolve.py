@@ -44,7 +44,8 @@ from archfrag.mechanics.laws import (
 )
 from archfrag.mechanics.levels import FewBodies, new_few_bodies, solve_levels
 from archfrag.mechanics.mechanism import Mechanism, new_mechanism
-from archfrag.mechanics.status import Count, Energy, Status
+from archfrag.mechanics.residuals import solution_residual
+from archfrag.mechanics.status import Count, Energy, Peak, Status
 
 SOLVED = int(Status.STANDING)
 # Corners this close, over the joint's length, touch; slower than this, over the speed of a fall
@@ -226,6 +227,15 @@ def resolve_impact(chain, whole, slip, mode, ledger):
                 break
         mode[j] = work.mode[j]
     return True
+
+
+@allocating
+def measure_residual(chain, whole, ledger):
+    """Note how well the contact problem that `resolve_accelerations` left is solved [1]."""
+    residual = solution_residual(
+        whole.contacts, chain.friction, whole.free, whole.work, chain.gravity
+    )
+    ledger.peak[Peak.RESIDUAL] = max(ledger.peak[Peak.RESIDUAL], residual)
 
 
 @kernel

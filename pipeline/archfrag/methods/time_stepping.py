@@ -19,7 +19,6 @@ import numpy as np
 from archfrag.mechanics.collapse import JointState, collapse_of, follow_joints, new_joint_state
 from archfrag.mechanics.compile import allocating, inlined, kernel
 from archfrag.mechanics.contact import newton_contact, path_contact
-from archfrag.mechanics.delassus import relative_velocity, velocity_scale
 from archfrag.mechanics.energy import contact_works, kinetic_energy
 from archfrag.mechanics.kinematics import move_faces, place_contacts
 from archfrag.mechanics.laws import touches
@@ -33,7 +32,7 @@ from archfrag.mechanics.ledger import (
     new_ledger,
     write_frame,
 )
-from archfrag.mechanics.residuals import contact_residual
+from archfrag.mechanics.residuals import solution_residual
 from archfrag.mechanics.status import Cause, CollapseMode, Count, Energy, Model, Peak, Status
 from archfrag.mechanics.types import (
     Chain,
@@ -241,16 +240,9 @@ def _solve_by_path(case, position, velocity):
 @allocating
 def _measure_residual(case):
     """Note how far the contact problem solved last is from the contact laws."""
-    chain, work, contacts = case.chain, case.stepper.work, case.stepper.contacts
-    scale = velocity_scale(contacts, case.stepper.free, work)
-    force_scale = 0.0
-    for j in range(work.mode.size):
-        force_scale = max(force_scale, abs(work.reaction[j, 0]), abs(work.reaction[j, 1]))
-    if force_scale == 0.0:
-        return
-    relative_velocity(contacts, work.velocity, work.pivot, work.relative)
-    residual = contact_residual(
-        contacts, chain.friction, work.relative, work.reaction, work.pivot, scale, force_scale
+    stepper = case.stepper
+    residual = solution_residual(
+        stepper.contacts, case.chain.friction, stepper.free, stepper.work, 0.0
     )
     case.ledger.peak[Peak.RESIDUAL] = max(case.ledger.peak[Peak.RESIDUAL], residual)
 
