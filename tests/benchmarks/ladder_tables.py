@@ -97,6 +97,31 @@ def agreement_rows(pairs: Sequence[Pair]) -> list[list[object]]:
     return rows
 
 
+def decided_rows(rows: Iterable[Row], judges: Sequence[str]) -> list[list[object]]:
+    """Each method beside the cases that all judges but itself decide alike.
+
+    Where the judges differ, a change that no accuracy can resolve turns the verdict round: the
+    other cases are those by which a method can be judged. A judge's own line is what can be
+    asked for.
+    """
+    cases: dict[tuple[str, ...], dict[str, bool | None]] = defaultdict(dict)
+    for row in rows:
+        case = row["arch"], row["record"], row["level"]
+        cases[case][row["method"]] = VERDICT.get(row["status"])
+    table: list[list[object]] = []
+    for method in dict.fromkeys(name for runs in cases.values() for name in runs):
+        others = [judge for judge in judges if judge != method]
+        decided, equal = 0, 0
+        for runs in cases.values():
+            said = {runs.get(judge) for judge in others}
+            if len(said) == 1 and None not in said and method in runs:
+                decided += 1
+                equal += runs[method] in said
+        share = f"{100 * equal / decided:.2f} %" if decided else "-"
+        table.append([method, len(others), decided, decided - equal, share])
+    return table
+
+
 def _agreement(name: str, pairs: Sequence[Pair]) -> list[object]:
     equal = sum(pair.agree for pair in pairs)
     falls = sum(pair.judge["status"] == "COLLAPSED" for pair in pairs)

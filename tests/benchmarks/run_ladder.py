@@ -2,7 +2,8 @@
 
 Writes every finished run to a CSV and goes on from it. The records are not ours to ship: name
 a folder of them. How far two verdicts can agree at all, a judge beside itself says:
-``--methods time_stepping@1e-4 auto time_stepping@1e-4%1e-6``. Rows "ladder" and "shares".
+``--methods time_stepping@1e-4 auto time_stepping@1e-4%1e-6 time_stepping@5e-5``, with ``--judges``
+naming the three. Rows "ladder" and "shares".
 """
 
 import argparse
@@ -19,6 +20,7 @@ from ladder_tables import (
     VERDICT,
     Pair,
     agreement_rows,
+    decided_rows,
     distance_to_agreement,
     event_rows,
     pairs_of,
@@ -208,6 +210,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("records", type=Path, help="folder of AT2 files")
     parser.add_argument("--methods", nargs="+", default=["time_stepping@1e-4", "auto"])
+    parser.add_argument("--judges", nargs="+", default=[], help="of the methods, those that judge")
     parser.add_argument("--arches", nargs="+", default=list(ARCHES), choices=list(ARCHES))
     parser.add_argument("--first", type=int, help="so many records only")
     parser.add_argument("--workers", type=int, default=2)
@@ -230,6 +233,10 @@ def main() -> None:
         head = ["arch", "record", "PGA (g)", judge, "peak (rad)", judged, "peak (rad)"]
         head += ["nearest level of equal verdicts"]
         print(markdown("Each disagreement", head, disagreement_rows(pairs)), flush=True)
+    if len(arguments.judges) > 1:
+        head = ["method", "judges", "cases decided alike", "differ", "equal"]
+        title = "Beside the cases that all other judges decide alike"
+        print(markdown(title, head, decided_rows(rows, arguments.judges)))
     if arguments.probe and len(arguments.methods) > 1:
         path = arguments.out.with_stem(arguments.out.stem + "_probe")
         pairs = pairs_of(rows, judge, arguments.methods[1])

@@ -12,6 +12,7 @@ from ladder_tables import (
     Pair,
     agreement_rows,
     curve_of,
+    decided_rows,
     distance_to_agreement,
     pairs_of,
     parts_of,
@@ -99,6 +100,18 @@ class TestLadderTables:
         assert distance_to_agreement(pairs[1], pairs) == pytest.approx(0.25)
         assert distance_to_agreement(pairs[1], [*pairs[:2], pairs[3]]) == pytest.approx(0.5)
         assert np.isinf(distance_to_agreement(pairs[1], [pairs[1], pairs[3]]))
+
+    def test_a_method_is_judged_where_the_judges_agree(self):
+        said = {"a": "SSCC", "b": "SSCS", "mine": "SCCC"}
+        words = {"S": "STANDING", "C": "COLLAPSED"}
+        rows = [
+            verdict(method, level, words[letter])
+            for method, letters in said.items()
+            for level, letter in enumerate(letters)
+        ]
+        table = {row[0]: row[1:] for row in decided_rows(rows, ["a", "b"])}
+        assert table["mine"] == [2, 3, 1, "66.67 %"]
+        assert table["a"] == [1, 4, 1, "75.00 %"]
 
     def test_curve_leaves_out_runs_without_a_verdict(self):
         levels = np.linspace(0.5, 2.0, 15)

@@ -152,8 +152,8 @@ class Problem:
             self.slip[j] = slipped if abs(slipped) > 1e-8 else 0.0
         place_contacts(position, self.before, self.after, self.slip, self.length, contacts)
         find_touching(
-            self.before, self.after, self.length, velocity, 1e-7, 1e-7, 1e-7, self.pivot,
-            self.moved, contacts,
+            self.before, self.after, self.length, velocity, mode, 1e-7, 1e-7, 1e-7,
+            self.pivot, self.moved, contacts,
         )  # fmt: skip
         # Frames lie between the instants at which a run brings its state onto the contacts.
         for j in range(joints):

@@ -88,8 +88,9 @@ def centripetal_bias(contacts, mode, slip, velocity, bias):
 
 @kernel
 def find_touching(
-    before, after, length, velocity, rate_limit, slip_limit, gap_limit, pivot, moved, contacts
-):
+    before, after, length, velocity, mode, rate_limit, slip_limit, gap_limit, pivot, moved,
+    contacts,
+):  # fmt: skip
     """Which corners touch and stay, and which of them are sliding.
 
     Parameters
@@ -98,6 +99,8 @@ def find_touching(
         Faces from `archfrag.mechanics.kinematics.move_faces`.
     length : ndarray, (n_joint,) [m]
     velocity : ndarray, (n_body, 3)
+    mode : ndarray, (n_joint,)
+        Corners in contact until now touch and stay, whatever the limits.
     rate_limit : float
         Relative velocities below this are none [m/s]; inf to look at positions only.
     slip_limit : float
@@ -117,7 +120,8 @@ def find_touching(
         sliding = 0.0
         for c in range(2):
             contacts.candidate[j, c] = 0
-            if clearance(j, c, before, after) > gap_limit * length[j]:
+            held = touches(mode[j], c)
+            if not held and clearance(j, c, before, after) > gap_limit * length[j]:
                 continue
             rx = contacts.point[j, c, 0] - pivot[j, 0]
             ry = contacts.point[j, c, 1] - pivot[j, 1]
@@ -125,7 +129,7 @@ def find_touching(
             uy = moved[j, 1] + moved[j, 2] * rx
             plus = contacts.normal_plus[j, c, 0] * ux + contacts.normal_plus[j, c, 1] * uy
             minus = contacts.normal_minus[j, c, 0] * ux + contacts.normal_minus[j, c, 1] * uy
-            if max(plus, minus) > rate_limit:
+            if not held and max(plus, minus) > rate_limit:
                 continue
             contacts.candidate[j, c] = 1
             along = contacts.normal[j, 0] * uy - contacts.normal[j, 1] * ux

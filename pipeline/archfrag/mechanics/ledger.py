@@ -10,6 +10,8 @@ from archfrag.mechanics.types import Ledger
 
 BY_HINGE, BY_SLIDE, BY_STICK = int(Cause.HINGE), int(Cause.SLIDE), int(Cause.STICK)
 BY_IMPACT, BY_LOSS = int(Cause.IMPACT), int(Cause.LOSS)
+# Steps of a run need one or a few linear problems each; so many on average are no progress.
+ITERATIONS_PER_STEP = 16
 N_COUNT = len(Count)
 N_ENERGY = len(Energy)
 N_MODEL = 4
@@ -111,6 +113,14 @@ def book_motion(chain, position, velocity, length, ledger):
     kinetic = kinetic_energy(chain.mass, chain.inertia, velocity)
     energy[Energy.LARGEST_KINETIC] = max(energy[Energy.LARGEST_KINETIC], kinetic)
     return fastest
+
+
+@kernel
+def exhausted(ledger, options):
+    """Whether a run has used up its work: steps, or linear contact problems on all voussoirs."""
+    if ledger.count[Count.STEPS] >= options.max_steps:
+        return True
+    return ledger.count[Count.ITERATIONS] >= ITERATIONS_PER_STEP * options.max_steps
 
 
 @kernel

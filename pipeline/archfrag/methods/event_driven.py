@@ -185,7 +185,10 @@ def _after_event(
         if q != PASSING and joints.mode[joint] == OPEN:
             # The slip of a joint without contact is that of the corner which lands.
             place_whole(chain, whole, joints.slip, joints.mode)
-        if not resolve_impact(chain, whole, joints.slip, joints.mode, ledger):
+        corner = q - GAP if q != PASSING else -1
+        if not resolve_impact(
+            chain, whole, joints.slip, joints.mode, joint if corner >= 0 else -1, corner, ledger
+        ):
             return False
         _settle(chain, whole, joints, margins, few_room, pace, ground, ledger)
     elif cause == BY_STICK:
@@ -294,7 +297,7 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
     elif not from_rest:
         # Which corners touch follows from the positions alone.
         joints.mode[:] = OPEN
-        if resolve_impact(chain, whole, joints.slip, joints.mode, ledger):
+        if resolve_impact(chain, whole, joints.slip, joints.mode, -1, -1, ledger):
             phase = RESOLVE
             old[:] = joints.mode
             ledger.count[Count.IMPACTS] = 0
@@ -348,6 +351,12 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
                 continue
             few, worst = _start_few(chain, whole, joints, margins, few_room, pace, ground)
             phase = MOVING if worst > -np.inf else HAND
+            if phase == MOVING and whole.jam[0] == 1:
+                # What a corner without friction limit loses by sticking it loses by an impact.
+                left = kinetic_energy(few.chain.mass, few.chain.inertia, few.velocity)
+                had = kinetic_energy(chain.mass, chain.inertia, whole.velocity)
+                ledger.energy[Energy.IMPACT] += min(left - had, 0.0)
+            whole.jam[0] = 0
             if phase == MOVING:
                 log_change(log, ledger, clock[0], cause, joint, _model(few), joints.mode)
         elif phase == MOVING:
@@ -373,11 +382,11 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
                     phase, why = HAND, BY_CROWD
                 recent[slot] = clock[0]
                 continue
-            for k in range(few.joint.size):
-                joints.slip[few.joint[k]] = few.slip[k]
             split_state(
                 whole.mechanism, few.position, few.velocity, whole.position, whole.velocity
             )
+            # The last evaluation may be that of a step that was not made.
+            place_whole(chain, whole, joints.slip, joints.mode)
             close_account(
                 chain, whole.position, whole.velocity, stepper.clock[Clock.START_POTENTIAL], ledger
             )
@@ -423,7 +432,7 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
                 phase = RESTING
             elif status != UNFINISHED or clock[0] >= stop:
                 break
-            elif resolve_impact(chain, whole, joints.slip, joints.mode, ledger):
+            elif resolve_impact(chain, whole, joints.slip, joints.mode, -1, -1, ledger):
                 _settle(chain, whole, joints, margins, few_room, pace, ground, ledger)
                 cause, joint = BY_CALM, -1
                 phase = RESOLVE

@@ -59,6 +59,8 @@ SLIPPING = 1e-6
 IMPOSSIBLE = 300.0
 # Where so many solution paths lead nowhere, time stepping takes over.
 FEW_PATHS = 2
+# Corners overlapping by more than this part of the joint's length are not closed by settling.
+OVERLAP = 1e-6
 # Relative velocities below this part of it are rounding: nothing is left to an impact.
 PARTING = 1e-8
 
@@ -78,6 +80,7 @@ class Whole(NamedTuple):
     work: ContactWork
     mechanism: Mechanism
     bodies: FewBodies
+    jam: np.ndarray  # (1,) int8: whether a corner without friction limit slid and has to stick
 
 
 @allocating
@@ -96,6 +99,7 @@ def new_whole(n_body, n_joint, length):
         contact_work(n_body, n_joint),
         new_mechanism(n_body, n_joint),
         new_few_bodies(n_body, n_joint),
+        np.zeros(1, np.int8),
     )
 
 
@@ -171,7 +175,7 @@ def _solve(chain, whole, slip, turning, scale, ledger):
 
 
 @allocating
-def resolve_impact(chain, whole, slip, mode, ledger):
+def resolve_impact(chain, whole, slip, mode, joint, corner, ledger):
     """Velocities after an impact (Eqs 8, 9, 11 and 21).
 
     Parameters
@@ -182,6 +186,8 @@ def resolve_impact(chain, whole, slip, mode, ledger):
     slip : ndarray, (n_joint,) [m]
     mode : ndarray, (n_joint,) int8
         Changed to the contact modes of the velocities after it.
+    joint, corner : int
+        What closes, though its gap may not be exactly none; -1 if that is left to the gaps.
     ledger : Ledger
         The energy that the impact takes is booked.
 
@@ -193,15 +199,14 @@ def resolve_impact(chain, whole, slip, mode, ledger):
     place_whole(chain, whole, slip, mode)
     contacts, work = whole.contacts, whole.work
     find_touching(
-        whole.before, whole.after, whole.length, whole.velocity, np.inf, np.inf, TOUCHING,
+        whole.before, whole.after, whole.length, whole.velocity, mode, np.inf, np.inf, TOUCHING,
         work.pivot, whole.moved, contacts,
     )  # fmt: skip
     contacts.bias[:] = 0.0
+    if joint >= 0:
+        contacts.candidate[joint, corner] = 1
     for j in range(mode.size):
         contacts.slip[j] = STICK
-        for c in range(2):
-            if touches(mode[j], c):
-                contacts.candidate[j, c] = 1
         made = contacts.candidate[j, 0] + 2 * contacts.candidate[j, 1]
         work.mode[j] = OPEN
         if made == 3:
@@ -269,7 +274,8 @@ def settle(chain, whole, mode, slow):
         nx, ny = contacts.normal[j, 0], contacts.normal[j, 1]
         if not is_closed(mode[j]):
             other = 1 if touches(mode[j], 0) else 0
-            if contacts.candidate[j, other]:
+            gap = clearance(j, other, whole.before, whole.after)
+            if contacts.candidate[j, other] and gap > -OVERLAP * whole.length[j]:
                 rx = contacts.point[j, other, 0] - work.pivot[j, 0]
                 ry = contacts.point[j, other, 1] - work.pivot[j, 1]
                 ux = work.relative[j, 0] - work.relative[j, 2] * ry
@@ -311,15 +317,14 @@ def resolve_accelerations(chain, whole, slip, mode, ground_x, ground_y, ledger):
     contacts, work = whole.contacts, whole.work
     falling = np.sqrt(chain.gravity * np.max(whole.length))
     find_touching(
-        whole.before, whole.after, whole.length, whole.velocity, STAYING * falling,
+        whole.before, whole.after, whole.length, whole.velocity, mode, STAYING * falling,
         SLIPPING * falling, TOUCHING, work.pivot, whole.moved, contacts,
     )  # fmt: skip
     for j in range(mode.size):
-        for c in range(2):
-            if touches(mode[j], c):
-                contacts.candidate[j, c] = 1
         work.mode[j] = mode[j]
         if np.isinf(chain.friction[j]):
+            if contacts.slip[j] != STICK:
+                whole.jam[0] = 1
             contacts.slip[j] = STICK
             if is_closed(mode[j]):
                 work.mode[j] = CLOSED_STICK

@@ -12,6 +12,7 @@ from archfrag.mechanics.compile import allocating, kernel
 from archfrag.mechanics.energy import kinetic_energy
 from archfrag.mechanics.kinematics import clearance
 from archfrag.mechanics.laws import OPEN, STICK, slip_of
+from archfrag.mechanics.ledger import exhausted
 from archfrag.mechanics.status import Count, Energy, Peak
 from archfrag.methods.events import THRESHOLD, all_margins, keep_margins, locate
 from archfrag.methods.few_bodies import (
@@ -242,7 +243,7 @@ def integrate(chain, whole, joints, few, margins, pace, ground, stop, options, f
         if few.work.mode[k] == OPEN:
             longest = LONGEST_OPEN * unit
     while True:
-        if ledger.count[Count.STEPS] >= options.max_steps:
+        if exhausted(ledger, options):
             return BOUND
         time = clock[0]
         end, gx, sx, gy, sy = segment_at(time, ground, pace.next_break)

@@ -27,6 +27,7 @@ from archfrag.mechanics.ledger import (
     book_motion,
     book_state,
     book_work,
+    exhausted,
     log_change,
     makes_contact,
     new_ledger,
@@ -191,7 +192,7 @@ def _stride(case, position, velocity, until, calm_steps):
     """
     clock, count = case.stepper.clock, case.ledger.count
     while clock[Clock.TIME] < until and (calm_steps == 0 or clock[Clock.CALM] < calm_steps):
-        if count[Count.STEPS] >= case.options.max_steps:
+        if exhausted(case.ledger, case.options):
             return WORK_BOUND
         kick = _due_kick(case)
         solved, iterations = try_step(

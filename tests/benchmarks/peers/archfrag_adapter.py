@@ -40,7 +40,7 @@ def run(
     seconds are those of the integration alone, as for the peers.
     """
     if not _COMPILED:
-        _COMPILED.append(warmup())
+        _COMPILED.append(warmup(settings.get("method")))
     began = time.perf_counter()
     arch = build_arch(scene)
     samples, step = scene.ground_acceleration()
@@ -61,7 +61,7 @@ def run(
     )
     cpu = time.process_time() - cpu_began
     whole = time.perf_counter() - began
-    moving = response.model_time["all_voussoirs"]
+    moving = sum(response.model_time.values()) - response.model_time["rest"]
     kept = None
     if history and response.history is not None:
         moved = response.history["displacement"].to_numpy()

@@ -16,6 +16,11 @@ from peers.scene import Scene
 NAMES = ("archfrag", "mujoco", "pymunk", "lmgc90", "siconos")
 # The same peers set up in another way that is worth a line of its own.
 VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
+    "ladder_1e-1": ("archfrag", {"method": "auto", "rtol": 1e-1}),
+    "ladder_3e-2": ("archfrag", {"method": "auto", "rtol": 3e-2}),
+    "ladder_1e-2": ("archfrag", {"method": "auto", "rtol": 1e-2}),
+    "ladder_1e-3": ("archfrag", {"method": "auto", "rtol": 1e-3}),
+    "events_1e-7": ("archfrag", {"method": "event_driven", "rtol": 1e-7}),
     "mujoco_corners": ("mujoco", {"contacts": "corners"}),
     "lmgc90_unlocked": ("lmgc90", {"locked": []}),
 }
