@@ -110,7 +110,7 @@ def simulate(
         time_step=float(step),
         tolerance=float(tolerance),
         follow=float(follow),
-        max_steps=int(span / step) + 1000,
+        max_steps=int(span / step) + ground.horizontal.size + 1000,
         loss_limit=LOSS_LIMIT,
         check_interval=CHECK_INTERVAL,
         frame_interval=max(float(step), float(motion.dt)),

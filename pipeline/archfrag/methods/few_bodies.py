@@ -76,6 +76,7 @@ class Few(NamedTuple):
     dense_position: np.ndarray  # (n, 3, 5) coefficients over the step
     dense_velocity: np.ndarray  # (n, 3, 5)
     dense_work: np.ndarray  # (2, 5) [J]
+    smooth: np.ndarray  # (m,) no friction [1]
 
 
 class FewRoom(NamedTuple):
@@ -91,6 +92,7 @@ class FewRoom(NamedTuple):
     dense_position: np.ndarray
     dense_velocity: np.ndarray
     dense_work: np.ndarray
+    smooth: np.ndarray
 
 
 @allocating
@@ -107,6 +109,7 @@ def new_few_room(n_body, n_joint):
         np.zeros((n_body, 3, 5)),
         np.zeros((n_body, 3, 5)),
         np.zeros((N_POWER, 5)),
+        np.zeros(n_joint),
     )
 
 
@@ -149,6 +152,7 @@ def view_motion(mechanism, gravity, bodies, room):
         room.dense_position[:n],
         room.dense_velocity[:n],
         room.dense_work,
+        room.smooth[:m],
     )
 
 
@@ -358,7 +362,7 @@ def project(few, position, velocity):
     """Move a state back onto its contacts, after `evaluate` there.
 
     Joint gaps are closed first, then their rates; both in the metric of kinetic energy, with
-    the factors of the last evaluation. Where that was by `four_hinges` they are made here.
+    the factors of the last evaluation; after `four_hinges`, and with slips, they are made here.
 
     Returns
     -------
@@ -373,9 +377,13 @@ def project(few, position, velocity):
             ex, ey = corner_offset(j, c, few.before, few.after, few.slip)
             contacts.bias[j, c, 0] = ex
             contacts.bias[j, c, 1] = ey
-    if is_four_hinges(work.mode, position.shape[0]):
+    anew = is_four_hinges(work.mode, position.shape[0])
+    for j in range(work.mode.size):
+        anew = anew or slip_of(work.mode[j]) != STICK
+    if anew:
+        # Across the joints, without friction: along its cone a projection could gain energy.
         assemble(few.chain.mass, few.chain.inertia, contacts, work)
-        set_rows(contacts, few.chain.friction, work)
+        set_rows(contacts, few.smooth, work)
         factorise(work, 0.0)
     few.free[:] = 0.0
     work.relative[:] = 0.0
