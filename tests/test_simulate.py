@@ -74,7 +74,7 @@ class TestResponse:
             "steps", "iterations", "paths", "compliant", "shortened", "levels",
             "level_iterations", "general",
         }  # fmt: skip
-        assert response.steps == response.work["steps"] > 100
+        assert response.steps == response.work["steps"] > 20
         assert response.fallbacks == response.work["compliant"]
 
     def test_models_share_the_simulated_time(self):
