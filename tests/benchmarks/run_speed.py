@@ -37,6 +37,7 @@ SLOW = {"lmgc90", "siconos"}
 LADDER = ("ladder_1e-1", "ladder_3e-2", "ladder_1e-2", "ladder_1e-3")
 REFERENCE = "events_1e-7"
 STEP_OF_LADDER = 5e-4
+STEPS = {**dict.fromkeys(LADDER, STEP_OF_LADDER), "steps_3ms": 3e-3}
 
 
 def main() -> None:
@@ -45,7 +46,7 @@ def main() -> None:
     parser.add_argument(
         "--peers",
         nargs="+",
-        default=[*LADDER, "mujoco", "mujoco_corners", "lmgc90", "lmgc90_unlocked"],
+        default=["steps_3ms", *LADDER, "mujoco", "mujoco_corners", "lmgc90", "lmgc90_unlocked"],
         choices=[*NAMES[1:], *VARIANTS],
     )
     parser.add_argument("--voussoirs", type=int, nargs="+", default=[7, 27], choices=[7, 27, 81])
@@ -79,8 +80,7 @@ def main() -> None:
             for name in names:
                 own = peers[name].adapter == "archfrag"
                 part = scene if own else replace(scene, duration=span)
-                step = STEP_OF_LADDER if name in LADDER else arguments.step
-                outcome = peers[name].run(part, step)
+                outcome = peers[name].run(part, STEPS.get(name, arguments.step))
                 # Rest found early is part of the same span.
                 outcomes[name].append(replace(outcome, simulated_seconds=span))
         ours = statistics.median(map(_cost, outcomes["archfrag"]))
