@@ -341,7 +341,13 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
                 chain, ground, whole, joints, stepper, clock[0], falling
             ):
                 phase = RESTING
+                had = kinetic_energy(chain.mass, chain.inertia, whole.velocity)
+                ledger.energy[Energy.IMPACT] -= had
                 whole.velocity[:] = 0.0
+                close_account(
+                    chain, whole.position, whole.velocity, stepper.clock[Clock.START_POTENTIAL],
+                    ledger,
+                )  # fmt: skip
                 write_frame(
                     frames, ledger, clock[0], chain, whole.position, whole.velocity,
                     whole.work.reaction, joints.mode, 1.0,
