@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +14,7 @@ from archfrag.arch import Arch
 from archfrag.errors import InputError
 from archfrag.mechanics.status import Count
 from archfrag.mechanics.types import Frames, GroundMotion, MechanismLog, Options, Outcome
-from archfrag.methods.registry import AUTO, METHODS, MethodInfo
+from archfrag.methods.registry import AUTO, METHODS
 from archfrag.motions.motion import Motion
 from archfrag.simulation import checks
 from archfrag.simulation.history import empty_frames, history_of
@@ -42,6 +44,7 @@ def simulate(
     history: bool = False,
     initial: tuple[ArrayLike, ArrayLike] | None = None,
     follow: float = 20.0,
+    settings: Mapping[str, float] | None = None,
 ) -> Response:
     """Move one arch by one ground motion, until it rests or collapses.
 
@@ -68,6 +71,9 @@ def simulate(
         ground [m/s, m/s, rad/s] at time 0. At rest if not given.
     follow : float
         How long to go on past the end of the motion while the arch still moves [s].
+    settings : mapping of str to float, optional
+        The method's own parameters that differ from their defaults in the registry, for example
+        a joint stiffness; none for the methods that need none.
 
     Returns
     -------
@@ -96,6 +102,7 @@ def simulate(
     step = checks.default_of(info, "dt") if dt is None else dt
     tolerance = checks.default_of(info, "rtol") if rtol is None else rtol
     _check_numbers(scale, tolerance, follow, step)
+    own = checks.check_settings(info, settings)
     position = np.zeros((arch.n_voussoir, 3))
     position[:, :2] = arch.chain.centroid
     velocity = np.zeros_like(position)
@@ -119,8 +126,9 @@ def simulate(
     n_frame = int(span / options.frame_interval) + 64 if history else 0
     started = time.perf_counter()
     outcome, frames, log = _run(
-        arch, info, ground, position, velocity, initial is None, options, n_frame
-    )
+        arch, partial(info.load(), **own), ground, position, velocity, initial is None, options,
+        n_frame,
+    )  # fmt: skip
     wall_time = time.perf_counter() - started
     if not history:
         return response_of(outcome, info.name, wall_time, None, None)
@@ -182,7 +190,7 @@ def _ground(motion: Motion, scale: float) -> GroundMotion:
 
 def _run(
     arch: Arch,
-    info: MethodInfo,
+    run: Callable[..., Outcome],
     ground: GroundMotion,
     position: np.ndarray,
     velocity: np.ndarray,
@@ -191,7 +199,6 @@ def _run(
     n_frame: int,
 ) -> tuple[Outcome, Frames, MechanismLog]:
     """Run a method, again with more room while history or log do not fit; none for `n_frame` 0."""
-    run = info.load()
     n_entry = ROOM if n_frame else 0
     while True:
         frames = empty_frames(n_frame, arch.n_voussoir, arch.n_joint)

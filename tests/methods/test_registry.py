@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 import archfrag as af
+from archfrag.errors import InputError
 from archfrag.methods.registry import AUTO, METHODS, resolve
+from archfrag.simulation.checks import own_parameters
 
 SIGNATURE = [
     "chain", "ground", "position", "velocity", "from_rest", "options", "frames", "log"
@@ -21,7 +23,8 @@ class TestEveryMethod:
 
     def test_loads_a_kernel_of_the_common_signature(self, name):
         run = METHODS[name].load()
-        assert list(inspect.signature(getattr(run, "py_func", run)).parameters) == SIGNATURE
+        parameters = list(inspect.signature(getattr(run, "py_func", run)).parameters)
+        assert parameters == [*SIGNATURE, *own_parameters(METHODS[name])]
 
     def test_says_what_it_does_and_whose_it_is(self, name):
         info = METHODS[name]
@@ -35,10 +38,11 @@ class TestEveryMethod:
         names = [parameter.name for parameter in parameters]
         assert len(set(names)) == len(names) > 0
         arguments = inspect.signature(af.simulate).parameters
+        own = own_parameters(METHODS[name])
         for parameter in parameters:
-            assert parameter.name in arguments
-            assert parameter.default > 0.0
-            assert parameter.unit in ("1", "s")
+            assert parameter.name in arguments or parameter.name in own
+            assert parameter.least <= parameter.default <= parameter.most
+            assert parameter.unit
             assert parameter.meaning
 
 
@@ -59,3 +63,9 @@ class TestRegistry:
         block = af.Block(1.0, 2.0, friction=0.6)
         for name in METHODS:
             assert af.simulate(block, still, method=name).method == name
+
+    def test_a_setting_that_the_method_does_not_have_is_named(self):
+        still = af.Motion(np.zeros(3), 0.01)
+        block = af.Block(1.0, 2.0, friction=0.6)
+        with pytest.raises(InputError, match=r"'stifness'; allowed for method auto: none"):
+            af.simulate(block, still, settings={"stifness": 1.0})

@@ -34,7 +34,7 @@ BAD = {
     ),
     "key from elsewhere": (
         ("dt: 2.0e-3", "colour: 1"),
-        "method.colour is no known key; allowed are name, dt, rtol, follow",
+        "method.colour is no known key; allowed are name, dt, rtol, follow, settings",
     ),
     "unknown method": (
         ("name: time_stepping", "name: euler"),

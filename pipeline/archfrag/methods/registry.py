@@ -1,5 +1,6 @@
 """The methods there are: what schema, help, documentation and tests are made from."""
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -13,10 +14,15 @@ class Parameter(NamedTuple):
     unit: str
     default: float
     meaning: str
+    least: float = 0.0
+    most: float = math.inf
 
 
 class MethodInfo(NamedTuple):
-    """A method of integration; all share one signature (`load`)."""
+    """A method of integration; all share one signature (`load`).
+
+    Parameters that only one method has follow the shared arguments, by keyword.
+    """
 
     name: str
     code: int

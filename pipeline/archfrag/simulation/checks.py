@@ -1,6 +1,8 @@
 """Refusals: one sentence that names the argument."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -8,7 +10,9 @@ from numpy.typing import NDArray
 
 from archfrag.arch import Arch
 from archfrag.errors import InputError
-from archfrag.methods.registry import AUTO, METHODS, MethodInfo, resolve
+from archfrag.methods.registry import AUTO, METHODS, MethodInfo, Parameter, resolve
+
+COMMON = ("dt", "rtol", "follow")
 
 
 def method_names() -> tuple[str, ...]:
@@ -48,6 +52,44 @@ def check_method(name: Any) -> MethodInfo:
     if info is None:
         raise InputError(f"method is {name!r}; allowed are {', '.join(method_names())}")
     return info
+
+
+def own_parameters(info: MethodInfo) -> dict[str, Parameter]:
+    """Parameters of a method that no argument of `simulate` gives."""
+    return {p.name: p for p in info.parameters if p.name not in COMMON}
+
+
+def check_settings(info: MethodInfo, settings: Any) -> dict[str, float]:
+    """All of a method's own parameters: those given, the others at their defaults.
+
+    Raises
+    ------
+    InputError
+        If one is not the method's own, or its value is not allowed.
+    """
+    own = own_parameters(info)
+    values = {name: parameter.default for name, parameter in own.items()}
+    if settings is None:
+        return values
+    if not isinstance(settings, Mapping):
+        raise InputError(f"settings is {type(settings).__name__}; it must map names to numbers")
+    for name, value in settings.items():
+        if name not in own:
+            allowed = ", ".join(own) or "none"
+            raise InputError(f"settings has {name!r}; allowed for method {info.name}: {allowed}")
+        parameter = own[name]
+        check_number(
+            f"settings.{name}",
+            value,
+            f"from {parameter.least:g} to {parameter.most:g} [{parameter.unit}]",
+            partial(_within, parameter),
+        )
+        values[name] = float(value)
+    return values
+
+
+def _within(parameter: Parameter, value: float) -> bool:
+    return parameter.least <= value <= parameter.most and math.isfinite(value)
 
 
 def check_number(name: str, value: Any, allowed: str, fits: Callable[[float], bool]) -> None:

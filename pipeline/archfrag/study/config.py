@@ -189,6 +189,19 @@ class Method(Section):
     """Relative error allowed by methods with step control; the method's default if not given."""
     follow: Annotated[float, Field(ge=0.0)] = 20.0
     """How long a chain still moving at the end of a record is followed [s]."""
+    settings: dict[str, float] = Field(default_factory=dict)
+    """Own parameters of the method that differ from their defaults, by name."""
+
+    @model_validator(mode="after")
+    def _own_settings(self) -> "Method":
+        from archfrag.methods.registry import METHODS
+        from archfrag.simulation.checks import check_settings
+
+        try:
+            check_settings(METHODS[self.name], self.settings)
+        except InputError as error:
+            raise _refuse(str(error)) from error
+        return self
 
 
 class Execution(Section):

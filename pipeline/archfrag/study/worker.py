@@ -70,6 +70,7 @@ def run_case(plan: Plan, run: int) -> "Response":
         rtol=plan.method["rtol"],
         dt=plan.method["dt"],
         follow=plan.method["follow"],
+        settings=plan.method["settings"],
     )
 
 
