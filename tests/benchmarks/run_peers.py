@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from peers.client import NAMES, VARIANTS, Peer, PeerFailed, open_peers
-from peers.drive import Outcome
-from peers.scene import Scene, load_scene
 from tables import machine, markdown, write_csv
+
+from archfrag.evidence.peers.client import NAMES, VARIANTS, Peer, PeerFailed, open_peers
+from archfrag.evidence.peers.drive import Outcome
+from archfrag.evidence.scene import Scene, load_scene
 
 # Steps [s]: those at which people use each peer, the finest first worth its cost.
 STEPS = {

@@ -13,10 +13,11 @@ import statistics
 from dataclasses import replace
 from pathlib import Path
 
-from peers.client import NAMES, VARIANTS, open_peers
-from peers.drive import Outcome
-from peers.scene import load_scene
 from tables import machine, markdown, write_csv
+
+from archfrag.evidence.peers.client import NAMES, VARIANTS, open_peers
+from archfrag.evidence.peers.drive import Outcome
+from archfrag.evidence.scene import load_scene
 
 HEAD = [
     "voussoirs",

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from peers.scene import STANDARD_GRAVITY, Scene
+from archfrag.evidence.scene import STANDARD_GRAVITY, Scene
 
 # Near-default contacts sag by centimetres: the time constant is the smallest that is stable, the
 # impedance close to one. `impratio` keeps sticking joints from creeping. `contacts` are those that
@@ -64,7 +64,7 @@ def _xml(scene: Scene, dt: float, settings: dict[str, Any]) -> str:
     pairs = (_corner_pairs if settings["contacts"] == "corners" else _hull_pairs)(
         scene, settings, geoms, assets
     )
-    friction = " ".join([repr(scene.friction)] * 2 + ["0"] * 3)
+    friction = " ".join([repr(scene.finite_friction)] * 2 + ["0"] * 3)
     solimp = " ".join(str(value) for value in settings["solimp"])
     contacts = [
         f'<pair geom1="{before}" geom2="{after}" condim="3" friction="{friction}" '
@@ -131,7 +131,7 @@ def _corner_pairs(
     centroid = np.vstack([scene.bodies().centroid, np.zeros(2)])
     count = len(centroid) - 1
     pairs = []
-    for joint in range(count if scene.chain["kind"] == "block" else count + 1):
+    for joint in range(count if scene.free_end else count + 1):
         along = outer[joint] - inner[joint]
         length = float(np.hypot(*along))
         along = along / length

@@ -8,7 +8,7 @@ import siconos.kernel as sk
 import siconos.numerics as sn
 from numpy.typing import NDArray
 
-from peers.scene import STANDARD_GRAVITY, Scene
+from archfrag.evidence.scene import STANDARD_GRAVITY, Scene
 
 # Sweeps stop far short of the tolerance where the default cap of 1,000 holds. Corners within
 # `activation` count as touching: without it rounding opens closed joints for a step.
@@ -38,7 +38,7 @@ class _Corners:
     def __init__(self, scene: Scene, centroid: NDArray) -> None:
         count = len(centroid)
         inner, outer = scene.joint_lines()
-        n_joint = count if scene.chain["kind"] == "block" else count + 1
+        n_joint = count if scene.free_end else count + 1
         middle = 0.5 * (inner + outer)
         travel = np.diff(middle, axis=0, append=middle[-1:] + middle[-1:] - middle[-2:-1])
         along = outer - inner
@@ -114,7 +114,7 @@ class SiconosStepper:
             self.bodies.append(body)
             # Siconos copies what it is given, but what it gives is its own memory.
             self.forces.append(body.fExt())
-        self.law = sk.NewtonImpactFrictionNSL(0.0, 0.0, scene.friction, 2)
+        self.law = sk.NewtonImpactFrictionNSL(0.0, 0.0, scene.finite_friction, 2)
         self.corners = _Corners(scene, bodies.centroid)
         self.relations, self.interactions = [], []
         for i, touching in enumerate(self.corners.touching):

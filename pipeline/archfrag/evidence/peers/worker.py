@@ -8,15 +8,20 @@ import json
 import os
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
-from peers.drive import drive
-from peers.scene import Scene
+# The interpreter may be another's, in which archfrag is not installed; its own folder, put first
+# because this file is run as a script, would hide other modules.
+sys.path[0] = str(Path(__file__).resolve().parents[3])
+
+from archfrag.evidence.peers.drive import drive  # noqa: E402
+from archfrag.evidence.scene import Scene  # noqa: E402
 
 
 def answer(peer: str, request: dict[str, Any]) -> dict[str, Any]:
     """Run one request: scene, dt, settings, and what `drive` takes."""
-    adapter = importlib.import_module(f"peers.{peer}_adapter")
+    adapter = importlib.import_module(f"archfrag.evidence.peers.{peer}_adapter")
     scene = Scene(**request["scene"])
     settings = {**adapter.SETTINGS, **request["settings"]}
     options = request["options"]
@@ -37,7 +42,7 @@ def main() -> None:
     os.dup2(silent, 1)
     os.dup2(silent, 2)
     try:
-        importlib.import_module(f"peers.{peer}_adapter")
+        importlib.import_module(f"archfrag.evidence.peers.{peer}_adapter")
     except Exception as error:
         channel.write(json.dumps({"missing": f"{type(error).__name__}: {error}"}) + "\n")
         return

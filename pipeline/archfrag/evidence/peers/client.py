@@ -10,8 +10,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from peers.drive import Outcome
-from peers.scene import Scene
+from archfrag.evidence.peers.drive import Outcome
+from archfrag.evidence.scene import Scene
 
 NAMES = ("archfrag", "mujoco", "pymunk", "lmgc90", "siconos")
 # The same peers set up in another way that is worth a line of its own.
@@ -25,7 +25,7 @@ VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
     "mujoco_corners": ("mujoco", {"contacts": "corners"}),
     "lmgc90_unlocked": ("lmgc90", {"locked": []}),
 }
-_WORKER = Path(__file__).parent.parent / "worker.py"
+_WORKER = Path(__file__).parent / "worker.py"
 
 
 class PeerMissing(Exception):
@@ -91,7 +91,7 @@ class Peer:
     def run(
         self, scene: Scene, dt: float, settings: dict[str, Any] | None = None, **options: Any
     ) -> Outcome:
-        """Run a scene with step `dt` [s]; `options` as `peers.drive.drive` takes them.
+        """Run a scene with step `dt` [s]; `options` as `drive.drive` takes them.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Scenes of the benchmarks: data files that become polygons and a ground motion.
+"""Scenes of the evidence: data files that become polygons and a ground motion.
 
 Only numpy is needed, so that a peer's own interpreter can build the scene too.
 """
@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 STANDARD_GRAVITY = 9.80665
-FOLDER = Path(__file__).parent.parent / "scenes"
+FOLDER = Path(__file__).parent / "scenes"
+# What stands for a joint without friction limit in solvers that have none.
+NO_SLIDING = 5.0
 
 Array = NDArray[np.float64]
 
@@ -28,13 +30,18 @@ class Scene:
         `source` names the section of the comparison that the scene belongs to.
     chain : dict
         As in the file: `kind` "circular" (radius [m], thickness [m], embrace [degrees],
-        voussoirs) or "block" (width [m], height [m]); friction; density [kg/m3]; depth [m].
+        voussoirs), "block" (width [m], height [m]) or "column" (width and top_width [m], heights
+        of its drums [m]); friction, a number or "inf"; density [kg/m3]; depth [m].
     motion : dict
-        As in the file: `kind` "none", "pulse" (amplitude for `duration`, then minus half of it
-        for twice as long) or "sine" (whole `cycles` of `period`); amplitude in multiples of
-        standard gravity; `sample_step` [s].
+        As in the file: `kind` "none", "rectangle" (amplitude for `duration`), "pulse" (the same,
+        then minus half of it for twice as long), "sine" (whole `cycles` of `period`), "record"
+        (`file` in the shipped records or in a folder of real ones) or "samples" (`values` in
+        units of the amplitude); amplitude in multiples of standard gravity, of a record its
+        peak; `sample_step` [s].
     duration : float
         Simulated time [s].
+    low, high : float
+        Amplitudes between which collapse begins, for searches; nan if it is not searched.
     """
 
     name: str
@@ -43,6 +50,8 @@ class Scene:
     chain: dict[str, Any]
     motion: dict[str, Any]
     duration: float
+    low: float = math.nan
+    high: float = math.nan
 
     def at(self, amplitude: float) -> "Scene":
         """Same scene with another amplitude of the ground motion, in standard gravity."""
@@ -58,23 +67,32 @@ class Scene:
         return float(self.chain["friction"])
 
     @property
+    def finite_friction(self) -> float:
+        """The same for solvers that know no joint without friction limit."""
+        return min(self.friction, NO_SLIDING)
+
+    @property
+    def free_end(self) -> bool:
+        """Whether the last body touches no ground."""
+        return bool(self.chain["kind"] != "circular")
+
+    @property
     def thickness(self) -> float:
-        """Ring's thickness, or the block's width [m]; collapse is judged by it."""
+        """Ring's thickness, or the width at the base [m]; collapse is judged by it."""
         return float(self.chain["thickness" if self.chain["kind"] == "circular" else "width"])
 
     def joint_lines(self) -> tuple[Array, Array]:
         """Intrados and extrados ends of the joint lines, (n + 1, 2) each [m].
 
-        Those of a block are its base and its free top, left ends first.
+        Those of a block or column go from its base to its free top, left ends first.
         """
         chain = self.chain
-        if chain["kind"] == "block":
-            half, top = 0.5 * chain["width"], chain["height"]
-            height = np.array([0.0, top])
-            return (
-                np.column_stack([np.full(2, -half), height]),
-                np.column_stack([np.full(2, half), height]),
-            )
+        if self.free_end:
+            rows = [chain["height"]] if chain["kind"] == "block" else chain["heights"]
+            height = np.concatenate([[0.0], np.cumsum(rows)])
+            top = chain.get("top_width", chain["width"])
+            half = 0.5 * (chain["width"] + (top - chain["width"]) * height / height[-1])
+            return np.column_stack([-half, height]), np.column_stack([half, height])
         embrace = math.radians(chain["embrace"])
         angle = np.linspace(-0.5 * embrace, 0.5 * embrace, chain["voussoirs"] + 1)
         direction = np.column_stack([np.sin(angle), np.cos(angle)])
@@ -98,7 +116,7 @@ class Scene:
         """
         inner, outer = self.joint_lines()
         faces = [(inner[0], outer[0], inner[1])]
-        if self.chain["kind"] != "block":
+        if not self.free_end:
             faces.append((inner[-1], outer[-1], inner[-2]))
         blocks = []
         for start, end, inside in faces:
@@ -140,6 +158,18 @@ class Scene:
             samples[:first] = peak
             samples[first] = 0.25 * peak
             return samples, step
+        if motion["kind"] == "rectangle":
+            count = round(motion["duration"] / step)
+            samples = np.zeros(count + 2)
+            samples[:count] = peak
+            samples[count] = 0.5 * peak
+            return samples, step
+        if motion["kind"] == "samples":
+            return peak * np.asarray(motion["values"], float), step
+        if motion["kind"] != "sine":
+            raise ValueError(
+                f"motion of kind {motion['kind']!r} in scene {self.name} has no samples"
+            )
         count = round(motion["cycles"] * motion["period"] / step)
         time = step * np.arange(count + 1)
         return peak * np.sin(2.0 * math.pi * time / motion["period"]), step

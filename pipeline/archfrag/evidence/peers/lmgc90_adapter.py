@@ -7,7 +7,7 @@ import numpy as np
 from compas_lmgc90.solver import Solver
 from numpy.typing import NDArray
 
-from peers.scene import STANDARD_GRAVITY, Scene
+from archfrag.evidence.scene import STANDARD_GRAVITY, Scene
 
 # Locking the motion out of the plane, which symmetry forbids anyway, halves the sweeps at 7
 # voussoirs; a thin arch (depth 0.3 m) needs ten times as many.
@@ -63,7 +63,7 @@ class Lmgc90Stepper:
             solver.apply_force(body, "Fz", lift)
             for component in settings["locked"]:
                 solver.apply_velocity(body, component, 0.0)
-        solver.contact_law(settings["law"], scene.friction, alert=settings["alert"])
+        solver.contact_law(settings["law"], scene.finite_friction, alert=settings["alert"])
         solver.preprocess()
         self.solver = solver
         self.core = solver.lmgc90

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from peers.scene import Scene
+from archfrag.evidence.scene import Scene
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ import numpy as np
 import pymunk
 from numpy.typing import NDArray
 
-from peers.scene import STANDARD_GRAVITY, Scene
+from archfrag.evidence.scene import STANDARD_GRAVITY, Scene
 
 # Position correction pushes the arch open at its hinges: at Chipmunk's usual rate (6.3 a second)
 # and above it the early motion is too large by a quarter to four times; at 0.1 a second it is
@@ -32,7 +32,7 @@ class PymunkStepper:
         self.space.collision_slop = settings["collision_slop"]
         # Chipmunk's bias is the part of an overlap that is left after one second.
         self.space.collision_bias = math.exp(-settings["correction_rate"])
-        friction = math.sqrt(scene.friction)
+        friction = math.sqrt(scene.finite_friction)
         bodies = scene.bodies()
         self.moving: list[pymunk.Body] = []
         for outline, mass, inertia, centroid in zip(

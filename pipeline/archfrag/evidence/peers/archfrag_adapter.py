@@ -7,28 +7,14 @@ from typing import Any
 import numpy as np
 
 import archfrag
-from archfrag import Arch, Block, Motion
+from archfrag import Motion
+from archfrag.evidence.peers.drive import Outcome
+from archfrag.evidence.run import arch_of
+from archfrag.evidence.scene import Scene
 from archfrag.simulate import warmup
-from peers.drive import Outcome
-from peers.scene import Scene
 
 SETTINGS: dict[str, Any] = {"method": "time_stepping"}
 _COMPILED: list[float] = []
-
-
-def build_arch(scene: Scene) -> Arch:
-    """Chain of a scene, straight-sided."""
-    chain = scene.chain
-    if chain["kind"] == "block":
-        return Block(chain["width"], chain["height"], chain["friction"])
-    return Arch.circular(
-        chain["radius"],
-        chain["thickness"],
-        chain["embrace"],
-        chain["voussoirs"],
-        chain["friction"],
-        sector=False,
-    )
 
 
 def run(
@@ -42,7 +28,7 @@ def run(
     if not _COMPILED:
         _COMPILED.append(warmup(settings.get("method")))
     began = time.perf_counter()
-    arch = build_arch(scene)
+    arch = arch_of(scene)
     samples, step = scene.ground_acceleration()
     motion = Motion(samples, step)
     length = step * (len(samples) - 1)

@@ -1,0 +1,1 @@
+"""What each method costs, how far it is off, and where it fails: measured, charted, told."""

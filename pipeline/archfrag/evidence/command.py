@@ -1,0 +1,58 @@
+"""`archfrag evidence`: measure the parts asked for, keep their tables, write the guide."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+from archfrag.errors import InputError
+from archfrag.evidence.part import Setup
+from archfrag.evidence.store import load, save
+
+# In the order in which they are measured and shown.
+PARTS: dict[str, str] = {}
+
+
+def part(name: str) -> ModuleType:
+    """Module of a part: it has `measure(setup)` and `show(frames)`."""
+    return import_module(PARTS[name])
+
+
+def gather_evidence(names: Sequence[str], setup: Setup, folder: Path) -> Path:
+    """Measure parts one after the other, save each as soon as it is there, write the guide.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Keys of `PARTS`; all if empty.
+    setup : Setup
+    folder : Path
+        Tables of parts not asked for are left as they are, and shown.
+
+    Returns
+    -------
+    Path
+        The guide's page.
+
+    Raises
+    ------
+    InputError
+        If there is no part of a name.
+    """
+    from archfrag.evidence.guide import write_guide
+
+    for name in names:
+        if name not in PARTS:
+            raise InputError(f"evidence has no part {name!r}; allowed are {', '.join(PARTS)}")
+    facts = {"quick": setup.quick, "peers": list(setup.peers), "workers": setup.workers}
+    for name in names or PARTS:
+        began = time.perf_counter()
+        setup.say(f"evidence: {name} begins")
+        frames = part(name).measure(setup)
+        save(folder, name, frames, facts)
+        setup.say(f"evidence: {name} done in {time.perf_counter() - began:.0f} s")
+    found = {name: load(folder, name) for name in PARTS}
+    return write_guide({name: frames for name, frames in found.items() if frames}, folder)

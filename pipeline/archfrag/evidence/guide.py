@@ -1,0 +1,79 @@
+"""The guide: one page made of all that was measured, and its figures as files."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from pathlib import Path
+
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from archfrag.evidence.part import Frames, Section
+from archfrag.methods.registry import METHODS
+from archfrag.study.files import write_text
+from archfrag.study.provenance import commit, machine, versions
+
+PAGE = "guide.html"
+
+
+def sections_of(found: Mapping[str, Frames]) -> list[tuple[str, Section]]:
+    """What each part shows of its tables.
+
+    Parameters
+    ----------
+    found : mapping of part to tables
+
+    Returns
+    -------
+    list of (str, Section)
+        In the order of `archfrag.evidence.command.PARTS`.
+    """
+    from archfrag.evidence.command import part
+
+    return [(name, part(name).show(frames)) for name, frames in found.items()]
+
+
+def write_guide(found: Mapping[str, Frames], folder: Path) -> Path:
+    """Write the page and the figures on it.
+
+    Parameters
+    ----------
+    found : mapping of part to tables
+    folder : Path
+
+    Returns
+    -------
+    Path
+        The page: one HTML file that needs no network.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written.
+    """
+    sections = sections_of(found)
+    environment = Environment(
+        loader=ChoiceLoader(
+            [PackageLoader("archfrag.evidence"), PackageLoader("archfrag.report")]
+        ),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["inline"] = lambda shown: Markup(shown.svg)
+    facts = [(name, str(value)) for name, value in versions().items()]
+    facts += [("commit", commit()), ("processor", platform.processor() or platform.machine())]
+    facts += [(name, str(value)) for name, value in machine().items() if name != "host"]
+    page = environment.get_template("guide.html.j2").render(
+        title="Speed, accuracy, and where methods fail",
+        sections=sections,
+        methods=list(METHODS.values()),
+        facts=facts,
+    )
+    for _, section in sections:
+        for name, shown in section.pictures.items():
+            write_text(folder / "figures" / f"{name}.svg", shown.svg)
+    write_text(folder / PAGE, page)
+    return folder / PAGE
