@@ -8,9 +8,10 @@ import pytest
 
 from archfrag.errors import InputError, OutputError, RecordError
 from archfrag.motions import synthetic
-from archfrag.motions.index import COLUMNS, load_index, load_motion
+from archfrag.motions.index import COLUMNS, load_index
 from archfrag.motions.measures import pga, significant_duration
 from archfrag.motions.process import displacement, velocity
+from archfrag.motions.read import load_motion
 
 from .helpers import SHIPPED
 

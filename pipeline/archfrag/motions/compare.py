@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError
-from archfrag.motions.index import IndexEntry, load_index, load_motion
+from archfrag.motions.index import IndexEntry, load_index
 from archfrag.motions.measures import spectral_acceleration
+from archfrag.motions.read import load_motion
 from archfrag.motions.synthetic import make_motion
 from archfrag.motions.units import STANDARD_GRAVITY
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from archfrag.errors import RecordError
-from archfrag.motions.motion import Motion
 from archfrag.motions.units import unit_factor
 
 INDEX_NAME = "index.csv"
@@ -97,27 +96,6 @@ def find_entry(path: str | Path) -> IndexEntry | None:
     return None
 
 
-def load_motion(entry: IndexEntry) -> Motion:
-    """Read the record of a row, once its sha256, unit and time step are found as stated.
-
-    Raises
-    ------
-    RecordError
-        If the file is missing, has changed since it was listed, or has another time step.
-    """
-    from archfrag.motions.read import read_motion  # needs obspy
-
-    check_sha256(entry)
-    motion = read_motion(entry.path, unit=entry.unit)
-    step = entry.metadata.get("dt_s")
-    if step is not None and not np.isclose(step, motion.dt, rtol=1e-6, atol=0.0):
-        raise RecordError(
-            f"{entry.path}: the index lists dt_s = {step} s, the file has {motion.dt} s"
-        )
-    merged = {**motion.metadata, **_given(entry.metadata)}
-    return Motion(motion.acceleration, motion.dt, motion.vertical, entry.id, merged, motion.log)
-
-
 def check_sha256(entry: IndexEntry) -> None:
     """Raise RecordError unless the file of a row has the sha256 that the row lists (if any)."""
     if not entry.sha256:
@@ -133,10 +111,6 @@ def check_sha256(entry: IndexEntry) -> None:
             f"{entry.path}: sha256 is {digest[:16]}…, the index lists {entry.sha256[:16]}…; the "
             "file has changed since it was listed"
         )
-
-
-def _given(metadata: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in metadata.items() if value not in (None, "")}
 
 
 def _is_index(path: Path) -> bool:

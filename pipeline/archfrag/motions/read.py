@@ -114,6 +114,25 @@ def read_motions(
     return motions
 
 
+def load_motion(entry: IndexEntry) -> Motion:
+    """Read the record of a row, once its sha256, unit and time step are found as stated.
+
+    Raises
+    ------
+    RecordError
+        If the file is missing, has changed since it was listed, or has another time step.
+    """
+    check_sha256(entry)
+    motion = read_motion(entry.path, unit=entry.unit)
+    step = entry.metadata.get("dt_s")
+    if step is not None and not np.isclose(step, motion.dt, rtol=1e-6, atol=0.0):
+        raise RecordError(
+            f"{entry.path}: the index lists dt_s = {step} s, the file has {motion.dt} s"
+        )
+    merged = {**motion.metadata, **_given(entry.metadata)}
+    return Motion(motion.acceleration, motion.dt, motion.vertical, entry.id, merged, motion.log)
+
+
 def _channels(
     path: Path, unit: str | None, inventory: Any
 ) -> tuple[list[_Channel], IndexEntry | None]:
@@ -345,3 +364,7 @@ def _aligned(
         upward.samples[first_upward : first_upward + count],
         log,
     )
+
+
+def _given(metadata: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in metadata.items() if value not in (None, "")}

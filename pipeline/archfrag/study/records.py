@@ -124,8 +124,7 @@ def read_sources(study: Study) -> Iterator["Motion"]:
 
 
 def _read(source: Source) -> list["Motion"]:
-    from archfrag.motions.index import load_motion
-    from archfrag.motions.read import read_motions
+    from archfrag.motions.read import load_motion, read_motions
 
     if source.entry is not None:
         return [load_motion(source.entry)]
