@@ -66,4 +66,8 @@ STATUS_SENTENCE = {
     ),
     Status.NOT_FINITE: "a position or velocity stopped being finite; try a smaller `dt`",
     Status.WORK_BOUND: "the allowed number of steps was used up; raise `max_steps`",
+    Status.NOT_APPLICABLE: (
+        "the method has no model for this motion (its mechanism is none of the method's, or the "
+        "initial state is not); use `auto`"
+    ),
 }

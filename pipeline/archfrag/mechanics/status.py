@@ -13,6 +13,7 @@ class Status(IntEnum):
     DOES_NOT_STAND = 4
     NOT_FINITE = 5
     WORK_BOUND = 6
+    NOT_APPLICABLE = 7
 
 
 class CollapseMode(IntEnum):

@@ -51,6 +51,12 @@ def _ladder():
     return run
 
 
+def _four_link():
+    from archfrag.methods.four_link import run
+
+    return run
+
+
 FOLLOW = Parameter("follow", "s", 20.0, "how long to go on past the end of the record")
 METHODS = {
     "time_stepping": MethodInfo(
@@ -102,6 +108,25 @@ METHODS = {
         ),
         citation="as event_driven (Dormand and Prince 1980) and time_stepping (Moreau 1988)",
         load=_ladder,
+    ),
+    "four_link": MethodInfo(
+        name="four_link",
+        code=4,
+        order=5,
+        meaning=(
+            "baseline: a linkage of one degree of freedom, its four hinges those of limit "
+            "analysis, mirrored at every impact"
+        ),
+        parameters=(
+            Parameter("rtol", "1", 1e-6, "relative error allowed between impacts"),
+            FOLLOW,
+        ),
+        citation=(
+            "Oppenheim 1992, Earthquake Engng Struct. Dyn. 21, 1005-1017; Clemente 1998, J. "
+            "Struct. Eng. 124(5), 513-522; De Lorenzis, DeJong and Ochsendorf 2007, Earthquake "
+            "Engng Struct. Dyn. 36, 2119-2136"
+        ),
+        load=_four_link,
     ),
 }
 
