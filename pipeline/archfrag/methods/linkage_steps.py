@@ -51,7 +51,7 @@ LONGEST, FIRST, SHORTEST = 0.25, 0.02, 1e-10
 # Rotations smaller than this, and speeds smaller than this part of that of a fall through a
 # joint's length, need not be relatively exact.
 FLOOR = 0.02
-N_ROOT = 60
+N_ROOT, ROOT = 60, 1e-13
 # What a root is sought of.
 OF_CLOSING, OF_TURNING, OF_FALLING = 0, 1, 2
 
@@ -241,13 +241,14 @@ def locate(case, linkage, kind, step):
                 return 0.0
             at_low = _measure(case, linkage, kind, low)
     side = 0
+    none = ROOT * max(at_low, -at_high)
     for _ in range(N_ROOT):
         here = (low * at_high - high * at_low) / (at_high - at_low)
         if not low < here < high:
-            break
+            here = 0.5 * (low + high)
         value = _measure(case, linkage, kind, here)
-        if value == 0.0 or high - low < 1e-14 * step:
-            break
+        if abs(value) <= none or high - low < ROOT * step:
+            return here
         if value < 0.0:
             high, at_high = here, value
             if side == -1:
@@ -258,7 +259,6 @@ def locate(case, linkage, kind, step):
             if side == 1:
                 at_high *= 0.5
             side = 1
-    # Just past the event: what has to be negative there is.
     _measure(case, linkage, kind, high)
     return high
 
