@@ -257,7 +257,8 @@ class TestLagrange:
         time = np.arange(0.0, 0.8, dt)
         up = 0.2 * g * np.sin(9.0 * time)
         motion = af.Motion(0.9 * g * np.cos(3.0 * time), dt, vertical=up)
-        past = four_link(arch, motion, history=True, rtol=1e-10).history
+        response = four_link(arch, motion, history=True, rtol=1e-10)
+        past = response.history
         inside = slice(50, 250)
         step = np.arange(past.time.size)[inside]
         ends = past.time.values[step + 1] - past.time.values[step - 1]
@@ -273,24 +274,37 @@ class TestLagrange:
         mass, weight = arch.chain.mass[:, None], arch.chain.mass.sum() * g
         left = force[:, :-1] - force[:, 1:] - mass * (rate("velocity") + ground[:, None, :])
         assert np.abs(left).max() < 1e-4 * weight
-        middles = 0.5 * (arch.intrados + arch.extrados)
         turn = past.rotation.values[step]
         centre = arch.chain.centroid + past.displacement.values[step]
+
+        def places(points, joint):
+            """Where points of a joint are on the voussoirs before and after it."""
+            for body in (joint - 1, joint):
+                if not 0 <= body < arch.n_voussoir:
+                    yield np.broadcast_to(points[joint], (step.size, 2))
+                    continue
+                c, s = np.cos(turn[:, body]), np.sin(turn[:, body])
+                x, y = points[joint] - arch.chain.centroid[body]
+                yield centre[:, body] + np.stack([c * x - s * y, s * x + c * y], axis=1)
+
+        def moment_of(arm, joint):
+            return arm[:, 0] * force[:, joint, 1] - arm[:, 1] * force[:, joint, 0]
+
+        # The middle of an open joint lies between the middles of its two faces.
+        middles = 0.5 * (arch.intrados + arch.extrados)
+        middle = [sum(places(middles, j)) / 2.0 for j in range(arch.n_joint)]
         spin = moment[:, :-1] - moment[:, 1:] - arch.chain.inertia * rate("angular_velocity")
         for i in range(arch.n_voussoir):
             for j, sign in ((i, 1.0), (i + 1, -1.0)):
-                # The middle of an open joint lies between the middles of its two faces.
-                places = []
-                for body in (j - 1, j):
-                    if not 0 <= body < arch.n_voussoir:
-                        places.append(np.broadcast_to(middles[j], (step.size, 2)))
-                        continue
-                    c, s = np.cos(turn[:, body]), np.sin(turn[:, body])
-                    x, y = middles[j] - arch.chain.centroid[body]
-                    places.append(centre[:, body] + np.stack([c * x - s * y, s * x + c * y], 1))
-                arm = 0.5 * (places[0] + places[1]) - centre[:, i]
-                spin[:, i] += sign * (arm[:, 0] * force[:, j, 1] - arm[:, 1] * force[:, j, 0])
+                spin[:, i] += sign * moment_of(middle[j] - centre[:, i], j)
         assert np.abs(spin).max() < 1e-4 * weight * 1.5
+        # Pins bear no moment.
+        for joint, side in af.onset(arch).hinges:
+            before, after = places(getattr(arch, side), joint)
+            np.testing.assert_allclose(before, after, atol=1e-9)
+            about_pin = moment[:, joint] + moment_of(middle[joint] - before, joint)
+            assert np.abs(about_pin).max() < 1e-9 * weight * 10.0
+        assert response.residual < 1e-12
 
     def test_history_keeps_voussoirs_of_one_body_together(self):
         response = four_link(oppenheim(), rectangle(1.0, 0.2), history=True)
