@@ -19,8 +19,8 @@ and Lagrange's equation for large rotations ::
 
     M q.. + (M'/2) q.^2 = - sum m (a_x x' + (g + a_y) y')
 
-(Oppenheim 1992, Earthquake Engng Struct. Dyn. 21, 1005-1017; Clemente 1998, J. Struct. Eng.
-124(5), 513-522). A chain with a free end has one hinge and one body: the rocking block (Housner
+(Oppenheim 1992, Earthquake Engng Struct. Dyn. 21(11), 1005-1017; Clemente 1998, ibid. 27(5),
+513-522). A chain with a free end has one hinge and one body: the rocking block (Housner
 1963), of which all this is the case of no closure.
 """
 

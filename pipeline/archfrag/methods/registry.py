@@ -122,9 +122,9 @@ METHODS = {
             FOLLOW,
         ),
         citation=(
-            "Oppenheim 1992, Earthquake Engng Struct. Dyn. 21, 1005-1017; Clemente 1998, J. "
-            "Struct. Eng. 124(5), 513-522; De Lorenzis, DeJong and Ochsendorf 2007, Earthquake "
-            "Engng Struct. Dyn. 36, 2119-2136"
+            "Oppenheim 1992, Earthquake Engng Struct. Dyn. 21(11), 1005-1017; Clemente 1998, "
+            "ibid. 27(5), 513-522; De Lorenzis, DeJong and Ochsendorf 2007, ibid. 36(14), "
+            "2119-2136"
         ),
         load=_four_link,
     ),
