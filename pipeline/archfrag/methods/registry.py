@@ -45,6 +45,12 @@ def _event_driven():
     return run
 
 
+def _penalty():
+    from archfrag.methods.penalty import run
+
+    return run
+
+
 def _ladder():
     from archfrag.methods.ladder import run
 
@@ -127,6 +133,53 @@ METHODS = {
             "2119-2136"
         ),
         load=_four_link,
+    ),
+    "penalty": MethodInfo(
+        name="penalty",
+        code=5,
+        order=2,
+        meaning=(
+            "distinct elements: rigid voussoirs on penalty springs with Coulomb friction and "
+            "Rayleigh or local damping, by explicit central differences"
+        ),
+        parameters=(
+            Parameter("dt", "s", 1e-3, "largest time step; divided where the springs need it"),
+            FOLLOW,
+            Parameter("stiffness", "Pa/m", 1e10, "normal stiffness per joint area", 1e3, 1e16),
+            Parameter("shear_ratio", "1", 0.4, "shear over normal stiffness", 1e-3, 10.0),
+            Parameter(
+                "damping_stiffness",
+                "1",
+                0.3,
+                "stiffness-proportional damping: critical at the highest frequency is one",
+                0.0,
+                10.0,
+            ),
+            Parameter(
+                "damping_mass",
+                "1",
+                0.0,
+                "mass-proportional damping: critical at damping_frequency is one",
+                0.0,
+                10.0,
+            ),
+            Parameter("damping_frequency", "Hz", 1.0, "where damping_mass applies", 1e-3, 1e4),
+            Parameter("local_damping", "1", 0.0, "Cundall's local damping coefficient", 0.0, 0.99),
+            Parameter("step_fraction", "1", 0.25, "part of the critical step", 1e-3, 4.0),
+            Parameter(
+                "rounding",
+                "1",
+                1e-3,
+                "slip over joint length in which a vertex passes another",
+                1e-9,
+                0.1,
+            ),
+        ),
+        citation=(
+            "Cundall and Strack 1979, Geotechnique 29(1), 47-65; Cundall 1988, Int. J. Rock Mech. "
+            "Min. Sci. 25(3), 107-116; Lemos 2007, Int. J. Archit. Heritage 1(2), 190-213"
+        ),
+        load=_penalty,
     ),
 }
 
