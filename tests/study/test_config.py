@@ -207,11 +207,14 @@ def test_schema_beside_the_configs_is_the_one_of_the_models():
 
 def test_schema_tells_what_the_registry_says_of_methods():
     from archfrag.methods.registry import METHODS
+    from archfrag.simulation.checks import own_parameters
 
     method = json.loads(study_schema())["$defs"]["Method"]["properties"]
     assert method["name"]["enum"] == list(dict.fromkeys(["auto", *METHODS]))
     for info in METHODS.values():
         for parameter in info.parameters:
+            if parameter.name in own_parameters(info):
+                continue  # given under settings
             assert info.name in method[parameter.name]["description"]
     assert "[s]" in method["dt"]["description"]
     assert "0.0005 if not given" in method["dt"]["description"]
