@@ -13,7 +13,10 @@ from archfrag.evidence.part import Setup
 from archfrag.evidence.store import load, save
 
 # In the order in which they are measured and shown.
-PARTS: dict[str, str] = {}
+PARTS: dict[str, str] = {
+    "growth": "archfrag.evidence.growth",
+    "fragility": "archfrag.evidence.fragility",
+}
 
 
 def part(name: str) -> ModuleType:

@@ -1,0 +1,392 @@
+"""Figures, tables and sentences of the fragility part; all of it made from its tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+from archfrag.evidence.part import Frames, Note, Section
+from archfrag.report import canvas
+from archfrag.report.canvas import Picture, faint_grid, picture
+
+LOOK: Mapping[str, tuple[str, str, str]] = {
+    "time_stepping": ("time stepping", canvas.ORANGE, "o"),
+    "auto": ("auto (the ladder)", canvas.BLUE, "s"),
+    "event_driven": ("event-driven", canvas.GREEN, "D"),
+    "four_link": ("four-link, one degree of freedom", canvas.VERMILION, "X"),
+    "penalty": ("penalty springs", canvas.PURPLE, "^"),
+    "gauss_seidel": ("Gauss–Seidel", canvas.SKY, "v"),
+    "quadratic_programme": ("quadratic programme", canvas.INK, "P"),
+}
+# Where the setting stands beside a point [point], so that neighbours of two methods stay apart.
+SHIFT: Mapping[str, tuple[tuple[int, int], str]] = {
+    "time_stepping": ((4, 5), "left"),
+    "auto": ((-4, -10), "right"),
+    "event_driven": ((5, -9), "left"),
+}
+RECORDS_OF = {"shipped": "shipped synthetic records", "real": "real records"}
+SLUG = {"shipped": "fragility_cost", "real": "fragility_cost_real"}
+
+
+def show(frames: Frames) -> Section:
+    """Section of the guide: answer, figures, tables.
+
+    Parameters
+    ----------
+    frames : mapping of str to DataFrame
+        As `archfrag.evidence.fragility.measure` gives them, or as read from their files.
+    """
+    curves, dispersion = frames["curves"], frames["dispersion"]
+    pictures: dict[str, Picture] = {}
+    notes, lead = [], []
+    for study in dict.fromkeys(curves["study"]):
+        table = curves[curves["study"] == study]
+        scatter = dispersion[dispersion["study"] == study]
+        pictures[SLUG[study]] = cost_picture(study, table, _floors(table, scatter))
+        lead.append(_answer(study, table, _floors(table, scatter)))
+        notes.append(_table(study, table))
+    pictures["fragility_dispersion"] = dispersion_picture(curves, dispersion)
+    lead += [_share(row) for _, row in _often(dispersion).iterrows()]
+    notes += [_dispersion_note(dispersion), _repeated_note(frames["repeated"])]
+    if len(frames["left_out"]):
+        rows = tuple(tuple(map(str, row)) for row in frames["left_out"].to_numpy())
+        notes.append(Note("Left out", "What was not run.", ("study", "way", "reason"), rows))
+    return Section(
+        "Fragility: error of the curve against cost of the study", lead, pictures, notes
+    )
+
+
+def _floors(table: pd.DataFrame, scatter: pd.DataFrame) -> tuple[float, float]:
+    """What the reference is known to in ln theta and beta.
+
+    Half of how far its two methods lie apart; or, if that is larger, the standard error of the
+    mean of its studies, from how far a study comes out from itself if its motions change by
+    1e-9: methods that agree by chance prove no more than that.
+    """
+    first = table.iloc[0]
+    own = [0.5 * first["reference_ln_theta_error"], 0.5 * first["reference_beta_error"]]
+    mean = np.sqrt(first["reference_studies"])
+    for number, name in enumerate(("sd_ln_theta", "sd_beta")):
+        own[number] = max([own[number], *(_often(scatter)[name].dropna() / mean)])
+    return float(own[0]), float(own[1])
+
+
+def _often(dispersion: pd.DataFrame) -> pd.DataFrame:
+    """Rows of the ways that were repeated most in their study."""
+    most = dispersion.groupby("study")["repetitions"].transform("max")
+    return dispersion[dispersion["repetitions"] == most]
+
+
+def cost_picture(study: str, table: pd.DataFrame, floors: tuple[float, float]) -> Picture:
+    """Error of theta and of beta against the cost of the study.
+
+    Parameters
+    ----------
+    study : str
+    table : DataFrame
+        Rows of `curves` of this study.
+    floors : (float, float)
+        Error of the reference in ln theta and in beta.
+    """
+    first = table.iloc[0]
+    n_record, n_level = int(first["records"]), int(first["runs"] / first["records"])
+
+    def draw(figure: Figure) -> None:
+        figure.suptitle(
+            f"One fragility curve: {n_record} {RECORDS_OF[study]} × {n_level} levels of PGA, "
+            "arch of 7 voussoirs",
+            x=0.01, ha="left", fontsize=9.0, fontweight="bold",
+        )  # fmt: skip
+        panels = figure.subplots(1, 2, sharex=True)
+        ways = table[table["role"] == "way"]
+        scale = np.array([100.0, 100.0 / _reference_beta(table)])
+        titles = ("Error of the median theta (%)", "Error of the dispersion beta (%)")
+        for number, (axes, name) in enumerate(zip(panels, ("ln_theta", "beta"))):
+            sampling = scale[number] * first[f"sampling_{name}"]
+            _panel(axes, ways, name, scale[number], sampling, scale[number] * floors[number])
+            axes.set_title(titles[number])
+            axes.set_xlabel("cost of the whole study (CPU seconds, one core)")
+        handles, labels = panels[0].get_legend_handles_labels()
+        figure.legend(
+            handles, labels, loc="outside lower center", ncols=min(4, len(labels)), frameon=False,
+            handlelength=1.6, columnspacing=1.4,
+        )  # fmt: skip
+
+    names = ", ".join(LOOK[name][0] for name in dict.fromkeys(table["method"]) if name in LOOK)
+    return picture(
+        SLUG[study],
+        (canvas.WIDTH, 4.3),
+        draw,
+        alternative=f"Error of theta and beta against the CPU time of the study, for {names}.",
+        caption=(
+            f"Each point is a whole study ({n_record * n_level:,} runs) by one method at one step "
+            "or tolerance, as written beside it: lower is more accurate, further left is cheaper. "
+            "Bars: 90 % interval of the difference from the reference, records resampled for both "
+            "together; down to the edge where it includes none. Grey: what the reference itself is known to "
+            f"({100 * floors[0]:.2g} % in theta); hollow points there differ from it by no more "
+            f"than it does from itself. Dashed: standard error of theta or beta from having "
+            f"{n_record} records only ({100 * first['sampling_ln_theta']:.1f} % in theta). "
+            f"The reference: {int(first['reference_studies'])} studies of "
+            f"{_reference_cost(table)} s by fine steps and by events at a tight tolerance."
+        ),
+    )
+
+
+def _reference_beta(table: pd.DataFrame) -> float:
+    row = table.iloc[0]
+    return float(row["beta"] - row["beta_difference"])
+
+
+def _panel(
+    axes: Axes, ways: pd.DataFrame, name: str, scale: float, sampling: float, floor: float
+) -> None:
+    error = scale * ways[f"{name}_difference"].abs()
+    ends = scale * ways[[f"{name}_low", f"{name}_high"]]
+    smallest = min([floor, sampling, *error[error > 0.0].dropna()])
+    bottom = 10.0 ** np.floor(np.log10(0.5 * smallest))
+    highest = max(sampling, float(np.nanmax(ends.abs().to_numpy(), initial=0.0)))
+    axes.axhspan(0.5 * bottom, floor, color=canvas.PALE, alpha=0.6, linewidth=0)
+    axes.axhline(sampling, color=canvas.INK, linestyle=(0, (5, 3)), linewidth=1.0)
+    for text, value, shift in (
+        ("sampling error: these records only", sampling, 3),
+        ("the reference is known to this", floor, -9),
+    ):
+        axes.annotate(
+            text, (0.02, value), (0, shift), xycoords=("axes fraction", "data"), fontsize=7.0,
+            textcoords="offset points", color=canvas.INK, annotation_clip=True,
+        ).set_in_layout(False)  # fmt: skip
+    for method, group in ways.groupby("method", sort=False):
+        label, colour, marker = LOOK.get(str(method), (str(method), canvas.GREY, "o"))
+        group = group.sort_values("cpu_seconds")
+        x, y = group["cpu_seconds"].to_numpy(), np.maximum(error[group.index].to_numpy(), bottom)
+        low, high = ends.loc[group.index].to_numpy().T
+        over = np.where(low * high < 0.0, bottom, np.minimum(abs(low), abs(high)))
+        top = np.maximum(np.maximum(abs(low), abs(high)), y)
+        axes.vlines(x, np.clip(over, bottom, y), top, color=colour, linewidth=1.0, alpha=0.45)
+        axes.plot(x, y, color=colour, linewidth=1.0, alpha=0.6)
+        within = y <= floor
+        axes.plot(x[~within], y[~within], marker, color=colour, markersize=6, label=label,
+                  zorder=5)  # fmt: skip
+        axes.plot(x[within], y[within], marker, markerfacecolor="white", markeredgecolor=colour,
+                  markersize=6, zorder=5,
+                  label="" if np.any(~within) else label)  # fmt: skip
+        away, side = SHIFT.get(str(method), ((6, -3), "left"))
+        for i, way in enumerate(group["way"]):
+            axes.annotate(
+                _setting(way), (x[i], y[i]), away, fontsize=7.0, color=colour, ha=side,
+                textcoords="offset points", zorder=6,
+            ).set_in_layout(False)  # fmt: skip
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_ylim(0.85 * bottom, 1.6 * highest)
+    axes.yaxis.set_major_locator(LogLocator(10.0, (1.0, 3.0)))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_locator(LogLocator(10.0, (1.0, 3.0)))
+    axes.xaxis.set_minor_locator(NullLocator())
+    plain = FuncFormatter(lambda value, _: f"{value:g}")
+    axes.xaxis.set_major_formatter(plain)
+    axes.yaxis.set_major_formatter(plain)
+    axes.margins(x=0.09)
+    faint_grid(axes)
+
+
+def _setting(way: str) -> str:
+    """The setting of a way, without its method."""
+    setting = way.split(" ", 1)[1].split(",")[0]
+    return setting if setting.endswith("ms") else f"{float(setting):.0e}".replace("e-0", "e-")
+
+
+def dispersion_picture(curves: pd.DataFrame, dispersion: pd.DataFrame) -> Picture:
+    """Shares of beta squared, and how much of it other settings do not share.
+
+    Parameters
+    ----------
+    curves, dispersion : DataFrame
+        Tables of the part.
+    """
+    parts = (
+        ("record", "from record to record", canvas.SKY),
+        ("level", "from level to level of a record", canvas.PALE),
+        ("numerical", "numerical: lost if the motion changes by 1e-9", canvas.VERMILION),
+    )
+    bars = dispersion.iloc[::-1].reset_index(drop=True)
+    steps = curves[(curves["method"] == "time_stepping") & curves["not_shared"].notna()]
+
+    def draw(figure: Figure) -> None:
+        left, right = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
+        start = np.zeros(len(bars))
+        for name, label, colour in parts:
+            value = 100.0 * bars[name].to_numpy()
+            left.barh(bars.index, value, left=start, color=colour, height=0.55, label=label)
+            start += value
+        for i, row in bars.iterrows():
+            spread = 100.0 * (1.0 - row[["numerical_high", "numerical_low"]].to_numpy(float))
+            left.plot(spread, [i, i], color=canvas.INK, linewidth=1.2)
+            left.annotate(f"{100 * row['numerical']:.1f} %", (101.0, i), va="center", fontsize=8.0)
+        left.set_yticks(bars.index, [_bar_label(r) for _, r in bars.iterrows()])
+        left.set_xlim(0.0, 112.0)
+        left.set_xlabel("share of beta² (%)")
+        figure.legend(
+            *left.get_legend_handles_labels(), loc="outside upper left", ncols=3, frameon=False,
+            handlelength=1.2, columnspacing=1.2,
+        )  # fmt: skip
+        for study, group in steps.groupby("study", sort=False):
+            step = [float(way.split(" ")[1]) for way in group["way"]]
+            colour = canvas.ORANGE if study == "shipped" else canvas.PURPLE
+            order = np.argsort(step)
+            share = 100.0 * group["not_shared"].to_numpy()[order]
+            right.plot(np.array(step)[order], share, "o-", color=colour, label=str(study))
+        right.set_xscale("log")
+        right.set_ylim(bottom=0.0)
+        right.xaxis.set_major_locator(LogLocator(10.0, (1.0, 2.0, 5.0)))
+        right.xaxis.set_minor_locator(NullLocator())
+        right.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        right.set_xlabel("step of time stepping (ms)")
+        right.set_title("Share of beta² not in common\nwith the reference (%)")
+        if steps["study"].nunique() > 1:
+            right.legend()
+        faint_grid(right)
+
+    return picture(
+        "fragility_dispersion",
+        (canvas.WIDTH, 1.7 + 0.35 * len(bars)),
+        draw,
+        alternative="Shares of beta squared: records, levels, numerical; and by step.",
+        caption=(
+            "Left: what beta² is made of, from the same study made again with motions larger by "
+            "1e-9, 2e-9, …; black: 90 % interval of the numerical share, records resampled. "
+            "Right: the part of beta² in which verdicts of time stepping do not agree with the "
+            "reference's, by step; it includes what the reference does not share with itself."
+        ),
+    )
+
+
+def _bar_label(row: pd.Series) -> str:
+    name = LOOK[row["way"].split(" ")[0]][0].split(" (")[0]
+    return f"{name} {_setting(row['way'])}\n{row['study']} records"
+
+
+def _answer(study: str, table: pd.DataFrame, floors: tuple[float, float]) -> str:
+    first = table.iloc[0]
+    sampling = first["sampling_ln_theta"]
+    ways = table[(table["role"] == "way") & table["ln_theta_difference"].notna()]
+    good = ways[ways["ln_theta_difference"].abs() < 0.5 * sampling].sort_values("cpu_seconds")
+    text = (
+        f"{int(first['records'])} {RECORDS_OF[study]}: theta is known to "
+        f"{100 * sampling:.1f} % from the sample of records, and the reference to "
+        f"{100 * floors[0]:.2g} %. "
+    )
+    if good.empty:
+        return text + "No way comes within half of the former."
+    best = good.iloc[0]
+    return text + (
+        f"The cheapest way whose theta is within half of the former of the reference's is "
+        f"{best['way']}: {best['cpu_seconds']:.1f} s of CPU for {int(best['runs'])} runs, theta "
+        f"{100 * best['ln_theta_difference']:+.2f} % "
+        f"({100 * best['ln_theta_low']:+.2f} to {100 * best['ln_theta_high']:+.2f}), where the "
+        f"reference's studies took {_reference_cost(table)} s each."
+    )
+
+
+def _reference_cost(table: pd.DataFrame) -> str:
+    cost = table.loc[table["role"] == "reference", "cpu_seconds"]
+    return " and ".join(f"{value:.0f}" for value in cost)
+
+
+def _share(row: pd.Series) -> str:
+    return (
+        f"Dispersion, {row['study']} records by {row['way']}: {100 * row['numerical']:.1f} % of "
+        f"beta² is numerical (90 %: {100 * row['numerical_low']:.1f} to "
+        f"{100 * row['numerical_high']:.1f}), {100 * row['record']:.0f} % from record to record "
+        f"({100 * row['record_low']:.0f} to {100 * row['record_high']:.0f}), the rest from level "
+        f"to level of a record; theta of the {int(row['repetitions'])} repetitions scatters by "
+        f"{100 * row['sd_ln_theta']:.2g} %."
+    )
+
+
+def _signed(row: pd.Series, name: str, scale: float) -> str:
+    value, low, high = (
+        scale * row[key] for key in (f"{name}_difference", f"{name}_low", f"{name}_high")
+    )
+    return f"{value:+.2f} ({low:+.2f} to {high:+.2f})" if np.isfinite(value) else "no curve"
+
+
+def _table(study: str, table: pd.DataFrame) -> Note:
+    first = table.iloc[0]
+    scale = 100.0 / _reference_beta(table)
+    rows = tuple(
+        (
+            f"{row['way']}{' (reference)' if row['role'] == 'reference' else ''}",
+            f"{row['theta_g']:.3f}", f"{row['beta']:.3f}", _signed(row, "ln_theta", 100.0),
+            _signed(row, "beta", scale), str(int(row["differ"])), str(int(row["failures"])),
+            str(int(row["unfinished"])), f"{100 * row['not_shared']:.1f}",
+            f"{row['cpu_seconds']:.1f}",
+        )
+        for _, row in table.iterrows()
+    )  # fmt: skip
+    return Note(
+        f"Every way on the {RECORDS_OF[study]}",
+        f"{int(first['runs'])} runs each, PGA in g. Differences from the reference, the curve of "
+        f"its {int(first['reference_studies'])} studies together, with 90 % intervals of records "
+        "resampled in pairs. The two methods of the reference lie "
+        f"{100 * first['reference_ln_theta_error']:.2f} % apart in theta, "
+        f"{scale * first['reference_beta_error']:.2f} % in beta, and its studies disagree in "
+        f"{int(first['reference_disagrees'])} verdicts, which are not counted where verdicts "
+        f"differ. From the sample of records the standard error of theta is "
+        f"{100 * first['sampling_ln_theta']:.1f} % (records resampled; "
+        f"{100 * first['se_ln_theta']:.1f} % if runs were independent), of beta "
+        f"{scale * first['sampling_beta']:.0f} %. Cost: CPU time of the process that ran it, "
+        "kernels loaded before; with several processes at once memory and cores are shared, which "
+        "makes it larger but never smaller.",
+        ("way", "theta (g)", "beta", "theta (%)", "beta (%)", "verdicts differ", "failures",
+         "unfinished", "beta² not shared (%)", "CPU (s)"),
+        rows,
+    )  # fmt: skip
+
+
+def _dispersion_note(dispersion: pd.DataFrame) -> Note:
+    def share(row: pd.Series, name: str) -> str:
+        low, high = 100.0 * row[f"{name}_low"], 100.0 * row[f"{name}_high"]
+        return f"{100.0 * row[name]:.1f} ({low:.1f} to {high:.1f})"
+
+    rows = tuple(
+        (
+            f"{row['way']}, {row['study']}", str(int(row["repetitions"])), f"{row['beta']:.3f}",
+            *(share(row, name) for name in ("numerical", "level", "record")),
+            f"{int(row['cases_that_flip'])} of {int(row['cases'])}",
+            f"{100.0 * row['sd_ln_theta']:.2f}", f"{row['sd_beta']:.4f}",
+        )
+        for _, row in dispersion.iterrows()
+    )  # fmt: skip
+    return Note(
+        "What beta² is made of",
+        "Shares in per cent with 90 % intervals. The same study made again with motions larger by "
+        "k × 1e-9, which acts as an initial state displaced by as much without opening or "
+        "pressing a contact by itself. Verdicts are not monotone in the level, so that a record "
+        "has no single capacity; the shares are correlations of a latent normal variable seen in "
+        "pairs of verdicts: of the same record at the same level (what is left to 1 is "
+        "numerical), and of the same record at other levels (record to record). What comes back "
+        "in every repetition but changes with the level is the third part.",
+        ("study", "repetitions", "beta", "numerical", "level to level", "record to record",
+         "cases whose verdict flips", "sd of ln theta (%)", "sd of beta"),
+        rows,
+    )  # fmt: skip
+
+
+def _repeated_note(repeated: pd.DataFrame) -> Note:
+    rows = tuple(
+        (f"{row['way']}, {row['study']}", f"{int(row['repetition'])} × 1e-9",
+         f"{row['theta_g']:.4f}", f"{row['beta']:.4f}")
+        for _, row in repeated.iterrows()
+    )  # fmt: skip
+    return Note(
+        "The same study again",
+        "Curve of every repetition.",
+        ("study", "motion larger by", "theta (g)", "beta"),
+        rows,
+    )
