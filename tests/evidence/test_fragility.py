@@ -157,7 +157,7 @@ class TestCurvesBesideTheReference:
         assert all("<svg" in shown.svg for shown in section.pictures.values())
         shown = {row[0] for row in section.notes[0].rows}
         assert {WAYS[0], "four_link 2 ms", f"{PAIR[0]} (reference)"} <= shown
-        assert "% of beta² is numerical" in section.lead[1]
+        assert "% of beta² is numerical" in section.lead[2]
 
 
 class TestRecordsAndRuns:

@@ -313,7 +313,7 @@ def _auto(table: pd.DataFrame, floors: tuple[float, float]) -> str:
     texts = []
     for i in np.flatnonzero(ours["method"] == "auto"):
         row = ours.iloc[i]
-        as_good = ours[(error <= error[i]).all(axis=1) & (ours["way"] != row["way"])]
+        as_good = ours[(error <= error[i]).all(axis=1) & (ours["method"] != "auto")]
         if as_good.empty:
             texts.append(f"{_setting(row['way'])}: no other is as good")
             continue
@@ -321,8 +321,8 @@ def _auto(table: pd.DataFrame, floors: tuple[float, float]) -> str:
         ratio = row["cpu_seconds"] / other["cpu_seconds"]
         texts.append(f"{_setting(row['way'])}: {ratio:.1f} times {_name(other['way'])}")
     return (
-        "Cost of auto beside the cheapest other way of ours whose errors of theta and of beta are "
-        f"no larger, or within what the reference is known to: {'; '.join(texts)}."
+        "Cost of auto beside the cheapest way of our other methods whose errors of theta and of "
+        f"beta are no larger, or within what the reference is known to: {'; '.join(texts)}."
     )
 
 

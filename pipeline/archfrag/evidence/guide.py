@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from archfrag.evidence.part import Frames, Section
 from archfrag.methods.registry import METHODS
-from archfrag.study.files import write_text
+from archfrag.study.files import make_folder, write_text
 from archfrag.study.provenance import commit, machine, versions
 
 PAGE = "guide.html"
@@ -72,6 +72,7 @@ def write_guide(found: Mapping[str, Frames], folder: Path) -> Path:
         methods=list(METHODS.values()),
         facts=facts,
     )
+    make_folder(folder / "figures")
     for _, section in sections:
         for name, shown in section.pictures.items():
             write_text(folder / "figures" / f"{name}.svg", shown.svg)
