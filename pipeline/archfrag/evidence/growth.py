@@ -267,8 +267,8 @@ def show(frames: Frames) -> Section:
     rows = tuple(
         (
             LOOK.get(row["method"], (row["method"],))[0], f"{row['least']:g} to {row['most']:g}",
-            _power(row), f"n^{round(row['steps_exponent'], 2) + 0.0:.2f}", f"{row['at_least']:.3g}",
-            f"{row['at_most']:.3g}",
+            _power(row), f"n^{round(row['steps_exponent'], 2) + 0.0:.2f}",
+            f"{row['at_least']:.3g}", f"{row['at_most']:.3g}",
         )
         for _, row in exponents.iterrows()
     )  # fmt: skip
