@@ -220,6 +220,56 @@ def method(folder: Path, slenderness: float) -> None:
 
 
 @main.command()
+@click.argument("parts", nargs=-1, metavar="[PART]...")
+@click.option("--quick", is_flag=True, help="The reduced set: less than 20 minutes on two cores.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("results/evidence"),
+    show_default=True,
+    help="Folder to write to.",
+)
+@click.option(
+    "--records",
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    help="Folder of the shipped records, if not records/.",
+)
+@click.option(
+    "--real",
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    help="Folder with real records (at2/*.AT2), or else scenes of them are skipped.",
+)
+@click.option(
+    "--peers",
+    multiple=True,
+    metavar="NAME",
+    help="Other solver to run beside ours: mujoco, pymunk, lmgc90, siconos. Repeatable.",
+)
+@click.option("--workers", type=click.IntRange(min=1), help="Processes for what is not timed.")
+def evidence(
+    parts: tuple[str, ...], quick: bool, out: Path, records: Path | None, real: Path | None,
+    peers: tuple[str, ...], workers: int | None,
+) -> None:  # fmt: skip
+    """Speed against accuracy, and where methods fail: tables, figures and a guide.
+
+    PARTS are growth and fragility; all if none is named.
+    """
+    from archfrag.evidence.command import gather_evidence
+    from archfrag.evidence.part import Setup, records_folder
+    from archfrag.evidence.run import Places
+    from archfrag.study.provenance import available_cores
+
+    setup = Setup(
+        quick=quick,
+        places=Places(records or records_folder(), real),
+        workers=workers or available_cores(),
+        peers=peers,
+        say=functools.partial(click.echo, err=True),
+    )
+    click.echo(f"guide: {gather_evidence(parts, setup, out)}")
+
+
+@main.command()
 @_study
 @_set
 @_json
