@@ -72,6 +72,8 @@ class Count(IntEnum):
     HAND_OVERS = 14  # times that event-driven integration gave way to time stepping
     FRAMES = 15  # frames of the history written
     LOG_ENTRIES = 16  # changes of the mechanism
+    SWEEPS = 17  # passes over all contacts, by methods that relax them one by one
+    UNCONVERGED = 18  # steps taken with contact problems that the method's solver left unsolved
 
 
 class Energy(IntEnum):

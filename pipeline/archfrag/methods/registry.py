@@ -31,6 +31,7 @@ class MethodInfo(NamedTuple):
     parameters: tuple[Parameter, ...]
     citation: str
     load: Callable[[], Callable]
+    needs: str | None = None  # package of the extra `baselines` that it cannot run without
 
 
 def _time_stepping():
@@ -59,6 +60,18 @@ def _ladder():
 
 def _four_link():
     from archfrag.methods.four_link import run
+
+    return run
+
+
+def _gauss_seidel():
+    from archfrag.methods.gauss_seidel import run
+
+    return run
+
+
+def _quadratic_programme():
+    from archfrag.methods.quadratic_programme import run
 
     return run
 
@@ -180,6 +193,57 @@ METHODS = {
             "Min. Sci. 25(3), 107-116; Lemos 2007, Int. J. Archit. Heritage 1(2), 190-213"
         ),
         load=_penalty,
+    ),
+    "gauss_seidel": MethodInfo(
+        name="gauss_seidel",
+        code=6,
+        order=1,
+        meaning=(
+            "baseline: contact dynamics with two contacts a joint, solved by block Gauss-Seidel "
+            "sweeps, as LMGC90 does"
+        ),
+        parameters=(
+            Parameter("dt", "s", 1e-3, "time step", 1e-9),
+            FOLLOW,
+            Parameter("theta", "1", 0.5, "weight of the new velocities in a step", 0.5, 1.0),
+            Parameter(
+                "sweep_tolerance",
+                "1",
+                1e-6,
+                "relative change of the impulses in a sweep below which a step is solved",
+                1e-15,
+                1.0,
+            ),
+            Parameter("sweeps", "1", 25000, "largest number of sweeps in a step", 1, 1e9),
+        ),
+        citation=(
+            "Moreau 1988, CISM 302, 1-82; Jean 1999, Comput. Methods Appl. Mech. Engrg. 177, "
+            "235-257; Dubois, Acary and Jean 2018, C. R. Mecanique 346, 247-262"
+        ),
+        load=_gauss_seidel,
+    ),
+    "quadratic_programme": MethodInfo(
+        name="quadratic_programme",
+        code=7,
+        order=1,
+        meaning=(
+            "baseline: each step a convex quadratic programme in the velocities, with associative "
+            "friction"
+        ),
+        parameters=(
+            Parameter("dt", "s", 1e-3, "time step", 1e-9),
+            FOLLOW,
+            Parameter(
+                "solver_tolerance", "1", 1e-9, "accuracy asked of the solver, relative", 1e-12, 1.0
+            ),
+        ),
+        citation=(
+            "Loetstedt 1984, SIAM J. Sci. Stat. Comput. 5(2), 370-393; Glocker and Pfeiffer 1996, "
+            "Multibody Dynamics with Unilateral Contacts; Anitescu and Potra 1997, Nonlinear "
+            "Dynamics 14, 231-247"
+        ),
+        load=_quadratic_programme,
+        needs="piqp",
     ),
 }
 

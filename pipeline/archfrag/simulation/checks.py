@@ -1,5 +1,6 @@
 """Refusals: one sentence that names the argument."""
 
+import importlib.util
 import math
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -40,17 +41,27 @@ def check_arch(arch: Any) -> None:
         raise InputError(f"arch is {type(arch).__name__}; it must be an archfrag Arch or Block")
 
 
+def is_available(info: MethodInfo) -> bool:
+    """Whether the package that a method needs, if any, is installed."""
+    return info.needs is None or importlib.util.find_spec(info.needs) is not None
+
+
 def check_method(name: Any) -> MethodInfo:
     """The method of a name.
 
     Raises
     ------
     InputError
-        With the names that are allowed.
+        With the names that are allowed, or with the extra that has to be installed.
     """
     info = resolve(name) if isinstance(name, str) else None
     if info is None:
         raise InputError(f"method is {name!r}; allowed are {', '.join(method_names())}")
+    if not is_available(info):
+        raise InputError(
+            f"method {info.name} needs the package {info.needs}, which is not installed; it comes "
+            'with the extra baselines: pip install "archfrag[baselines]"'
+        )
     return info
 
 

@@ -23,7 +23,7 @@ _EVENTS = {
 }
 _WORK = (
     Count.STEPS, Count.ITERATIONS, Count.PATHS, Count.COMPLIANT, Count.SHORTENED, Count.LEVELS,
-    Count.LEVEL_ITERATIONS, Count.GENERAL,
+    Count.LEVEL_ITERATIONS, Count.GENERAL, Count.SWEEPS, Count.UNCONVERGED,
 )  # fmt: skip
 _ENERGY = {
     "kinetic": Energy.KINETIC,
@@ -73,11 +73,14 @@ class Response:
         is left over ("stray") [J].
     work : dict of str to int
         Counts of what was computed: "steps"; "iterations", linear contact problems on all
-        voussoirs; "paths", contact problems that needed the path following behind the Newton
-        iteration; "compliant", those solved with slightly compliant joints only
-        (`archfrag.mechanics.contact`); "shortened", steps halved; "levels", contact problems
-        solved by the first and second level; "level_iterations", those of them that needed more
-        than one round; "general", those that the levels left to the general solver.
+        voussoirs (of quadratic_programme: iterations of its solver); "paths", contact problems
+        that needed the path following behind the Newton iteration; "compliant", those solved
+        with slightly compliant joints only (`archfrag.mechanics.contact`); "shortened", steps
+        halved; "levels", contact problems solved by the first and second level;
+        "level_iterations", those of them that needed more than one round; "general", those that
+        the levels left to the general solver; "sweeps", passes of gauss_seidel over all
+        contacts; "unconverged", steps that a baseline took though its solver had not met its
+        tolerance.
     wall_time : float
         Time it took, compilation included if there was any [s].
     end_time : float
