@@ -15,6 +15,8 @@ from archfrag.evidence.store import load, save
 # In the order in which they are measured and shown.
 PARTS: dict[str, str] = {
     "growth": "archfrag.evidence.growth",
+    "stability": "archfrag.evidence.stability",
+    "corner_cases": "archfrag.evidence.corner_cases",
     "fragility": "archfrag.evidence.fragility",
 }
 

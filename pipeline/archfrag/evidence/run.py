@@ -87,7 +87,9 @@ def arch_of(scene: Scene) -> Arch:
     7
     """
     inner, outer = scene.joint_lines()
-    own = {key: scene.chain[key] for key in ("density", "depth") if key in scene.chain}
+    own = {
+        key: scene.chain[key] for key in ("density", "depth", "dead_load") if key in scene.chain
+    }
     return Arch.from_joints(inner, outer, scene.friction, free_end=scene.free_end, **own)
 
 
@@ -173,10 +175,9 @@ def run_scene(scene: Scene, way: Way, *, history: bool = False, **options: Any) 
     arch, motion = arch_of(scene), motion_of(scene)
     length = motion.dt * (motion.acceleration.size - 1)
     given = {"follow": max(0.0, scene.duration - length), **way.options, **options}
-    if scene.motion["kind"] == "none":
+    if scene.initial is not None or scene.motion["kind"] == "none":
         # An initial state lets an arch that cannot stand fall instead of being refused.
-        at_rest = np.zeros((arch.n_voussoir, 3))
-        given.setdefault("initial", (at_rest, at_rest.copy()))
+        given.setdefault("initial", scene.initial_state())
     return af.simulate(arch, motion, history=history, **given)
 
 

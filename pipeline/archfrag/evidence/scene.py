@@ -30,18 +30,23 @@ class Scene:
         `source` names the section of the comparison that the scene belongs to.
     chain : dict
         As in the file: `kind` "circular" (radius [m], thickness [m], embrace [degrees],
-        voussoirs), "block" (width [m], height [m]) or "column" (width and top_width [m], heights
-        of its drums [m]); friction, a number or "inf"; density [kg/m3]; depth [m].
+        voussoirs, and `joints` if they are not equal: angles from the left springing [degrees]),
+        "block" (width [m], height [m]) or "column" (width and top_width [m], heights of its drums
+        [m]); friction, a number or "inf"; density [kg/m3]; depth [m]; `dead_load`, a weight on
+        each back [N].
     motion : dict
         As in the file: `kind` "none", "rectangle" (amplitude for `duration`), "pulse" (the same,
-        then minus half of it for twice as long), "sine" (whole `cycles` of `period`), "record"
+        then minus half of it for twice as long), "sine" (whole `cycles` of `period`; in the
+        middle of a `background` that goes on for `length` [s] if there is one), "record"
         (`file` in the shipped records or in a folder of real ones) or "samples" (`values` in
-        units of the amplitude); amplitude in multiples of standard gravity, of a record its
-        peak; `sample_step` [s].
+        units of the amplitude, linear between them where `each` divides their step); amplitude in
+        multiples of standard gravity, of a record its peak; `sample_step` [s].
     duration : float
         Simulated time [s].
     low, high : float
         Amplitudes between which collapse begins, for searches; nan if it is not searched.
+    initial : dict or None
+        State at time 0, see `initial_state`; None: at rest.
     """
 
     name: str
@@ -52,6 +57,7 @@ class Scene:
     duration: float
     low: float = math.nan
     high: float = math.nan
+    initial: dict[str, Any] | None = None
 
     def at(self, amplitude: float) -> "Scene":
         """Same scene with another amplitude of the ground motion, in standard gravity."""
@@ -95,6 +101,8 @@ class Scene:
             return np.column_stack([-half, height]), np.column_stack([half, height])
         embrace = math.radians(chain["embrace"])
         angle = np.linspace(-0.5 * embrace, 0.5 * embrace, chain["voussoirs"] + 1)
+        if "joints" in chain:
+            angle = np.radians(chain["joints"]) - 0.5 * embrace
         direction = np.column_stack([np.sin(angle), np.cos(angle)])
         half = 0.5 * chain["thickness"]
         return (chain["radius"] - half) * direction, (chain["radius"] + half) * direction
@@ -134,12 +142,15 @@ class Scene:
         """Masses, inertias and centroids of the voussoirs."""
         density = self.chain.get("density", 2000.0) * self.chain.get("depth", 1.0)
         rows = [_polygon_moments(outline) for outline in self.polygons()]
-        area = np.array([row[0] for row in rows])
-        return Bodies(
-            density * area,
-            density * np.array([row[2] for row in rows]),
-            np.array([row[1] for row in rows]),
-        )
+        own = density * np.array([row[0] for row in rows])
+        inertia = density * np.array([row[2] for row in rows])
+        centroid = np.array([row[1] for row in rows])
+        load = np.broadcast_to(self.chain.get("dead_load", 0.0), own.shape) / STANDARD_GRAVITY
+        _, outer = self.joint_lines()
+        lever = 0.5 * (outer[:-1] + outer[1:]) - centroid
+        share = load / (own + load)
+        inertia = inertia + own * share * (lever**2).sum(axis=1)
+        return Bodies(own + load, inertia, centroid + share[:, None] * lever)
 
     def ground_acceleration(self) -> tuple[Array, float]:
         """Samples of the horizontal ground acceleration [m/s2] and their step [s].
@@ -149,7 +160,7 @@ class Scene:
         """
         motion = self.motion
         if motion["kind"] == "none":
-            return np.zeros(2), self.duration
+            return np.zeros(2), motion.get("sample_step", self.duration)
         step = float(motion["sample_step"])
         peak = motion["amplitude"] * STANDARD_GRAVITY
         if motion["kind"] == "pulse":
@@ -165,14 +176,78 @@ class Scene:
             samples[count] = 0.5 * peak
             return samples, step
         if motion["kind"] == "samples":
-            return peak * np.asarray(motion["values"], float), step
+            values, parts = np.asarray(motion["values"], float), motion.get("each", 1)
+            place = np.arange((len(values) - 1) * parts + 1) / parts
+            return peak * np.interp(place, np.arange(len(values)), values), step / parts
         if motion["kind"] != "sine":
             raise ValueError(
                 f"motion of kind {motion['kind']!r} in scene {self.name} has no samples"
             )
         count = round(motion["cycles"] * motion["period"] / step)
         time = step * np.arange(count + 1)
-        return peak * np.sin(2.0 * math.pi * time / motion["period"]), step
+        sine = np.sin(2.0 * math.pi * time / motion["period"])
+        if "length" not in motion:
+            return peak * sine, step
+        whole = np.arange(round(motion["length"] / step) + 1)
+        samples = motion["background"] * np.sin(2.0 * math.pi * step * whole / motion["period"])
+        first = (len(whole) - len(sine)) // 2
+        samples[first : first + len(sine)] = sine
+        return peak * samples, step
+
+    def initial_state(self) -> tuple[Array, Array]:
+        """Displacements from rest and velocities at time 0, (n, 3) each [m, m, rad], [.../s].
+
+        Of a block, `angle` [rad] about a base corner (counter-clockwise about the left one if
+        positive), `spin` [rad/s] about it, and `slip` of the corner along the ground [m/s]. Of
+        an arch, four `hinges` (joint, "intrados" or "extrados") and the `angle` by which the
+        first part between them has turned. Of either, `velocity` of all bodies, row by row, and
+        `mirrored`: all of it left for right, for a symmetric chain.
+        """
+        shift = np.zeros((len(self.bodies().mass), 3))
+        velocity = np.zeros_like(shift)
+        initial = self.initial or {}
+        if "hinges" in initial:
+            shift = self._four_hinges(initial["hinges"], initial["angle"])
+        elif "angle" in initial:
+            angle, spin = initial["angle"], initial.get("spin", 0.0)
+            corner = np.array([-0.5 * math.copysign(self.chain["width"], angle), 0.0])
+            shift[0, :2], shift[0, 2] = _turned(self.bodies().centroid[0], corner, angle), angle
+            arm = self.bodies().centroid[0] + shift[0, :2] - corner
+            velocity[0] = [initial.get("slip", 0.0) - spin * arm[1], spin * arm[0], spin]
+        velocity = velocity + np.asarray(initial.get("velocity", 0.0), float)
+        if initial.get("mirrored"):
+            shift, velocity = (rows[::-1] * [-1.0, 1.0, -1.0] for rows in (shift, velocity))
+        return shift, velocity
+
+    def _four_hinges(self, hinges: list[tuple[int, str]], angle: float) -> Array:
+        """Displacements of the mechanism of three parts, closed by two circles."""
+        sides = dict(zip(("intrados", "extrados"), self.joint_lines()))
+        first, second, third, last = (sides[side][joint] for joint, side in hinges)
+        second_now = second + _turned(second, first, angle)
+        apart = last - second_now
+        distance = float(np.hypot(*apart))
+        middle, far = np.hypot(*(third - second)), np.hypot(*(last - third))
+        along = (distance**2 + middle**2 - far**2) / (2.0 * distance)
+        across = math.sqrt(middle**2 - along**2)
+        unit = apart / distance
+        normal = np.array([-unit[1], unit[0]])
+        third_now = min(
+            (second_now + along * unit + sign * across * normal for sign in (1.0, -1.0)),
+            key=lambda place: float(np.hypot(*(place - third))),
+        )
+        turns = [
+            angle,
+            _angle_between(third - second, third_now - second_now),
+            _angle_between(last - third, last - third_now),
+        ]
+        shift = np.zeros((len(self.bodies().mass), 3))
+        parts = zip(hinges, hinges[1:], (first, second, third), (first, second_now, third_now))
+        for ((start, _), (end, _), pivot, pivot_now), turn in zip(parts, turns):
+            for body in range(start, end):
+                shift[body, :2] = _turned(self.bodies().centroid[body], pivot, turn)
+                shift[body, :2] += pivot_now - pivot
+                shift[body, 2] = turn
+        return shift
 
     def step_means(self, dt: float) -> Array:
         """Mean ground acceleration over each step of a run, (n_step,) [m/s2]."""
@@ -211,6 +286,18 @@ def load_scene(name: str) -> Scene:
 def scene_names() -> list[str]:
     """Names of all scene files."""
     return sorted(path.stem for path in FOLDER.glob("*.json"))
+
+
+def _turned(point: Array, pivot: Array, angle: float) -> Array:
+    """Displacement of a point that turns about another."""
+    cosine, sine = math.cos(angle) - 1.0, math.sin(angle)
+    x, y = point - pivot
+    return np.array([cosine * x - sine * y, sine * x + cosine * y])
+
+
+def _angle_between(before: Array, after: Array) -> float:
+    cross = before[0] * after[1] - before[1] * after[0]
+    return math.atan2(float(cross), float(before @ after))
 
 
 def _area(corners: Array) -> float:
