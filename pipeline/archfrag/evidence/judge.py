@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from archfrag.arch import Arch
@@ -11,6 +14,9 @@ from archfrag.mechanics.kinematics import clearance, joint_lengths, move_faces
 from archfrag.motions.motion import Motion
 
 Array = NDArray[np.float64]
+
+# Intervals between frames that a gain of energy lasts, if it is one.
+LASTING = 4
 
 
 @allocating
@@ -99,8 +105,9 @@ def path_energy_gain(
 
     Velocities are differences over the intervals between frames, so that it does not matter at
     which instant a method says its velocities are (those of leapfrog schemes lag by half a
-    step). An interval with an impact in it has too little kinetic energy; such dips are bridged,
-    so that what counts as made has lasted for two intervals.
+    step). An interval with an impact in it has too little kinetic energy, one with a jump of the
+    ground's acceleration a little too much: dips and peaks of less than `LASTING` intervals do
+    not count.
 
     Parameters
     ----------
@@ -117,15 +124,19 @@ def path_energy_gain(
     """
     distinct = np.append(True, np.diff(time) > 1e-9)
     time, displacement, rotation = time[distinct], displacement[distinct], rotation[distinct]
-    if time.size < 4:
+    if time.size <= 5 * LASTING:
         return 0.0
     span = np.diff(time)
     velocity = np.diff(displacement, axis=0) / span[:, None, None]
     kinetic = _kinetic(arch.chain, velocity, np.diff(rotation, axis=0) / span[:, None])
     place = _surplus_of_place(arch.chain, motion, time, displacement)
     surplus = kinetic + 0.5 * (place[1:] + place[:-1])
-    bridged = np.maximum(surplus[:-2], np.maximum(surplus[1:-1], surplus[2:]))
-    return _largest_rise(np.minimum(bridged[:-1], bridged[1:]), kinetic)
+    bridged = _over(np.min, _over(np.max, surplus))
+    return _largest_rise(_over(np.max, _over(np.min, bridged)), _over(np.min, kinetic))
+
+
+def _over(extreme: Callable[..., Array], values: Array) -> Array:
+    return extreme(sliding_window_view(values, LASTING), axis=1)
 
 
 def _kinetic(chain, velocity: Array, angular_velocity: Array) -> Array:
@@ -136,16 +147,26 @@ def _kinetic(chain, velocity: Array, angular_velocity: Array) -> Array:
 def _surplus_of_place(chain, motion: Motion, time: Array, displacement: Array) -> Array:
     """Potential energy less the work of the ground [J]."""
     potential = chain.gravity * displacement[:, :, 1] @ chain.mass
-    sample = motion.dt * np.arange(motion.acceleration.size)
     work = np.zeros(time.size)
     components = [(0, motion.acceleration)]
     if motion.vertical is not None:
         components.append((1, motion.vertical))
     for axis, acceleration in components:
-        ground = np.interp(time, sample, acceleration, right=0.0)
         path = displacement[:, :, axis] @ chain.mass
-        work[1:] -= np.cumsum(0.5 * (ground[1:] + ground[:-1]) * np.diff(path))
+        work[1:] -= np.cumsum(_means(time, acceleration, motion.dt) * np.diff(path))
     return potential - work
+
+
+def _means(time: Array, acceleration: Array, step: float) -> Array:
+    """Exact means of samples joined by lines, between instants: jumps fall between frames."""
+    velocity = np.append(0.0, np.cumsum(0.5 * step * (acceleration[1:] + acceleration[:-1])))
+    place = np.clip(time / step, 0.0, acceleration.size - 1.0)
+    index = np.minimum(place.astype(int), acceleration.size - 2)
+    part = place - index
+    slope = acceleration[index + 1] - acceleration[index]
+    reached = velocity[index] + step * (acceleration[index] * part + 0.5 * slope * part**2)
+    span = np.diff(time)
+    return np.divide(np.diff(reached), span, out=np.zeros_like(span), where=span > 0.0)
 
 
 def _largest_rise(surplus: Array, kinetic: Array) -> float:
