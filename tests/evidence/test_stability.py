@@ -62,6 +62,13 @@ class TestJudgement:
 
         assert self.judged(monkeypatch, change) == ["diverged"]
 
+    def test_a_collapse_that_is_not_finite(self, monkeypatch):
+        def change(r):
+            r.history["displacement"][-1] = np.nan
+            return replace(r, status=Status.COLLAPSED, collapsed=True)
+
+        assert self.judged(monkeypatch, change) == ["diverged", "false collapse"]
+
     def test_unconverged(self, monkeypatch):
         def change(r):
             return replace(r, status=Status.NO_CONTACT_SOLUTION, collapsed=None)

@@ -211,12 +211,14 @@ def show(frames: Frames) -> Section:
                 for row in runs
                 if row["result"] in (BROKE, NO_ANSWER)
             ),
+            words=True,
         ),
         Note(
             "The cases",
             f"Why each is hard, and the figures of {AUTO}.",
             ("case", "why", AUTO),
             tuple((row["title"], row["why"], _figures_of(runs, row["case"])) for row in cases),
+            words=True,
         ),
     ]  # fmt: skip
     return Section("Corner cases", lead, {"corner-cases": _grid(runs, lines, methods)}, notes)

@@ -224,16 +224,16 @@ def rest_is_skipped(run: Run, least: float) -> Finding:
     return Finding(part >= least, f"{100.0 * part:.2f} % of the time skipped")
 
 
-def bounded_cost(run: Run, seconds: float) -> Finding:
-    """Wall time [s]."""
-    return Finding(run.response.wall_time <= seconds, f"{run.response.wall_time:.2g} s")
+def bounded_work(run: Run, steps: int) -> Finding:
+    """Integration steps."""
+    return Finding(run.response.steps <= steps, f"{run.response.steps} steps")
 
 
 FACTS: dict[str, Callable[..., Finding]] = {
     fact.__name__: fact
     for fact in (
         rests, moves, ends, comes_to_rest, rest_limit, loaded_block, housner, first_impact, zeno,
-        newmark, upright, grazes, same_peak, mirrors, never_higher, rest_is_skipped, bounded_cost,
+        newmark, upright, grazes, same_peak, mirrors, never_higher, rest_is_skipped, bounded_work,
     )
 }  # fmt: skip
 LAWS: dict[str, Callable[..., Finding]] = {

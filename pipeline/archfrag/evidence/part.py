@@ -43,12 +43,16 @@ class Setup:
 
 
 class Note(NamedTuple):
-    """A table for the page: heads, rows of text, and a sentence above them."""
+    """A table for the page: heads, rows of text, and a sentence above them.
+
+    Cells stand in lines, as figures do, unless they hold `words`, which are wrapped.
+    """
 
     title: str
     text: str
     heads: tuple[str, ...] = ()
     rows: tuple[tuple[str, ...], ...] = ()
+    words: bool = False
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from archfrag.errors import ArchfragError
@@ -162,7 +163,9 @@ def judge_cell(scene: Scene, way: Way, expected: str, must_rest: bool) -> Row:
     status, history = response.status, response.history
     assert history is not None
     moved = response.peak_displacement
-    finite = status is not Status.NOT_FINITE and math.isfinite(moved)
+    positions = history.displacement.values
+    finite = status is not Status.NOT_FINITE and bool(np.isfinite(positions).all())
+    finite = finite and math.isfinite(moved)
     row: Row = {
         "status": status.name.lower(), "verdict": _WORDS[fell], "reason": "",
         "seconds": response.wall_time, "drift": moved if must_rest else math.nan,
@@ -172,7 +175,7 @@ def judge_cell(scene: Scene, way: Way, expected: str, must_rest: bool) -> Row:
     gain = deepest = math.nan
     if finite:
         gain = energy_made(scene, response) if moved > NOTHING else 0.0
-        deepest = overlap(arch_of(scene), history.displacement.values, history.rotation.values)
+        deepest = overlap(arch_of(scene), positions, history.rotation.values)
     row |= {"energy_gain": gain, "overlap": deepest}
     row["drifted at rest"] = must_rest and moved > MOST_DRIFT
     row["gained energy"] = gain > MOST_ENERGY_GAIN
