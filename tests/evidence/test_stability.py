@@ -75,6 +75,18 @@ class TestJudgement:
 
         assert self.judged(monkeypatch, change) == ["unconverged"]
 
+    def test_steps_left_unsolved(self, monkeypatch):
+        def change(r):
+            return replace(r, work={**r.work, "unconverged": 3})
+
+        assert self.judged(monkeypatch, change) == ["unconverged"]
+
+    def test_a_method_without_a_model_for_it_does_not_fail(self, monkeypatch):
+        def change(r):
+            return replace(r, status=Status.NOT_APPLICABLE, collapsed=None)
+
+        assert self.judged(monkeypatch, change) == []
+
     def test_work_bound(self, monkeypatch):
         def change(r):
             return replace(r, status=Status.WORK_BOUND, collapsed=None)
@@ -123,6 +135,12 @@ def test_every_method_has_ways_from_coarse_to_fine():
         values = [way.value for way in ways(method, quick=True)]
         assert values == sorted(values, reverse=True)
         assert len(values) == 5
+
+
+def test_a_method_that_divides_its_step_is_varied_by_the_part_of_the_critical_one():
+    found = [stability.knob_of(way) for way in ways("penalty", quick=True)]
+    assert {knob for knob, _ in found} == {"step_fraction"}
+    assert len({value for _, value in found}) == 5
 
 
 @pytest.fixture(scope="module")

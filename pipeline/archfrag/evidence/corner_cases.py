@@ -15,13 +15,14 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
-from archfrag.errors import ArchfragError
+from archfrag.errors import STATUS_SENTENCE, ArchfragError
 from archfrag.evidence.closed_forms import Rocking
 from archfrag.evidence.facts import Finding, Run, judge_run
 from archfrag.evidence.part import Frames, Note, Section, Setup, in_processes
 from archfrag.evidence.run import Way, arch_of, run_scene
 from archfrag.evidence.scene import STANDARD_GRAVITY, Scene
 from archfrag.evidence.statics import least_friction
+from archfrag.mechanics.status import Status
 from archfrag.methods.registry import AUTO, METHODS
 from archfrag.motions.read import read_motion
 from archfrag.report import canvas
@@ -155,6 +156,10 @@ def run_case(case: CornerCase, method: str) -> list[dict[str, Any]]:
             response = run_scene(scene, way, history=case.history)
         except ArchfragError as reason:
             row |= _row(NOT_FOR_IT, str(reason), "", "refused", 0.0)
+            continue
+        if response.status is Status.NOT_APPLICABLE:
+            sentence = STATUS_SENTENCE[response.status]
+            row |= _row(NOT_FOR_IT, sentence, "", "not_applicable", response.wall_time)
             continue
         run = done[variant] = Run(scene, response, done, way.knob)
         findings = judge_run(run, expect)

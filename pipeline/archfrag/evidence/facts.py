@@ -196,6 +196,8 @@ def grazes(run: Run, tolerance: float) -> Finding:
 
 def same_peak(run: Run, variant: str, tolerance: float) -> Finding:
     """The same peak displacement as another run of the case."""
+    if variant not in run.others:
+        return Finding(False, f"no run to compare with: {variant}")
     other = run.others[variant].response.peak_displacement
     off = abs(run.response.peak_displacement - other) / other
     return Finding(off <= tolerance, f"peak off by {off:.1g}")
@@ -203,6 +205,8 @@ def same_peak(run: Run, variant: str, tolerance: float) -> Finding:
 
 def mirrors(run: Run, variant: str, tolerance: float, until: float) -> Finding:
     """The mirror image of another run of the case until a time [s], over its peak."""
+    if variant not in run.others:
+        return Finding(False, f"no run to compare with: {variant}")
     one, other = _history(run), _history(run.others[variant])
     times = np.linspace(0.0, until, 200)
     turn = np.array([np.interp(times, one.time, row) for row in one.rotation.values.T])

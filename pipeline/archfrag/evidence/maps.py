@@ -29,6 +29,11 @@ KINDS = {
 }
 FAILURES = tuple(KINDS)[:8]
 _ACROSS = 4
+_KNOBS = {
+    "dt": ("step [ms]", 1e3, "{:.3g}"),
+    "rtol": ("tolerance", 1.0, "{:.0e}"),
+    "step_fraction": ("part of critical step", 1.0, "{:g}"),
+}
 
 
 def kinds_of(cells: pd.DataFrame) -> pd.Series:
@@ -109,12 +114,11 @@ def _map(axes: Axes, cells: pd.DataFrame, rows: list[str]) -> None:
                       linewidth=0.3)
         )  # fmt: skip
         axes.text(x, y, letter, ha="center", va="center", fontsize=7.5, color=ink)
-    by_step = cells["knob"].iloc[0] == "dt"
-    labels = [f"{1e3 * value:.3g}" if by_step else f"{value:.0e}" for value in values]
-    labels = [label.replace("e-0", "e-") for label in labels]
+    name, scale, form = _KNOBS[cells["knob"].iloc[0]]
+    labels = [form.format(scale * value).replace("e-0", "e-") for value in values]
     axes.set_xticks(range(len(values)), labels)
     axes.set_yticks(range(len(rows)), rows)
-    axes.set_xlabel("step [ms]" if by_step else "tolerance")
+    axes.set_xlabel(name)
     axes.set(xlim=(-0.55, len(values) - 0.45), ylim=(-0.55, len(rows) - 0.45))
     axes.tick_params(length=0.0, labelsize=7.5)
     for spine in axes.spines.values():

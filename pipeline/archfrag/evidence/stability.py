@@ -31,6 +31,8 @@ MOST_DRIFT = 1e-6
 # Steps in parts of a method's default; tolerances as they are.
 STEPS = {True: (60.0, 20.0, 6.0, 2.0, 0.6), False: (60.0, 20.0, 6.0, 2.0, 0.6, 0.2)}
 TOLERANCES = {True: (3e-1, 1e-1, 1e-2, 1e-3, 1e-5), False: (3e-1, 1e-1, 1e-2, 1e-3, 1e-5, 1e-7)}
+# Of the largest stable step, for the methods that choose their own.
+FRACTIONS = {True: (4.0, 2.0, 1.0, 0.5, 0.25), False: (4.0, 3.0, 2.0, 1.5, 1.0, 0.5, 0.25)}
 PEER_STEP = 5e-4
 # Longest that one run may take [s]: a hundred times what most need.
 LIMIT = {True: 10.0, False: 60.0}
@@ -117,12 +119,27 @@ def planes(quick: bool) -> list[Plane]:
 
 
 def ways(method: str, quick: bool, settings: dict[str, float] | None = None) -> list[Way]:
-    """A method at all steps, or at all tolerances if it controls its error."""
-    info = METHODS[method]
-    if any(parameter.name == "rtol" for parameter in info.parameters):
-        return [Way(method, "rtol", value, settings or {}) for value in TOLERANCES[quick]]
+    """A method at all steps, or at all tolerances if it controls its error.
+
+    A method that divides its step by itself is varied by the part of the critical step.
+    """
+    info, own = METHODS[method], settings or {}
+    names = {parameter.name for parameter in info.parameters}
+    if "rtol" in names:
+        return [Way(method, "rtol", value, own) for value in TOLERANCES[quick]]
     default = default_of(info, "dt")
-    return [Way(method, "dt", part * default, settings or {}) for part in STEPS[quick]]
+    if "step_fraction" in names:
+        return [
+            Way(method, "dt", default, {**own, "step_fraction": part}) for part in FRACTIONS[quick]
+        ]
+    return [Way(method, "dt", part * default, own) for part in STEPS[quick]]
+
+
+def knob_of(way: Way) -> tuple[str, float]:
+    """What differs across a map, and its value."""
+    if "step_fraction" in way.settings:
+        return "step_fraction", way.settings["step_fraction"]
+    return way.knob, way.value
 
 
 def reference(scene: Scene, quick: bool) -> str:
@@ -161,6 +178,8 @@ def judge_cell(scene: Scene, way: Way, expected: str, must_rest: bool) -> Row:
         return {"status": "refused", "reason": str(reason), "does not apply": True}
     fell = verdict_of(response)
     status, history = response.status, response.history
+    if status is Status.NOT_APPLICABLE:
+        return {"status": status.name.lower(), "does not apply": True}
     assert history is not None
     moved = response.peak_displacement
     positions = history.displacement.values
@@ -171,7 +190,9 @@ def judge_cell(scene: Scene, way: Way, expected: str, must_rest: bool) -> Row:
         "seconds": response.wall_time, "drift": moved if must_rest else math.nan,
     }  # fmt: skip
     row |= {"diverged": not finite, "hung": status is Status.WORK_BOUND}
-    row["unconverged"] = status is Status.NO_CONTACT_SOLUTION
+    row["unconverged"] = status is Status.NO_CONTACT_SOLUTION or bool(
+        response.work.get("unconverged", 0)
+    )
     gain = deepest = math.nan
     if finite:
         gain = energy_made(scene, response) if moved > NOTHING else 0.0
@@ -208,7 +229,7 @@ def measure(setup: Setup) -> dict[str, pd.DataFrame]:
         for method in METHODS:
             for row_label, settings in _rows_of(plane, label, method):
                 for way in ways(method, setup.quick, settings):
-                    heads.append(_head(plane, row_label, method, way.knob, way.value))
+                    heads.append(_head(plane, row_label, method, *knob_of(way)))
                     tasks.append((scene, way, expected or "undecided", must_rest))
     setup.say(f"stability: {len(tasks)} runs of {len(METHODS)} methods")
     found = watched(judge_cell, tasks)
