@@ -25,22 +25,10 @@ from archfrag.evidence.scene import Scene, load_scene
 from archfrag.evidence.statics import largest_load, least_friction
 from archfrag.simulate import onset
 
-# What ours does not do yet, by case, variants and method, with the measured cause.
-KNOWN = {
-    ("semicircle_at_the_least_friction", method): "a given state at rest is not seen to be at rest"
-    for method in ("event_driven", "auto")
-} | {
-    ("semicircle_slides_and_hinges", method): "a given state at rest is not seen to be at rest"
-    for method in ("event_driven", "auto")
-}
-
 
 @pytest.mark.parametrize("method", OURS)
 @pytest.mark.parametrize("name", case_names())
-def test_ours_holds(name, method, request):
-    if (name, method) in KNOWN:
-        reason = KNOWN[name, method]
-        request.applymarker(pytest.mark.xfail(strict=True, reason=reason))
+def test_ours_holds(name, method):
     rows = run_case(load_case(name), method)
     broken = [row for row in rows if row["result"] != corner_cases.HELD]
     assert not broken, "\n".join(f"{row['variant']}: {row['broke']}" for row in broken)

@@ -285,6 +285,7 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
     collapse_time, collapse_joint, collapse_mode = np.nan, -1, NO_MODE
     window, calm_steps, calm_until = 0.0, CALM_STEPS, -np.inf
     cause, joint, why = BY_START, -1, BY_UNSOLVED
+    leaves_rest = False
     move_faces(chain, position, stepper.before, stepper.after)
     write_frame(
         frames, ledger, 0.0, chain, whole.position, whole.velocity, whole.work.reaction,
@@ -321,6 +322,7 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
                 leave, ground, pace, chain.gravity, stepper.rest[0], stepper.rest[1]
             )
             cause, joint = BY_START, -1
+            leaves_rest = True
             phase = START
             if not resolve_accelerations(chain, whole, joints.slip, joints.mode, gx, gy, ledger):
                 phase = HAND
@@ -337,7 +339,8 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
             close_account(
                 chain, whole.position, whole.velocity, stepper.clock[Clock.START_POTENTIAL], ledger
             )
-            if cause != BY_START and _comes_to_rest(
+            may_rest, leaves_rest = not leaves_rest, False
+            if may_rest and _comes_to_rest(
                 chain, ground, whole, joints, stepper, clock[0], falling
             ):
                 phase = RESTING
@@ -418,6 +421,7 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
             else:
                 phase = RESOLVE
         else:
+            leaves_rest = False
             ledger.count[Count.HAND_OVERS] += 1
             stepper.clock[Clock.NEXT_FRAME] = clock[3]
             if clock[0] < calm_until:
