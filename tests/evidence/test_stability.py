@@ -130,6 +130,13 @@ def test_reference_is_undecided_where_two_methods_do_not_agree(monkeypatch):
     assert reference(SHORT, quick=True) == "falls"
 
 
+def test_a_run_that_blows_up_is_no_collapse():
+    planes = {plane.name: plane for plane in stability.planes(quick=True)}
+    scene = dict(planes["slenderness"].scenes)["0.3"]
+    response = run_scene(scene, Way("event_driven", "rtol", 0.3))
+    assert response.collapsed is None or response.collapse_joint >= 0
+
+
 def test_every_method_has_ways_from_coarse_to_fine():
     for method in ("time_stepping", "event_driven", "auto"):
         values = [way.value for way in ways(method, quick=True)]

@@ -405,7 +405,8 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
                     whole.position, whole.before, whole.after, length, joints,
                     options.loss_limit, clock[0],
                 )  # fmt: skip
-                status = COLLAPSED
+                # Where no joint has lost its contact, positions have ceased to be numbers.
+                status = COLLAPSED if collapse_joint >= 0 else NOT_FINITE
                 write_frame(
                     frames, ledger, clock[0], chain, whole.position, whole.velocity,
                     whole.work.reaction, joints.mode, 1.0,
