@@ -32,6 +32,8 @@ __all__ = ["Hinge", "MechanismChange", "Onset", "Response", "onset", "simulate",
 
 LOSS_LIMIT = 0.02
 CHECK_INTERVAL = 64
+# Frames of a history are as fine as the record, or this where the record is coarser [s].
+COARSEST_FRAMES = 0.01
 
 
 def simulate(
@@ -120,7 +122,7 @@ def simulate(
         max_steps=int(span / step) + ground.horizontal.size + 1000,
         loss_limit=LOSS_LIMIT,
         check_interval=CHECK_INTERVAL,
-        frame_interval=max(float(step), float(motion.dt)),
+        frame_interval=max(float(step), min(float(motion.dt), COARSEST_FRAMES)),
         crowding=0.0,
     )
     n_frame = int(span / options.frame_interval) + 64 if history else 0

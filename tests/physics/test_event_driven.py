@@ -56,6 +56,18 @@ class TestBlock:
         lost = block.chain.mass[0] * g * (2.0 * (math.cos(0.1) - 1.0) + 0.5 * math.sin(0.1))
         assert run.energy["impacts"] == pytest.approx(-lost, rel=1e-5)
 
+    def test_a_thrown_block_is_braked_by_friction_and_its_account_closes(self):
+        block = af.Block(1.0, 1.0, friction=0.3)
+        thrown = np.array([[1.0, 0.0, 0.0]])
+        run = af.simulate(
+            block, af.Motion(np.zeros(3), 0.1), rtol=1e-8, initial=(np.zeros((1, 3)), thrown),
+            **EVENT_DRIVEN,
+        )  # fmt: skip
+        assert run.status is Status.STANDING
+        assert run.peak_displacement == pytest.approx(1.0 / (2.0 * 0.3 * g), rel=1e-6)
+        assert run.energy_error < 1e-7
+        assert run.energy["friction"] == pytest.approx(-0.5 * block.chain.mass[0], rel=1e-6)
+
     def test_slides_as_newmark_says(self):
         friction, amplitude, duration = 0.3, 0.8, 0.4
         block = af.Block(4.0, 1.0, friction=friction)

@@ -61,7 +61,8 @@ def close_account(chain, position, velocity, start_potential, ledger):
     book_state(chain, position, velocity, start_potential, ledger)
     energy = ledger.energy
     explained = energy[Energy.GROUND] + energy[Energy.FRICTION] + energy[Energy.IMPACT]
-    energy[Energy.STRAY] = energy[Energy.KINETIC] + energy[Energy.POTENTIAL] - explained
+    change = energy[Energy.KINETIC] - energy[Energy.START_KINETIC] + energy[Energy.POTENTIAL]
+    energy[Energy.STRAY] = change - explained
     energy[Energy.STRAY_PEAK] = max(energy[Energy.STRAY_PEAK], abs(energy[Energy.STRAY]))
 
 

@@ -87,6 +87,7 @@ class Energy(IntEnum):
     STRAY = 5  # work that no law explains: the integrator's error
     STRAY_PEAK = 6  # its largest magnitude on the way
     LARGEST_KINETIC = 7
+    START_KINETIC = 8  # of the initial state
 
 
 class Peak(IntEnum):

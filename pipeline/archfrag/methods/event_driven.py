@@ -260,6 +260,7 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
     whole.velocity[:] = velocity
     joints = new_joint_state(n_joint)
     ledger = new_ledger()
+    ledger.energy[Energy.START_KINETIC] = kinetic_energy(chain.mass, chain.inertia, velocity)
     shortest = np.min(length)
     falling = np.sqrt(chain.gravity * shortest)
     pace = Pace(
