@@ -12,7 +12,7 @@ from scipy import stats
 from archfrag.evidence.quantities import positions_at
 from archfrag.evidence.run import Way, run_scene
 from archfrag.evidence.scene import Scene
-from archfrag.evidence.ways import arguments
+from archfrag.evidence.ways import clocked
 from archfrag.simulation.response import Response
 
 Array = NDArray[np.float64]
@@ -159,10 +159,9 @@ def spread_of_peaks(scene: Scene, way: Way, runs: int = 16) -> list[tuple[float,
     -------
     list of (difference, peak displacement [m], collapsed)
     """
-    shared, own = arguments(way)
     rows = []
     for k, size in enumerate(np.geomspace(1e-9, 1e-6, runs)):
         difference = float(size) * (1.0 if k % 2 == 0 else -1.0)
-        response = run_scene(scene, own, scale=1.0 + difference, **shared)
+        response, _ = clocked(scene, way, scale=1.0 + difference)
         rows.append((difference, response.peak_displacement, bool(response.collapsed)))
     return rows

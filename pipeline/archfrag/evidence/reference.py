@@ -26,6 +26,7 @@ from archfrag.evidence.quantities import (
 from archfrag.evidence.run import Verdict, Way, arch_of, least_amplitude, run_scene, verdict
 from archfrag.evidence.scene import Scene
 from archfrag.evidence.second_method import compare_with_steps
+from archfrag.evidence.ways import clocked
 from archfrag.simulation.response import Response
 
 Array = NDArray[np.float64]
@@ -164,8 +165,8 @@ def _tightest(scene: Scene, limit: float, quick: bool) -> tuple[Response, Way, W
     """Run with the tightest tolerance that takes no longer than `limit` [s], or the last one."""
     for rtol in _LADDER[1:] if quick else _LADDER:
         tight = Way("event_driven", "rtol", rtol)
-        base = run_scene(scene, tight, history=True)
-        if base.wall_time <= limit:
+        base, seconds = clocked(scene, tight, history=True)
+        if seconds <= limit:
             break
     return base, tight, Way("event_driven", "rtol", 10.0 * rtol)
 

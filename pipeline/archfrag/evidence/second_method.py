@@ -14,13 +14,14 @@ from archfrag.evidence.first_change import nearest_change
 from archfrag.evidence.quantities import Observed, largest_distance, observe
 from archfrag.evidence.run import Verdict, Way, run_scene, verdict
 from archfrag.evidence.scene import Scene
+from archfrag.evidence.ways import clocked
 
 if TYPE_CHECKING:
     from archfrag.evidence.reference import Reference
 
 Array = NDArray[np.float64]
 
-STEPS = tuple(5e-4 / 2**k for k in range(6))
+STEPS = tuple(1e-3 / 2**k for k in range(7))
 
 
 def compare_with_steps(reference: Reference, quick: bool) -> None:
@@ -33,22 +34,22 @@ def compare_with_steps(reference: Reference, quick: bool) -> None:
     reference : Reference
         Its `second` is filled and its `error` raised where need be.
     quick : bool
-        Steps are halved until a run takes 0.5 s, or else 2 s; half as long for amplitudes.
+        Steps are halved until a run takes 0.5 s, or else 2 s; a third as long for amplitudes.
     """
     scene, limit = reference.scene, 0.5 if quick else 2.0
     seen: list[Observed] = []
     times: list[float] = []
     for step in STEPS:
-        response = run_scene(scene, Way("time_stepping", "dt", step), history=True)
+        response, seconds = clocked(scene, Way("time_stepping", "dt", step), history=True)
         if verdict(response) is None:
             return
         seen.append(observe(scene, response, reference.marks, "time_stepping", step))
-        times.append(response.wall_time)
+        times.append(seconds)
         if times[-1] > limit:
             break
     if len(seen) >= 4:
         _of_a_run(reference, seen)
-    used = [step for step, seconds in zip(STEPS, times, strict=False) if seconds <= 0.5 * limit]
+    used = [step for step, seconds in zip(STEPS, times, strict=False) if seconds <= limit / 3.0]
     if len(used) >= 4 and not math.isnan(reference.error["amplitude"]):
         _of_amplitudes(reference, used[-4:])
 

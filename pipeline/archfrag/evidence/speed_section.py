@@ -60,7 +60,7 @@ def lead_of(frames: Frames) -> list[str]:
 def _auto_sentence(auto: pd.DataFrame) -> str:
     if auto.empty:
         return "No error level was reached by any method."
-    above = auto[auto["ratio"] > ALLOWED]
+    above = auto[auto["flag"].astype(bool)]
     never = int(auto["ratio"].map(math.isinf).sum())
     text = (
         f"auto is within {ALLOWED:g} times the cheapest of our methods at "
@@ -119,14 +119,23 @@ def _auto_note(auto: pd.DataFrame) -> Note:
         (
             f"{row.scene}, {row.quantity}", f"{row.level:.0e}", str(row.cheapest),
             number(row.cheapest_cost), number(row.auto_cost), number(row.ratio),
+            number(row.least_ratio),
         )
-        for row in rows_of(auto[auto["ratio"] > ALLOWED])
+        for row in rows_of(auto[auto["flag"].astype(bool)])
     ]  # fmt: skip
     return Note(
         f"Where auto costs more than {ALLOWED:g} times the cheapest",
         "Error levels are decades; a setting reaches one if neither its own error nor that of any "
         "finer setting on its line is above it. All levels are in the table auto.csv.",
-        ("scene, quantity", "error", "cheapest", "its cost (s)", "auto (s)", "ratio"),
+        (
+            "scene, quantity",
+            "error",
+            "cheapest",
+            "its cost (s)",
+            "auto (s)",
+            "ratio",
+            "ratio of least times",
+        ),
         tuple(rows),
     )
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from archfrag.errors import InputError
-from archfrag.evidence.run import Way
+from archfrag.evidence.run import Way, run_scene
+from archfrag.evidence.scene import Scene
 from archfrag.methods.registry import METHODS
 from archfrag.simulate import warmup
+from archfrag.simulation.response import Response
 
 STEPS = (8e-3, 4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1.25e-4)
 TOLERANCES = tuple(10.0**-k for k in range(1, 9))
@@ -69,23 +72,24 @@ QUICK_STIFFNESSES = (1e8, 1e10)
 def arguments(way: Way) -> tuple[dict[str, Any], Way]:
     """What `run_scene` takes of a way whose settings hold shared arguments.
 
-    Parameters
-    ----------
-    way : Way
-        "dt" among the settings of a method with tolerance is the shared argument.
+        Parameters
+        ----------
+        way : Way
+            "dt" among the settings of a method with tolerance is the shared argument.
 
-    Returns
-    -------
-    (dict of str to float, Way)
-        Keyword arguments, and the way without them.
+        Returns
+        -------
+        (dict of str to float, Way)
+            Keyword arguments, and the way without them.
 
-    Examples
-    --------
-    >>> from archfrag.evidence.run import Way
-    >>> from archfrag.evidence.ways import arguments
-    >>> shared, way = arguments(Way("auto", "rtol", 1e-3, {"dt": 2e-3}))
-    >>> shared, dict(way.settings)
-    ({'dt': 0.002}, {})
+        Examples
+        --------
+        >>> from archfrag.evidence.run import Way, run_scene
+    from archfrag.evidence.scene import Scene
+        >>> from archfrag.evidence.ways import arguments
+        >>> shared, way = arguments(Way("auto", "rtol", 1e-3, {"dt": 2e-3}))
+        >>> shared, dict(way.settings)
+        ({'dt': 0.002}, {})
     """
     own = dict(way.settings)
     shared = {"dt": own.pop("dt")} if "dt" in own else {}
@@ -123,6 +127,24 @@ def ladders(quick: bool) -> tuple[list[Line], list[str]]:
             ways = tuple(way for way in line.ways if not quick or _is_quick(way))
             lines.append(Line(line.label, ways))
     return lines, list(reasons.values())
+
+
+def clocked(scene: Scene, way: Way, **options: Any) -> tuple[Response, float]:
+    """A run, and the processor time it took with all around it [s].
+
+    What is run next is decided by processor time: wall time would let a busy machine decide.
+
+    Parameters
+    ----------
+    scene : Scene
+    way : Way
+    **options
+        Of `archfrag.simulate`.
+    """
+    began = time.process_time()
+    shared, own = arguments(way)
+    response = run_scene(scene, own, **shared, **options)
+    return response, time.process_time() - began
 
 
 def _is_quick(way: Way) -> bool:
