@@ -186,22 +186,43 @@ def positions_at(history: xarray.Dataset, instants: Array) -> Array:
 
 
 def resultants_at(history: xarray.Dataset, instants: Array, late: float = 0.0) -> Array:
-    """Force and moment in every joint, linear between frames, (n, n_joint, 3) [N], [N m].
+    """Force and moment in every joint, cubic through four frames, (n, n_joint, 3) [N], [N m].
 
     Parameters
     ----------
     history : xarray.Dataset
     instants : ndarray, (n,) [s]
+        Away from jumps by two frames at least.
     late : float
         How much later than what they stand for the frames are written [s].
+
+    Notes
+    -----
+    Lagrange's formula; linear where frames are too few or fall together.
     """
     time = history["time"].to_numpy() - late
     values = np.concatenate(
         [history["reaction"].to_numpy(), history["moment"].to_numpy()[..., None]], axis=2
     )
-    flat = values.reshape(time.size, -1)
-    rows = [np.interp(instants, time, column) for column in flat.T]
-    return np.array(rows).T.reshape(instants.size, *values.shape[1:])
+    found = np.empty((instants.size, *values.shape[1:]))
+    for k, instant in enumerate(instants):
+        last = int(np.clip(np.searchsorted(time, instant, side="right"), 1, time.size - 1))
+        used = np.arange(max(last - 2, 0), min(last + 2, time.size))
+        if used.size < 4 or np.min(np.diff(time[used])) <= 0.0:
+            used = np.array([last - 1, last])
+        weights = _lagrange(time[used], min(max(instant, time[0]), time[-1]))
+        found[k] = np.tensordot(weights, values[used], axes=1)
+    return found
+
+
+def _lagrange(nodes: Array, at: float) -> Array:
+    """Weights of the values at the nodes; the last node's alone where nodes fall together."""
+    spans = nodes[:, None] - nodes[None, :] + np.eye(nodes.size)
+    if np.any(spans == 0.0):
+        return np.eye(nodes.size)[-1]
+    factors = (at - nodes[None, :]) / spans
+    np.fill_diagonal(factors, 1.0)
+    return np.asarray(np.prod(factors, axis=1))
 
 
 def largest_distance(one: Array, other: Array) -> float:
@@ -271,16 +292,15 @@ def observe(scene: Scene, response: Response, marks: Marks, method: str, dt: flo
     )
 
 
-def gain_of(scene: Scene, arch: Arch, history: xarray.Dataset, stride: int = 1) -> float:
-    """`archfrag.evidence.judge.energy_gain` of every so-manieth frame."""
-    part = history.isel(time=slice(None, None, stride))
+def gain_of(scene: Scene, arch: Arch, history: xarray.Dataset) -> float:
+    """`archfrag.evidence.judge.energy_gain` of a history."""
     return energy_gain(
         arch,
         motion_of(scene),
-        part["time"].to_numpy(),
-        part["displacement"].to_numpy(),
-        part["velocity"].to_numpy(),
-        part["angular_velocity"].to_numpy(),
+        history["time"].to_numpy(),
+        history["displacement"].to_numpy(),
+        history["velocity"].to_numpy(),
+        history["angular_velocity"].to_numpy(),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -17,13 +17,12 @@ from archfrag.evidence.quantities import (
     Marks,
     Observed,
     errors_of,
-    gain_of,
     largest_distance,
     marks_of,
     observe,
     positions_at,
 )
-from archfrag.evidence.run import Verdict, Way, arch_of, least_amplitude, run_scene, verdict
+from archfrag.evidence.run import Verdict, Way, least_amplitude, run_scene, verdict
 from archfrag.evidence.scene import Scene
 from archfrag.evidence.second_method import compare_with_steps
 from archfrag.evidence.ways import clocked
@@ -64,6 +63,8 @@ class Reference:
         Amplitudes of the set before those were left out.
     second : dict of str to (float, float)
         Distance of a second method's limit from the reference, and that limit's uncertainty.
+    thinned : dict of int to dict
+        Its own errors where only every so-manieth frame is looked at.
     """
 
     scene: Scene
@@ -79,6 +80,7 @@ class Reference:
     truth: NDArray[np.bool_]
     asked: int
     second: dict[str, tuple[float, float]] = field(default_factory=dict)
+    thinned: dict[int, dict[str, float]] = field(default_factory=dict)
 
     def why_not(self, quantity: str) -> str:
         """Why a quantity is not charted; empty if it is."""
@@ -105,13 +107,21 @@ class Reference:
             reference is from frames as far apart.
         """
         error = self.error.get(quantity, math.nan)
-        if quantity == "energy_gain" and self.response.history is not None:
-            time = self.response.history["time"].to_numpy()
-            own = float(np.median(np.diff(time))) if time.size > 1 else interval
-            stride = max(1, round(interval / own))
-            arch = arch_of(self.scene)
-            error = max(error, gain_of(self.scene, arch, self.response.history, stride))
-        return MARGIN * error
+        history = self.response.history
+        if history is None or quantity not in ("energy_gain", "position", "reactions"):
+            return MARGIN * error
+        time = history["time"].to_numpy()
+        own = float(np.median(np.diff(time))) if time.size > 1 else interval
+        stride = max(1, round(interval / own))
+        if stride not in self.thinned:
+            thin = replace(self.response, history=history.isel(time=slice(None, None, stride)))
+            seen = observe(self.scene, thin, self.marks, self.tight.method, 0.0)
+            self.thinned[stride] = errors_of(seen, self.seen, self.scene.thickness)
+        blur = self.thinned[stride][quantity]
+        if quantity == "energy_gain":
+            return MARGIN * max(error, blur)
+        # Interpolation blurs by so much at most; ten times would hide true errors.
+        return max(MARGIN * error, blur)
 
 
 def find_reference(scene: Scene, quick: bool) -> Reference:
