@@ -142,7 +142,7 @@ def find_reference(scene: Scene, quick: bool) -> Reference:
     ArchfragError
         If no reference run comes to an end.
     """
-    base, tight, loose = _tightest(scene, 2.0 if quick else 6.0, quick)
+    base, tight, loose = _tightest(scene, 1.0 if quick else 1.5, quick)
     coarser = run_scene(scene, loose, history=True)
     if verdict(base) is None:
         raise ArchfragError(f"scene {scene.name}: {tight} ends with {base.status.name}")
@@ -216,7 +216,7 @@ def _set_of_verdicts(
 ) -> tuple[Array, NDArray[np.bool_], int]:
     if math.isnan(amplitude):
         return np.zeros(0), np.zeros(0, bool), 0
-    distances = (1e-3, 1e-2, 3e-2, 0.1) if quick else (3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.2)
+    distances = (1e-3, 1e-2, 3e-2, 0.1) if quick else (3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1)
     factors = sorted(1.0 + side * each for each in distances for side in (-1.0, 1.0))
     other = Way(way.method, way.knob, 10.0 * way.value)
     kept, truth = [], []

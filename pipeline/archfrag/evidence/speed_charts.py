@@ -25,11 +25,11 @@ _LOOK: dict[str, tuple[str, str, str]] = {
     "four_link": (canvas.INK, "P", "-"),
     "gauss_seidel": (canvas.PURPLE, "X", "-"),
     "quadratic_programme": (canvas.SKY, "p", "-"),
-    "mujoco": (canvas.GREY, "1", ":"),
-    "mujoco_corners": (canvas.GREY, "2", ":"),
+    "mujoco": (canvas.GREY, "<", ":"),
+    "mujoco_corners": (canvas.GREY, ">", ":"),
     "pymunk": (canvas.GREY, "x", ":"),
-    "lmgc90": (canvas.GREY, "+", ":"),
-    "siconos": (canvas.GREY, "|", ":"),
+    "lmgc90": (canvas.GREY, "*", ":"),
+    "siconos": (canvas.GREY, "h", ":"),
 }
 _OTHER = (canvas.GREY, ".", ":")
 _COLUMNS = 3
@@ -111,10 +111,10 @@ def _panel(axes: Axes, frame: pd.DataFrame, scene: str, lines: list[str]) -> Non
         cost = part["cost"].to_numpy()
         hollow = part["at_floor"].to_numpy(bool)
         axes.plot(error, cost, color=colour, linestyle=stroke, lw=0.9, zorder=2)
-        # Strokes without an inside cannot be hollow.
         inside = np.where(hollow, "white", colour)
         for x, y, fill in zip(error, cost, inside, strict=True):
-            plain = {} if marker in "12x+|" else {"markerfacecolor": fill}
+            # A cross has no inside.
+            plain = {} if marker == "x" else {"markerfacecolor": fill}
             axes.plot(x, y, color=colour, marker=marker, markersize=3.6, zorder=3,
                       markeredgewidth=0.8, **plain)  # fmt: skip
     axes.axvline(float(frame["floor"].min()), color=canvas.GREY, lw=0.7, zorder=1)

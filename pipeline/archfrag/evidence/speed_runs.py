@@ -75,7 +75,7 @@ def try_lines(
         Sentences about settings that were not run.
     """
     scene = reference.scene
-    limit, repeats = (0.3, 3) if quick else (1.0, 5)
+    limit, repeats = (0.3, 3) if quick else (0.6, 5)
     near = _near(reference)
     tried, left_out = _first_round(reference, lines, limit)
     for repeat in range(1, MOST):

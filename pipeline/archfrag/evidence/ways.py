@@ -84,9 +84,8 @@ def arguments(way: Way) -> tuple[dict[str, Any], Way]:
 
         Examples
         --------
-        >>> from archfrag.evidence.run import Way, run_scene
-    from archfrag.evidence.scene import Scene
-        >>> from archfrag.evidence.ways import arguments
+        >>> from archfrag.evidence.run import Way
+    >>> from archfrag.evidence.ways import arguments
         >>> shared, way = arguments(Way("auto", "rtol", 1e-3, {"dt": 2e-3}))
         >>> shared, dict(way.settings)
         ({'dt': 0.002}, {})
