@@ -320,13 +320,13 @@ def errors_of(seen: Observed, true: Observed, thickness: float) -> dict[str, flo
 
     Notes
     -----
-    A run that collapses where the reference stands has no peak displacement that could be
-    compared; its error is nan, and the wrong verdict counts under "verdicts".
+    A run that collapses, or whose reference does, has no peak displacement that could be
+    compared; its error is nan. A wrong verdict counts under "verdicts".
     """
     if seen.failed:
         return dict.fromkeys(OF_A_RUN, math.nan)
     peak = math.nan
-    if not seen.collapsed and true.peak > 0.0:
+    if not (seen.collapsed or true.collapsed) and true.peak > 0.0:
         peak = abs(seen.peak - true.peak) / true.peak
     difference = seen.reactions - true.reactions
     reactions = np.maximum(

@@ -86,9 +86,9 @@ def chart(points: pd.DataFrame, references: pd.DataFrame, quantity: str) -> Pict
         "line is half a wrong verdict."
         if quantity == "verdicts"
         else f"Errors of the references: {errors['error'].min():.1e} to {worst:.1e}. "
-        "The grey line is ten times the reference's error (of what is judged from frames, of "
-        "frames as far apart as that run's); nothing is drawn left of its own line, and hollow "
-        "marks say at most."
+        "The grey line is ten times that of its scene; what is read from frames is not drawn "
+        "below what frames as far apart as that run's blur. Nothing is drawn left of its own "
+        "line, and hollow marks say at most."
     )
     return picture(
         f"speed-{quantity.replace('_', '-')}",

@@ -38,12 +38,14 @@ def lead_of(frames: Frames) -> list[str]:
     charted = references[references["charted"].astype(bool)]
     sentences = [_auto_sentence(auto)]
     second = charted[charted["second_away"].notna()]
+    # An error that had to be raised is the distance itself.
+    agree = second[second["error"] != second["second_away"]]
     sentences.append(
         f"References: {len(charted)} of {len(references)} pairs of scene and quantity are "
         f"charted; nothing is plotted below {MARGIN:g} times the reference's own error. A second "
         f"method, time stepping extrapolated from its four finest steps, was compared in "
         f"{len(second)} of them and agrees within its own uncertainty in "
-        f"{int((second['second_away'] <= second['second_doubt'] + second['error']).sum())}; where "
+        f"{len(agree)}; where "
         "it does not, its distance is taken as the reference's error."
     )
     horizons = frames["horizons"]
@@ -53,6 +55,13 @@ def lead_of(frames: Frames) -> list[str]:
         "predictability horizon"
         + (f" ({', '.join(short['scene'])}): spreads are shown for these." if len(short) else ".")
     )
+    fastest = horizons[horizons["exponent"].notna()]
+    if not fastest.empty:
+        worst = fastest.iloc[int(fastest["exponent"].to_numpy().argmax())]
+        sentences[-1] += (
+            f" The largest Lyapunov exponent is {number(worst['exponent'])}/s, of "
+            f"{worst['scene']} (90 % interval {number(worst['low'])} to {number(worst['high'])})."
+        )
     sentences += _peer_sentences(frames["against"])
     return sentences
 
