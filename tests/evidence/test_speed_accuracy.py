@@ -272,6 +272,9 @@ def test_one_scene_from_end_to_end(monkeypatch, tmp_path):
     section = speed_accuracy.show(load(tmp_path, "speed"))
     assert "speed-amplitude" in section.pictures
     assert any("auto is within 1.5 times" in sentence for sentence in section.lead)
+    peak = references.set_index("quantity").loc["peak", "value"]
+    dense = run_scene(load_scene("block_sine"), Way("event_driven", "rtol", 1e-9), history=True)
+    assert peak >= np.hypot(*dense.history["displacement"].to_numpy()[:, 0].T).max()
     amplitude = references.set_index("quantity").loc["amplitude"]
     assert amplitude["value"] == pytest.approx(0.2937, abs=1e-3)
     assert amplitude["second_away"] < 1e-3
