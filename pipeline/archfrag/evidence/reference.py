@@ -201,7 +201,7 @@ def _amplitude(scene: Scene, tight: Way, loose: Way, quick: bool) -> tuple[float
     """Least collapsing amplitude [g] and its relative error: two tolerances, and the bracket."""
     if math.isnan(scene.low):
         return math.nan, math.nan
-    rough = least_amplitude(scene, Way("event_driven", "rtol", 1e-4), 1e-3, 8 if quick else 12)
+    rough = least_amplitude(scene, Way("event_driven", "rtol", 1e-4), 1e-3)
     if math.isnan(rough.least):
         return math.nan, math.nan
     floor = 1e-7 if quick else 1e-8
