@@ -14,6 +14,7 @@ from archfrag.evidence.store import load, save
 
 # In the order in which they are measured and shown.
 PARTS: dict[str, str] = {
+    "speed": "archfrag.evidence.speed_accuracy",
     "growth": "archfrag.evidence.growth",
     "stability": "archfrag.evidence.stability",
     "corner_cases": "archfrag.evidence.corner_cases",

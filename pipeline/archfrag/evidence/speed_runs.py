@@ -1,0 +1,172 @@
+"""Every way of every line on one scene: cost, interleaved, and errors against the reference."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from archfrag.errors import ArchfragError
+from archfrag.evidence.first_change import nearest_change
+from archfrag.evidence.quantities import OF_A_RUN, Observed, errors_of, observe
+from archfrag.evidence.reference import MARGIN, Reference
+from archfrag.evidence.run import Way, motion_of, verdict
+from archfrag.evidence.scene import Scene
+from archfrag.evidence.ways import Line, clocked
+from archfrag.simulation.response import Response
+
+NEAR = 0.9  # of the reference's collapse amplitude: where the cost of that row is taken
+REACH = 0.5
+# Short runs are repeated until they add up to so much [s], up to so many times.
+SHORT, MOST = 0.1, 15
+POINT = (
+    "scene", "quantity", "who", "line", "method", "way", "place", "cost", "least_cost", "error",
+    "floor", "charted", "at_floor", "status",
+)  # fmt: skip
+
+
+@dataclass
+class Tried:
+    """A way on a scene, with its times [s] and what it gave."""
+
+    line: Line
+    way: Way
+    place: int
+    own: list[float] = field(default_factory=list)
+    near: list[float] = field(default_factory=list)
+    seen: Observed | None = None
+    status: str = ""
+
+    def run(self, scene: Scene, **options: Any) -> Response:
+        """Run a scene."""
+        return clocked(scene, self.way, **options)[0]
+
+    @property
+    def step(self) -> float:
+        """Step of the way, or 0 where it has none of its own [s]."""
+        return self.way.value if self.way.knob == "dt" else 0.0
+
+    def interval(self, scene: Scene) -> float:
+        """Between frames of its history [s], as `archfrag.simulate` sets it."""
+        step = self.way.value if self.way.knob == "dt" else self.way.settings.get("dt", 5e-4)
+        return max(step, motion_of(scene).dt)
+
+
+def try_lines(
+    reference: Reference, lines: Iterable[Line], quick: bool
+) -> tuple[list[dict[str, Any]], list[str]]:
+    """Points of all lines on a scene.
+
+    Parameters
+    ----------
+    reference : Reference
+    lines : iterable of Line
+    quick : bool
+        At least 3 instead of 5 runs for each time, and a lower bound on what one may take.
+
+    Returns
+    -------
+    points : list of dict
+        With the keys of `POINT`.
+    left_out : list of str
+        Sentences about settings that were not run.
+    """
+    scene = reference.scene
+    limit, repeats = (0.3, 3) if quick else (0.6, 5)
+    near = _near(reference)
+    tried, left_out = _first_round(reference, lines, limit)
+    for repeat in range(1, MOST):
+        for each in tried:
+            enough = repeats if each.own[0] + each.near[0] < limit else 3
+            if repeat >= enough and sum(each.own) > SHORT:
+                continue
+            each.own.append(each.run(scene).wall_time)
+            each.near.append(each.run(near).wall_time)
+    points = []
+    for each in tried:
+        response = each.run(scene, history=True)
+        each.status = response.status.name.lower()
+        each.seen = observe(scene, response, reference.marks, each.way.method, each.step)
+        points += _points(reference, each)
+    return points, left_out
+
+
+def _near(reference: Reference) -> Scene:
+    """The scene close to its collapse; as it is where nothing collapses."""
+    if math.isnan(reference.amplitude):
+        return reference.scene
+    return reference.scene.at(NEAR * reference.amplitude)
+
+
+def _first_round(
+    reference: Reference, lines: Iterable[Line], limit: float
+) -> tuple[list[Tried], list[str]]:
+    scene, near = reference.scene, _near(reference)
+    tried, left_out = [], []
+    for line in lines:
+        for place, way in enumerate(line.ways):
+            each = Tried(line, way, place)
+            try:
+                first, dearest = clocked(scene, way)
+                second, seconds = clocked(near, way)
+            except ArchfragError as reason:
+                left_out.append(f"{scene.name}: {line.label} is not run: {reason}")
+                break
+            tried.append(each)
+            each.own.append(first.wall_time)
+            each.near.append(second.wall_time)
+            dearest = max(dearest, seconds)
+            if dearest > limit and place + 1 < len(line.ways):
+                left_out.append(
+                    f"{scene.name}: {line.label} finer than {way} is not run: "
+                    f"that took {dearest:.2g} s of the processor"
+                )
+                break
+    return tried, left_out
+
+
+def _points(reference: Reference, each: Tried) -> list[dict[str, Any]]:
+    assert each.seen is not None
+    scene, rows = reference.scene, []
+    errors = errors_of(each.seen, reference.seen, scene.thickness)
+    for name in OF_A_RUN:
+        rows.append(_row(reference, each, name, each.own, errors[name]))
+    if not math.isnan(reference.amplitude):
+        floor = MARGIN * reference.error["amplitude"]
+        found = nearest_change(
+            lambda amplitude: verdict(each.run(scene.at(amplitude))),
+            reference.amplitude, floor, REACH,
+        )  # fmt: skip
+        status = (
+            "no verdict" if found.failed else "no change found" if math.isnan(found.offset) else ""
+        )
+        rows.append(_row(reference, each, "amplitude", each.near, abs(found.offset), status))
+        runs = [each.run(scene.at(amplitude)) for amplitude in reference.grid.tolist()]
+        wrong = [
+            verdict(run) is not bool(true) for run, true in zip(runs, reference.truth, strict=True)
+        ]
+        if runs:
+            cost = [sum(run.wall_time for run in runs)]
+            rows.append(_row(reference, each, "verdicts", cost, float(np.mean(wrong))))
+    return rows
+
+
+def _row(
+    reference: Reference, each: Tried, quantity: str, times: list[float], error: float,
+    status: str = "",
+) -> dict[str, Any]:  # fmt: skip
+    floor = reference.floor(quantity, each.interval(reference.scene))
+    if quantity == "verdicts":
+        # One wrong verdict is the smallest error that the set can show.
+        floor = 0.5 / max(reference.grid.size, 1)
+    charted = not reference.why_not(quantity) and math.isfinite(error)
+    return {
+        "scene": reference.scene.name, "quantity": quantity, "who": "ours",
+        "line": each.line.label, "method": each.way.method, "way": str(each.way),
+        "place": each.place, "cost": float(np.median(times)), "least_cost": min(times),
+        "error": error, "floor": floor, "charted": charted,
+        "at_floor": bool(charted and error <= floor), "status": status or each.status,
+    }  # fmt: skip
