@@ -252,7 +252,7 @@ def evidence(
 ) -> None:  # fmt: skip
     """Speed against accuracy, and where methods fail: tables, figures and a guide.
 
-    PARTS are growth, stability, corner_cases and fragility; all if none is named.
+    PARTS are speed, growth, stability, corner_cases and fragility; all if none is named.
     """
     from archfrag.evidence.command import gather_evidence
     from archfrag.evidence.part import Setup, records_folder

@@ -32,6 +32,8 @@ __all__ = ["Hinge", "MechanismChange", "Onset", "Response", "onset", "simulate",
 
 LOSS_LIMIT = 0.02
 CHECK_INTERVAL = 64
+# The bound on the work of a run is that of steps as long as this, or of shorter ones [s].
+WORK_STEP = 5e-4
 # Frames of a history are as fine as the record, or this where the record is coarser [s].
 COARSEST_FRAMES = 0.01
 
@@ -64,7 +66,7 @@ def simulate(
         the ladder of models built on it; the method's default if not given.
     dt : float, optional
         Time step [s]; the method's default if not given. The event-driven methods take it
-        where they hand over to time stepping.
+        where they hand over to time stepping; that of auto follows its tolerance.
     history : bool
         Whether to keep positions, velocities, reactions and contact modes over time, and the
         log of the mechanism.
@@ -101,8 +103,8 @@ def simulate(
     info = checks.check_method(method)
     if not isinstance(motion, Motion):
         raise InputError(f"motion is {type(motion).__name__}; it must be an archfrag Motion")
-    step = checks.default_of(info, "dt") if dt is None else dt
     tolerance = checks.default_of(info, "rtol") if rtol is None else rtol
+    step = checks.default_step(info, tolerance) if dt is None else dt
     _check_numbers(scale, tolerance, follow, step)
     own = checks.check_settings(info, settings)
     position = np.zeros((arch.n_voussoir, 3))
@@ -119,7 +121,7 @@ def simulate(
         time_step=float(step),
         tolerance=float(tolerance),
         follow=float(follow),
-        max_steps=int(span / step) + ground.horizontal.size + 1000,
+        max_steps=int(span / min(step, WORK_STEP)) + ground.horizontal.size + 1000,
         loss_limit=LOSS_LIMIT,
         check_interval=CHECK_INTERVAL,
         frame_interval=max(float(step), min(float(motion.dt), COARSEST_FRAMES)),

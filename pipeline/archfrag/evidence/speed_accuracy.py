@@ -36,7 +36,7 @@ HORIZON_COLUMNS = (
 SPREAD_COLUMNS = ("scene", "line", "way", "difference", "peak", "collapsed")
 SPREAD_WAYS = (
     ("event_driven", Way("event_driven", "rtol", 1e-6)),
-    ("auto, dt 0.5 ms", Way("auto", "rtol", 1e-3)),
+    ("auto", Way("auto", "rtol", 1e-3)),
     ("time_stepping", Way("time_stepping", "dt", 5e-4)),
 )
 

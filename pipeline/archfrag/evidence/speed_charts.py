@@ -19,7 +19,7 @@ from archfrag.report.canvas import Picture, faint_grid, picture
 _LOOK: dict[str, tuple[str, str, str]] = {
     "time_stepping": (canvas.BLUE, "o", "-"),
     "event_driven": (canvas.VERMILION, "s", "-"),
-    "auto, dt 2 ms": (canvas.GREEN, "^", "-"),
+    "auto": (canvas.GREEN, "^", "-"),
     "auto, dt 0.5 ms": (canvas.GREEN, "v", "--"),
     "penalty": (canvas.ORANGE, "D", "-"),
     "four_link": (canvas.INK, "P", "-"),

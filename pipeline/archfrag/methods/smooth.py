@@ -42,6 +42,8 @@ LONGEST = 0.25
 LONGEST_OPEN = 0.05
 FIRST = 0.02
 SHORTEST = 1e-9
+# Looks for a peak in a step in which a body turned back.
+PEAK_SAMPLES = 16
 # Motion smaller than this part of a joint's length, or of the speed of a fall through it, need
 # not be relatively exact.
 FLOOR = 0.02
@@ -133,13 +135,13 @@ def note_peaks(mechanism, few, position, velocity, chain, pace, ledger):
 
 
 @kernel
-def _turned_back(mechanism, few, chain, pace, ledger):
-    """Peaks inside the last step, where a body turned back in it."""
-    for k in range(few.position.shape[0]):
+def _turned_back(mechanism, chain, pace, position, velocity):
+    """Whether a body that moved away before the last step comes back in the state after it."""
+    for k in range(position.shape[0]):
         first, last = mechanism.first[k], mechanism.last[k]
         for i in (first, (first + last) // 2, last):
             rx, ry = mechanism.offset[i, 0], mechanism.offset[i, 1]
-            q, v = few.new_position[k], few.new_velocity[k]
+            q, v = position[k], velocity[k]
             c, s = np.cos(q[2]), np.sin(q[2])
             x, y = c * rx - s * ry, s * rx + c * ry
             dx, dy = q[0] + x - chain.centroid[i, 0], q[1] + y - chain.centroid[i, 1]
@@ -147,6 +149,14 @@ def _turned_back(mechanism, few, chain, pace, ledger):
             if pace.outward[i] > 0.0 and rate < 0.0:
                 return True
     return False
+
+
+@kernel
+def _note_inside(mechanism, few, chain, pace, ledger, part, position, velocity):
+    """Peaks in the first `part` of a step, from its dense output; the state is room for it."""
+    for k in range(1, PEAK_SAMPLES):
+        dense_state(few, part * k / PEAK_SAMPLES, position, velocity)
+        note_peaks(mechanism, few, position, velocity, chain, pace, ledger)
 
 
 @kernel
@@ -298,17 +308,21 @@ def integrate(chain, whole, joints, few, margins, pace, ground, stop, options, f
                 )  # fmt: skip
                 later = theta * step
                 evaluate(few, few.position, few.velocity, gx + sx * later, gy + sy * later)
+            if _turned_back(mechanism, chain, pace, few.position, few.velocity):
+                _note_inside(
+                    mechanism, few, chain, pace, ledger, theta, few.new_position, few.new_velocity
+                )  # fmt: skip
             note_peaks(mechanism, few, few.position, few.velocity, chain, pace, ledger)
             project(few, few.position, few.velocity)
             return EVENT
         dense = recording and clock[3] <= time + step
-        turned = _turned_back(mechanism, few, chain, pace, ledger)
+        turned = _turned_back(mechanism, chain, pace, few.new_position, few.new_velocity)
         if dense or turned:
             make_dense(few, step)
         if turned:
-            for part in (0.25, 0.5, 0.75):
-                dense_state(few, part, few.position, few.velocity)
-                note_peaks(mechanism, few, few.position, few.velocity, chain, pace, ledger)
+            _note_inside(
+                mechanism, few, chain, pace, ledger, 1.0, few.position, few.velocity
+            )  # fmt: skip
         for p in range(2):
             done = 0.0
             for stage in range(N_STAGE - 1):

@@ -30,6 +30,14 @@ def default_of(info: MethodInfo, name: str) -> float:
     raise KeyError(name)
 
 
+def default_step(info: MethodInfo, tolerance: Any) -> float:
+    """Time step of a method where none is given [s]; some have one for each tolerance."""
+    check_number("rtol", tolerance, "between 0 and 1", lambda x: 0.0 < x < 1.0)
+    if info.step_rule is None:
+        return default_of(info, "dt")
+    return info.step_rule(float(tolerance))
+
+
 def check_arch(arch: Any) -> None:
     """See that it is an `Arch`.
 
