@@ -7,9 +7,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from archfrag.evidence import corner_cases, facts
-from archfrag.evidence.closed_forms import Rocking
-from archfrag.evidence.corner_cases import (
+from archfrag.evidence.cases import corner_cases, facts
+from archfrag.evidence.cases.closed_forms import Rocking
+from archfrag.evidence.cases.corner_cases import (
     OURS,
     case_names,
     default_way,
@@ -18,11 +18,11 @@ from archfrag.evidence.corner_cases import (
     run_case,
     show,
 )
-from archfrag.evidence.facts import FACTS, Run
+from archfrag.evidence.cases.facts import FACTS, Run
+from archfrag.evidence.cases.statics import largest_load, least_friction
 from archfrag.evidence.judge import path_energy_gain
 from archfrag.evidence.run import Way, arch_of, motion_of, run_scene
 from archfrag.evidence.scene import Scene, load_scene
-from archfrag.evidence.statics import largest_load, least_friction
 from archfrag.simulate import onset
 
 

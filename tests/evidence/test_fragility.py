@@ -7,9 +7,8 @@ import pandas as pd
 import pytest
 from scipy.stats import multivariate_normal
 
-from archfrag.evidence import fragility
-from archfrag.evidence.part import Setup
-from archfrag.evidence.partition import (
+from archfrag.evidence.fragility import error as fragility
+from archfrag.evidence.fragility.partition import (
     between_ways,
     both_below,
     bounds,
@@ -17,15 +16,16 @@ from archfrag.evidence.partition import (
     parts_of,
     resampled_parts,
 )
-from archfrag.evidence.run import Places, Way
-from archfrag.evidence.store import load, save
-from archfrag.evidence.studies import (
+from archfrag.evidence.fragility.studies import (
     main_arch,
     real_records,
     run_record,
     run_studies,
     shipped_records,
 )
+from archfrag.evidence.part import Setup
+from archfrag.evidence.run import Places, Way
+from archfrag.evidence.store import load, save
 from archfrag.fragility.counts import Verdict
 from archfrag.simulate import onset
 

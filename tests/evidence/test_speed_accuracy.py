@@ -8,11 +8,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from archfrag.evidence import speed_accuracy
-from archfrag.evidence.first_change import nearest_change
-from archfrag.evidence.horizon import DIFFERENCE, growth_of, slope_interval
 from archfrag.evidence.part import Setup
-from archfrag.evidence.quantities import (
+from archfrag.evidence.run import Places, Way, run_scene
+from archfrag.evidence.scene import load_scene
+from archfrag.evidence.speed import accuracy as speed_accuracy
+from archfrag.evidence.speed.first_change import nearest_change
+from archfrag.evidence.speed.horizon import DIFFERENCE, growth_of, slope_interval
+from archfrag.evidence.speed.quantities import (
     QUANTITIES,
     errors_of,
     marks_of,
@@ -20,12 +22,10 @@ from archfrag.evidence.quantities import (
     positions_at,
     resultants_at,
 )
-from archfrag.evidence.reference import MARGIN
-from archfrag.evidence.run import Places, Way, run_scene
-from archfrag.evidence.scene import load_scene
-from archfrag.evidence.second_method import richardson, settle, settled
-from archfrag.evidence.speed_runs import POINT
-from archfrag.evidence.speed_tables import against_peers, auto_table, exponents, kept_errors
+from archfrag.evidence.speed.reference import MARGIN
+from archfrag.evidence.speed.runs import POINT
+from archfrag.evidence.speed.second_method import richardson, settle, settled
+from archfrag.evidence.speed.tables import against_peers, auto_table, exponents, kept_errors
 from archfrag.evidence.store import load, save
 from archfrag.evidence.ways import LADDERS, Line, arguments, ladders
 from archfrag.methods.registry import METHODS

@@ -7,13 +7,20 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from archfrag.evidence import stability
-from archfrag.evidence.maps import FAILURES, KINDS, RIGHT, draw_maps, kinds_of, lead_sentences
 from archfrag.evidence.part import Setup
 from archfrag.evidence.run import Places, Way, run_scene
 from archfrag.evidence.scene import load_scene
-from archfrag.evidence.stability import Plane, judge_cell, measure, reference, show, ways
-from archfrag.evidence.watch import in_watched_processes
+from archfrag.evidence.stability import planes as stability
+from archfrag.evidence.stability.maps import (
+    FAILURES,
+    KINDS,
+    RIGHT,
+    draw_maps,
+    kinds_of,
+    lead_sentences,
+)
+from archfrag.evidence.stability.planes import Plane, judge_cell, measure, reference, show, ways
+from archfrag.evidence.stability.watch import in_watched_processes
 from archfrag.mechanics.status import Status
 
 STEPS = Way("time_stepping", "dt", 1e-3)

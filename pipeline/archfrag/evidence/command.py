@@ -14,11 +14,11 @@ from archfrag.evidence.store import load, save
 
 # In the order in which they are measured and shown.
 PARTS: dict[str, str] = {
-    "speed": "archfrag.evidence.speed_accuracy",
+    "speed": "archfrag.evidence.speed.accuracy",
     "growth": "archfrag.evidence.growth",
-    "stability": "archfrag.evidence.stability",
-    "corner_cases": "archfrag.evidence.corner_cases",
-    "fragility": "archfrag.evidence.fragility",
+    "stability": "archfrag.evidence.stability.planes",
+    "corner_cases": "archfrag.evidence.cases.corner_cases",
+    "fragility": "archfrag.evidence.fragility.error",
 }
 
 

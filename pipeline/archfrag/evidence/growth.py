@@ -21,7 +21,7 @@ from scipy import stats
 
 import archfrag as af
 from archfrag.errors import InputError
-from archfrag.evidence.fragility_charts import LOOK
+from archfrag.evidence.fragility.charts import LOOK
 from archfrag.evidence.part import Frames, Note, Section, Setup
 from archfrag.evidence.peers.client import Peer, PeerFailed, PeerMissing
 from archfrag.evidence.run import arch_of, compile_seconds, motion_of

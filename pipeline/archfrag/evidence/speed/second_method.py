@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from archfrag.evidence.first_change import nearest_change
-from archfrag.evidence.quantities import Observed, largest_distance, observe
 from archfrag.evidence.run import Verdict, Way, run_scene, verdict
 from archfrag.evidence.scene import Scene
+from archfrag.evidence.speed.first_change import nearest_change
+from archfrag.evidence.speed.quantities import Observed, largest_distance, observe
 from archfrag.evidence.ways import clocked
 
 if TYPE_CHECKING:
-    from archfrag.evidence.reference import Reference
+    from archfrag.evidence.speed.reference import Reference
 
 Array = NDArray[np.float64]
 
@@ -133,7 +133,7 @@ def richardson(values: Sequence[Array]) -> tuple[Array, float, float]:
     Examples
     --------
     >>> import numpy as np
-    >>> from archfrag.evidence.second_method import richardson
+    >>> from archfrag.evidence.speed.second_method import richardson
     >>> limit, uncertainty, order = richardson([np.array(1.0 + h**2) for h in (0.4, 0.2, 0.1)])
     >>> round(float(limit), 12), round(uncertainty, 12), round(order, 6)
     (1.0, 0.01, 2.0)

@@ -8,17 +8,17 @@ from typing import Any
 import pandas as pd
 
 from archfrag.errors import ArchfragError
-from archfrag.evidence.horizon import spread_of_peaks
 from archfrag.evidence.part import Frames, Section, Setup
-from archfrag.evidence.quantities import QUANTITIES
-from archfrag.evidence.reference import Reference, find_reference
 from archfrag.evidence.run import Way, at_hand
 from archfrag.evidence.scene import Scene, load_scene, scene_names
-from archfrag.evidence.speed_charts import chart, spread_chart
-from archfrag.evidence.speed_peers import try_peers
-from archfrag.evidence.speed_runs import POINT, try_lines
-from archfrag.evidence.speed_section import lead_of, notes_of
-from archfrag.evidence.speed_tables import against_peers, auto_table, exponents
+from archfrag.evidence.speed.charts import chart, spread_chart
+from archfrag.evidence.speed.horizon import spread_of_peaks
+from archfrag.evidence.speed.peers import try_peers
+from archfrag.evidence.speed.quantities import QUANTITIES
+from archfrag.evidence.speed.reference import Reference, find_reference
+from archfrag.evidence.speed.runs import POINT, try_lines
+from archfrag.evidence.speed.section import lead_of, notes_of
+from archfrag.evidence.speed.tables import against_peers, auto_table, exponents
 from archfrag.evidence.ways import ladders
 
 QUICK_SCENES = (
@@ -62,7 +62,7 @@ def measure(setup: Setup) -> dict[str, pd.DataFrame]:
     dict of str to DataFrame
         "points": a row for each scene, quantity and setting; cost is the median of wall times of
         the integration [s]. "references", "horizons", "spreads"; "auto", "exponents" and
-        "against" as in `archfrag.evidence.speed_tables`; "left_out": sentences.
+        "against" as in `archfrag.evidence.speed.tables`; "left_out": sentences.
     """
     lines, left_out = ladders(setup.quick)
     scenes, missing = at_hand(chart_scenes(setup.quick), setup.places)

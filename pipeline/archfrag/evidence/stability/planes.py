@@ -12,16 +12,16 @@ import numpy as np
 import pandas as pd
 
 from archfrag.errors import ArchfragError
-from archfrag.evidence.facts import DEEPEST_OVERLAP, MOST_ENERGY_GAIN, NOTHING, energy_made
+from archfrag.evidence.cases.facts import DEEPEST_OVERLAP, MOST_ENERGY_GAIN, NOTHING, energy_made
+from archfrag.evidence.cases.statics import largest_load
 from archfrag.evidence.judge import overlap
-from archfrag.evidence.maps import draw_maps, lead_sentences
 from archfrag.evidence.part import Frames, Note, Section, Setup
 from archfrag.evidence.peers.client import Peer, PeerFailed, PeerMissing
 from archfrag.evidence.run import Way, arch_of, compile_seconds, peak_acceleration, run_scene
 from archfrag.evidence.run import verdict as verdict_of
 from archfrag.evidence.scene import Scene, load_scene
-from archfrag.evidence.statics import largest_load
-from archfrag.evidence.watch import in_watched_processes
+from archfrag.evidence.stability.maps import draw_maps, lead_sentences
+from archfrag.evidence.stability.watch import in_watched_processes
 from archfrag.mechanics.status import Status
 from archfrag.methods.registry import METHODS
 from archfrag.simulation.checks import default_of

@@ -37,7 +37,7 @@ def largest_load(scene: Scene, sense: float = 1.0) -> float:
     Examples
     --------
     >>> from archfrag.evidence.scene import load_scene
-    >>> from archfrag.evidence.statics import largest_load
+    >>> from archfrag.evidence.cases.statics import largest_load
     >>> round(largest_load(load_scene("block_sine")), 9)
     0.2
     """

@@ -42,7 +42,7 @@ def both_below(first: Array, second: Array, correlation: float) -> Array:
     Examples
     --------
     >>> import numpy as np
-    >>> from archfrag.evidence.partition import both_below
+    >>> from archfrag.evidence.fragility.partition import both_below
     >>> both_below(np.zeros(1), np.zeros(1), 0.5).round(12).tolist()
     [0.333333333333]
     """

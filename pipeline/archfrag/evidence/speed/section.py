@@ -8,9 +8,9 @@ from typing import Any
 import pandas as pd
 
 from archfrag.evidence.part import Frames, Note
-from archfrag.evidence.quantities import QUANTITIES
-from archfrag.evidence.reference import MARGIN
-from archfrag.evidence.speed_tables import ALLOWED
+from archfrag.evidence.speed.quantities import QUANTITIES
+from archfrag.evidence.speed.reference import MARGIN
+from archfrag.evidence.speed.tables import ALLOWED
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -18,7 +18,7 @@ def number(value: float, digits: int = 3) -> str:
 
     Examples
     --------
-    >>> from archfrag.evidence.speed_section import number
+    >>> from archfrag.evidence.speed.section import number
     >>> number(0.00123456), number(float("nan")), number(float("inf"))
     ('0.00123', '–', 'none')
     """

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from archfrag.evidence.quantities import positions_at
 from archfrag.evidence.run import Way, run_scene
 from archfrag.evidence.scene import Scene
+from archfrag.evidence.speed.quantities import positions_at
 from archfrag.evidence.ways import clocked
 from archfrag.simulation.response import Response
 
@@ -60,7 +60,7 @@ def slope_interval(x: Array, y: Array, lost: int = 2) -> tuple[float, float, flo
     Examples
     --------
     >>> import numpy as np
-    >>> from archfrag.evidence.horizon import slope_interval
+    >>> from archfrag.evidence.speed.horizon import slope_interval
     >>> slope, low, high = slope_interval(np.arange(4.0), np.array([0.0, 1.1, 1.9, 3.0]))
     >>> round(slope, 2), low < 1.0 < high
     (0.98, True)

@@ -61,7 +61,7 @@ def nearest_change(
 
     Examples
     --------
-    >>> from archfrag.evidence.first_change import nearest_change
+    >>> from archfrag.evidence.speed.first_change import nearest_change
     >>> found = nearest_change(lambda a: a >= 1.003, 1.0, 1e-6)
     >>> abs(found.offset - 0.003) < 2e-4, found.failed
     (True, False)

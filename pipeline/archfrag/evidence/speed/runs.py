@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from archfrag.errors import ArchfragError
-from archfrag.evidence.first_change import nearest_change
-from archfrag.evidence.quantities import OF_A_RUN, Observed, errors_of, observe
-from archfrag.evidence.reference import MARGIN, Reference
 from archfrag.evidence.run import Way, motion_of, verdict
 from archfrag.evidence.scene import Scene
+from archfrag.evidence.speed.first_change import nearest_change
+from archfrag.evidence.speed.quantities import OF_A_RUN, Observed, errors_of, observe
+from archfrag.evidence.speed.reference import MARGIN, Reference
 from archfrag.evidence.ways import Line, clocked
 from archfrag.simulation.response import Response
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullLocator
 
-from archfrag.evidence.quantities import QUANTITIES
+from archfrag.evidence.speed.quantities import QUANTITIES
 from archfrag.report import canvas
 from archfrag.report.canvas import Picture, faint_grid, picture
 
@@ -47,7 +47,7 @@ def chart(points: pd.DataFrame, references: pd.DataFrame, quantity: str) -> Pict
     Parameters
     ----------
     points, references : DataFrame
-        As `archfrag.evidence.speed_accuracy.measure` returns them.
+        As `archfrag.evidence.speed.accuracy.measure` returns them.
     quantity : str
         Of `QUANTITIES`.
     """

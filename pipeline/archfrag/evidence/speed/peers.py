@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from archfrag.evidence.first_change import nearest_change
 from archfrag.evidence.peers.client import Peer, PeerFailed, PeerMissing
 from archfrag.evidence.peers.drive import Outcome
-from archfrag.evidence.quantities import largest_distance
-from archfrag.evidence.reference import MARGIN, Reference
 from archfrag.evidence.run import run_scene
 from archfrag.evidence.scene import Scene
-from archfrag.evidence.speed_runs import NEAR, REACH
+from archfrag.evidence.speed.first_change import nearest_change
+from archfrag.evidence.speed.quantities import largest_distance
+from archfrag.evidence.speed.reference import MARGIN, Reference
+from archfrag.evidence.speed.runs import NEAR, REACH
 
 STEPS = (5e-3, 2e-3, 1e-3, 5e-4, 2.5e-4)
 QUICK_STEPS = (5e-3, 2e-3, 1e-3)

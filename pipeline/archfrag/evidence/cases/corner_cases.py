@@ -16,12 +16,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
 from archfrag.errors import STATUS_SENTENCE, ArchfragError
-from archfrag.evidence.closed_forms import Rocking
-from archfrag.evidence.facts import Finding, Run, judge_run
+from archfrag.evidence.cases.closed_forms import Rocking
+from archfrag.evidence.cases.facts import Finding, Run, judge_run
+from archfrag.evidence.cases.statics import least_friction
 from archfrag.evidence.part import Frames, Note, Section, Setup, in_processes
 from archfrag.evidence.run import Way, arch_of, run_scene
 from archfrag.evidence.scene import STANDARD_GRAVITY, Scene
-from archfrag.evidence.statics import least_friction
 from archfrag.mechanics.status import Status
 from archfrag.methods.registry import AUTO, METHODS
 from archfrag.motions.read import read_motion
@@ -30,7 +30,7 @@ from archfrag.report.canvas import Picture, picture
 from archfrag.simulate import onset
 from archfrag.simulation.checks import default_of
 
-FOLDER = Path(__file__).parent / "corner_cases"
+FOLDER = Path(__file__).parent / "files"
 Row = dict[str, Any]
 OURS = ("time_stepping", "event_driven", AUTO)
 HELD, BROKE, NO_ANSWER, NOT_FOR_IT = "held", "broke", "failed", "does not apply"
@@ -39,7 +39,7 @@ _COLOURS = {HELD: "#bfe3d5", BROKE: canvas.VERMILION, NO_ANSWER: canvas.INK, NOT
 
 @dataclass(frozen=True)
 class CornerCase:
-    """A file of the folder `corner_cases`.
+    """A file of the folder `files`.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class CornerCase:
     source : str
     scene : Scene
     expect : dict
-        Facts of `archfrag.evidence.facts` with their arguments, of every variant.
+        Facts of `archfrag.evidence.cases.facts` with their arguments, of every variant.
     variants : dict of str to dict
         What differs from the scene; each with its own `expect` beside that of the case.
     history : bool
@@ -83,7 +83,7 @@ def load_case(name: str) -> CornerCase:
 
     Examples
     --------
-    >>> from archfrag.evidence.corner_cases import load_case
+    >>> from archfrag.evidence.cases.corner_cases import load_case
     >>> len(load_case("thrust_at_a_corner").runs())
     5
     """

@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from archfrag.evidence.closed_forms import Rocking, rest_limits, slip_under_rectangle
+from archfrag.evidence.cases.closed_forms import Rocking, rest_limits, slip_under_rectangle
+from archfrag.evidence.cases.statics import largest_load
 from archfrag.evidence.judge import energy_gain, overlap, path_energy_gain
 from archfrag.evidence.run import arch_of, motion_of, verdict
 from archfrag.evidence.scene import Scene
-from archfrag.evidence.statics import largest_load
 from archfrag.mechanics.status import Status
 from archfrag.simulate import onset
 from archfrag.simulation.response import Response

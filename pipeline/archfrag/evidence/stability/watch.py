@@ -47,7 +47,7 @@ def in_watched_processes(
 
     Examples
     --------
-    >>> from archfrag.evidence.watch import in_watched_processes
+    >>> from archfrag.evidence.stability.watch import in_watched_processes
     >>> in_watched_processes(divmod, [(7, 2), (9, 4)], workers=1, limit=60.0)
     [(3, 1), (2, 1)]
     """

@@ -14,9 +14,8 @@ import numpy as np
 import pandas as pd
 
 from archfrag.errors import FitError
-from archfrag.evidence.fragility_charts import show
-from archfrag.evidence.part import Setup
-from archfrag.evidence.partition import (
+from archfrag.evidence.fragility.charts import show
+from archfrag.evidence.fragility.partition import (
     Array,
     between_ways,
     bounds,
@@ -24,14 +23,15 @@ from archfrag.evidence.partition import (
     parts_of,
     resampled_parts,
 )
-from archfrag.evidence.run import Way
-from archfrag.evidence.studies import (
+from archfrag.evidence.fragility.studies import (
     Records,
     predicted_seconds,
     real_records,
     run_studies,
     shipped_records,
 )
+from archfrag.evidence.part import Setup
+from archfrag.evidence.run import Way
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.fit import fit_stripes
 from archfrag.methods.registry import METHODS

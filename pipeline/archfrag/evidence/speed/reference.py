@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.errors import ArchfragError
-from archfrag.evidence.first_change import nearest_change
-from archfrag.evidence.horizon import Growth, measure_growth
-from archfrag.evidence.quantities import (
+from archfrag.evidence.run import Verdict, Way, least_amplitude, run_scene, verdict
+from archfrag.evidence.scene import Scene
+from archfrag.evidence.speed.first_change import nearest_change
+from archfrag.evidence.speed.horizon import Growth, measure_growth
+from archfrag.evidence.speed.quantities import (
     TRUE_ZERO,
     Marks,
     Observed,
@@ -22,9 +24,7 @@ from archfrag.evidence.quantities import (
     observe,
     positions_at,
 )
-from archfrag.evidence.run import Verdict, Way, least_amplitude, run_scene, verdict
-from archfrag.evidence.scene import Scene
-from archfrag.evidence.second_method import compare_with_steps
+from archfrag.evidence.speed.second_method import compare_with_steps
 from archfrag.evidence.ways import clocked
 from archfrag.simulation.response import Response
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from archfrag.evidence.horizon import slope_interval
+from archfrag.evidence.speed.horizon import slope_interval
 from archfrag.methods.registry import AUTO
 
 ALLOWED = 1.5

@@ -1,0 +1,1 @@
+"""Cost against error of every method on every scene, each error against its reference."""
