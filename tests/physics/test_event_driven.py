@@ -139,6 +139,16 @@ class TestArch:
         assert run.model_time["four_hinges"] > 0.1
         assert sorted(first.joints) == [j for j, _ in af.onset(arch).hinges]
 
+    def test_two_voussoirs_whose_hinges_and_slide_allow_no_finite_motion(self):
+        # Two hinges at the springings and a slide at the crown move at first order only.
+        arch = af.Arch.pointed(6.0, 5.3, 0.94, voussoirs=2, friction=1.05)
+        time = np.arange(0.0, 1.0, 0.01)
+        sine = 2.0 * af.onset(arch).plus * g * np.sin(4.0 * math.pi * time)
+        for method in ("event_driven", "auto"):
+            run = af.simulate(arch, af.Motion(sine, 0.01), method=method)
+            assert run.collapsed is False
+            assert run.peak_displacement < 0.2
+
 
 class TestAgainstTimeStepping:
     def test_verdicts_of_random_scenes(self):

@@ -276,7 +276,7 @@ def take_step(few, step, ground_x, slope_x, ground_y, slope_y, size, speed):
         if not evaluate(few, few.new_position, few.new_velocity, gx, gy):
             return False, np.inf
         keep_stage(few, stage, few.new_velocity, gx, gy)
-    worst = 0.0
+    worst = total = 0.0
     for i in range(n):
         for c in range(3):
             eq = ev = 0.0
@@ -285,7 +285,9 @@ def take_step(few, step, ground_x, slope_x, ground_y, slope_y, size, speed):
                 ev += E[stage] * few.stage_acceleration[i, stage, c]
             arm = few.length[0] if c == 2 else 1.0
             worst = max(worst, abs(eq) * step * arm / size, abs(ev) * step * arm / speed)
-    return True, worst
+            total += abs(eq) + abs(ev)
+    # The maximum of a number and of none is the number.
+    return True, worst if np.isfinite(total) else np.inf
 
 
 @inlined
