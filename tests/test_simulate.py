@@ -72,7 +72,7 @@ class TestResponse:
         ]  # fmt: skip
         assert set(response.work) == {
             "steps", "iterations", "paths", "compliant", "shortened", "levels",
-            "level_iterations", "general",
+            "level_iterations", "general", "sweeps", "unconverged",
         }  # fmt: skip
         assert response.steps == response.work["steps"] > 20
         assert response.fallbacks == response.work["compliant"]

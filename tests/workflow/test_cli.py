@@ -15,7 +15,7 @@ from tests.study.small import ROOT, TEXT, small_study, write_at2
 ARCH = ["--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoirs", "7",
         "--friction", "0.7"]  # fmt: skip
 COMMANDS = ("onset", "simulate", "records", "validate", "warmup", "run", "motions", "batch",
-            "cube", "fit", "report")  # fmt: skip
+            "cube", "fit", "report", "evidence")  # fmt: skip
 
 
 def call(*arguments):
@@ -124,9 +124,9 @@ class TestSimulate:
         assert refused("simulate", *ARCH, lost)[0] == 2
         assert str(lost) in refused("simulate", *ARCH, lost)[1]
         code, sentence = refused("simulate", *ARCH, record, "--method", "euler")
-        assert (code, sentence) == (
-            2, "method is 'euler'; allowed are auto, time_stepping, event_driven",
-        )  # fmt: skip
+        known = "auto, time_stepping, event_driven, four_link, penalty, gauss_seidel, "
+        known += "quadratic_programme"
+        assert (code, sentence) == (2, f"method is 'euler'; allowed are {known}")
         thin = [*ARCH[:2], "--thickness", "0.3", *ARCH[4:]]
         code, sentence = refused("simulate", *thin, record)
         assert code == 3
@@ -223,3 +223,15 @@ class TestSteps:
         result = call("motions", small_study(tmp_path), "--log", log)
         assert isinstance(result.exception, ZeroDivisionError)
         assert "ZeroDivisionError: a mistake of ours" in log.read_text()
+
+
+class TestEvidence:
+    def test_an_unknown_part_is_named_with_those_there_are(self, tmp_path):
+        sentence = refused("evidence", "sped", "--out", tmp_path / "out")[1]
+        assert sentence.startswith("evidence has no part 'sped'; allowed are speed, growth")
+        assert not (tmp_path / "out").exists()
+
+    def test_an_unknown_peer_is_named_with_those_there_are(self, tmp_path):
+        sentence = refused("evidence", "growth", "--peers", "mujuco", "--out", tmp_path / "out")[1]
+        assert sentence.startswith("evidence knows no peer 'mujuco'; allowed are archfrag, mujoco")
+        assert not (tmp_path / "out").exists()

@@ -10,6 +10,7 @@ from types import ModuleType
 
 from archfrag.errors import InputError
 from archfrag.evidence.part import Setup
+from archfrag.evidence.peers.client import NAMES, VARIANTS
 from archfrag.evidence.store import load, save
 
 # In the order in which they are measured and shown.
@@ -46,13 +47,17 @@ def gather_evidence(names: Sequence[str], setup: Setup, folder: Path) -> Path:
     Raises
     ------
     InputError
-        If there is no part of a name.
+        If there is no part, or no peer, of a name.
     """
     from archfrag.evidence.guide import write_guide
 
     for name in names:
         if name not in PARTS:
             raise InputError(f"evidence has no part {name!r}; allowed are {', '.join(PARTS)}")
+    known = (*NAMES, *VARIANTS)
+    for name in setup.peers:
+        if name not in known:
+            raise InputError(f"evidence knows no peer {name!r}; allowed are {', '.join(known)}")
     facts = {"quick": setup.quick, "peers": list(setup.peers), "workers": setup.workers}
     for name in names or PARTS:
         began = time.perf_counter()

@@ -49,9 +49,10 @@ def record_step(
         ``clock[3]`` is when the next frame is due.
     ledger : Ledger
     """
-    end = start + part * step
+    # A frame due at the end is not left out by rounding.
+    end = start + part * step + 1e-9 * interval
     while clock[3] <= end:
-        theta = (clock[3] - start) / step
+        theta = min((clock[3] - start) / step, part)
         dense_state(few, theta, few.new_position, few.new_velocity)
         later = theta * step
         record_state(

@@ -315,7 +315,7 @@ def integrate(chain, whole, joints, few, margins, pace, ground, stop, options, f
             note_peaks(mechanism, few, few.position, few.velocity, chain, pace, ledger)
             project(few, few.position, few.velocity)
             return EVENT
-        dense = recording and clock[3] <= time + step
+        dense = recording and clock[3] <= time + step + 1e-9 * options.frame_interval
         turned = _turned_back(mechanism, chain, pace, few.new_position, few.new_velocity)
         if dense or turned:
             make_dense(few, step)
