@@ -181,6 +181,22 @@ class TestSteps:
         assert many.steps > 3 * fewer.steps
         assert given.steps == pytest.approx(0.1 / 1e-5, abs=2)
 
+    def test_the_critical_step_of_a_block_is_that_of_its_eigenvalues(self):
+        block = af.Block(1.0, 2.0, friction=0.6)
+        mass, inertia = block.chain.mass[0], block.chain.inertia[0]
+        normal, shear = 0.5 * 1e9, 0.5 * 1e9 * 0.4  # at each corner of a joint of 1 m2
+        stiffness = np.zeros((3, 3))
+        for x, y in ((-0.5, -1.0), (0.5, -1.0)):
+            along, across = np.array([1.0, 0.0, -y]), np.array([0.0, 1.0, x])
+            stiffness += shear * np.outer(along, along) + normal * np.outer(across, across)
+        scale = 1.0 / np.sqrt([mass, mass, inertia])
+        fastest = np.sqrt(np.linalg.eigvalsh(stiffness * np.outer(scale, scale))[-1])
+        ratio = 0.3
+        critical = 2.0 / fastest * (np.sqrt(1.0 + ratio**2) - ratio)
+        run = penalty(block, still(0.1), stiffness=1e9, follow=0.0, dt=0.05)
+        assert run.steps == pytest.approx(0.1 / (0.25 * critical), rel=0.1)
+        assert run.steps >= 0.1 / (0.25 * critical) - 1.0
+
     @pytest.mark.parametrize("damping", [0.0, 0.1, 0.3])
     def test_is_stable_below_the_critical_step_and_not_above(self, arch, damping):
         def run(part):
