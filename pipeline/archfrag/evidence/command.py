@@ -9,9 +9,12 @@ from pathlib import Path
 from types import ModuleType
 
 from archfrag.errors import InputError
-from archfrag.evidence.part import Setup
+from archfrag.evidence.part import Setup, in_processes
 from archfrag.evidence.peers.client import NAMES, VARIANTS
 from archfrag.evidence.store import load, save
+from archfrag.methods.registry import AUTO, METHODS
+from archfrag.simulate import warmup
+from archfrag.simulation.checks import is_available
 
 # In the order in which they are measured and shown.
 PARTS: dict[str, str] = {
@@ -26,6 +29,15 @@ PARTS: dict[str, str] = {
 def part(name: str) -> ModuleType:
     """Module of a part: it has `measure(setup)` and `show(frames)`."""
     return import_module(PARTS[name])
+
+
+def _compile(setup: Setup) -> None:
+    """Have all kernels in the cache; the longest to compile first, others beside it."""
+    began = time.perf_counter()
+    installed = [name for name, info in METHODS.items() if is_available(info) and name != AUTO]
+    longest_first = sorted(installed, key=lambda name: name != "event_driven")
+    in_processes(warmup, [(name,) for name in longest_first], setup.workers)
+    setup.say(f"evidence: kernels ready in {time.perf_counter() - began:.0f} s")
 
 
 def gather_evidence(names: Sequence[str], setup: Setup, folder: Path) -> Path:
@@ -59,6 +71,7 @@ def gather_evidence(names: Sequence[str], setup: Setup, folder: Path) -> Path:
         if name not in known:
             raise InputError(f"evidence knows no peer {name!r}; allowed are {', '.join(known)}")
     facts = {"quick": setup.quick, "peers": list(setup.peers), "workers": setup.workers}
+    _compile(setup)
     for name in names or PARTS:
         began = time.perf_counter()
         setup.say(f"evidence: {name} begins")

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
+from archfrag.evidence.fragility.peers import peers_note
 from archfrag.evidence.part import Frames, Note, Section
 from archfrag.report import canvas
 from archfrag.report.canvas import Picture, faint_grid, picture
@@ -55,6 +56,8 @@ def show(frames: Frames) -> Section:
     pictures["fragility_dispersion"] = dispersion_picture(curves, dispersion)
     lead += [_share(row) for _, row in _often(dispersion).iterrows()]
     notes += [_dispersion_note(dispersion), _repeated_note(frames["repeated"])]
+    if "peers" in frames:
+        notes.append(peers_note(frames["peers"]))
     if len(frames["left_out"]):
         rows = tuple(tuple(map(str, row)) for row in frames["left_out"].to_numpy())
         notes.append(Note("Left out", "What was not run.", ("study", "way", "reason"), rows))

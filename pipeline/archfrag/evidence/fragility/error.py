@@ -23,6 +23,7 @@ from archfrag.evidence.fragility.partition import (
     parts_of,
     resampled_parts,
 )
+from archfrag.evidence.fragility.peers import compare_peers
 from archfrag.evidence.fragility.studies import (
     Records,
     predicted_seconds,
@@ -125,7 +126,11 @@ def measure(setup: Setup) -> dict[str, pd.DataFrame]:
     runs = run_studies(wanted, setup.workers)
     resamples = 400 if setup.quick else 1000
     names = tuple(str(way) for way in references(setup.quick))
-    return {
+    frames: dict[str, pd.DataFrame] = {}
+    if setup.peers:
+        frames["peers"], missing = compare_peers(setup, studies[0])
+        left_out += missing
+    return frames | {
         "runs": runs,
         "curves": curves_table(runs, names, resamples),
         "dispersion": dispersion_table(runs, resamples // 2),

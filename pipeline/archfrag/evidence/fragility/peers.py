@@ -1,0 +1,214 @@
+"""The same fragility study by other people's solvers and by ours, of one straight-sided arch."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from archfrag.errors import FitError
+from archfrag.evidence.fragility.studies import Records
+from archfrag.evidence.part import Note, Setup
+from archfrag.evidence.peers.client import Peer, PeerFailed, PeerMissing
+from archfrag.evidence.run import Way, run_scene, verdict
+from archfrag.evidence.scene import Scene, load_scene
+from archfrag.fragility.fit import fit_stripes
+
+# Of the records and of the levels every second one: peers step through the whole of each motion.
+PART = 2
+STEPS = (4e-3, 2e-3, 1e-3)
+# A way of a peer is left out where its study would take longer than this [s of CPU].
+LONGEST = {True: 60.0, False: 400.0}
+# After a record, for what has lost its contact to fall by two thicknesses [s].
+FALL = 4.0
+REFERENCES = (Way("time_stepping", "dt", 1e-4), Way("event_driven", "rtol", 1e-5))
+OURS = (
+    *(Way("time_stepping", "dt", step) for step in (8e-3, 4e-3, 2e-3, 1e-3, 5e-4)),
+    *(Way("auto", "rtol", tolerance) for tolerance in (1e-1, 1e-2, 1e-3)),
+)
+COLUMNS = (
+    "way", "who", "theta_g", "beta", "ln_theta_difference", "beta_difference", "differ",
+    "failures", "cpu_seconds", "cheapest_of_ours", "cheapest_seconds", "auto_seconds",
+)  # fmt: skip
+
+
+def scenes_of(records: Records) -> list[list[Scene]]:
+    """The study as scenes: a row for each record, a scene for each level."""
+    base = load_scene("arch7_pulse")
+    rows = []
+    for motion in records.motions[::PART]:
+        peak = float(np.max(np.abs(motion.acceleration)))
+        shaking = {
+            "kind": "samples", "amplitude": 1.0, "sample_step": motion.dt,
+            "values": (motion.acceleration / peak).tolist(),
+        }  # fmt: skip
+        duration = math.ceil(motion.dt * motion.acceleration.size + FALL)
+        scene = replace(base, name=motion.id, motion=shaking, duration=float(duration))
+        rows.append([scene.at(level) for level in records.levels[::PART]])
+    return rows
+
+
+def compare_peers(
+    setup: Setup, records: Records
+) -> tuple[pd.DataFrame, list[tuple[str, str, str]]]:
+    """The study by ours and by every peer that is asked for and installed.
+
+    Parameters
+    ----------
+    setup : Setup
+    records : Records
+
+    Returns
+    -------
+    DataFrame
+        Columns `COLUMNS`: differences are from the pooled references; the last three say which of
+        our ways is the cheapest with errors of theta and beta no larger, and what it costs.
+    list of (study, way, reason)
+        What was left out.
+    """
+    scenes = scenes_of(records)
+    tables = {str(way): (_ours(way, scenes), "ours") for way in (*REFERENCES, *OURS)}
+    left_out: list[tuple[str, str, str]] = []
+    for name in setup.peers:
+        try:
+            peer = Peer(name, 120.0)
+        except PeerMissing as missing:
+            left_out.append((records.study, name, f"not installed: {missing}"))
+            continue
+        for step in STEPS:
+            way = f"{name} {1e3 * step:g} ms"
+            setup.say(f"fragility: {way}")
+            try:
+                predicted = _predicted(peer, scenes, step)
+            except PeerFailed as failure:
+                left_out.append((records.study, way, str(failure)))
+                continue
+            if predicted > LONGEST[setup.quick]:
+                reason = f"the study would take about {predicted:.0f} s"
+                left_out.append((records.study, way, reason))
+                break
+            tables[way] = (_peer(peer, scenes, step), "peer")
+        peer.close()
+    return _table(tables, np.array(records.levels[::PART])), left_out
+
+
+def _collect(scenes: list[list[Scene]], run: Callable[[Scene], tuple[float, float]]) -> Any:
+    """Verdicts (1, 0 or nan) and CPU seconds, (n_record, n_level) each."""
+    return np.array([[run(scene) for scene in row] for row in scenes]).transpose(2, 0, 1)
+
+
+def _ours(way: Way, scenes: list[list[Scene]]) -> Any:
+    def run(scene: Scene) -> tuple[float, float]:
+        began = time.process_time()
+        response = run_scene(scene, way)
+        fell = verdict(response)
+        return math.nan if fell is None else float(fell), time.process_time() - began
+
+    run(scenes[0][0])
+    return _collect(scenes, run)
+
+
+def _peer(peer: Peer, scenes: list[list[Scene]], step: float) -> Any:
+    def run(scene: Scene) -> tuple[float, float]:
+        try:
+            outcome = peer.run(scene, step)
+        except PeerFailed:
+            return math.nan, 0.0
+        return float(outcome.collapsed), outcome.cpu_seconds
+
+    return _collect(scenes, run)
+
+
+def _predicted(peer: Peer, scenes: list[list[Scene]], step: float) -> float:
+    row = scenes[len(scenes) // 2]
+    spent = peer.run(row[len(row) // 2], step).cpu_seconds
+    return spent * len(scenes) * len(row)
+
+
+def _curve(levels: np.ndarray, verdicts: np.ndarray) -> tuple[float, float]:
+    known = ~np.isnan(verdicts)
+    try:
+        fit = fit_stripes(levels, np.nansum(verdicts, axis=0), known.sum(axis=0))
+    except FitError:
+        return math.nan, math.nan
+    return float(np.log(fit.theta)), fit.beta
+
+
+def _table(tables: dict[str, tuple[Any, str]], levels: np.ndarray) -> pd.DataFrame:
+    names = [str(way) for way in REFERENCES]
+    pooled = np.concatenate([tables[name][0][0] for name in names])
+    centre = np.array(_curve(levels, pooled))
+    agreed = np.where(tables[names[0]][0][0] == tables[names[1]][0][0], tables[names[0]][0][0], -1)
+    rows = []
+    for way, (found, who) in tables.items():
+        verdicts, seconds = found
+        curve = np.array(_curve(levels, verdicts))
+        differ = (agreed >= 0) & ~np.isnan(verdicts) & (verdicts != agreed)
+        away = curve - centre
+        rows.append((
+            way, "reference" if way in names else who, float(np.exp(curve[0])), curve[1], away[0],
+            away[1], int(differ.sum()), int(np.isnan(verdicts).sum()), float(seconds.sum()), "",
+            math.nan, math.nan,
+        ))  # fmt: skip
+    frame = pd.DataFrame(rows, columns=list(COLUMNS))
+    for i in frame.index[frame["who"] == "peer"]:
+        as_good = frame[frame["who"] == "ours"]
+        for error in ("ln_theta_difference", "beta_difference"):
+            allowed = max(abs(float(frame[error][i])), _doubt(frame))
+            as_good = as_good[as_good[error].abs() <= allowed]
+        for name, choice in (("cheapest", as_good), ("auto", _of_auto(as_good))):
+            if len(choice):
+                best = choice.iloc[int(choice["cpu_seconds"].to_numpy().argmin())]
+                frame.loc[i, f"{name}_seconds"] = best["cpu_seconds"]
+                if name == "cheapest":
+                    frame.loc[i, "cheapest_of_ours"] = best["way"]
+    return frame
+
+
+def _of_auto(frame: pd.DataFrame) -> pd.DataFrame:
+    return frame[frame["way"].str.startswith("auto ")]
+
+
+def _doubt(frame: pd.DataFrame) -> float:
+    """Below which errors cannot be told apart: half of what lies between the references."""
+    pair = frame.loc[frame["who"] == "reference", "ln_theta_difference"]
+    return float(np.ptp(pair)) / 2.0
+
+
+def peers_note(frame: pd.DataFrame) -> Note:
+    """The table for the page, and whether a peer is anywhere cheaper at its own error."""
+    heads = (
+        "way", "theta (g)", "ln theta off (%)", "beta off", "verdicts that differ",
+        "CPU (s)", "ours at no larger error", "CPU (s)",
+    )  # fmt: skip
+    rows = tuple(_cells(frame))
+    peers = frame[frame["who"] == "peer"]
+    slower = peers[~(peers["cheapest_seconds"] < peers["cpu_seconds"])]
+    ratio = (peers["cpu_seconds"] / peers["cheapest_seconds"]).min()
+    text = (
+        f"Straight-sided arch of the main job, every second record and level. Errors below "
+        f"{100.0 * _doubt(frame):.1f} %, half of what lies between the two references, are not "
+        "told apart. "
+    )
+    if len(slower):
+        text += "Not faster than " + ", ".join(slower["way"]) + " at its error."
+    elif len(peers):
+        text += f"At equal error ours is faster than every peer, by {ratio:.1f} times at least."
+    return Note("Other solvers", text, heads, rows)
+
+
+def _cells(frame: pd.DataFrame) -> Iterator[tuple[str, ...]]:
+    for _, row in frame.iterrows():
+        known = isinstance(row.cheapest_of_ours, str) and row.cheapest_of_ours
+        ours = (row.cheapest_of_ours, f"{row.cheapest_seconds:.1f}") if known else ("none", "")
+        yield (
+            f"{row.way} (reference)" if row.who == "reference" else str(row.way),
+            f"{row.theta_g:.3f}", f"{100.0 * row.ln_theta_difference:+.1f}",
+            f"{row.beta_difference:+.3f}", str(row.differ), f"{row.cpu_seconds:.1f}",
+            *(ours if row.who == "peer" else ("", "")),
+        )  # fmt: skip
