@@ -12,9 +12,9 @@ from archfrag.errors import InputError
 from archfrag.evidence.part import Setup, in_processes
 from archfrag.evidence.peers.client import NAMES, VARIANTS
 from archfrag.evidence.store import load, save
-from archfrag.methods.registry import AUTO, METHODS
+from archfrag.methods.registry import AUTO
 from archfrag.simulate import warmup
-from archfrag.simulation.checks import is_available
+from archfrag.simulation.checks import available_methods
 
 # In the order in which they are measured and shown.
 PARTS: dict[str, str] = {
@@ -34,7 +34,7 @@ def part(name: str) -> ModuleType:
 def _compile(setup: Setup) -> None:
     """Have all kernels in the cache; the longest to compile first, others beside it."""
     began = time.perf_counter()
-    installed = [name for name, info in METHODS.items() if is_available(info) and name != AUTO]
+    installed = [name for name in available_methods() if name != AUTO]
     longest_first = sorted(installed, key=lambda name: name != "event_driven")
     in_processes(warmup, [(name,) for name in longest_first], setup.workers)
     setup.say(f"evidence: kernels ready in {time.perf_counter() - began:.0f} s")

@@ -26,9 +26,9 @@ from archfrag.evidence.part import Frames, Note, Section, Setup
 from archfrag.evidence.peers.client import Peer, PeerFailed, PeerMissing
 from archfrag.evidence.run import arch_of, compile_seconds, motion_of
 from archfrag.evidence.scene import Scene, load_scene
-from archfrag.methods.registry import METHODS
 from archfrag.report import canvas
 from archfrag.report.canvas import faint_grid, picture
+from archfrag.simulation.checks import available_methods
 from archfrag.simulation.response import Response
 
 NUMBERS = {True: (7, 10, 14, 20, 27, 38, 54), False: (7, 10, 14, 20, 27, 38, 54, 81, 108)}
@@ -108,7 +108,7 @@ def measure(setup: Setup) -> dict[str, pd.DataFrame]:
     dict of str to DataFrame
         `runs`, every timed run; `exponents`, a row for each method; `left_out`, and why.
     """
-    methods = list(METHODS)
+    methods = list(available_methods())
     compile_seconds(methods)
     peers: dict[str, Peer] = {}
     left_out: list[tuple[str, str, str]] = []

@@ -54,6 +54,11 @@ def is_available(info: MethodInfo) -> bool:
     return info.needs is None or importlib.util.find_spec(info.needs) is not None
 
 
+def available_methods() -> tuple[str, ...]:
+    """Names of the methods that can run here, in the registry's order."""
+    return tuple(name for name, info in METHODS.items() if is_available(info))
+
+
 def check_method(name: Any) -> MethodInfo:
     """The method of a name.
 

@@ -28,7 +28,7 @@ from archfrag.motions.read import read_motion
 from archfrag.report import canvas
 from archfrag.report.canvas import Picture, picture
 from archfrag.simulate import onset
-from archfrag.simulation.checks import default_of
+from archfrag.simulation.checks import available_methods, default_of
 
 FOLDER = Path(__file__).parent / "files"
 Row = dict[str, Any]
@@ -182,7 +182,7 @@ def measure(setup: Setup) -> dict[str, pd.DataFrame]:
         `runs`: a row for each variant and method; `cases`: what each is.
     """
     names = case_names()
-    tasks = [(load_case(name), method) for name in names for method in METHODS]
+    tasks = [(load_case(name), method) for name in names for method in available_methods()]
     found = in_processes(run_case, tasks, setup.workers)
     rows = [row for part in found for row in part]
     cases = [load_case(name) for name in names]

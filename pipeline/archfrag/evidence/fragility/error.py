@@ -36,6 +36,7 @@ from archfrag.evidence.run import Way
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.fit import fit_stripes
 from archfrag.methods.registry import METHODS
+from archfrag.simulation.checks import available_methods
 
 __all__ = ["measure", "show"]
 
@@ -79,7 +80,7 @@ def compared(records: Records, quick: bool) -> tuple[list[Way], list[tuple[str, 
     """Models to be compared with that are there and affordable; and why others are left out."""
     ways, left_out = [], []
     for name, step in COMPARED.items():
-        if name not in METHODS:
+        if name not in available_methods():
             continue
         takes_step = any(parameter.name == "dt" for parameter in METHODS[name].parameters)
         way = Way(name, "dt", step) if takes_step else Way(name, "rtol", 1e-4)

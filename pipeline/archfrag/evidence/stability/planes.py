@@ -24,7 +24,7 @@ from archfrag.evidence.stability.maps import draw_maps, lead_sentences
 from archfrag.evidence.stability.watch import in_watched_processes
 from archfrag.mechanics.status import Status
 from archfrag.methods.registry import METHODS
-from archfrag.simulation.checks import default_of
+from archfrag.simulation.checks import available_methods, default_of
 
 # What must rest may move so far [m].
 MOST_DRIFT = 1e-6
@@ -213,7 +213,7 @@ def measure(setup: Setup) -> dict[str, pd.DataFrame]:
         `cells`: a row for each run; `references`: the verdict that each scene is judged by.
     """
     chosen = planes(setup.quick)
-    prepare = partial(compile_seconds, tuple(METHODS))
+    prepare = partial(compile_seconds, available_methods())
     watched = partial(
         in_watched_processes, workers=setup.workers, limit=LIMIT[setup.quick], prepare=prepare
     )
@@ -226,12 +226,12 @@ def measure(setup: Setup) -> dict[str, pd.DataFrame]:
     heads: list[Row] = []
     tasks = []
     for (plane, label, scene), expected, must_rest in zip(scenes, said, rest):
-        for method in METHODS:
+        for method in available_methods():
             for row_label, settings in _rows_of(plane, label, method):
                 for way in ways(method, setup.quick, settings):
                     heads.append(_head(plane, row_label, method, *knob_of(way)))
                     tasks.append((scene, way, expected or "undecided", must_rest))
-    setup.say(f"stability: {len(tasks)} runs of {len(METHODS)} methods")
+    setup.say(f"stability: {len(tasks)} runs of {len(available_methods())} methods")
     found = watched(judge_cell, tasks)
     rows = [head | _finished(row) for head, row in zip(heads, found)]
     for name in setup.peers:
