@@ -72,7 +72,7 @@ def _auto_sentence(auto: pd.DataFrame) -> str:
     above = auto[auto["flag"].astype(bool)]
     never = int(auto["ratio"].map(math.isinf).sum())
     text = (
-        f"auto is within {ALLOWED:g} times the cheapest of our methods at "
+        f"auto is within {ALLOWED:g} times the cheapest of our methods (the baselines apart) at "
         f"{len(auto) - len(above)} of {len(auto)} error levels"
     )
     if never:
