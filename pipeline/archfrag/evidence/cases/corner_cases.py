@@ -7,6 +7,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,10 @@ from archfrag.errors import STATUS_SENTENCE, ArchfragError
 from archfrag.evidence.cases.closed_forms import Rocking
 from archfrag.evidence.cases.facts import Finding, Run, judge_run
 from archfrag.evidence.cases.statics import least_friction
-from archfrag.evidence.part import Frames, Note, Section, Setup, in_processes
-from archfrag.evidence.run import Way, arch_of, run_scene
+from archfrag.evidence.part import Frames, Note, Section, Setup
+from archfrag.evidence.run import Way, arch_of, compile_seconds, run_scene
 from archfrag.evidence.scene import STANDARD_GRAVITY, Scene
+from archfrag.evidence.stability.watch import in_watched_processes
 from archfrag.mechanics.status import Status
 from archfrag.methods.registry import AUTO, METHODS
 from archfrag.motions.read import read_motion
@@ -33,6 +35,8 @@ from archfrag.simulation.checks import available_methods, default_of
 FOLDER = Path(__file__).parent / "files"
 Row = dict[str, Any]
 OURS = ("time_stepping", "event_driven", AUTO)
+# Longest that a case may take a method, all variants together [s].
+LIMIT = {True: 45.0, False: 600.0}
 HELD, BROKE, NO_ANSWER, NOT_FOR_IT = "held", "broke", "failed", "does not apply"
 _COLOURS = {HELD: "#bfe3d5", BROKE: canvas.VERMILION, NO_ANSWER: canvas.INK, NOT_FOR_IT: "#eef1f4"}
 
@@ -174,7 +178,7 @@ def run_case(case: CornerCase, method: str) -> list[dict[str, Any]]:
 
 
 def measure(setup: Setup) -> dict[str, pd.DataFrame]:
-    """Every case by every registered method; the same in the quick set.
+    """Every case by every registered method; in the quick set each has less time.
 
     Returns
     -------
@@ -183,12 +187,28 @@ def measure(setup: Setup) -> dict[str, pd.DataFrame]:
     """
     names = case_names()
     tasks = [(load_case(name), method) for name in names for method in available_methods()]
-    found = in_processes(run_case, tasks, setup.workers)
-    rows = [row for part in found for row in part]
+    limit = LIMIT[setup.quick]
+    prepare = partial(compile_seconds, available_methods())
+    found = in_watched_processes(run_case, tasks, setup.workers, limit, prepare)
+    rows = [
+        row
+        for (case, method), part in zip(tasks, found)
+        for row in (_too_long(case, method, limit) if part is None else part)
+    ]
     cases = [load_case(name) for name in names]
     about = [(c.name, c.title, c.why, c.source, len(c.runs())) for c in cases]
     heads = ["case", "title", "why", "source", "variants"]
     return {"runs": pd.DataFrame(rows), "cases": pd.DataFrame(about, columns=heads)}
+
+
+def _too_long(case: CornerCase, method: str, limit: float) -> list[Row]:
+    """Rows of a case whose variants took longer than they may."""
+    broke = f"no end within {limit:g} s for all variants"
+    return [
+        {"case": case.name, "variant": variant, "method": method}
+        | _row(NO_ANSWER, broke, "", "not ended", limit)
+        for variant, _, _ in case.runs()
+    ]
 
 
 def show(frames: Frames) -> Section:
