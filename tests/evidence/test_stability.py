@@ -141,7 +141,8 @@ def test_a_run_that_blows_up_is_no_collapse():
     planes = {plane.name: plane for plane in stability.planes(quick=True)}
     scene = dict(planes["slenderness"].scenes)["0.3"]
     response = run_scene(scene, Way("event_driven", "rtol", 0.3))
-    assert response.collapsed is None or response.collapse_joint >= 0
+    assert not response.collapsed or response.collapse_joint >= 0
+    assert response.collapsed is None or response.peak_displacement < 100.0
 
 
 def test_every_method_has_ways_from_coarse_to_fine():
@@ -163,8 +164,7 @@ def small():
     plane = Plane("level", "Level", "g", (("0.2", SHORT.at(0.2)), ("0.45", SHORT.at(0.45))))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(stability, "planes", lambda quick: [plane])
-        methods = {"time_stepping": stability.METHODS["time_stepping"]}
-        patch.setattr(stability, "METHODS", methods)
+        patch.setattr(stability, "available_methods", lambda: ("time_stepping",))
         patch.setattr(
             stability, "in_watched_processes",
             lambda function, tasks, *_, **__: [function(*task) for task in tasks],

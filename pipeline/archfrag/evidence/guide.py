@@ -11,6 +11,7 @@ from markupsafe import Markup
 
 from archfrag.evidence.part import Frames, Section
 from archfrag.methods.registry import METHODS
+from archfrag.report.canvas import standalone
 from archfrag.study.files import make_folder, write_text
 from archfrag.study.provenance import commit, machine, versions
 
@@ -75,6 +76,6 @@ def write_guide(found: Mapping[str, Frames], folder: Path) -> Path:
     make_folder(folder / "figures")
     for _, section in sections:
         for name, shown in section.pictures.items():
-            write_text(folder / "figures" / f"{name}.svg", shown.svg)
+            write_text(folder / "figures" / f"{name}.svg", standalone(shown))
     write_text(folder / PAGE, page)
     return folder / PAGE

@@ -1,7 +1,6 @@
 """The single block: regions of starting motion, and reactions within Coulomb's cone."""
 
 from collections.abc import Sequence
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ from archfrag.mechanics.block import CORNER_A, RigidBlock, uniform_block
 from archfrag.mechanics.block_motion import Mechanism, corner_motion
 from archfrag.mechanics.block_regions import rocking_friction, sliding_load
 from archfrag.report import canvas
-from archfrag.report.canvas import Picture, picture
+from archfrag.report.canvas import Picture, picture, standalone
 from archfrag.report.summary import FloatArray
 from archfrag.study.files import make_folder, replacing
 
@@ -377,14 +376,6 @@ def write_method_figures(folder: Path, slenderness: float = 0.4) -> list[Path]:
     for name, shown in figures.items():
         path = folder / f"{name}.svg"
         with replacing(path) as temporary:
-            temporary.write_text(_standalone(shown), encoding="utf-8")
+            temporary.write_text(standalone(shown), encoding="utf-8")
         written.append(path)
     return written
-
-
-def _standalone(shown: Picture) -> str:
-    """A figure with its caption as a file of its own."""
-    spaces = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
-    svg = shown.svg.replace("<svg ", f"<svg {spaces} ", 1)
-    inside = f'<desc>{escape(shown.caption)}</desc><rect width="100%" height="100%" fill="white"/>'
-    return svg.replace(">", f">{inside}", 1) + "\n"

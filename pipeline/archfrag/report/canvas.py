@@ -112,6 +112,14 @@ def picture(
     return Picture(_inline(buffer.getvalue(), name, alternative), caption)
 
 
+def standalone(shown: Picture) -> str:
+    """A figure with its caption as the text of a file of its own."""
+    spaces = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+    svg = shown.svg.replace("<svg ", f"<svg {spaces} ", 1)
+    inside = f'<desc>{escape(shown.caption)}</desc><rect width="100%" height="100%" fill="white"/>'
+    return svg.replace(">", f">{inside}", 1) + "\n"
+
+
 def faint_grid(axes: Axes, which: str = "both") -> None:
     """Grid behind everything else."""
     axes.set_axisbelow(True)

@@ -20,7 +20,7 @@ from archfrag.errors import InputError, OutputError
 from archfrag.fragility.fit import Fragility
 from archfrag.report import motion_figures, tables
 from archfrag.report.arch_section import arch_curve, arch_section
-from archfrag.report.canvas import Picture
+from archfrag.report.canvas import Picture, standalone
 from archfrag.report.motion_figures import PERIODS, Spectrum
 from archfrag.report.summary import Scale, arch_results, reading_scale
 
@@ -121,12 +121,8 @@ def write_curves(study_results: ReportInputs, folder: Path) -> list[Path]:
         for name, _, _ in study_results.arches:
             results = arch_results(cube, name, scale)
             picture, _ = arch_curve(study_results, results, "curve")
-            background = '<rect width="100%" height="100%" fill="white"/>'
-            svg = picture.svg.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)
-            svg = svg.replace(">", f">{background}", 1)
-            svg = svg.replace("<svg ", '<svg xmlns:xlink="http://www.w3.org/1999/xlink" ', 1)
             out = Path(folder) / f"curve-{name}.svg"
-            _write_whole(out, svg + "\n")
+            _write_whole(out, standalone(picture))
             written.append(out)
     return written
 
