@@ -81,7 +81,7 @@ def test_what_is_shown_comes_from_the_tables_on_disk(tmp_path):
 
 
 def test_methods_and_peers_are_timed_in_turn(monkeypatch):
-    monkeypatch.setattr(growth, "METHODS", {"time_stepping": None})
+    monkeypatch.setattr(growth, "available_methods", lambda: ("time_stepping",))
     monkeypatch.setattr(growth, "NUMBERS", {True: (3, 5)})
     monkeypatch.setattr(growth, "TURNS", {True: 2})
     frames = growth.measure(Setup(True, Places(Path()), peers=("archfrag", "no such peer")))
