@@ -82,3 +82,21 @@ def test_a_cache_that_cannot_be_written_is_replaced(tmp_path):
         check=True,
     )  # fmt: skip
     assert done.stdout.startswith(str(tmp_path / "archfrag-"))
+
+
+def test_only_what_kernels_are_made_of_counts(tmp_path):
+    shutil.copytree(PACKAGE, tmp_path / "archfrag", ignore=shutil.ignore_patterns("__pycache__"))
+
+    def digest():
+        return subprocess.run(
+            [sys.executable, "-c",
+             "from archfrag.kernel_cache import kernel_hash; print(kernel_hash())"],
+            env={**os.environ, "PYTHONPATH": str(tmp_path)},
+            capture_output=True, text=True, check=True,
+        ).stdout  # fmt: skip
+
+    before = digest()
+    for name, same in (("registry.py", True), ("springs.py", False)):
+        with open(tmp_path / "archfrag" / "methods" / name, "a", encoding="utf-8") as file:
+            file.write("\n# edited\n")
+        assert (digest() == before) is same

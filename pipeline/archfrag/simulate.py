@@ -14,7 +14,7 @@ from archfrag.arch import Arch
 from archfrag.errors import InputError
 from archfrag.mechanics.status import Count
 from archfrag.mechanics.types import Frames, GroundMotion, MechanismLog, Options, Outcome
-from archfrag.methods.registry import AUTO, METHODS
+from archfrag.methods.registry import AUTO
 from archfrag.motions.motion import Motion
 from archfrag.simulation import checks
 from archfrag.simulation.history import empty_frames, history_of
@@ -171,8 +171,7 @@ def warmup(method: str | None = None) -> float:
     arch = Arch.circular(10.0, 1.5, 157.5, voussoirs=3, friction=0.7)
     onset(arch)
     motion = Motion(np.zeros(3), dt=0.01)
-    installed = [name for name, info in METHODS.items() if checks.is_available(info)]
-    for name in installed if method is None else (method,):
+    for name in checks.available_methods() if method is None else (method,):
         simulate(arch, motion, method=name)
     return time.perf_counter() - started
 

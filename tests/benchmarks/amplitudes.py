@@ -1,9 +1,7 @@
 """Least collapsing amplitudes: verdicts over a grid, what stands above, and a bisection."""
 
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
@@ -11,29 +9,9 @@ from numpy.typing import NDArray
 
 import archfrag as af
 from archfrag.arch import STANDARD_GRAVITY
+from archfrag.evidence.run import Verdict, Way, verdict
 from archfrag.mechanics.status import Status
 from archfrag.simulate import warmup
-
-Verdict = bool | None
-
-
-@dataclass(frozen=True)
-class Way:
-    """A method with its step or its tolerance."""
-
-    method: str
-    value: float
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """Keyword arguments of `archfrag.simulate`."""
-        setting = "dt" if self.method == "time_stepping" else "rtol"
-        return {"method": self.method, setting: self.value}
-
-    def __str__(self) -> str:
-        if self.method == "time_stepping":
-            return f"time_stepping {1e3 * self.value:g} ms"
-        return f"{self.method} {self.value:g}"
 
 
 @dataclass(frozen=True)
@@ -77,13 +55,6 @@ class Sweep:
         first = self.verdicts.index(True)
         pairs = zip(self.amplitudes[first:], self.verdicts[first:])
         return [float(a) for a, fell in pairs if fell is False]
-
-
-def verdict(response: af.Response) -> Verdict:
-    """Whether the chain collapsed before the run ended; None if the solver failed."""
-    if response.status is Status.UNFINISHED:
-        return False
-    return response.collapsed
 
 
 def sweep(
@@ -168,11 +139,3 @@ def sampled(shape: Any, duration: float, dt: float) -> af.Motion:
 def two_part_pulse(duration: float, dt: float = 1e-4) -> af.Motion:
     """Ground acceleration 1 g for `duration` [s], then -1/2 g for twice as long."""
     return sampled(lambda t: np.where(t < duration - 1e-9, 1.0, -0.5), 3.0 * duration, dt)
-
-
-def in_parallel(function: Any, tasks: Sequence[tuple[Any, ...]], workers: int) -> list[Any]:
-    """Results of ``function(*task)`` in order; in this process if there is one worker."""
-    if workers == 1:
-        return [function(*task) for task in tasks]
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        return [future.result() for future in [pool.submit(function, *task) for task in tasks]]

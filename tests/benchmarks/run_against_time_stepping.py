@@ -14,10 +14,8 @@ from pathlib import Path
 import numpy as np
 from amplitudes import (
     Sweep,
-    Way,
     around,
     first_collapse,
-    in_parallel,
     ranges,
     sampled,
     sweep,
@@ -27,10 +25,12 @@ from tables import machine, markdown, write_csv
 
 import archfrag as af
 from archfrag.arch import STANDARD_GRAVITY
+from archfrag.evidence.part import in_processes
+from archfrag.evidence.run import Way
 
 STEPS = (1e-3, 5e-4, 2.5e-4, 1.25e-4)
-WAYS = (*(Way("time_stepping", step) for step in STEPS), Way("event_driven", 1e-4))
-SCOUTS = (Way("time_stepping", 1e-3), Way("event_driven", 1e-3))
+WAYS = (*(Way("time_stepping", "dt", step) for step in STEPS), Way("event_driven", "rtol", 1e-4))
+SCOUTS = (Way("time_stepping", "dt", 1e-3), Way("event_driven", "rtol", 1e-3))
 PART, SPACING, WIDTH = 0.08, 0.01, 2e-4
 # Radius 10 m: thickness [m], embrace [degrees], voussoirs, friction.
 ARCHES = {"7": (1.5, 157.5, 7, 0.7), "14": (1.4, 140.0, 14, 0.6), "27": (1.5, 157.5, 27, 0.7)}
@@ -141,7 +141,7 @@ def main() -> None:
     ]
     rows = [
         row(name, motion, *result)
-        for (name, motion, _), result in zip(tasks, in_parallel(judge, tasks, arguments.workers))
+        for (name, motion, _), result in zip(tasks, in_processes(judge, tasks, arguments.workers))
     ]
     head = [
         "voussoirs",

@@ -9,10 +9,12 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from amplitudes import Sweep, Way, in_parallel, ranges, sweep, two_part_pulse
+from amplitudes import Sweep, ranges, sweep, two_part_pulse
 from tables import machine, markdown, write_csv
 
 import archfrag as af
+from archfrag.evidence.part import in_processes
+from archfrag.evidence.run import Way
 
 # Duration [s]: UDEC, LMGC90, HybriDFEM [g].
 PUBLISHED = {
@@ -27,10 +29,10 @@ PUBLISHED = {
 }
 WIDENED = 0.05
 WAYS = (
-    Way("time_stepping", 5e-4),
-    Way("time_stepping", 2.5e-4),
-    Way("event_driven", 1e-3),
-    Way("event_driven", 1e-4),
+    Way("time_stepping", "dt", 5e-4),
+    Way("time_stepping", "dt", 2.5e-4),
+    Way("event_driven", "rtol", 1e-3),
+    Way("event_driven", "rtol", 1e-4),
 )
 SPACING = 0.01  # [g]
 WIDTH = 1e-3
@@ -88,7 +90,7 @@ def main() -> None:
     parser.add_argument("--csv", type=Path, help="folder for the table as CSV")
     arguments = parser.parse_args()
     tasks = [(duration, way) for duration in arguments.duration for way in WAYS]
-    results = in_parallel(judge, tasks, arguments.workers)
+    results = in_processes(judge, tasks, arguments.workers)
     rows = []
     for i, duration in enumerate(arguments.duration):
         part = results[len(WAYS) * i : len(WAYS) * (i + 1)]

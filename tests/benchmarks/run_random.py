@@ -184,7 +184,7 @@ def main() -> None:
     parser.add_argument("--follow", type=float, default=20.0, help="past the motion's end [s]")
     parser.add_argument("--only", type=int, metavar="INDEX", help="show this scene alone")
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--limit", type=float, default=600.0, help="wall seconds: HUNG beyond")
+    parser.add_argument("--limit", type=float, default=120.0, help="wall seconds: HUNG beyond")
     parser.add_argument("--listed", type=int, default=25, help="most runs in a list")
     parser.add_argument("--out", type=Path, default=Path("random.csv"), help="every run")
     given = parser.parse_args()

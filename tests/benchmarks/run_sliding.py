@@ -11,10 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from amplitudes import (
     Sweep,
-    Way,
     around,
     first_collapse,
-    in_parallel,
     ranges,
     sampled,
     sweep,
@@ -23,6 +21,8 @@ from amplitudes import (
 from tables import machine, markdown, write_csv
 
 import archfrag as af
+from archfrag.evidence.part import in_processes
+from archfrag.evidence.run import Way
 from archfrag.simulate import warmup
 
 FRICTIONS = (0.33, 0.36, 0.45)
@@ -31,8 +31,12 @@ SHAPES = ((1.5, 157.5, 7), (2.0, 157.5, 7), (2.0, 180.0, 15))
 PERIOD = 0.8  # [s]
 LEVELS = 2.2  # amplitude of the histories, in onsets
 SHORTEST = 5e-3  # slides compared; interruptions below it are left out [s]
-WAYS = (Way("time_stepping", 2.5e-4), Way("time_stepping", 1.25e-4), Way("event_driven", 1e-4))
-SCOUT = Way("event_driven", 1e-3)
+WAYS = (
+    Way("time_stepping", "dt", 2.5e-4),
+    Way("time_stepping", "dt", 1.25e-4),
+    Way("event_driven", "rtol", 1e-4),
+)
+SCOUT = Way("event_driven", "rtol", 1e-3)
 PART, SPACING, WIDTH = 0.08, 0.01, 5e-4
 
 
@@ -112,7 +116,7 @@ def history_row(friction: float, shape: tuple[float, float, int]) -> list[object
     onset = af.onset(arch)
     amplitude = LEVELS * onset.plus
     runs = []
-    for way in (Way("event_driven", 1e-6), WAYS[0], WAYS[1]):
+    for way in (Way("event_driven", "rtol", 1e-6), WAYS[0], WAYS[1]):
         warmup(way.method)
         runs.append(
             af.simulate(arch, one_sine(), scale=amplitude, history=True, **way.options)
@@ -203,13 +207,13 @@ def main() -> None:
         "friction and impacts (kJ)",
         "ended",
     ]
-    rows = in_parallel(history_row, cases, arguments.workers)
+    rows = in_processes(history_row, cases, arguments.workers)
     title = "Sliding arches under one sine: event_driven 1e-6 beside time stepping at 0.125 ms"
     print(markdown(title, head, rows), flush=True)
     if arguments.csv:
         write_csv(arguments.csv / "sliding_history.csv", head, rows)
     tasks = [(friction, shape, name) for friction, shape in cases for name in MOTIONS]
-    results = in_parallel(amplitude_results, tasks, arguments.workers)
+    results = in_processes(amplitude_results, tasks, arguments.workers)
     rows = [amplitude_row(*task, *result) for task, result in zip(tasks, results)]
     head = [
         "friction",

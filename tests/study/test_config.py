@@ -232,3 +232,11 @@ def test_shipped_configs_are_valid_by_models_and_by_schema(path):
     raw["arches"][0]["radus"] = 1.0
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(raw, schema)
+
+
+def test_a_method_whose_package_is_missing_is_refused_before_anything_runs(tmp_path, monkeypatch):
+    import importlib.util
+
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    text = TEXT.replace("name: time_stepping", "name: quadratic_programme")
+    assert "needs the package piqp" in refused(tmp_path, text)

@@ -101,11 +101,6 @@ def in_processes(
         return [future.result() for future in [pool.submit(function, *task) for task in tasks]]
 
 
-def square(frame: pd.DataFrame, value: str, rows: str, columns: str) -> pd.DataFrame:
-    """Values over two columns, for maps; means where there are several."""
-    return frame.pivot_table(index=rows, columns=columns, values=value, aggfunc="mean")
-
-
 def records_folder() -> Path:
     """The shipped records: of the working folder, or else of the checkout this runs from."""
     here = Path("records")

@@ -280,6 +280,7 @@ def note_peaks(case):
 
 @kernel
 def write(case, time):
+    """Frame of the present state, at a time [s]."""
     write_frame(
         case.frames, case.ledger, time, case.chain, case.position, case.velocity, case.reaction,
         case.mode, 1.0,

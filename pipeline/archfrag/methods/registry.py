@@ -8,7 +8,7 @@ AUTO = "auto"
 
 
 class Parameter(NamedTuple):
-    """One setting of a method."""
+    """One setting of a method; its values run from `least` to `most`, both allowed."""
 
     name: str
     unit: str

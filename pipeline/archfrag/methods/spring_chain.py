@@ -141,6 +141,7 @@ def kick(run, velocity, shake_x, shake_y, span, local_damping):
 
 @inlined
 def drift(position, velocity, step):
+    """Move bodies, (n_body, 3) each, by their velocities for a step [s]; positions change."""
     for i in range(position.shape[0]):
         for k in range(3):
             position[i, k] += step * velocity[i, k]
@@ -237,6 +238,7 @@ def find_step(run, position):
 
 @kernel
 def largest_slip(springs):
+    """Largest slip of any joint up to now, over its length [1]."""
     largest = 0.0
     for j in range(springs.slip.size):
         largest = max(largest, abs(springs.slip[j]) / springs.length[j])

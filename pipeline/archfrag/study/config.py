@@ -194,11 +194,10 @@ class Method(Section):
 
     @model_validator(mode="after")
     def _own_settings(self) -> "Method":
-        from archfrag.methods.registry import METHODS
-        from archfrag.simulation.checks import check_settings
+        from archfrag.simulation.checks import check_method, check_settings
 
         try:
-            check_settings(METHODS[self.name], self.settings)
+            check_settings(check_method(self.name), self.settings)
         except InputError as error:
             raise _refuse(str(error)) from error
         return self
