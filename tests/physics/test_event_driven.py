@@ -124,6 +124,11 @@ class TestArch:
             assert run.energy["friction"] <= 0.0
             assert run.energy["impacts"] < -0.01 * run.energy["largest_kinetic"]
 
+    def test_peak_is_that_of_the_history_though_steps_are_long(self):
+        run = af.simulate(oppenheim(), pulse(0.5, 0.3), rtol=1e-2, history=True, **EVENT_DRIVEN)
+        moved = np.hypot(*np.moveaxis(run.history.displacement.values, -1, 0))
+        assert run.peak_displacement == pytest.approx(moved.max(), rel=1e-3)
+
     def test_history_does_not_change_the_run(self):
         plain = af.simulate(oppenheim(), pulse(0.6, 0.3), **EVENT_DRIVEN)
         kept = af.simulate(oppenheim(), pulse(0.6, 0.3), history=True, **EVENT_DRIVEN)
