@@ -33,6 +33,7 @@ RECORDS = Path(__file__).parents[2] / "records"
 LEVELS = np.linspace(0.2, 3.0, 15)
 WAYS = ("time_stepping 4 ms", "auto 0.001")
 PAIR = ("time_stepping 0.05 ms", "event_driven 1e-06")
+GROUPS = tuple((way,) for way in PAIR)
 
 
 class TestPairsOfVerdicts:
@@ -101,7 +102,7 @@ class TestCurvesBesideTheReference:
 
     def table(self, runs=None):
         runs = self.runs if runs is None else runs
-        return fragility.curves_table(runs, PAIR, 100).set_index("way")
+        return fragility.curves_table(runs, GROUPS, 100).set_index("way")
 
     def test_a_way_that_makes_capacities_larger_is_seen_by_as_much(self):
         row = self.table().loc[WAYS[0]]
@@ -131,8 +132,18 @@ class TestCurvesBesideTheReference:
     def test_how_far_the_reference_lies_from_itself(self):
         runs = made_up_runs([(PAIR[0], 0, 1.0), (PAIR[1], 0, 1.2)])
         row = self.table(runs).iloc[0]
-        assert row["reference_ln_theta_error"] == pytest.approx(np.log(1.2), abs=0.05)
+        assert row["reference_ln_theta_apart"] == pytest.approx(np.log(1.2), abs=0.05)
+        assert row["reference_ln_theta_error"] == 0.5 * row["reference_ln_theta_apart"]
         assert row["reference_disagrees"] > 0
+
+    def test_studies_that_scatter_leave_the_reference_in_doubt(self):
+        factors = (1.0, 1.3, 1.3, 1.0)
+        ways = [f"{name} {k}" for name in ("time_stepping", "event_driven") for k in (1, 2)]
+        runs = made_up_runs([(way, 0, factor) for way, factor in zip(ways, factors)])
+        row = fragility.curves_table(runs, (ways[:2], ways[2:]), 100).iloc[0]
+        assert row["reference_ln_theta_apart"] == pytest.approx(0.0, abs=1e-9)
+        expected = np.log(1.3) / np.sqrt(2.0) / np.sqrt(4.0)
+        assert row["reference_ln_theta_error"] == pytest.approx(expected, rel=0.2)
 
     def test_a_way_without_a_curve_has_no_error(self):
         runs = pd.concat([self.runs, made_up_runs([("four_link 2 ms", 0, 100.0)])])
@@ -146,7 +157,7 @@ class TestCurvesBesideTheReference:
         runs = pd.concat([runs, made_up_runs([("four_link 2 ms", 0, 100.0)])])
         frames = {
             "runs": runs,
-            "curves": fragility.curves_table(runs[runs["repetition"] == 0], PAIR, 100),
+            "curves": fragility.curves_table(runs[runs["repetition"] == 0], GROUPS, 100),
             "dispersion": fragility.dispersion_table(runs, 20),
             "repeated": fragility.repeated_table(runs),
             "left_out": pd.DataFrame(columns=["study", "way", "reason"]),

@@ -7,7 +7,8 @@ import pytest
 
 import archfrag as af
 from archfrag.evidence.fragility import peers as module
-from archfrag.evidence.fragility.peers import FALL, OURS, REFERENCES, peers_note, scenes_of
+from archfrag.evidence.fragility.peers import FALL, OURS, peers_note, scenes_of
+from archfrag.evidence.fragility.reference import reference_ways
 from archfrag.evidence.fragility.studies import Records
 from archfrag.evidence.part import Setup
 from archfrag.evidence.run import Places, peak_acceleration
@@ -45,9 +46,10 @@ def capacity(steps, cost):
 def test_the_cheapest_of_ours_that_is_as_good_is_found(monkeypatch, tmp_path):
     exact = [[0, 0, 0, 1]] * 3 + [[0, 0, 1, 1]] * 3 + [[0, 1, 1, 1]] * 3 + [[1, 1, 1, 1]]
     early = [[0, 0, 1, 1]] * 3 + [[0, 1, 1, 1]] * 4 + [[1, 1, 1, 1]] * 3
-    costs = {str(way): 1.0 for way in (*REFERENCES, *OURS)}
+    references = [way for ways in reference_ways(quick=True) for way in ways]
+    costs = {str(way): 1.0 for way in (*references, *OURS)}
     costs |= {"time_stepping 4 ms": 0.01, "auto 0.01": 0.05}
-    good = {*map(str, REFERENCES), "auto 0.01", "time_stepping 1 ms"}
+    good = {*map(str, references), "auto 0.01", "time_stepping 1 ms"}
     monkeypatch.setattr(
         module, "_ours",
         lambda way, _: capacity(exact if str(way) in good else early, costs[str(way)])(),

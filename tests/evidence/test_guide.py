@@ -28,7 +28,7 @@ class Part:
 def guide(tmp_path, monkeypatch):
     monkeypatch.setattr(command, "part", lambda name: Part)
     frame = pd.DataFrame({"error": [1.0, 2.0], "cost": [3.0, 4.0]})
-    return write_guide({"speed": {"points": frame}}, tmp_path / "evidence")
+    return write_guide({"growth": {"points": frame}}, tmp_path / "evidence")
 
 
 def test_the_page_holds_sentences_tables_methods_and_provenance(guide):

@@ -25,12 +25,19 @@ from archfrag.evidence.speed.quantities import (
 from archfrag.evidence.speed.reference import MARGIN
 from archfrag.evidence.speed.runs import POINT
 from archfrag.evidence.speed.second_method import richardson, settle, settled
-from archfrag.evidence.speed.tables import against_peers, auto_table, exponents, kept_errors
+from archfrag.evidence.speed.tables import (
+    against_peers,
+    auto_table,
+    exponents,
+    kept_errors,
+    limits_table,
+)
 from archfrag.evidence.store import load, save
 from archfrag.evidence.ways import LADDERS, Line, arguments, ladders
 from archfrag.methods.registry import METHODS
 
 RECORDS = Path(__file__).parents[2] / "records"
+EXACT = Way("event_driven", "rtol", 1e-8)
 
 
 def made_up(rows):
@@ -176,6 +183,23 @@ class TestTables:
         points.loc[6, "at_floor"] = True
         assert exponents(points).iloc[0]["exponent"] == pytest.approx(0.5)
 
+    def test_a_limit_of_auto_is_weighed_against_its_default(self):
+        points = pd.concat(
+            made_up(
+                [
+                    ("ours", "auto", "auto", 0, cost, 1e-2),
+                    ("limit", "auto 0.001, hand_over 10", "auto", 0, factor * cost, 4e-2),
+                ]
+            ).assign(scene=f"s{cost}")
+            for cost, factor in ((1.0, 0.5), (2.0, 2.0))
+        )
+        points["way"] = points["line"].replace("auto", "auto 0.001")
+        row = limits_table(points).iloc[0]
+        assert row["scenes"] == 2
+        assert (row["cost_ratio"], row["cost_least"], row["cost_most"]) == (1.0, 0.5, 2.0)
+        assert row["error_ratio"] == pytest.approx(4.0)
+        assert auto_table(points)["ratio"].tolist() == [1.0, 1.0]
+
     def test_a_peer_that_is_faster_at_equal_error_is_seen(self):
         points = made_up(
             [
@@ -223,14 +247,12 @@ class TestQuantities:
 
     def test_errors_fall_with_the_step_and_vanish_against_oneself(self, block_history):
         scene, response, marks = block_history
-        true = observe(scene, response, marks, "event_driven", 0.0)
+        true = observe(scene, response, marks, EXACT)
         assert errors_of(true, true, 0.2)["position"] == 0.0
         found = []
         for step in (4e-3, 1e-3):
             way = Way("time_stepping", "dt", step)
-            seen = observe(
-                scene, run_scene(scene, way, history=True), marks, "time_stepping", step
-            )
+            seen = observe(scene, run_scene(scene, way, history=True), marks, way)
             found.append(errors_of(seen, true, 0.2))
         for name in ("position", "reactions"):
             assert found[1][name] < 0.6 * found[0][name]
@@ -238,12 +260,12 @@ class TestQuantities:
 
     def test_impulses_of_a_step_belong_to_its_middle(self, block_history):
         scene, response, marks = block_history
-        true = observe(scene, response, marks, "event_driven", 0.0)
+        true = observe(scene, response, marks, EXACT)
         way = Way("time_stepping", "dt", 4e-3)
         stepped = run_scene(scene, way, history=True)
         middle, end = (
-            errors_of(observe(scene, stepped, marks, method, 4e-3), true, 0.2)["reactions"]
-            for method in ("time_stepping", "penalty")
+            errors_of(observe(scene, stepped, marks, taken), true, 0.2)["reactions"]
+            for taken in (way, Way("penalty", "dt", 4e-3))
         )
         assert middle < 0.5 * end
 
@@ -251,7 +273,8 @@ class TestQuantities:
 def test_one_scene_from_end_to_end(monkeypatch, tmp_path):
     few = (
         Line("time_stepping", tuple(Way("time_stepping", "dt", h) for h in (4e-3, 2e-3, 1e-3))),
-        Line("auto, dt 0.5 ms", tuple(Way("auto", "rtol", r, {"dt": 5e-4}) for r in (1e-2, 1e-4))),
+        Line("auto", tuple(Way("auto", "rtol", r) for r in (1e-2, 1e-4))),
+        Line("auto 0.01, coarse 0", (Way("auto", "rtol", 1e-2, {"coarse": 0.0}),), "limit"),
     )
     monkeypatch.setattr(speed_accuracy, "QUICK_SCENES", ("block_sine",))
     monkeypatch.setattr(speed_accuracy, "ladders", lambda quick: (few, ["nothing"]))

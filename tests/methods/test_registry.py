@@ -67,5 +67,7 @@ class TestRegistry:
     def test_a_setting_that_the_method_does_not_have_is_named(self):
         still = af.Motion(np.zeros(3), 0.01)
         block = af.Block(1.0, 2.0, friction=0.6)
-        with pytest.raises(InputError, match=r"'stifness'; allowed for method auto: none"):
+        with pytest.raises(
+            InputError, match=r"'stifness'; allowed for method auto: hand_over, coarse"
+        ):
             af.simulate(block, still, settings={"stifness": 1.0})

@@ -9,6 +9,7 @@ from pathlib import Path
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from archfrag.evidence.advice import advise
 from archfrag.evidence.part import Frames, Section
 from archfrag.methods.registry import METHODS
 from archfrag.report.canvas import standalone
@@ -19,7 +20,7 @@ PAGE = "guide.html"
 
 
 def sections_of(found: Mapping[str, Frames]) -> list[tuple[str, Section]]:
-    """What each part shows of its tables.
+    """Advice in words, and what each part shows of its tables.
 
     Parameters
     ----------
@@ -28,11 +29,13 @@ def sections_of(found: Mapping[str, Frames]) -> list[tuple[str, Section]]:
     Returns
     -------
     list of (str, Section)
-        In the order of `archfrag.evidence.command.PARTS`.
+        The advice, then the parts in the order of `archfrag.evidence.command.PARTS`.
     """
     from archfrag.evidence.command import part
 
-    return [(name, part(name).show(frames)) for name, frames in found.items()]
+    sections = [(name, part(name).show(frames)) for name, frames in found.items()]
+    advice = advise(found)
+    return sections if advice is None else [("advice", advice), *sections]
 
 
 def write_guide(found: Mapping[str, Frames], folder: Path) -> Path:

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from archfrag.errors import InputError
 from archfrag.evidence.run import Way, run_scene
 from archfrag.evidence.scene import Scene
-from archfrag.methods.registry import METHODS
+from archfrag.methods.registry import AUTO, METHODS
 from archfrag.simulate import warmup
+from archfrag.simulation.checks import default_step
 from archfrag.simulation.response import Response
 
 STEPS = (8e-3, 4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1.25e-4)
 TOLERANCES = tuple(10.0**-k for k in range(1, 9))
 STIFFNESSES = (1e8, 1e9, 1e10, 1e11, 1e12)
 # Impulses of a step over its length are means: reactions of these belong to the step's middle.
-STEP_MEANS = ("time_stepping", "gauss_seidel", "quadratic_programme")
+_STEP_MEANS = ("time_stepping", "gauss_seidel", "quadratic_programme")
 
 
 @dataclass(frozen=True)
@@ -29,10 +29,13 @@ class Line:
     ----------
     label : str
     ways : tuple of Way
+    who : str
+        "ours", or "limit" for a limit of auto changed alone, which is on no chart.
     """
 
     label: str
     ways: tuple[Way, ...]
+    who: str = "ours"
 
     @property
     def method(self) -> str:
@@ -44,15 +47,14 @@ def _steps(method: str, steps: tuple[float, ...] = STEPS) -> tuple[Way, ...]:
     return tuple(Way(method, "dt", step) for step in steps)
 
 
-def _tolerances(method: str, settings: Mapping[str, float]) -> tuple[Way, ...]:
-    return tuple(Way(method, "rtol", rtol, settings) for rtol in TOLERANCES)
+def _tolerances(method: str, tolerances: tuple[float, ...]) -> tuple[Way, ...]:
+    return tuple(Way(method, "rtol", rtol) for rtol in tolerances)
 
 
 LADDERS: tuple[Line, ...] = (
     Line("time_stepping", _steps("time_stepping")),
-    Line("event_driven", _tolerances("event_driven", {})),
-    Line("auto", _tolerances("auto", {})),
-    Line("auto, dt 0.5 ms", _tolerances("auto", {"dt": 5e-4})),
+    Line("event_driven", _tolerances("event_driven", TOLERANCES)),
+    Line("auto", _tolerances(AUTO, (1e-1, 3e-2, *TOLERANCES[1:]))),
     # Its error is the joints' compliance; the step follows from the stiffness.
     Line(
         "penalty",
@@ -63,36 +65,83 @@ LADDERS: tuple[Line, ...] = (
     Line("gauss_seidel", _steps("gauss_seidel")),
     Line("quadratic_programme", _steps("quadratic_programme")),
 )
+# What auto's own limits are worth: each changed alone.
+AUTO_LIMITS = (
+    Way(AUTO, "rtol", 1e-1, {"coarse": 1.0}),
+    Way(AUTO, "rtol", 1e-2, {"coarse": 0.0}),
+    *(Way(AUTO, "rtol", 1e-3, {"hand_over": steps}) for steps in (0.3, 1.0, 10.0, 30.0)),
+)
 # Every second setting in the quick set, from which those named are taken.
 QUICK_STEPS = (8e-3, 4e-3, 2e-3, 1e-3, 5e-4)
 QUICK_TOLERANCES = (1e-1, 1e-2, 1e-4, 1e-6)
+QUICK_OF_AUTO = (1e-1, 3e-2, 1e-2, 1e-3, 1e-4, 1e-6)
 QUICK_STIFFNESSES = (1e8, 1e10)
 
 
 def arguments(way: Way) -> tuple[dict[str, Any], Way]:
     """What `run_scene` takes of a way whose settings hold shared arguments.
 
-        Parameters
-        ----------
-        way : Way
-            "dt" among the settings of a method with tolerance is the shared argument.
+    Parameters
+    ----------
+    way : Way
+        "dt" among the settings of a method with tolerance is the shared argument.
 
-        Returns
-        -------
-        (dict of str to float, Way)
-            Keyword arguments, and the way without them.
+    Returns
+    -------
+    (dict of str to float, Way)
+        Keyword arguments, and the way without them.
 
-        Examples
-        --------
-        >>> from archfrag.evidence.run import Way
+    Examples
+    --------
+    >>> from archfrag.evidence.run import Way
     >>> from archfrag.evidence.ways import arguments
-        >>> shared, way = arguments(Way("auto", "rtol", 1e-3, {"dt": 2e-3}))
-        >>> shared, dict(way.settings)
-        ({'dt': 0.002}, {})
+    >>> shared, way = arguments(Way("auto", "rtol", 1e-3, {"dt": 2e-3}))
+    >>> shared, dict(way.settings)
+    ({'dt': 0.002}, {})
     """
     own = dict(way.settings)
     shared = {"dt": own.pop("dt")} if "dt" in own else {}
     return shared, Way(way.method, way.knob, way.value, own)
+
+
+def step_of(way: Way) -> float:
+    """Time step of a way, given or by its method's rule [s].
+
+    Parameters
+    ----------
+    way : Way
+
+    Examples
+    --------
+    >>> from archfrag.evidence.run import Way
+    >>> from archfrag.evidence.ways import step_of
+    >>> step_of(Way("time_stepping", "dt", 4e-3)), step_of(Way("auto", "rtol", 1e-3))
+    (0.004, 0.0005)
+    """
+    if way.knob == "dt":
+        return way.value
+    return float(way.settings.get("dt", default_step(METHODS[way.method], way.value)))
+
+
+def delay_of_reactions(way: Way) -> float:
+    """How long before a frame's time the reactions in it belong, as means over a step [s].
+
+    Parameters
+    ----------
+    way : Way
+
+    Examples
+    --------
+    >>> from archfrag.evidence.run import Way
+    >>> from archfrag.evidence.ways import delay_of_reactions
+    >>> delay_of_reactions(Way("time_stepping", "dt", 4e-3))
+    0.002
+    >>> delay_of_reactions(Way("auto", "rtol", 1e-3))
+    0.0
+    """
+    limits = {each.name: each.default for each in METHODS[AUTO].parameters}
+    stepped = way.method == AUTO and way.value > way.settings.get("coarse", limits["coarse"])
+    return 0.5 * step_of(way) if stepped or way.method in _STEP_MEANS else 0.0
 
 
 def ladders(quick: bool) -> tuple[list[Line], list[str]]:
@@ -125,6 +174,8 @@ def ladders(quick: bool) -> tuple[list[Line], list[str]]:
         if name in loaded:
             ways = tuple(way for way in line.ways if not quick or _is_quick(way))
             lines.append(Line(line.label, ways))
+    if AUTO in loaded:
+        lines += [Line(str(way), (way,), "limit") for way in AUTO_LIMITS]
     return lines, list(reasons.values())
 
 
@@ -149,4 +200,6 @@ def clocked(scene: Scene, way: Way, **options: Any) -> tuple[Response, float]:
 def _is_quick(way: Way) -> bool:
     if "stiffness" in way.settings:
         return way.settings["stiffness"] in QUICK_STIFFNESSES
+    if way.method == AUTO:
+        return way.value in QUICK_OF_AUTO
     return way.value in (QUICK_STEPS if way.knob == "dt" else QUICK_TOLERANCES)

@@ -12,6 +12,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from archfrag.evidence.fragility.peers import peers_note
 from archfrag.evidence.part import Frames, Note, Section
+from archfrag.evidence.speed.reference import MARGIN
 from archfrag.report import canvas
 from archfrag.report.canvas import Picture, faint_grid, picture
 
@@ -48,13 +49,13 @@ def show(frames: Frames) -> Section:
     notes, lead = [], []
     for study in dict.fromkeys(curves["study"]):
         table = curves[curves["study"] == study]
-        scatter = dispersion[dispersion["study"] == study]
-        pictures[SLUG[study]] = cost_picture(study, table, _floors(table, scatter))
-        lead.append(_answer(study, table, _floors(table, scatter)))
-        lead.append(_auto(table, _floors(table, scatter)))
+        pictures[SLUG[study]] = cost_picture(study, table)
+        lead += [_answer(study, table), _auto(table)]
         notes.append(_table(study, table))
+        if "limit" in set(table["role"]):
+            notes.append(_limits_note(table))
     pictures["fragility_dispersion"] = dispersion_picture(curves, dispersion)
-    lead += [_share(row) for _, row in _often(dispersion).iterrows()]
+    lead += [_share(row) for _, row in dispersion.iterrows()]
     notes += [_dispersion_note(dispersion), _repeated_note(frames["repeated"])]
     if "peers" in frames:
         notes.append(peers_note(frames["peers"]))
@@ -66,27 +67,13 @@ def show(frames: Frames) -> Section:
     )
 
 
-def _floors(table: pd.DataFrame, scatter: pd.DataFrame) -> tuple[float, float]:
-    """What the reference is known to in ln theta and beta.
-
-    Half of how far its two methods lie apart; or, if that is larger, the standard error of the
-    mean of its studies, from how far a study comes out from itself if its motions change by
-    1e-9: methods that agree by chance prove no more than that.
-    """
+def _known(table: pd.DataFrame) -> tuple[float, float]:
+    """Error of the reference in ln theta and in beta."""
     first = table.iloc[0]
-    own = [0.5 * first["reference_ln_theta_error"], 0.5 * first["reference_beta_error"]]
-    mean = np.sqrt(first["reference_studies"])
-    for number, name in enumerate(("sd_ln_theta", "sd_beta")):
-        own[number] = max([own[number], *(_often(scatter)[name].dropna() / mean)])
-    return float(own[0]), float(own[1])
+    return float(first["reference_ln_theta_error"]), float(first["reference_beta_error"])
 
 
-def _often(dispersion: pd.DataFrame) -> pd.DataFrame:
-    """Without the reference's own ways, which were repeated less than others."""
-    return dispersion[dispersion["repetitions"] > 2]
-
-
-def cost_picture(study: str, table: pd.DataFrame, floors: tuple[float, float]) -> Picture:
+def cost_picture(study: str, table: pd.DataFrame) -> Picture:
     """Error of theta and of beta against the cost of the study.
 
     Parameters
@@ -94,10 +81,8 @@ def cost_picture(study: str, table: pd.DataFrame, floors: tuple[float, float]) -
     study : str
     table : DataFrame
         Rows of `curves` of this study.
-    floors : (float, float)
-        Error of the reference in ln theta and in beta.
     """
-    first = table.iloc[0]
+    first, known = table.iloc[0], _known(table)
     n_record, n_level = int(first["records"]), int(first["runs"] / first["records"])
 
     def draw(figure: Figure) -> None:
@@ -112,7 +97,8 @@ def cost_picture(study: str, table: pd.DataFrame, floors: tuple[float, float]) -
         titles = ("Error of the median theta (%)", "Error of the dispersion beta (%)")
         for number, (axes, name) in enumerate(zip(panels, ("ln_theta", "beta"))):
             sampling = scale[number] * first[f"sampling_{name}"]
-            _panel(axes, ways, name, scale[number], sampling, scale[number] * floors[number])
+            floor = MARGIN * scale[number] * known[number]
+            _panel(axes, ways, name, scale[number], sampling, floor)
             axes.set_title(titles[number])
             axes.set_xlabel("cost of the whole study (CPU seconds, one core)")
         handles, labels = panels[0].get_legend_handles_labels()
@@ -131,12 +117,12 @@ def cost_picture(study: str, table: pd.DataFrame, floors: tuple[float, float]) -
             f"Each point is a whole study ({n_record * n_level:,} runs) by one method at one step "
             "or tolerance, as written beside it: lower is more accurate, further left is cheaper. "
             "Bars: 90 % interval of the difference from the reference, records resampled for both "
-            "together; down to the edge where it includes none. Grey: what the reference itself "
-            f"is known to ({100 * floors[0]:.2g} % in theta); hollow points there are right as "
-            "far as can be told. Dashed: standard error of theta or beta from having "
+            f"together. The reference is known to {100 * known[0]:.2g} % in theta; grey is "
+            f"{MARGIN:g} times that, and hollow points at its edge say at most. "
+            "Dashed: standard error of theta or beta from having "
             f"{n_record} records only ({100 * first['sampling_ln_theta']:.1f} % in theta). "
             f"The reference: {int(first['reference_studies'])} studies of "
-            f"{_reference_cost(table)} s by fine steps and by events at a tight tolerance."
+            f"{_reference_cost(table)} s each, by fine steps and by events at a tight tolerance."
         ),
     )
 
@@ -151,8 +137,9 @@ def _panel(
 ) -> None:
     error = scale * ways[f"{name}_difference"].abs()
     ends = scale * ways[[f"{name}_low", f"{name}_high"]]
-    smallest = min([floor, sampling, *error[error > 0.0].dropna()])
-    bottom = 10.0 ** np.floor(np.log10(0.5 * smallest))
+    # A reference that knows its curve exactly has no floor, and a scale of decades no zero.
+    lowest = (floor, sampling) if floor > 0.0 else (sampling, *error[error > 0.0])
+    bottom = 0.6 * min(lowest)
     highest = max(sampling, float(np.nanmax(ends.abs().to_numpy(), initial=0.0)))
     axes.axhspan(0.5 * bottom, floor, color=canvas.PALE, alpha=0.6, linewidth=0)
     axes.axhline(sampling, color=canvas.INK, linestyle=(0, (5, 3)), linewidth=1.0)
@@ -160,18 +147,19 @@ def _panel(
         "error of sampling these records", (1.0, sampling), (0, 3), ha="right", fontsize=7.0,
         xycoords=("axes fraction", "data"), textcoords="offset points", color=canvas.INK,
     ).set_in_layout(False)  # fmt: skip
-    axes.text(0.02, 0.015, "grey: as far as the reference is known", fontsize=7.0,
+    axes.text(0.02, 0.015, f"grey: {MARGIN:g} times the reference's own error", fontsize=7.0,
               color=canvas.INK, transform=axes.transAxes).set_in_layout(False)  # fmt: skip
     for method, rows in ways.groupby("method", sort=False):
         label, colour, marker = LOOK.get(str(method), (str(method), canvas.GREY, "o"))
         group = rows.sort_values("cpu_seconds")
-        x, y = group["cpu_seconds"].to_numpy(), np.maximum(error[group.index].to_numpy(), bottom)
+        x, own = group["cpu_seconds"].to_numpy(), error[group.index].to_numpy()
+        y = np.maximum(own, max(floor, bottom))
         low, high = ends.loc[group.index].to_numpy().T
-        over = np.where(low * high < 0.0, bottom, np.minimum(abs(low), abs(high)))
+        over = np.where(low * high < 0.0, floor, np.minimum(abs(low), abs(high)))
         top = np.maximum(np.maximum(abs(low), abs(high)), y)
-        axes.vlines(x, np.clip(over, bottom, y), top, color=colour, linewidth=1.0, alpha=0.45)
+        axes.vlines(x, np.clip(over, floor, y), top, color=colour, linewidth=1.0, alpha=0.45)
         axes.plot(x, y, color=colour, linewidth=1.0, alpha=0.6)
-        within = y <= floor
+        within = own <= floor
         axes.plot([], [], marker, color=colour, markersize=6, label=label)
         axes.plot(x[~within], y[~within], marker, color=colour, markersize=6, zorder=5)
         axes.plot(x[within], y[within], marker, markerfacecolor="white", markeredgecolor=colour,
@@ -184,7 +172,7 @@ def _panel(
             ).set_in_layout(False)  # fmt: skip
     axes.set_xscale("log")
     axes.set_yscale("log")
-    axes.set_ylim(0.85 * bottom, 1.6 * highest)
+    axes.set_ylim(bottom, 1.6 * highest)
     axes.yaxis.set_major_locator(LogLocator(10.0, (1.0, 3.0)))
     axes.yaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_major_locator(LogLocator(10.0, (1.0, 3.0)))
@@ -215,7 +203,7 @@ def dispersion_picture(curves: pd.DataFrame, dispersion: pd.DataFrame) -> Pictur
         ("level", "from level to level of a record", canvas.PALE),
         ("numerical", "numerical: not the same when run again", canvas.VERMILION),
     )
-    bars = _often(dispersion).iloc[::-1].reset_index(drop=True)
+    bars = dispersion.iloc[::-1].reset_index(drop=True)
     study = curves["study"].iloc[0]
     table = curves[(curves["study"] == study) & (curves["role"] == "way")]
 
@@ -283,7 +271,7 @@ def _name(way: str) -> str:
     return f"{LOOK[method][0].split(' (')[0]} {_setting(way)}" if method in LOOK else way
 
 
-def _answer(study: str, table: pd.DataFrame, floors: tuple[float, float]) -> str:
+def _answer(study: str, table: pd.DataFrame) -> str:
     first = table.iloc[0]
     sampling = first["sampling_ln_theta"]
     ways = table[table["role"] == "way"].sort_values("cpu_seconds")
@@ -292,7 +280,7 @@ def _answer(study: str, table: pd.DataFrame, floors: tuple[float, float]) -> str
     text = (
         f"{int(first['records'])} {RECORDS_OF[study]}: the sample of records leaves theta a "
         f"standard error of {100 * sampling:.1f} %, and the reference is known to "
-        f"{100 * floors[0]:.2g} %. "
+        f"{100 * _known(table)[0]:.2g} %. "
     )
     if both.empty:
         return text + "No way stays within the sampling error of theta and of beta."
@@ -308,11 +296,11 @@ def _answer(study: str, table: pd.DataFrame, floors: tuple[float, float]) -> str
     )
 
 
-def _auto(table: pd.DataFrame, floors: tuple[float, float]) -> str:
+def _auto(table: pd.DataFrame) -> str:
     """What auto costs beside the cheapest of ours that is as good in theta and in beta."""
     ours = table[(table["role"] == "way") & table["method"].isin(OURS)]
     error = ours[["ln_theta_difference", "beta_difference"]].abs().to_numpy()
-    error = np.maximum(error, floors)
+    error = np.maximum(error, MARGIN * np.array(_known(table)))
     texts = []
     for i in np.flatnonzero(ours["method"] == "auto"):
         row = ours.iloc[i]
@@ -325,7 +313,8 @@ def _auto(table: pd.DataFrame, floors: tuple[float, float]) -> str:
         texts.append(f"{_setting(row['way'])}: {ratio:.1f} times {_name(other['way'])}")
     return (
         "Cost of auto beside the cheapest way of our other methods whose errors of theta and of "
-        f"beta are no larger, or within what the reference is known to: {'; '.join(texts)}."
+        f"beta are no larger, or within {MARGIN:g} times what the reference is known to: "
+        f"{'; '.join(texts)}."
     )
 
 
@@ -336,7 +325,8 @@ def _within(ways: pd.DataFrame, name: str) -> pd.Series:
 
 
 def _reference_cost(table: pd.DataFrame) -> str:
-    cost = table.loc[table["role"] == "reference", "cpu_seconds"]
+    members = table[table["role"] == "reference"]
+    cost = members.groupby("method", sort=False)["cpu_seconds"].mean()
     return " and ".join(f"{value:.0f}" for value in cost)
 
 
@@ -377,8 +367,10 @@ def _table(study: str, table: pd.DataFrame) -> Note:
         f"{int(first['runs'])} runs each, PGA in g. Differences from the reference, the curve of "
         f"its {int(first['reference_studies'])} studies together, with 90 % intervals of records "
         "resampled in pairs. The two methods of the reference lie "
-        f"{100 * first['reference_ln_theta_error']:.2f} % apart in theta, "
-        f"{scale * first['reference_beta_error']:.2f} % in beta, and its studies disagree in "
+        f"{100 * first['reference_ln_theta_apart']:.2f} % apart in theta, "
+        f"{scale * first['reference_beta_apart']:.2f} % in beta; it is taken to be known to "
+        f"{100 * first['reference_ln_theta_error']:.2f} and "
+        f"{scale * first['reference_beta_error']:.2f} %. Its studies disagree in "
         f"{int(first['reference_disagrees'])} verdicts, which are not counted where verdicts "
         f"differ. From the sample of records the standard error of theta is "
         f"{100 * first['sampling_ln_theta']:.1f} % (records resampled; "
@@ -389,6 +381,28 @@ def _table(study: str, table: pd.DataFrame) -> Note:
         ("way", "theta (g)", "beta", "theta (%)", "beta (%)", "verdicts differ", "failures",
          "unfinished", "beta² not shared (%)", "CPU (s)"),
         rows,
+    )  # fmt: skip
+
+
+def _limits_note(table: pd.DataFrame) -> Note:
+    rows = []
+    for _, row in table[table["role"] == "limit"].iterrows():
+        usual = table[table["way"] == str(row["way"]).split(",")[0]].iloc[0]
+        rows.append(
+            (
+                str(row["way"]), _signed(row, "ln_theta", 100.0),
+                _signed(usual, "ln_theta", 100.0), f"{row['cpu_seconds']:.1f}",
+                f"{usual['cpu_seconds']:.1f}", f"{row['cpu_seconds'] / usual['cpu_seconds']:.2f}",
+            )
+        )  # fmt: skip
+    return Note(
+        "The limits at which auto hands over, and the same curve",
+        "One limit changed, all else as it is: hand_over is the mean time between events, in time "
+        "steps, below which all voussoirs are stepped; above the tolerance coarse they are "
+        "stepped throughout (coarse 1: never).",
+        ("way", "theta (%)", "theta with the default (%)", "CPU (s)", "with the default (s)",
+         "ratio"),
+        tuple(rows),
     )  # fmt: skip
 
 

@@ -18,7 +18,12 @@ from archfrag.evidence.speed.quantities import QUANTITIES
 from archfrag.evidence.speed.reference import Reference, find_reference
 from archfrag.evidence.speed.runs import POINT, try_lines
 from archfrag.evidence.speed.section import lead_of, notes_of
-from archfrag.evidence.speed.tables import against_peers, auto_table, exponents
+from archfrag.evidence.speed.tables import (
+    against_peers,
+    auto_table,
+    exponents,
+    limits_table,
+)
 from archfrag.evidence.ways import ladders
 
 QUICK_SCENES = (
@@ -61,8 +66,8 @@ def measure(setup: Setup) -> dict[str, pd.DataFrame]:
     -------
     dict of str to DataFrame
         "points": a row for each scene, quantity and setting; cost is the median of wall times of
-        the integration [s]. "references", "horizons", "spreads"; "auto", "exponents" and
-        "against" as in `archfrag.evidence.speed.tables`; "left_out": sentences.
+        the integration [s]. "references", "horizons", "spreads"; "auto", "exponents",
+        "limits" and "against" as in `archfrag.evidence.speed.tables`; "left_out": sentences.
     """
     lines, left_out = ladders(setup.quick)
     scenes, missing = at_hand(chart_scenes(setup.quick), setup.places)
@@ -95,6 +100,7 @@ def measure(setup: Setup) -> dict[str, pd.DataFrame]:
         "spreads": pd.DataFrame(spreads, columns=list(SPREAD_COLUMNS)),
         "auto": auto_table(frame),
         "exponents": exponents(frame),
+        "limits": limits_table(frame),
         "against": against_peers(frame),
         "left_out": pd.DataFrame({"sentence": left_out}, dtype=object),
     }

@@ -20,7 +20,6 @@ _LOOK: dict[str, tuple[str, str, str]] = {
     "time_stepping": (canvas.BLUE, "o", "-"),
     "event_driven": (canvas.VERMILION, "s", "-"),
     "auto": (canvas.GREEN, "^", "-"),
-    "auto, dt 0.5 ms": (canvas.GREEN, "v", "--"),
     "penalty": (canvas.ORANGE, "D", "-"),
     "four_link": (canvas.INK, "P", "-"),
     "gauss_seidel": (canvas.PURPLE, "X", "-"),
@@ -52,6 +51,7 @@ def chart(points: pd.DataFrame, references: pd.DataFrame, quantity: str) -> Pict
         Of `QUANTITIES`.
     """
     shown = points[(points["quantity"] == quantity) & points["charted"].astype(bool)]
+    shown = shown[shown["who"] != "limit"]
     if shown.empty:
         return None
     scenes = list(dict.fromkeys(shown["scene"]))

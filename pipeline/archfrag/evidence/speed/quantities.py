@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from archfrag.arch import Arch
 from archfrag.evidence.judge import energy_gain, overlap
-from archfrag.evidence.run import arch_of, motion_of
+from archfrag.evidence.run import Way, arch_of, motion_of
 from archfrag.evidence.scene import STANDARD_GRAVITY, Scene
-from archfrag.evidence.ways import STEP_MEANS
+from archfrag.evidence.ways import delay_of_reactions
 from archfrag.simulation.response import Response
 
 if TYPE_CHECKING:
@@ -256,7 +256,7 @@ class Observed:
     collapsed: bool
 
 
-def observe(scene: Scene, response: Response, marks: Marks, method: str, dt: float) -> Observed:
+def observe(scene: Scene, response: Response, marks: Marks, way: Way) -> Observed:
     """Read the quantities off a run with history.
 
     Parameters
@@ -264,9 +264,8 @@ def observe(scene: Scene, response: Response, marks: Marks, method: str, dt: flo
     scene : Scene
     response : Response
     marks : Marks
-    method : str
-    dt : float
-        The method's step, if it has one [s].
+    way : Way
+        By which the run was made.
 
     Returns
     -------
@@ -275,9 +274,8 @@ def observe(scene: Scene, response: Response, marks: Marks, method: str, dt: flo
     history = response.history
     assert history is not None
     arch = arch_of(scene)
-    late = 0.5 * dt if method in STEP_MEANS else 0.0
     scale = float(np.sum(scene.bodies().mass)) * STANDARD_GRAVITY
-    resultants = resultants_at(history, marks.reactions, late) / scale
+    resultants = resultants_at(history, marks.reactions, delay_of_reactions(way)) / scale
     resultants[..., 2] /= scene.thickness
     at = np.array([marks.onset if math.isnan(marks.position) else marks.position])
     return Observed(

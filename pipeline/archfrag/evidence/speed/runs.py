@@ -15,7 +15,8 @@ from archfrag.evidence.scene import Scene
 from archfrag.evidence.speed.first_change import nearest_change
 from archfrag.evidence.speed.quantities import OF_A_RUN, Observed, errors_of, observe
 from archfrag.evidence.speed.reference import MARGIN, Reference
-from archfrag.evidence.ways import Line, clocked
+from archfrag.evidence.ways import Line, clocked, step_of
+from archfrag.simulate import COARSEST_FRAMES
 from archfrag.simulation.response import Response
 
 NEAR = 0.9  # of the reference's collapse amplitude: where the cost of that row is taken
@@ -44,15 +45,9 @@ class Tried:
         """Run a scene."""
         return clocked(scene, self.way, **options)[0]
 
-    @property
-    def step(self) -> float:
-        """Step of the way, or 0 where it has none of its own [s]."""
-        return self.way.value if self.way.knob == "dt" else 0.0
-
     def interval(self, scene: Scene) -> float:
         """Between frames of its history [s], as `archfrag.simulate` sets it."""
-        step = self.way.value if self.way.knob == "dt" else self.way.settings.get("dt", 5e-4)
-        return max(step, motion_of(scene).dt)
+        return max(step_of(self.way), min(motion_of(scene).dt, COARSEST_FRAMES))
 
 
 def try_lines(
@@ -89,7 +84,7 @@ def try_lines(
     for each in tried:
         response = each.run(scene, history=True)
         each.status = response.status.name.lower()
-        each.seen = observe(scene, response, reference.marks, each.way.method, each.step)
+        each.seen = observe(scene, response, reference.marks, each.way)
         points += _points(reference, each)
     return points, left_out
 
@@ -164,7 +159,7 @@ def _row(
         floor = 0.5 / max(reference.grid.size, 1)
     charted = not reference.why_not(quantity) and math.isfinite(error)
     return {
-        "scene": reference.scene.name, "quantity": quantity, "who": "ours",
+        "scene": reference.scene.name, "quantity": quantity, "who": each.line.who,
         "line": each.line.label, "method": each.way.method, "way": str(each.way),
         "place": each.place, "cost": float(np.median(times)), "least_cost": min(times),
         "error": error, "floor": floor, "charted": charted,

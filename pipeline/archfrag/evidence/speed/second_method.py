@@ -40,10 +40,11 @@ def compare_with_steps(reference: Reference, quick: bool) -> None:
     seen: list[Observed] = []
     times: list[float] = []
     for step in STEPS:
-        response, seconds = clocked(scene, Way("time_stepping", "dt", step), history=True)
+        way = Way("time_stepping", "dt", step)
+        response, seconds = clocked(scene, way, history=True)
         if verdict(response) is None:
             return
-        seen.append(observe(scene, response, reference.marks, "time_stepping", step))
+        seen.append(observe(scene, response, reference.marks, way))
         times.append(seconds)
         if times[-1] > limit:
             break

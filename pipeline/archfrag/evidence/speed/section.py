@@ -110,7 +110,8 @@ def _peer_sentences(against: pd.DataFrame) -> list[str]:
 def notes_of(frames: Frames) -> list[Note]:
     """Tables of the page."""
     notes = [
-        _auto_note(frames["auto"]), _exponent_note(frames["exponents"]),
+        _auto_note(frames["auto"]), _limits_note(frames["limits"]),
+        _exponent_note(frames["exponents"]),
         _horizon_note(frames["horizons"]), _reference_note(frames["references"]),
     ]  # fmt: skip
     if not frames["against"].empty:
@@ -145,6 +146,26 @@ def _auto_note(auto: pd.DataFrame) -> Note:
             "ratio",
             "ratio of least times",
         ),
+        tuple(rows),
+    )
+
+
+def _limits_note(limits: pd.DataFrame) -> Note:
+    def ratio(row: Any, name: str) -> str:
+        low, high = getattr(row, f"{name}_least"), getattr(row, f"{name}_most")
+        return f"{number(getattr(row, f'{name}_ratio'))} ({number(low)} to {number(high)})"
+
+    rows = [
+        (str(row.way), str(row.quantity), str(row.scenes), ratio(row, "cost"), ratio(row, "error"))
+        for row in rows_of(limits)
+    ]
+    return Note(
+        "The limits of auto, each changed alone",
+        "Cost and error over those with the default limits at the same tolerance: geometric mean "
+        "over the scenes, least and largest in brackets. hand_over is the mean time between "
+        "events, in time steps, below which all voussoirs are stepped (3 by default); above the "
+        "tolerance coarse they are stepped throughout (0.02 by default; 1: never, 0: always).",
+        ("limit", "quantity", "scenes", "cost", "error"),
         tuple(rows),
     )
 

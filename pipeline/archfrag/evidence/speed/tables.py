@@ -24,6 +24,12 @@ AUTO_COLUMNS = (
 EXPONENT_COLUMNS = (
     "method", "quantity", "scenes", "points", "at_floor", "exponent", "low", "high",
 )  # fmt: skip
+# By which limits of auto are weighed: what users ask for, and what no chaos blurs.
+WEIGHED = ("amplitude", "peak", "verdicts")
+LIMIT_COLUMNS = (
+    "way", "quantity", "scenes", "cost_ratio", "cost_least", "cost_most", "error_ratio",
+    "error_least", "error_most",
+)  # fmt: skip
 AGAINST_COLUMNS = (
     "scene", "quantity", "peer", "level", "peer_cost", "cheapest", "cheapest_cost", "auto_cost",
     "peer_over_cheapest", "peer_over_auto",
@@ -72,7 +78,8 @@ def cheapest_at(points: pd.DataFrame, level: float, cost: str = "cost") -> tuple
     return (way if best["who"] == "peer" else f"{best['line']}: {way}"), float(best[cost])
 
 
-def _own(points: pd.DataFrame) -> pd.DataFrame:
+def own_points(points: pd.DataFrame) -> pd.DataFrame:
+    """Points of the methods that auto chooses among, limits of auto apart."""
     return points[(points["who"] == "ours") & points["method"].isin(OWN)]
 
 
@@ -90,7 +97,7 @@ def auto_table(points: pd.DataFrame) -> pd.DataFrame:
         `least_ratio` that of the least; `flag` where both are above 1.5, so that a neighbour on
         the machine flags nothing.
     """
-    ours = kept_errors(_own(points))
+    ours = kept_errors(own_points(points))
     rows: list[tuple[Any, ...]] = []
     for (scene, quantity), group in ours.groupby(["scene", "quantity"], sort=False):
         by_auto = group[group["method"] == AUTO]
@@ -130,7 +137,7 @@ def exponents(points: pd.DataFrame) -> pd.DataFrame:
         quantity; points at the floor (`at_floor` of them) and those with an error above 1 are left
         out, and so is a scene with a single point left; nan where no scene is left.
     """
-    frame = points[points["charted"].astype(bool)]
+    frame = points[points["charted"].astype(bool) & (points["who"] != "limit")]
     rows = []
     for (line, quantity), whole in frame.groupby(["line", "quantity"], sort=False):
         group = whole[~whole["at_floor"].astype(bool)]
@@ -148,6 +155,38 @@ def exponents(points: pd.DataFrame) -> pd.DataFrame:
         at_floor = int(whole["at_floor"].astype(bool).sum())
         rows.append((line, quantity, scenes, flat_x.size, at_floor, *slope))
     return pd.DataFrame(rows, columns=list(EXPONENT_COLUMNS))
+
+
+def limits_table(points: pd.DataFrame) -> pd.DataFrame:
+    """Each limit of auto changed alone, beside its default at the same tolerance.
+
+    Parameters
+    ----------
+    points : DataFrame
+
+    Returns
+    -------
+    DataFrame
+        A row for each way and quantity of `WEIGHED`: geometric means over the scenes, and the
+        least and the largest, of its cost and of its error over those of the default. Errors
+        below the floor stand at the floor.
+    """
+    frame = points[points["charted"].astype(bool) & points["quantity"].isin(WEIGHED)].copy()
+    frame["kept"] = np.maximum(frame["error"], frame["floor"])
+    usual = frame[frame["line"] == AUTO]
+    changed = frame[frame["who"] == "limit"]
+    rows: list[tuple[Any, ...]] = []
+    for (way, quantity), part in changed.groupby(["way", "quantity"], sort=False):
+        beside = usual[usual["way"] == str(way).split(",")[0]]
+        both = part.merge(beside, on=["scene", "quantity"], suffixes=("", "_usual"))
+        if both.empty:
+            continue
+        row: list[Any] = [way, quantity, len(both)]
+        for name in ("cost", "kept"):
+            ratio = (both[name] / both[f"{name}_usual"]).to_numpy()
+            row += [float(np.exp(np.log(ratio).mean())), float(ratio.min()), float(ratio.max())]
+        rows.append(tuple(row))
+    return pd.DataFrame(rows, columns=list(LIMIT_COLUMNS))
 
 
 def against_peers(points: pd.DataFrame) -> pd.DataFrame:
@@ -169,7 +208,7 @@ def against_peers(points: pd.DataFrame) -> pd.DataFrame:
     frame = pd.concat(kept) if kept else points
     rows = []
     for (scene, quantity), group in frame.groupby(["scene", "quantity"], sort=False):
-        ours = _own(group)
+        ours = own_points(group)
         theirs: Any = group[group["who"] == "peer"].groupby(["line", "kept"])
         for (peer, level), part in theirs:
             cost = float(part["cost"].min())

@@ -46,17 +46,22 @@ def kinds_of(cells: pd.DataFrame) -> pd.Series:
 
 def lead_sentences(cells: pd.DataFrame) -> list[str]:
     """One for each method: how many runs are right, and how many fail in each way."""
-    sentences = []
-    for method, own in cells.groupby("method", sort=False):
-        judged = own[~_flag(own, "does not apply")]
-        counts = {name: int(_flag(judged, name).sum()) for name in FAILURES}
-        parts = [f"{count} {name}" for name, count in counts.items() if count]
-        clean = int(
-            (~judged[[]].assign(**{n: _flag(judged, n) for n in FAILURES}).any(axis=1)).sum()
-        )
-        said = ", ".join(parts) if parts else "none failed"
-        sentences.append(f"{method}: {clean} of {len(judged)} runs without a failure; {said}.")
-    return sentences
+    return [f"{method}: {failing(own)}." for method, own in cells.groupby("method", sort=False)]
+
+
+def failing(cells: pd.DataFrame) -> str:
+    """How many runs of one method are right, and how many fail in each way.
+
+    Parameters
+    ----------
+    cells : DataFrame
+    """
+    judged = cells[~_flag(cells, "does not apply")]
+    flags = pd.DataFrame({name: _flag(judged, name) for name in FAILURES})
+    parts = [f"{count} {name}" for name, count in flags.sum().items() if count]
+    clean = int((~flags.any(axis=1)).sum())
+    said = ", ".join(parts) if parts else "none failed"
+    return f"{clean} of {len(judged)} runs without a failure; {said}"
 
 
 def draw_maps(name: str, title: str, axis: str, cells: pd.DataFrame) -> Picture:
