@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from archfrag.evidence.run import Way
 
 STEP, TOLERANCE = 2e-4, 1e-5
-STUDIES = {True: 4, False: 8}
+STUDIES = {True: 4, False: 6}
 # Between the settings of two studies of one method, relative.
 APART = 0.04
 
@@ -26,7 +26,7 @@ def reference_ways(quick: bool) -> tuple[tuple[Way, ...], tuple[Way, ...]]:
     Parameters
     ----------
     quick : bool
-        Half as many of each.
+        Fewer of each.
 
     Examples
     --------

@@ -17,8 +17,12 @@ from archfrag.evidence.speed.quantities import largest_distance
 from archfrag.evidence.speed.reference import MARGIN, Reference
 from archfrag.evidence.speed.runs import NEAR, REACH
 
-STEPS = (5e-3, 2e-3, 1e-3, 5e-4, 2.5e-4)
+STEPS = (5e-3, 2e-3, 1e-3, 5e-4)
 QUICK_STEPS = (5e-3, 2e-3, 1e-3)
+# Finer steps are left out where a run takes longer, and the search for the amplitude, which takes
+# a dozen of them, where one takes so many times as long [s].
+LONGEST = {True: 2.0, False: 3.0}
+TOO_LONG = 4.0
 # After our collapse, a chain needs this long to have moved two thicknesses [s].
 FALL = 4.0
 
@@ -46,7 +50,7 @@ def try_peers(
     left_out: list[str] = []
     for name in names:
         try:
-            peer = Peer(name, 60.0 if quick else 300.0)
+            peer = Peer(name, 60.0 if quick else 120.0)
         except PeerMissing as reason:
             left_out.append(f"{name} is not installed: {reason}")
             continue
@@ -59,7 +63,12 @@ def try_peers(
                     left_out.append(str(reason))
                     break
                 points += rows
-                if seconds > (2.0 if quick else 8.0):
+                if seconds > TOO_LONG * LONGEST[quick]:
+                    left_out.append(
+                        f"{reference.scene.name}: amplitude by {name} is not sought: a run took "
+                        f"{seconds:.2g} s"
+                    )
+                if seconds > LONGEST[quick]:
                     left_out.append(
                         f"{reference.scene.name}: {name} below {1e3 * step:g} ms is not run: that "
                         f"took {seconds:.2g} s"
@@ -99,7 +108,7 @@ def _points(
     true = reference.seen.peak
     peak = math.nan if outcome.collapsed else abs(outcome.peak_displacement - true) / true
     add("peak", times, peak)
-    if not math.isnan(reference.amplitude):
+    if not math.isnan(reference.amplitude) and times[0] <= TOO_LONG * LONGEST[quick]:
         near = scene.at(NEAR * reference.amplitude)
         end = run_scene(near, reference.loose).end_time
         near = _until(near, end)
