@@ -23,9 +23,9 @@ ASKED: Mapping[str, str] = {
     "peak": "peak displacement",
     "position": "position at the first impact, over the thickness",
 }
-CHOICES = (
-    "quantity", "scene", "level", "way", "cost", "auto", "auto_cost",
-)  # fmt: skip
+CHOICES = ("quantity", "scene", "level", "way", "cost", "auto", "auto_cost")
+# Costs that differ by less come out either way on another day; auto is then the simpler advice.
+TIE = 1.1
 
 
 def choices(points: pd.DataFrame) -> pd.DataFrame:
@@ -40,7 +40,8 @@ def choices(points: pd.DataFrame) -> pd.DataFrame:
     -------
     DataFrame
         A row for each of `ASKED`, scene and level of `LEVELS` that a way reaches and the chart
-        resolves; costs in seconds a run, infinite where no setting of auto gets there.
+        resolves; costs in seconds a run, infinite where no setting of auto gets there. A way is
+        auto's if that costs no more than `TIE` times the least.
     """
     ours = kept_errors(own_points(points))
     rows = []
@@ -52,6 +53,8 @@ def choices(points: pd.DataFrame) -> pd.DataFrame:
                 if math.isinf(cost):
                     continue
                 auto, auto_cost = cheapest_at(group[group["method"] == AUTO], level)
+                if auto_cost <= TIE * cost:
+                    way, cost = auto, auto_cost
                 name, automatic = (each.rpartition(": ")[2] for each in (way, auto))
                 rows.append((quantity, scene, level, name, cost, automatic, auto_cost))
     return pd.DataFrame(rows, columns=list(CHOICES))
@@ -134,8 +137,10 @@ def _scene_note(chosen: pd.DataFrame, quantity: str) -> Note:
     return Note(
         f"By scene: {ASKED[quantity]}",
         "Cheapest of our ways that keeps the error at this and all finer settings of its line, "
-        "and what a run costs; in brackets auto, where that is not the cheapest. A dash: no "
-        f"setting gets there, or it is below {MARGIN:g} times the error of the scene's reference.",
+        "and what a run costs; a step stands behind time_stepping, a tolerance behind the others. "
+        f"auto is named where it costs no more than {TIE:g} times the least, else in brackets. A "
+        "dash: no setting gets there, or it is below "
+        f"{MARGIN:g} times the error of the scene's reference.",
         ("scene", *(f"{100.0 * level:g} %" for level in LEVELS)),
         tuple(rows),
         words=True,
