@@ -8,9 +8,11 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
+import pandas as pd
+
 from archfrag.errors import InputError
 from archfrag.evidence.part import Setup, in_processes
-from archfrag.evidence.peers.client import NAMES, VARIANTS
+from archfrag.evidence.peers.client import NAMES, VARIANTS, peer_versions
 from archfrag.evidence.store import load, save
 from archfrag.methods.registry import AUTO
 from archfrag.simulate import warmup
@@ -24,6 +26,8 @@ PARTS: dict[str, str] = {
     "corner_cases": "archfrag.evidence.cases.corner_cases",
     "fragility": "archfrag.evidence.fragility.error",
 }
+# Folder of the table of the peers that were run last.
+PEERS = "peers"
 
 
 def part(name: str) -> ModuleType:
@@ -70,7 +74,11 @@ def gather_evidence(names: Sequence[str], setup: Setup, folder: Path) -> Path:
     for name in setup.peers:
         if name not in known:
             raise InputError(f"evidence knows no peer {name!r}; allowed are {', '.join(known)}")
-    facts = {"quick": setup.quick, "peers": list(setup.peers), "workers": setup.workers}
+    peers = peer_versions(setup.peers)
+    facts = {"quick": setup.quick, "peers": peers, "workers": setup.workers}
+    if peers:
+        table = pd.DataFrame(peers.items(), columns=["peer", "version"])
+        save(folder, PEERS, {"versions": table}, facts)
     _compile(setup)
     for name in names or PARTS:
         began = time.perf_counter()
@@ -79,4 +87,9 @@ def gather_evidence(names: Sequence[str], setup: Setup, folder: Path) -> Path:
         save(folder, name, frames, facts)
         setup.say(f"evidence: {name} done in {time.perf_counter() - began:.0f} s")
     found = {name: load(folder, name) for name in PARTS}
-    return write_guide({name: frames for name, frames in found.items() if frames}, folder)
+    versions = load(folder, PEERS).get("versions", pd.DataFrame(columns=["peer", "version"]))
+    return write_guide(
+        {name: frames for name, frames in found.items() if frames},
+        folder,
+        dict(versions.itertuples(index=False)),
+    )

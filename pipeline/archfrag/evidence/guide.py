@@ -38,13 +38,17 @@ def sections_of(found: Mapping[str, Frames]) -> list[tuple[str, Section]]:
     return sections if advice is None else [("advice", advice), *sections]
 
 
-def write_guide(found: Mapping[str, Frames], folder: Path) -> Path:
+def write_guide(
+    found: Mapping[str, Frames], folder: Path, peers: Mapping[str, str] | None = None
+) -> Path:
     """Write the page and the figures on it.
 
     Parameters
     ----------
     found : mapping of part to tables
     folder : Path
+    peers : mapping of str to str, optional
+        Version of each of the other solvers that were run.
 
     Returns
     -------
@@ -70,6 +74,7 @@ def write_guide(found: Mapping[str, Frames], folder: Path) -> Path:
     facts = [(name, str(value)) for name, value in versions().items()]
     facts += [("commit", commit()), ("processor", platform.processor() or platform.machine())]
     facts += [(name, str(value)) for name, value in machine().items() if name != "host"]
+    facts += (peers or {}).items()
     page = environment.get_template("guide.html.j2").render(
         title="Speed, accuracy, and where methods fail",
         sections=sections,

@@ -13,6 +13,7 @@ from archfrag.evidence.run import arch_of
 from archfrag.evidence.scene import Scene
 from archfrag.simulate import warmup
 
+VERSION = f"archfrag {archfrag.__version__}"
 SETTINGS: dict[str, Any] = {"method": "time_stepping"}
 _COMPILED: list[float] = []
 
@@ -57,7 +58,7 @@ def run(
         }
     return Outcome(
         peer="archfrag",
-        version=f"archfrag {archfrag.__version__}",
+        version=VERSION,
         settings=settings,
         scene=scene.name,
         amplitude=float(scene.motion.get("amplitude", 0.0)),

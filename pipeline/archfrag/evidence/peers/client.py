@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,11 @@ class Peer:
     limit : float
         Longest that a run may take [s].
 
+    Attributes
+    ----------
+    version : str
+        As the peer says it.
+
     Raises
     ------
     PeerMissing
@@ -53,7 +59,7 @@ class Peer:
     """
 
     def __init__(self, name: str, limit: float = 600.0) -> None:
-        self.name, self.limit = name, limit
+        self.name, self.limit, self.version = name, limit, ""
         self.adapter, self.settings = VARIANTS.get(name, (name, {}))
         self.process: subprocess.Popen | None = None
         self._start()
@@ -73,6 +79,7 @@ class Peer:
             )
             reply = self._read()
             if "ready" in reply:
+                self.version = reply["version"]
                 return
             self.close()
             reasons.append(str(reply.get("missing") or reply.get("error")))
@@ -124,6 +131,26 @@ class Peer:
                 if stream is not None:
                     stream.close()
             self.process = None
+
+
+def peer_versions(names: Sequence[str]) -> dict[str, str]:
+    """Version of each peer, or why it cannot be used here.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of `NAMES` or `VARIANTS`.
+    """
+    found = {}
+    for name in names:
+        try:
+            peer = Peer(name)
+        except PeerMissing as reason:
+            found[name] = f"not installed: {reason}"
+        else:
+            found[name] = peer.version
+            peer.close()
+    return found
 
 
 def open_peers(names: list[str], limit: float = 600.0) -> dict[str, Peer]:

@@ -11,6 +11,7 @@ from archfrag.evidence.scene import STANDARD_GRAVITY, Scene
 
 # Locking the motion out of the plane, which symmetry forbids anyway, halves the sweeps at 7
 # voussoirs; a thin arch (depth 0.3 m) needs ten times as many.
+VERSION = f"compas_lmgc90 {version('compas_lmgc90')}"
 SETTINGS: dict[str, Any] = {
     "law": "IQS_CLB",
     "alert": 0.02,  # [m]
@@ -29,7 +30,7 @@ class Lmgc90Stepper:
     unconverged = None
 
     def __init__(self, scene: Scene, dt: float, settings: dict[str, Any]) -> None:
-        self.version = f"compas_lmgc90 {version('compas_lmgc90')}"
+        self.version = VERSION
         density = scene.chain.get("density", 2000.0)
         solver = Solver(dt=dt, theta=settings["theta"], density=density)
         outlines = scene.polygons()

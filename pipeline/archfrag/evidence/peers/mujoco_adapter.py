@@ -13,6 +13,7 @@ from archfrag.evidence.scene import STANDARD_GRAVITY, Scene
 # impedance close to one. `impratio` keeps sticking joints from creeping. `contacts` are those that
 # MuJoCo finds between convex hulls, four at a closed joint, or "corners", two at each joint: half
 # the cost, for chains only, and it creeps more.
+VERSION = f"mujoco {mujoco.__version__}"
 SETTINGS: dict[str, Any] = {
     "impratio": 10.0,
     "solref_steps": 2.0,
@@ -30,7 +31,7 @@ class MujocoStepper:
     """A scene in MuJoCo; the ground motion is a body force."""
 
     def __init__(self, scene: Scene, dt: float, settings: dict[str, Any]) -> None:
-        self.version = f"mujoco {mujoco.__version__}"
+        self.version = VERSION
         self.model = mujoco.MjModel.from_xml_string(_xml(scene, dt, settings))
         self.data = mujoco.MjData(self.model)
         self.start = scene.bodies().centroid

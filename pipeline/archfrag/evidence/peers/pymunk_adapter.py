@@ -12,6 +12,7 @@ from archfrag.evidence.scene import STANDARD_GRAVITY, Scene
 # Position correction pushes the arch open at its hinges: at Chipmunk's usual rate (6.3 a second)
 # and above it the early motion is too large by a quarter to four times; at 0.1 a second it is
 # within one part in a hundred of the other solvers, and the joints do not sink into each other.
+VERSION = f"pymunk {pymunk.version}, Chipmunk {pymunk.chipmunk_version}"
 SETTINGS: dict[str, Any] = {
     "iterations": 200,
     "collision_slop": 1e-5,  # [m]
@@ -25,7 +26,7 @@ class PymunkStepper:
     unconverged = None
 
     def __init__(self, scene: Scene, dt: float, settings: dict[str, Any]) -> None:
-        self.version = f"pymunk {pymunk.version}, Chipmunk {pymunk.chipmunk_version}"
+        self.version = VERSION
         self.space = pymunk.Space()
         self.dt = dt
         self.space.iterations = settings["iterations"]

@@ -12,6 +12,7 @@ from archfrag.evidence.scene import STANDARD_GRAVITY, Scene
 
 # Sweeps stop far short of the tolerance where the default cap of 1,000 holds. Corners within
 # `activation` count as touching: without it rounding opens closed joints for a step.
+VERSION = f"siconos {version('siconos')}"
 SETTINGS: dict[str, Any] = {
     "tolerance": 1e-6,
     "sweeps": 10000,
@@ -96,7 +97,7 @@ class SiconosStepper:
     """A scene in Siconos; the ground motion is a body force."""
 
     def __init__(self, scene: Scene, dt: float, settings: dict[str, Any]) -> None:
-        self.version = f"siconos {version('siconos')}"
+        self.version = VERSION
         self.unconverged = 0
         self.tolerance = settings["tolerance"]
         bodies = scene.bodies()

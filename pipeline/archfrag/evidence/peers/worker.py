@@ -42,11 +42,11 @@ def main() -> None:
     os.dup2(silent, 1)
     os.dup2(silent, 2)
     try:
-        importlib.import_module(f"archfrag.evidence.peers.{peer}_adapter")
+        adapter = importlib.import_module(f"archfrag.evidence.peers.{peer}_adapter")
     except Exception as error:
         channel.write(json.dumps({"missing": f"{type(error).__name__}: {error}"}) + "\n")
         return
-    channel.write(json.dumps({"ready": peer}) + "\n")
+    channel.write(json.dumps({"ready": peer, "version": adapter.VERSION}) + "\n")
     for line in sys.stdin:
         try:
             reply = answer(peer, json.loads(line))

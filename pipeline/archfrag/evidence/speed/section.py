@@ -36,7 +36,7 @@ def lead_of(frames: Frames) -> list[str]:
     """The answers, first thing on the page."""
     auto, references = frames["auto"], frames["references"]
     charted = references[references["charted"].astype(bool)]
-    sentences = [_auto_sentence(auto)]
+    sentences = [_auto_sentence(auto), *_limit_sentences(frames["limits"])]
     second = charted[charted["second_away"].notna()]
     # An error that had to be raised is the distance itself.
     agree = second[second["error"] != second["second_away"]]
@@ -85,6 +85,32 @@ def _auto_sentence(auto: pd.DataFrame) -> str:
             f"{worst['scene']} at {worst['level']:.0e}, where {worst['cheapest']} is cheapest"
         )
     return text + "."
+
+
+def _limit_sentences(limits: pd.DataFrame) -> list[str]:
+    """What the limits of auto are worth for the collapse amplitude."""
+    rows = limits[limits["quantity"] == "amplitude"]
+    handed = rows[rows["way"].str.contains("hand_over")]
+    sentences = []
+    if not handed.empty:
+        values = [float(way.rpartition(" ")[2]) for way in handed["way"]]
+        sentences.append(
+            f"hand_over at {number(min(values))} to {number(max(values))} instead of its default "
+            f"makes auto at the default tolerance cost {number(handed['cost_ratio'].min(), 2)} to "
+            f"{number(handed['cost_ratio'].max(), 2)} times as much, with "
+            f"{number(handed['error_ratio'].min(), 2)} to "
+            f"{number(handed['error_ratio'].max(), 2)} times the error of the amplitude that "
+            "collapses (geometric means over the scenes)."
+        )
+    for row in rows_of(rows[~rows["way"].str.contains("hand_over")]):
+        tolerance = str(row.way).split(",")[0].split(" ")[1]
+        what = "Stepping throughout" if str(row.way).endswith(" 0") else "Locating events"
+        sentences.append(
+            f"{what} at a tolerance of {tolerance} too would cost {number(row.cost_ratio, 2)} "
+            f"times as much ({number(row.cost_least, 2)} to {number(row.cost_most, 2)}) for "
+            f"{number(row.error_ratio, 2)} times that error."
+        )
+    return sentences
 
 
 def _peer_sentences(against: pd.DataFrame) -> list[str]:
