@@ -28,9 +28,9 @@ LOOK: Mapping[str, tuple[str, str, str]] = {
 OURS = ("time_stepping", "auto", "event_driven")
 # Where the setting stands beside a point [point], so that neighbours of two methods stay apart.
 SHIFT: Mapping[str, tuple[tuple[int, int], str]] = {
-    "time_stepping": ((4, 5), "left"),
-    "auto": ((-4, -10), "right"),
-    "event_driven": ((5, -9), "left"),
+    "time_stepping": ((3, 3), "left"),
+    "auto": ((-3, -4), "right"),
+    "event_driven": ((3, -4), "left"),
 }
 RECORDS_OF = {"shipped": "shipped synthetic records", "real": "real records"}
 SLUG = {"shipped": "fragility_cost", "real": "fragility_cost_real"}
@@ -168,7 +168,9 @@ def _panel(
         for i, way in enumerate(group["way"]):
             axes.annotate(
                 _setting(way), (x[i], y[i]), away, fontsize=7.0, color=colour, ha=side,
-                textcoords="offset points", zorder=6,
+                va="top" if within[i] and away[1] < 0 else "bottom", textcoords="offset points",
+                # Along the edge of the grey there is no room for them to lie down.
+                rotation=50.0 if within[i] else 0.0, rotation_mode="default", zorder=6,
             ).set_in_layout(False)  # fmt: skip
     axes.set_xscale("log")
     axes.set_yscale("log")

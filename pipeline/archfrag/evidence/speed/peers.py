@@ -21,7 +21,7 @@ STEPS = (5e-3, 2e-3, 1e-3, 5e-4)
 QUICK_STEPS = (5e-3, 2e-3, 1e-3)
 # Finer steps are left out where a run takes longer, and the search for the amplitude, which takes
 # a dozen of them, where one takes so many times as long [s].
-LONGEST = {True: 2.0, False: 3.0}
+LONGEST = 2.0
 TOO_LONG = 4.0
 # After our collapse, a chain needs this long to have moved two thicknesses [s].
 FALL = 4.0
@@ -38,7 +38,7 @@ def try_peers(
         As `archfrag.evidence.peers.client` knows them.
     references : sequence of Reference
     quick : bool
-        Fewer steps, and a lower bound on what a run may take.
+        Fewer steps.
     say : callable
 
     Returns
@@ -63,12 +63,12 @@ def try_peers(
                     left_out.append(str(reason))
                     break
                 points += rows
-                if seconds > TOO_LONG * LONGEST[quick]:
+                if seconds > TOO_LONG * LONGEST:
                     left_out.append(
                         f"{reference.scene.name}: amplitude by {name} is not sought: a run took "
                         f"{seconds:.2g} s"
                     )
-                if seconds > LONGEST[quick]:
+                if seconds > LONGEST:
                     left_out.append(
                         f"{reference.scene.name}: {name} below {1e3 * step:g} ms is not run: that "
                         f"took {seconds:.2g} s"
@@ -90,7 +90,8 @@ def _points(
     own = _until(scene, reference.response.end_time)
     outcome = peer.run(own, step, history=True)
     times = [outcome.wall_seconds]
-    repeats = 1 if outcome.wall_seconds > 1.0 else 2 if quick else 4
+    repeats = 1 if times[0] > 1.0 else 2 if quick else 4
+    repeats = 0 if times[0] > TOO_LONG * LONGEST else repeats
     times += [peer.run(own, step).wall_seconds for _ in range(repeats)]
     rows = []
 
@@ -108,7 +109,7 @@ def _points(
     true = reference.seen.peak
     peak = math.nan if outcome.collapsed else abs(outcome.peak_displacement - true) / true
     add("peak", times, peak)
-    if not math.isnan(reference.amplitude) and times[0] <= TOO_LONG * LONGEST[quick]:
+    if not math.isnan(reference.amplitude) and times[0] <= TOO_LONG * LONGEST:
         near = scene.at(NEAR * reference.amplitude)
         end = run_scene(near, reference.loose).end_time
         near = _until(near, end)

@@ -23,6 +23,8 @@ NEAR = 0.9  # of the reference's collapse amplitude: where the cost of that row 
 REACH = 0.5
 # Short runs are repeated until they add up to so much [s], up to so many times.
 SHORT, MOST = 0.1, 15
+# Finer settings of a line are left out where one takes longer [s of CPU].
+LONGEST = 0.3
 POINT = (
     "scene", "quantity", "who", "line", "method", "way", "place", "cost", "least_cost", "error",
     "floor", "charted", "at_floor", "status",
@@ -60,7 +62,7 @@ def try_lines(
     reference : Reference
     lines : iterable of Line
     quick : bool
-        At least 3 instead of 5 runs for each time, and a lower bound on what one may take.
+        At least 3 instead of 5 runs for each time.
 
     Returns
     -------
@@ -70,12 +72,12 @@ def try_lines(
         Sentences about settings that were not run.
     """
     scene = reference.scene
-    limit, repeats = (0.3, 3) if quick else (0.6, 5)
+    repeats = 3 if quick else 5
     near = _near(reference)
-    tried, left_out = _first_round(reference, lines, limit)
+    tried, left_out = _first_round(reference, lines)
     for repeat in range(1, MOST):
         for each in tried:
-            enough = repeats if each.own[0] + each.near[0] < limit else 3
+            enough = repeats if each.own[0] + each.near[0] < LONGEST else 3
             if repeat >= enough and sum(each.own) > SHORT:
                 continue
             each.own.append(each.run(scene).wall_time)
@@ -96,9 +98,7 @@ def _near(reference: Reference) -> Scene:
     return reference.scene.at(NEAR * reference.amplitude)
 
 
-def _first_round(
-    reference: Reference, lines: Iterable[Line], limit: float
-) -> tuple[list[Tried], list[str]]:
+def _first_round(reference: Reference, lines: Iterable[Line]) -> tuple[list[Tried], list[str]]:
     scene, near = reference.scene, _near(reference)
     tried, left_out = [], []
     for line in lines:
@@ -114,7 +114,7 @@ def _first_round(
             each.own.append(first.wall_time)
             each.near.append(second.wall_time)
             dearest = max(dearest, seconds)
-            if dearest > limit and place + 1 < len(line.ways):
+            if dearest > LONGEST and place + 1 < len(line.ways):
                 left_out.append(
                     f"{scene.name}: {line.label} finer than {way} is not run: "
                     f"that took {dearest:.2g} s of the processor"
