@@ -243,7 +243,8 @@ def method(folder: Path, slenderness: float) -> None:
     "--peers",
     multiple=True,
     metavar="NAME",
-    help="Other solver to run beside ours: mujoco, pymunk, lmgc90, siconos. Repeatable.",
+    help="Other solver to run beside ours: mujoco_corners (contacts at the corners, which suit it "
+    "best), mujoco, pymunk, lmgc90, siconos. Repeatable.",
 )
 @click.option("--workers", type=click.IntRange(min=1), help="Processes for what is not timed.")
 def evidence(
