@@ -72,3 +72,32 @@ def test_the_section_names_ways_scenes_and_where_auto_is_dear(points):
 
 def test_nothing_measured_gives_no_advice():
     assert advise({"growth": {}}) is None
+
+
+def curves_of(error, known):
+    """Rows of two ways and their reference: error of ln theta by way, error of the reference."""
+    rows = [("time_stepping 0.1 ms", "reference", 0.0, 90.0)]
+    rows += [("time_stepping 4 ms", "way", error, 5.0), ("auto 0.001", "way", 0.01, 30.0)]
+    table = pd.DataFrame(rows, columns=["way", "role", "ln_theta_difference", "cpu_seconds"])
+    return table.assign(
+        study="shipped", method=table["way"].str.split(" ").str[0], runs=450, beta=0.4,
+        beta_difference=0.0, sampling_ln_theta=0.08, reference_ln_theta_error=known,
+        reference_beta_error=0.01,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("error", "known", "said"),
+    [
+        (0.05, 0.004, "time_stepping 4 ms is the cheapest way whose theta is off by no more than"),
+        (
+            0.09,
+            0.004,
+            "auto 0.001 is the cheapest way whose theta is off by no more",
+        ),
+        (0.05, 0.02, "no way is shown to be as good as the sample"),
+    ],
+)
+def test_a_curve_needs_a_way_better_than_its_sample_of_records(error, known, said):
+    section = advise({"fragility": {"curves": curves_of(error, known)}})
+    assert said in section.lead[0]
