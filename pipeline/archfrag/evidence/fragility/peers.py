@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from archfrag.errors import FitError
-from archfrag.evidence.fragility.reference import known_to, reference_ways
+from archfrag.evidence.fragility.reference import reference_ways, scatter
 from archfrag.evidence.fragility.studies import Records
 from archfrag.evidence.part import Note, Setup
 from archfrag.evidence.peers.client import Peer, PeerFailed, PeerMissing
@@ -35,7 +35,7 @@ OURS = (
 )
 COLUMNS = (
     "way", "who", "theta_g", "beta", "ln_theta_difference", "beta_difference", "differ",
-    "known_to_ln_theta", "known_to_beta", "failures", "cpu_seconds", "cheapest_of_ours",
+    "scatter_ln_theta", "scatter_beta", "failures", "cpu_seconds", "cheapest_of_ours",
     "cheapest_seconds", "auto_seconds",
 )  # fmt: skip
 
@@ -155,10 +155,7 @@ def _table(
     verdicts = {way: found[0] for way, (found, _) in tables.items()}
     pooled = [np.concatenate([verdicts[name] for name in names]) for names in groups]
     centre = np.array(_curve(levels, np.concatenate(pooled)))
-    known = known_to(
-        [_curve(levels, each) for each in pooled],
-        [[_curve(levels, verdicts[name]) for name in names] for names in groups],
-    )
+    luck = scatter([[_curve(levels, verdicts[name]) for name in names] for names in groups])
     members = [name for names in groups for name in names]
     first = verdicts[members[0]]
     same = np.all([verdicts[name] == first for name in members], axis=0)
@@ -169,15 +166,27 @@ def _table(
         away = curve - centre
         rows.append((
             way, "reference" if way in members else who, float(np.exp(curve[0])), curve[1],
-            away[0], away[1], int(differ.sum()), known[0], known[1], int(np.isnan(each).sum()),
+            away[0], away[1], int(differ.sum()), luck[0], luck[1], int(np.isnan(each).sum()),
             float(seconds.sum()), "", math.nan, math.nan,
         ))  # fmt: skip
-    frame = pd.DataFrame(rows, columns=list(COLUMNS))
+    return choose(pd.DataFrame(rows, columns=list(COLUMNS)))
+
+
+def choose(frame: pd.DataFrame) -> pd.DataFrame:
+    """Fill in, for each way of a peer, the cheapest of ours whose errors are no larger.
+
+    Errors smaller than single studies of one method scatter by count as that.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        With columns `COLUMNS`; changed and returned.
+    """
     for i in frame.index[frame["who"] == "peer"]:
         as_good = frame[frame["who"] == "ours"]
         for name in ("ln_theta", "beta"):
             error = f"{name}_difference"
-            allowed = frame.loc[i, [error, f"known_to_{name}"]].abs().max()
+            allowed = frame.loc[i, [error, f"scatter_{name}"]].abs().max()
             as_good = as_good[as_good[error].abs() <= allowed]
         for name, choice in (("cheapest", as_good), ("auto", _of_auto(as_good))):
             if len(choice):
@@ -203,9 +212,9 @@ def peers_note(frame: pd.DataFrame) -> Note:
     slower = peers[~(peers["cheapest_seconds"] < peers["cpu_seconds"])]
     ratio = (peers["cpu_seconds"] / peers["cheapest_seconds"]).min()
     text = (
-        f"Straight-sided arch of the main job, every second record. Errors below "
-        f"{100.0 * frame['known_to_ln_theta'].iloc[0]:.1f} % in theta, which is what the "
-        "reference is known to, are not told apart. "
+        "Straight-sided arch of the main job, every second record. Single studies of one method "
+        f"scatter by {100.0 * frame['scatter_ln_theta'].iloc[0]:.1f} % in theta and "
+        f"{frame['scatter_beta'].iloc[0]:.3f} in beta; smaller errors are not told apart. "
     )
     if len(slower):
         text += "Not faster than " + ", ".join(slower["way"]) + " at its error."

@@ -65,8 +65,27 @@ def known_to(
     [0.071]
     """
     half = 0.5 * np.abs(np.subtract(together[0], together[1]))
-    scattered = [np.asarray(each) for each in studies if len(each) > 1]
-    if not scattered:
-        return half
-    variance = np.mean([np.var(each, axis=0, ddof=1) for each in scattered], axis=0)
-    return np.maximum(half, np.sqrt(variance / sum(len(each) for each in studies)))
+    mean = scatter(studies) / np.sqrt(sum(len(each) for each in studies))
+    return np.fmax(half, mean)
+
+
+def scatter(studies: Sequence[Sequence[Sequence[float]]]) -> NDArray[np.float64]:
+    """Standard deviation of a single study within its method, by quantity; nan if unknown.
+
+    Errors of two single studies that are smaller are luck, not merit.
+
+    Parameters
+    ----------
+    studies : sequence of sequence of (ln theta, beta)
+        Of every study, for each method.
+
+    Examples
+    --------
+    >>> from archfrag.evidence.fragility.reference import scatter
+    >>> scatter([[[0.9], [1.1]], [[1.4], [1.6]]]).round(3).tolist()
+    [0.141]
+    """
+    variance = [np.var(each, axis=0, ddof=1) for each in studies if len(each) > 1]
+    if not variance:
+        return np.full(len(studies[0][0]), np.nan)
+    return np.sqrt(np.mean(variance, axis=0))
