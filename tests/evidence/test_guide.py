@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 import archfrag
+from archfrag.errors import InputError
 from archfrag.evidence import command
 from archfrag.evidence.guide import PAGE, write_guide
 from archfrag.evidence.part import Note, Section
@@ -47,6 +48,13 @@ def test_a_figure_is_a_file_that_any_viewer_opens(guide):
     root = ElementTree.parse(guide.parent / "figures" / "dots.svg").getroot()
     assert root.tag == "{http://www.w3.org/2000/svg}svg"
     assert root.find("{http://www.w3.org/2000/svg}desc").text == "Cost & error."
+
+
+def test_tables_of_another_version_are_named_in_a_sentence(tmp_path, monkeypatch):
+    monkeypatch.setattr(command, "part", lambda name: Part)
+    found = {"growth": {"points": pd.DataFrame({"error": [1.0]})}}
+    with pytest.raises(InputError, match="read for growth, have no 'cost': they were made by"):
+        write_guide(found, tmp_path)
 
 
 def test_a_peer_says_its_version_or_why_it_is_not_there(monkeypatch):

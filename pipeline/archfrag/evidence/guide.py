@@ -9,6 +9,7 @@ from pathlib import Path
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from archfrag.errors import InputError
 from archfrag.evidence.advice import advise
 from archfrag.evidence.part import Frames, Section
 from archfrag.methods.registry import METHODS
@@ -30,11 +31,25 @@ def sections_of(found: Mapping[str, Frames]) -> list[tuple[str, Section]]:
     -------
     list of (str, Section)
         The advice, then the parts in the order of `archfrag.evidence.command.PARTS`.
+
+    Raises
+    ------
+    InputError
+        If a table is not as this version makes it.
     """
     from archfrag.evidence.command import part
 
-    sections = [(name, part(name).show(frames)) for name, frames in found.items()]
-    advice = advise(found)
+    name = ""
+    try:
+        sections = []
+        for name, frames in found.items():
+            sections.append((name, part(name).show(frames)))
+        advice = advise(found)
+    except KeyError as missing:
+        raise InputError(
+            f"tables of evidence, read for {name}, have no {missing}: they were made by another "
+            "version; measure them again with: archfrag evidence"
+        ) from missing
     return sections if advice is None else [("advice", advice), *sections]
 
 
