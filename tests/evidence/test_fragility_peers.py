@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import archfrag as af
@@ -69,3 +70,21 @@ def test_the_cheapest_of_ours_that_is_as_good_is_found(monkeypatch, tmp_path):
     assert "faster than every peer, by 4.0 times" in peers_note(frame).text
     save(tmp_path, "fragility", {"peers": frame}, {})
     assert peers_note(load(tmp_path, "fragility")["peers"]).rows == peers_note(frame).rows
+
+
+def test_a_peer_whose_luck_none_of_ours_had_is_named():
+    luck = {"scatter_ln_theta": 0.02, "scatter_beta": 0.02}
+    columns = ("way", "who", "cpu_seconds", "ln_theta_difference", "beta_difference")
+    rows = (
+        ("time_stepping 4 ms", "ours", 1.0, 0.01, 0.015),
+        ("mujoco 4 ms", "peer", 9.0, 0.0, 0.001),
+        ("mujoco 2 ms", "peer", 18.0, -0.03, -0.05),
+    )
+    table = pd.DataFrame(rows, columns=list(columns)).assign(**luck)
+    frame = module.choose(table.reindex(columns=list(module.COLUMNS)).astype(
+        {"cheapest_of_ours": object}))  # fmt: skip
+    frame["differ"] = 0
+    assert frame["cheapest_of_ours"].tolist()[1:] == ["time_stepping 4 ms"] * 2
+    text = peers_note(frame).text
+    assert "faster than every peer, by 9.0 times" in text
+    assert text.endswith("in both theta and beta as mujoco 4 ms.")

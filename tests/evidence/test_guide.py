@@ -53,7 +53,7 @@ def test_a_figure_is_a_file_that_any_viewer_opens(guide):
 def test_tables_of_another_version_are_named_in_a_sentence(tmp_path, monkeypatch):
     monkeypatch.setattr(command, "part", lambda name: Part)
     found = {"growth": {"points": pd.DataFrame({"error": [1.0]})}}
-    with pytest.raises(InputError, match="read for growth, have no 'cost': they were made by"):
+    with pytest.raises(InputError, match="a table of evidence there has no 'cost'"):
         write_guide(found, tmp_path)
 
 

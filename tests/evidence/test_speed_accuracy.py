@@ -33,7 +33,7 @@ from archfrag.evidence.speed.tables import (
     limits_table,
 )
 from archfrag.evidence.store import load, save
-from archfrag.evidence.ways import LADDERS, Line, arguments, ladders
+from archfrag.evidence.ways import LADDERS, Line, ladders
 from archfrag.methods.registry import METHODS
 
 RECORDS = Path(__file__).parents[2] / "records"
@@ -73,7 +73,7 @@ class TestLadders:
             if line.method in METHODS:
                 own = {each.name for each in METHODS[line.method].parameters}
                 for way in line.ways:
-                    assert set(arguments(way)[1].settings) <= own - {"dt", "rtol", "follow"}
+                    assert set(way.settings) <= own - {"dt", "rtol", "follow"}
                     assert way.knob in own
 
 

@@ -16,6 +16,7 @@ from archfrag.evidence.speed.section import rows_of
 from archfrag.evidence.speed.tables import ALLOWED, OWN, cheapest_at, kept_errors, own_points
 from archfrag.evidence.stability.maps import failing
 from archfrag.methods.registry import AUTO, METHODS
+from archfrag.simulation.checks import default_of
 
 LEVELS = (0.1, 0.01, 1e-3, 1e-4)
 ASKED: Mapping[str, str] = {
@@ -158,13 +159,10 @@ def _cell(row: Any) -> str:
 
 
 def _errors(table: pd.DataFrame) -> pd.DataFrame:
-    """Ways with their errors of theta and of beta, and the cost; at the floor if below it."""
+    """Ways of ours, cheap ones first, with the error of ln theta; at the floor if below it."""
     ways = table[(table["role"] == "way") & table["method"].isin(OWN)].copy()
-    first = table.iloc[0]
-    beta = float(first["beta"] - first["beta_difference"])
-    for name, scale in (("ln_theta", 1.0), ("beta", beta)):
-        floor = MARGIN * first[f"reference_{name}_error"]
-        ways[name] = np.maximum(ways[f"{name}_difference"].abs(), floor) / scale
+    floor = MARGIN * table["reference_ln_theta_error"].iloc[0]
+    ways["ln_theta"] = np.maximum(ways["ln_theta_difference"].abs(), floor)
     return ways.sort_values("cpu_seconds")
 
 
@@ -188,7 +186,7 @@ def _of_a_curve(study: str, table: pd.DataFrame) -> str:
     if len(auto) and best["method"] != AUTO:
         text += f"; auto does it at {auto.iloc[0]['way'].split(' ')[1]} for "
         text += f"{auto.iloc[0]['cpu_seconds']:.1f} s"
-    usual = ways[ways["way"] == f"{AUTO} {_default_tolerance():g}"]
+    usual = ways[ways["way"] == f"{AUTO} {default_of(METHODS[AUTO], 'rtol'):g}"]
     if len(usual):
         row = usual.iloc[0]
         text += (
@@ -196,10 +194,6 @@ def _of_a_curve(study: str, table: pd.DataFrame) -> str:
             f"of {100.0 * row['ln_theta']:.1f} % at most"
         )
     return text + "."
-
-
-def _default_tolerance() -> float:
-    return next(each.default for each in METHODS[AUTO].parameters if each.name == "rtol")
 
 
 def _curve_note(study: str, table: pd.DataFrame) -> Note:

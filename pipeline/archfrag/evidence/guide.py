@@ -31,25 +31,11 @@ def sections_of(found: Mapping[str, Frames]) -> list[tuple[str, Section]]:
     -------
     list of (str, Section)
         The advice, then the parts in the order of `archfrag.evidence.command.PARTS`.
-
-    Raises
-    ------
-    InputError
-        If a table is not as this version makes it.
     """
     from archfrag.evidence.command import part
 
-    name = ""
-    try:
-        sections = []
-        for name, frames in found.items():
-            sections.append((name, part(name).show(frames)))
-        advice = advise(found)
-    except KeyError as missing:
-        raise InputError(
-            f"tables of evidence, read for {name}, have no {missing}: they were made by another "
-            "version; measure them again with: archfrag evidence"
-        ) from missing
+    sections = [(name, part(name).show(frames)) for name, frames in found.items()]
+    advice = advise(found)
     return sections if advice is None else [("advice", advice), *sections]
 
 
@@ -72,10 +58,18 @@ def write_guide(
 
     Raises
     ------
+    InputError
+        If a table is not as this version makes it.
     OutputError
         If a file cannot be written.
     """
-    sections = sections_of(found)
+    try:
+        sections = sections_of(found)
+    except KeyError as missing:
+        raise InputError(
+            f"{folder}: a table of evidence there has no {missing}, as it was made by another "
+            "version; measure all parts again with: archfrag evidence"
+        ) from missing
     environment = Environment(
         loader=ChoiceLoader(
             [PackageLoader("archfrag.evidence"), PackageLoader("archfrag.report")]

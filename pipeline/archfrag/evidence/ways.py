@@ -11,7 +11,7 @@ from archfrag.evidence.run import Way, run_scene
 from archfrag.evidence.scene import Scene
 from archfrag.methods.registry import AUTO, METHODS
 from archfrag.simulate import warmup
-from archfrag.simulation.checks import default_step
+from archfrag.simulation.checks import default_of, default_step
 from archfrag.simulation.response import Response
 
 STEPS = (8e-3, 4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1.25e-4)
@@ -78,32 +78,6 @@ QUICK_OF_AUTO = (1e-1, 3e-2, 1e-2, 1e-3, 1e-4, 1e-6)
 QUICK_STIFFNESSES = (1e8, 1e10)
 
 
-def arguments(way: Way) -> tuple[dict[str, Any], Way]:
-    """What `run_scene` takes of a way whose settings hold shared arguments.
-
-    Parameters
-    ----------
-    way : Way
-        "dt" among the settings of a method with tolerance is the shared argument.
-
-    Returns
-    -------
-    (dict of str to float, Way)
-        Keyword arguments, and the way without them.
-
-    Examples
-    --------
-    >>> from archfrag.evidence.run import Way
-    >>> from archfrag.evidence.ways import arguments
-    >>> shared, way = arguments(Way("auto", "rtol", 1e-3, {"dt": 2e-3}))
-    >>> shared, dict(way.settings)
-    ({'dt': 0.002}, {})
-    """
-    own = dict(way.settings)
-    shared = {"dt": own.pop("dt")} if "dt" in own else {}
-    return shared, Way(way.method, way.knob, way.value, own)
-
-
 def step_of(way: Way) -> float:
     """Time step of a way, given or by its method's rule [s].
 
@@ -120,7 +94,7 @@ def step_of(way: Way) -> float:
     """
     if way.knob == "dt":
         return way.value
-    return float(way.settings.get("dt", default_step(METHODS[way.method], way.value)))
+    return default_step(METHODS[way.method], way.value)
 
 
 def delay_of_reactions(way: Way) -> float:
@@ -139,8 +113,8 @@ def delay_of_reactions(way: Way) -> float:
     >>> delay_of_reactions(Way("auto", "rtol", 1e-3))
     0.0
     """
-    limits = {each.name: each.default for each in METHODS[AUTO].parameters}
-    stepped = way.method == AUTO and way.value > way.settings.get("coarse", limits["coarse"])
+    coarse = way.settings.get("coarse", default_of(METHODS[AUTO], "coarse"))
+    stepped = way.method == AUTO and way.value > coarse
     return 0.5 * step_of(way) if stepped or way.method in _STEP_MEANS else 0.0
 
 
@@ -192,8 +166,7 @@ def clocked(scene: Scene, way: Way, **options: Any) -> tuple[Response, float]:
         Of `archfrag.simulate`.
     """
     began = time.process_time()
-    shared, own = arguments(way)
-    response = run_scene(scene, own, **shared, **options)
+    response = run_scene(scene, way, **options)
     return response, time.process_time() - began
 
 

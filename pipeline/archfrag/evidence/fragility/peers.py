@@ -220,7 +220,20 @@ def peers_note(frame: pd.DataFrame) -> Note:
         text += "Not faster than " + ", ".join(slower["way"]) + " at its error."
     elif len(peers):
         text += f"At equal error ours is faster than every peer, by {ratio:.1f} times at least."
+    unmatched = [str(row["way"]) for _, row in peers.iterrows() if not _matched(row, frame)]
+    if unmatched:
+        text += (
+            " Taken at face value, luck and all, no study of ours came out as close in both theta "
+            f"and beta as {', '.join(unmatched)}."
+        )
     return Note("Other solvers", text, heads, rows)
+
+
+def _matched(row: pd.Series, frame: pd.DataFrame) -> bool:
+    """Whether a study of ours has both errors no larger than a peer's."""
+    names = ["ln_theta_difference", "beta_difference"]
+    ours = frame.loc[frame["who"] == "ours", names].abs()
+    return bool((ours <= row[names].abs()).all(axis=1).any())
 
 
 def _cells(frame: pd.DataFrame) -> Iterator[tuple[str, ...]]:

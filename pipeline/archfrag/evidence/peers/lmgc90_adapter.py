@@ -75,6 +75,7 @@ class Lmgc90Stepper:
         return np.array([bodies[i] for i in range(self.count)])[:, [0, 2]]
 
     def advance(self, ground_acceleration: NDArray) -> None:
+        """Take as many steps as there are values [m/s2], each with its value held."""
         compute = self.core.compute_one_step
         for _ in range(len(ground_acceleration)):
             self.result = compute()

@@ -41,6 +41,7 @@ class MujocoStepper:
         mujoco.mj_forward(self.model, self.data)
 
     def advance(self, ground_acceleration: NDArray) -> None:
+        """Take as many steps as there are values [m/s2], each with its value held."""
         model, data, gravity = self.model, self.data, self.model.opt.gravity
         step = mujoco.mj_step
         for value in ground_acceleration.tolist():

@@ -53,6 +53,7 @@ class PymunkStepper:
         return shape
 
     def advance(self, ground_acceleration: NDArray) -> None:
+        """Take as many steps as there are values [m/s2], each with its value held."""
         space, dt = self.space, self.dt
         for value in ground_acceleration.tolist():
             space.gravity = (-value, -STANDARD_GRAVITY)

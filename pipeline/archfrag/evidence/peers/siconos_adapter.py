@@ -141,6 +141,7 @@ class SiconosStepper:
         self.simulation.setDisplayNewtonConvergence(False)
 
     def advance(self, ground_acceleration: NDArray) -> None:
+        """Take as many steps as there are values [m/s2], each with its value held."""
         simulation, residual = self.simulation, self.options.dparam
         for value in ground_acceleration.tolist():
             for force, mass in zip(self.forces, self.mass):

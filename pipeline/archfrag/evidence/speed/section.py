@@ -11,6 +11,8 @@ from archfrag.evidence.part import Frames, Note
 from archfrag.evidence.speed.quantities import QUANTITIES
 from archfrag.evidence.speed.reference import MARGIN
 from archfrag.evidence.speed.tables import ALLOWED
+from archfrag.methods.registry import AUTO, METHODS
+from archfrag.simulation.checks import default_of
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -189,8 +191,10 @@ def _limits_note(limits: pd.DataFrame) -> Note:
         "The limits of auto, each changed alone",
         "Cost and error over those with the default limits at the same tolerance: geometric mean "
         "over the scenes, least and largest in brackets. hand_over is the mean time between "
-        "events, in time steps, below which all voussoirs are stepped (3 by default); above the "
-        "tolerance coarse they are stepped throughout (0.02 by default; 1: never, 0: always).",
+        "events, in time steps, below which all voussoirs are stepped "
+        f"({default_of(METHODS[AUTO], 'hand_over'):g} by default); above the tolerance coarse "
+        f"they are stepped throughout ({default_of(METHODS[AUTO], 'coarse'):g} by default; 1: "
+        "never, 0: always).",
         ("limit", "quantity", "scenes", "cost", "error"),
         tuple(rows),
     )

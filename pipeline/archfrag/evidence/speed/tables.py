@@ -51,12 +51,16 @@ def kept_errors(points: pd.DataFrame) -> pd.DataFrame:
     DataFrame
         The charted ones, with a column `kept`.
     """
-    frame = points[points["charted"].astype(bool)].copy()
-    frame["kept"] = np.maximum(frame["error"], frame["floor"])
-    frame = frame.sort_values(["scene", "quantity", "line", "place"])
+    frame = _floored(points).sort_values(["scene", "quantity", "line", "place"])
     finer = frame.iloc[::-1].groupby(["scene", "quantity", "line"], sort=False)["kept"].cummax()
     frame["kept"] = finer.iloc[::-1]
     return frame.reset_index(drop=True)
+
+
+def _floored(points: pd.DataFrame) -> pd.DataFrame:
+    """Charted points, with their errors at the floor where they lie below it as `kept`."""
+    frame = points[points["charted"].astype(bool)]
+    return frame.assign(kept=np.maximum(frame["error"], frame["floor"]))
 
 
 def cheapest_at(points: pd.DataFrame, level: float, cost: str = "cost") -> tuple[str, float]:
@@ -171,8 +175,7 @@ def limits_table(points: pd.DataFrame) -> pd.DataFrame:
         least and the largest, of its cost and of its error over those of the default. Errors
         below the floor stand at the floor.
     """
-    frame = points[points["charted"].astype(bool) & points["quantity"].isin(WEIGHED)].copy()
-    frame["kept"] = np.maximum(frame["error"], frame["floor"])
+    frame = _floored(points[points["quantity"].isin(WEIGHED)])
     usual = frame[frame["line"] == AUTO]
     changed = frame[frame["who"] == "limit"]
     rows: list[tuple[Any, ...]] = []
