@@ -74,8 +74,8 @@ def test_a_cache_that_cannot_be_written_is_replaced(tmp_path):
     in_the_way = tmp_path / "file"
     in_the_way.write_text("")
     done = subprocess.run(
-        [sys.executable, "-c", "import archfrag.mechanics; from numba import config;"
-         "print(config.CACHE_DIR)"],
+        [sys.executable, "-c", "import archfrag.mechanics.energy as e;"
+         "print(e.kinetic_energy.stats.cache_path)"],
         env={**os.environ, "NUMBA_CACHE_DIR": str(in_the_way), "TMPDIR": str(tmp_path)},
         capture_output=True,
         text=True,
@@ -100,3 +100,29 @@ def test_only_what_kernels_are_made_of_counts(tmp_path):
         with open(tmp_path / "archfrag" / "methods" / name, "a", encoding="utf-8") as file:
             file.write("\n# edited\n")
         assert (digest() == before) is same
+
+
+def test_a_second_clone_compiles_nothing(tmp_path):
+    code = (
+        "import archfrag.mechanics.energy as e, numpy as np;"
+        "e.kinetic_energy(np.ones(1), np.ones(1), np.ones((1, 3)));"
+        "print(sum(e.kinetic_energy.stats.cache_hits.values()))"
+    )
+    hits = []
+    for name in ("first", "second"):
+        shutil.copytree(
+            PACKAGE, tmp_path / name / "archfrag", ignore=shutil.ignore_patterns("__pycache__")
+        )
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            env={
+                **os.environ,
+                "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+                "PYTHONPATH": str(tmp_path / name),
+            },
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        hits.append(done.stdout.strip())
+    assert hits == ["0", "1"]

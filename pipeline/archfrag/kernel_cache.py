@@ -3,7 +3,8 @@
 Numba's disk cache looks at the file in which a kernel is defined, not at the helpers it calls
 from other files, so that an edited helper would leave old machine code in use. The folder's
 name is therefore a hash of all of `mechanics` and `methods` and of the versions of Python,
-numba and llvmlite.
+numba and llvmlite. Inside it a kernel is found by the place of its file in the package, not on
+the disk, so that every clone and environment of a machine uses the same compiled code.
 """
 
 import hashlib
@@ -14,6 +15,7 @@ import tempfile
 import time
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 KERNEL_FOLDERS = ("mechanics", "methods")
 HOLDS_NO_KERNEL = ("registry.py",)
@@ -39,7 +41,7 @@ def kernel_hash() -> str:
     for name in ("numba", "llvmlite", "numpy"):
         digest.update(f"{name}={version(name)};".encode())
     digest.update(f"python={platform.python_version()};{platform.machine()};".encode())
-    home = Path(__file__).parent
+    home = Path(__file__).resolve().parent
     for folder in KERNEL_FOLDERS:
         for path in sorted((home / folder).glob("*.py")):
             if path.name in HOLDS_NO_KERNEL:
@@ -69,9 +71,10 @@ def _forget_old(base: Path) -> None:
 
 
 def use_kernel_cache() -> Path:
-    """Point numba at the folder for the kernels as they are now.
+    """Keep the compiled kernels of this package in the folder for the kernels as they are now.
 
-    Called when `archfrag.mechanics` is imported, before any kernel is declared.
+    Called when `archfrag.mechanics` is imported, before any kernel is declared. Numba functions
+    outside this package are cached where numba would put them anyway.
 
     Returns
     -------
@@ -79,7 +82,7 @@ def use_kernel_cache() -> Path:
         The folder; one under the system's temporary folder if the user's cache cannot be
         written.
     """
-    from numba import config
+    from numba.core import caching
 
     base = _base()
     folder = base / f"k-{kernel_hash()}"
@@ -91,5 +94,22 @@ def use_kernel_cache() -> Path:
         base = Path(tempfile.gettempdir()) / f"archfrag-{os.getuid()}"
         folder = base / folder.name
         folder.mkdir(parents=True, exist_ok=True)
-    config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]
+    home = Path(__file__).resolve().parent
+
+    class KernelLocator(caching.InTreeCacheLocator):
+        """Finds a kernel of this package by its file's place in the package."""
+
+        def __init__(self, py_func: Any, py_file: str) -> None:
+            self._py_file = py_file
+            self._lineno = py_func.__code__.co_firstlineno
+            place = Path(py_file).resolve().parent.relative_to(home)
+            self._cache_path = str(folder / place)
+
+        @classmethod
+        def from_function(cls, py_func: Any, py_file: str) -> Any:
+            if not Path(py_file).resolve().is_relative_to(home):
+                return None
+            return super().from_function(py_func, py_file)
+
+    caching.CacheImpl._locator_classes.insert(0, KernelLocator)
     return folder
