@@ -52,8 +52,8 @@ class FitError(ArchfragError):
 
 
 STATUS_SENTENCE = {
-    Status.STANDING: "the chain came to rest without losing contact at any joint",
-    Status.COLLAPSED: "a joint lost all contact (Signorini loss)",
+    Status.STANDING: "the chain came to rest with contact kept or regained at every joint",
+    Status.COLLAPSED: "a joint lost all contact for good (Signorini loss)",
     Status.UNFINISHED: (
         "the chain was still moving when the follow-on limit was reached; raise `follow`"
     ),
@@ -69,5 +69,9 @@ STATUS_SENTENCE = {
     Status.NOT_APPLICABLE: (
         "the method has no model for this motion (its mechanism is none of the method's, or the "
         "initial state is not); use `auto`"
+    ),
+    Status.INACCURATE: (
+        "energy balance or overlap missed what the tolerance asks; try a smaller `rtol`, and "
+        "please report the case"
     ),
 }

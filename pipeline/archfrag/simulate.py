@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike
 
 from archfrag.arch import Arch
 from archfrag.errors import InputError
+from archfrag.mechanics.collapse import NOTED_GAP
 from archfrag.mechanics.status import Count
 from archfrag.mechanics.types import Frames, GroundMotion, MechanismLog, Options, Outcome
-from archfrag.methods.registry import AUTO
+from archfrag.methods.registry import AUTO, OWN_STEP
 from archfrag.motions.motion import Motion
 from archfrag.simulation import checks
 from archfrag.simulation.history import empty_frames, history_of
@@ -30,10 +31,8 @@ from archfrag.simulation.rest import Hinge, Onset, check_stands, onset
 
 __all__ = ["Hinge", "MechanismChange", "Onset", "Response", "onset", "simulate", "warmup"]
 
-LOSS_LIMIT = 0.02
+LOSS_LIMIT = 0.5
 CHECK_INTERVAL = 64
-# The bound on the work of a run is that of steps as long as this, or of shorter ones [s].
-WORK_STEP = 5e-4
 # Frames of a history are as fine as the record, or this where the record is coarser [s].
 COARSEST_FRAMES = 0.01
 
@@ -49,6 +48,7 @@ def simulate(
     initial: tuple[ArrayLike, ArrayLike] | None = None,
     follow: float = 20.0,
     settings: Mapping[str, float] | None = None,
+    loss_limit: float = LOSS_LIMIT,
 ) -> Response:
     """Move one arch by one ground motion, until it rests or collapses.
 
@@ -65,19 +65,26 @@ def simulate(
         Relative error allowed by methods with step control: event_driven, and auto, which is
         the ladder of models built on it; the method's default if not given.
     dt : float, optional
-        Time step [s]; the method's default if not given. The event-driven methods take it
-        where they hand over to time stepping; that of auto follows its tolerance.
+        Time step [s]. The event-driven methods take it where they hand over to time stepping.
+        If not given, auto, event_driven and time_stepping take a part of the arch's own time, the
+        root of its shortest joint over gravity, that of auto by its tolerance: 0.5 ms for joints
+        of 1.5 m; other methods take their own default.
     history : bool
         Whether to keep positions, velocities, reactions and contact modes over time, and the
         log of the mechanism.
     initial : (position, velocity), optional
         Each (n_voussoir, 3): displacement from rest [m, m, rad] and velocity relative to the
-        ground [m/s, m/s, rad/s] at time 0. At rest if not given.
+        ground [m/s, m/s, rad/s] at time 0. At rest if not given. Joints may be open; bodies that
+        overlap by more than rounding are refused.
     follow : float
         How long to go on past the end of the motion while the arch still moves [s].
     settings : mapping of str to float, optional
         The method's own parameters that differ from their defaults in the registry, for example
         a joint stiffness; none for the methods that need none.
+    loss_limit : float
+        Gap at both corners of a joint, over its length, beyond which its contact cannot be
+        regained, which ends the run as a collapse. So does a joint that has slid past its end or
+        turned by 90 degrees, or one without contact where `follow` ends.
 
     Returns
     -------
@@ -104,8 +111,9 @@ def simulate(
     if not isinstance(motion, Motion):
         raise InputError(f"motion is {type(motion).__name__}; it must be an archfrag Motion")
     tolerance = checks.default_of(info, "rtol") if rtol is None else rtol
-    step = checks.default_step(info, tolerance) if dt is None else dt
-    _check_numbers(scale, tolerance, follow, step)
+    own_time = checks.own_time(arch)
+    step = checks.default_step(info, tolerance, own_time) if dt is None else dt
+    _check_numbers(scale, tolerance, follow, step, loss_limit)
     own = checks.check_settings(info, settings)
     position = np.zeros((arch.n_voussoir, 3))
     position[:, :2] = arch.chain.centroid
@@ -113,7 +121,7 @@ def simulate(
     if initial is None:
         check_stands(arch)
     else:
-        shift, velocity = checks.check_initial(initial, arch.n_voussoir)
+        shift, velocity = checks.check_initial(initial, arch)
         position += shift
     ground = _ground(motion, scale)
     span = (ground.horizontal.size - 1) * motion.dt + follow
@@ -121,8 +129,8 @@ def simulate(
         time_step=float(step),
         tolerance=float(tolerance),
         follow=float(follow),
-        max_steps=int(span / min(step, WORK_STEP)) + ground.horizontal.size + 1000,
-        loss_limit=LOSS_LIMIT,
+        max_steps=int(span / min(step, OWN_STEP * own_time)) + ground.horizontal.size + 1000,
+        loss_limit=float(loss_limit),
         check_interval=CHECK_INTERVAL,
         frame_interval=max(float(step), min(float(motion.dt), COARSEST_FRAMES)),
         crowding=0.0,
@@ -176,8 +184,14 @@ def warmup(method: str | None = None) -> float:
     return time.perf_counter() - started
 
 
-def _check_numbers(scale: float, rtol: float, follow: float, dt: float) -> None:
+def _check_numbers(scale: float, rtol: float, follow: float, dt: float, loss_limit: float) -> None:
     check = checks.check_number
+    check(
+        "loss_limit",
+        loss_limit,
+        f"from {NOTED_GAP:g} to 10 times the joint's length",
+        lambda x: NOTED_GAP <= x <= 10.0,
+    )
     check("scale", scale, "finite", math.isfinite)
     check("rtol", rtol, "between 0 and 1", lambda x: 0.0 < x < 1.0)
     check("follow", follow, "finite and not negative [s]", lambda x: 0.0 <= x < math.inf)

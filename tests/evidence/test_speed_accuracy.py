@@ -1,6 +1,7 @@
 """Speed against accuracy: tables from made-up points, and one scene from end to end."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -247,27 +248,29 @@ class TestQuantities:
 
     def test_errors_fall_with_the_step_and_vanish_against_oneself(self, block_history):
         scene, response, marks = block_history
-        true = observe(scene, response, marks, EXACT)
+        true = observe(scene, response, marks)
         assert errors_of(true, true, 0.2)["position"] == 0.0
         found = []
         for step in (4e-3, 1e-3):
             way = Way("time_stepping", "dt", step)
-            seen = observe(scene, run_scene(scene, way, history=True), marks, way)
+            seen = observe(scene, run_scene(scene, way, history=True), marks)
             found.append(errors_of(seen, true, 0.2))
         for name in ("position", "reactions"):
             assert found[1][name] < 0.6 * found[0][name]
             assert found[1][name] < 0.05
 
-    def test_impulses_of_a_step_belong_to_its_middle(self, block_history):
+    @pytest.mark.parametrize("late", [-2e-3, 2e-3])
+    def test_frames_of_time_stepping_hold_all_of_one_instant(self, block_history, late):
         scene, response, marks = block_history
-        true = observe(scene, response, marks, EXACT)
-        way = Way("time_stepping", "dt", 4e-3)
-        stepped = run_scene(scene, way, history=True)
-        middle, end = (
-            errors_of(observe(scene, stepped, marks, taken), true, 0.2)["reactions"]
-            for taken in (way, Way("penalty", "dt", 4e-3))
+        true = observe(scene, response, marks)
+        stepped = run_scene(scene, Way("time_stepping", "dt", 4e-3), history=True)
+        shifted = stepped.history.assign_coords(time=stepped.history.time + late)
+        at_once, beside = (
+            errors_of(observe(scene, replace(stepped, history=history), marks), true, 0.2)
+            for history in (stepped.history, shifted)
         )
-        assert middle < 0.5 * end
+        for name in ("position", "reactions"):
+            assert at_once[name] < 0.5 * beside[name]
 
 
 def test_one_scene_from_end_to_end(monkeypatch, tmp_path):

@@ -7,18 +7,16 @@ from dataclasses import dataclass
 from typing import Any
 
 from archfrag.errors import InputError
-from archfrag.evidence.run import Way, run_scene
+from archfrag.evidence.run import Way, arch_of, run_scene
 from archfrag.evidence.scene import Scene
 from archfrag.methods.registry import AUTO, METHODS
 from archfrag.simulate import warmup
-from archfrag.simulation.checks import default_of, default_step
+from archfrag.simulation.checks import default_step, own_time
 from archfrag.simulation.response import Response
 
 STEPS = (8e-3, 4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1.25e-4)
 TOLERANCES = tuple(10.0**-k for k in range(1, 9))
 STIFFNESSES = (1e8, 1e9, 1e10, 1e11, 1e12)
-# Impulses of a step over its length are means: reactions of these belong to the step's middle.
-_STEP_MEANS = ("time_stepping", "gauss_seidel", "quadratic_programme")
 
 
 @dataclass(frozen=True)
@@ -78,44 +76,17 @@ QUICK_OF_AUTO = (1e-1, 3e-2, 1e-2, 1e-3, 1e-4, 1e-6)
 QUICK_STIFFNESSES = (1e8, 1e10)
 
 
-def step_of(way: Way) -> float:
-    """Time step of a way, given or by its method's rule [s].
+def step_of(way: Way, scene: Scene) -> float:
+    """Time step of a way on a scene, given or by its method's rule [s].
 
     Parameters
     ----------
     way : Way
-
-    Examples
-    --------
-    >>> from archfrag.evidence.run import Way
-    >>> from archfrag.evidence.ways import step_of
-    >>> step_of(Way("time_stepping", "dt", 4e-3)), step_of(Way("auto", "rtol", 1e-3))
-    (0.004, 0.0005)
+    scene : Scene
     """
     if way.knob == "dt":
         return way.value
-    return default_step(METHODS[way.method], way.value)
-
-
-def delay_of_reactions(way: Way) -> float:
-    """How long before a frame's time the reactions in it belong, as means over a step [s].
-
-    Parameters
-    ----------
-    way : Way
-
-    Examples
-    --------
-    >>> from archfrag.evidence.run import Way
-    >>> from archfrag.evidence.ways import delay_of_reactions
-    >>> delay_of_reactions(Way("time_stepping", "dt", 4e-3))
-    0.002
-    >>> delay_of_reactions(Way("auto", "rtol", 1e-3))
-    0.0
-    """
-    coarse = way.settings.get("coarse", default_of(METHODS[AUTO], "coarse"))
-    stepped = way.method == AUTO and way.value > coarse
-    return 0.5 * step_of(way) if stepped or way.method in _STEP_MEANS else 0.0
+    return default_step(METHODS[way.method], way.value, own_time(arch_of(scene)))
 
 
 def ladders(quick: bool) -> tuple[list[Line], list[str]]:

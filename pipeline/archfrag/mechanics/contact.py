@@ -33,7 +33,7 @@ from archfrag.mechanics.delassus import (
     velocity_scale,
 )
 from archfrag.mechanics.homotopy import follow_path
-from archfrag.mechanics.laws import CLOSED_STICK, is_closed
+from archfrag.mechanics.laws import CLOSED_STICK, OPEN, is_closed
 from archfrag.mechanics.newton import active_set
 from archfrag.mechanics.status import Status
 
@@ -63,6 +63,10 @@ def newton_contact(mass, inertia, contacts, friction, free_velocity, work):
     assemble(mass, inertia, contacts, work)
     scale = velocity_scale(contacts, free_velocity, work)
     if scale == 0.0:
+        # Nothing approaches, or nothing can touch: a chain in flight has no contact.
+        for j in range(work.mode.size):
+            if not (contacts.candidate[j, 0] or contacts.candidate[j, 1]):
+                work.mode[j] = OPEN
         work.reaction[:] = 0.0
         apply_reactions(mass, inertia, contacts, free_velocity, work)
         return SOLVED, 0

@@ -155,7 +155,8 @@ def clearance(j, corner, before, after):
     bx, by = unit_tangent(after[j])
     gap_a = ay * dx - ax * dy
     gap_b = by * dx - bx * dy
-    if abs(slip) <= COINCIDENT * (abs(dx) + abs(dy) + 1.0):
+    size = abs(before[j, 1, 0] - before[j, 0, 0]) + abs(before[j, 1, 1] - before[j, 0, 1])
+    if abs(slip) <= COINCIDENT * (abs(dx) + abs(dy) + size):
         return max(gap_a, gap_b)
     return gap_a if vertex_on_earlier(corner, slip) else gap_b
 

@@ -260,6 +260,39 @@ def gather_state(chain, mechanism, position, velocity, mega_position, mega_veloc
 
 
 @kernel
+def farthest_regrouped(mechanism, length, mega_position, position):
+    """How far grouping voussoirs into mega-voussoirs moves any of them [m].
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    length : float
+        By which rotations are multiplied [m].
+    mega_position : ndarray, (>= n_mega, 3)
+        From `gather_state`.
+    position : ndarray, (n_body, 3)
+        Of the voussoirs before.
+
+    Returns
+    -------
+    float
+    """
+    farthest = 0.0
+    for i in range(position.shape[0]):
+        k = mechanism.group[i]
+        rx, ry = mechanism.offset[i, 0], mechanism.offset[i, 1]
+        x, y, turn = rx, ry, 0.0
+        if k != GROUND:
+            turn = mega_position[k, 2]
+            c, s = np.cos(turn), np.sin(turn)
+            x = mega_position[k, 0] + c * rx - s * ry
+            y = mega_position[k, 1] + s * rx + c * ry
+        away = abs(x - position[i, 0]) + abs(y - position[i, 1])
+        farthest = max(farthest, away, length * abs(turn - position[i, 2]))
+    return farthest
+
+
+@kernel
 def split_state(mechanism, mega_position, mega_velocity, position, velocity):
     """Positions and velocities of all voussoirs from those of the mega-voussoirs.
 

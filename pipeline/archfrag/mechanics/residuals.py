@@ -1,10 +1,18 @@
-"""How far motions and reactions are from the contact laws: one measure for every method."""
+"""How far motions and reactions are from the contact laws: one measure for every method.
+
+`state_residual` looks at what a method says of one instant and at nothing inside the method:
+positions, velocities and reactions. Gaps are measured over joint lengths, slip rates over the
+speed of a fall through them, forces over the weight or the largest of them; the residual is the
+smallest violation over the ways in which a joint can obey Signorini and Coulomb.
+"""
 
 import numpy as np
 
 from archfrag.mechanics.compile import allocating, kernel
-from archfrag.mechanics.delassus import relative_velocity, velocity_scale
-from archfrag.mechanics.laws import MINUS, PLUS, cross, friction_ray
+from archfrag.mechanics.delassus import relative_velocity
+from archfrag.mechanics.kinematics import clearance, corner_offset, place_contacts
+from archfrag.mechanics.laws import MINUS, PLUS, STICK, cross, friction_ray
+from archfrag.mechanics.status import Peak
 
 
 @kernel
@@ -129,32 +137,81 @@ def contact_residual(contacts, friction, relative, reaction, pivot, scale, force
 
 
 @allocating
-def solution_residual(contacts, friction, free, work, least_scale):
-    """Largest residual of a contact problem as `work` holds it.
+def state_residual(
+    chain, position, velocity, before, after, length, slip, reaction, pivot, span, contacts,
+    relative,
+):  # fmt: skip
+    """How far one instant of a motion is from the contact laws.
 
     Parameters
     ----------
-    contacts : Contacts
-    friction : ndarray, (n_joint,)
-    free : ndarray, (n_body, 3)
-        Velocities or accelerations without reactions.
-    work : ContactWork
-        ``work.relative`` is overwritten.
-    least_scale : float
-        Velocity or acceleration that counts as one where nothing would move faster.
+    chain : archfrag.mechanics.types.Chain
+    position, velocity : ndarray, (n_body, 3)
+    before, after : ndarray, (n_joint, 2, 2)
+        Faces there.
+    length : ndarray, (n_joint,) [m]
+    slip : ndarray, (n_joint,)
+        Slip at which each joint sticks or last slid [m].
+    reaction : ndarray, (n_joint, 3)
+        Force and moment about `pivot` on the body after the joint, or impulses over `span`.
+    pivot : ndarray, (n_joint, 2) [m]
+    span : float
+        One, or the duration of a step whose impulses `reaction` holds [s].
+    contacts : archfrag.mechanics.contact.Contacts
+        Workspace, overwritten.
+    relative : ndarray, (n_joint, 3)
+        Workspace, overwritten.
 
     Returns
     -------
     float
-        Dimensionless; 0 without any reaction.
+        Dimensionless; zero where the laws hold exactly.
     """
-    scale = max(velocity_scale(contacts, free, work), least_scale)
+    place_contacts(position, before, after, slip, length, contacts)
+    relative_velocity(contacts, velocity, pivot, relative)
     force_scale = 0.0
-    for j in range(work.mode.size):
-        force_scale = max(force_scale, abs(work.reaction[j, 0]), abs(work.reaction[j, 1]))
-    if force_scale == 0.0:
-        return 0.0
-    relative_velocity(contacts, work.velocity, work.pivot, work.relative)
+    for i in range(chain.mass.size):
+        force_scale += chain.gravity * chain.mass[i] * span
+    for j in range(length.size):
+        force_scale = max(force_scale, abs(reaction[j, 0]), abs(reaction[j, 1]))
+        speed = np.sqrt(chain.gravity * length[j])
+        nx, ny = contacts.normal[j, 0], contacts.normal[j, 1]
+        contacts.slip[j] = STICK
+        for c in range(2):
+            rx = contacts.point[j, c, 0] - pivot[j, 0]
+            ry = contacts.point[j, c, 1] - pivot[j, 1]
+            ux = relative[j, 0] - relative[j, 2] * ry
+            uy = relative[j, 1] + relative[j, 2] * rx
+            rate = (nx * uy - ny * ux) / speed
+            ex, ey = corner_offset(j, c, before, after, slip)
+            contacts.bias[j, c, 0] = ex / length[j] - rate * ny
+            contacts.bias[j, c, 1] = ey / length[j] + rate * nx
+            contacts.candidate[j, c] = 1
+    relative[:] = 0.0
     return contact_residual(
-        contacts, friction, work.relative, work.reaction, work.pivot, scale, force_scale
-    )
+        contacts, chain.friction, relative, reaction, pivot, 1.0, force_scale
+    )  # fmt: skip
+
+
+@kernel
+def deepest_overlap(before, after, length):
+    """Deepest overlap of two neighbours at a corner, over the joint's length; 0 if none."""
+    deepest = 0.0
+    for j in range(length.size):
+        for c in range(2):
+            deepest = max(deepest, -clearance(j, c, before, after) / length[j])
+    return deepest
+
+
+@allocating
+def measure_state(
+    chain, position, velocity, before, after, length, slip, reaction, pivot, span, contacts,
+    relative, peak,
+):  # fmt: skip
+    """Note residual and overlap of one instant in `peak`; arguments as `state_residual`."""
+    residual = state_residual(
+        chain, position, velocity, before, after, length, slip, reaction, pivot, span, contacts,
+        relative,
+    )  # fmt: skip
+    peak[Peak.RESIDUAL] = max(peak[Peak.RESIDUAL], residual)
+    peak[Peak.OVERLAP] = max(peak[Peak.OVERLAP], deepest_overlap(before, after, length))

@@ -14,6 +14,7 @@ class Status(IntEnum):
     NOT_FINITE = 5
     WORK_BOUND = 6
     NOT_APPLICABLE = 7
+    INACCURATE = 8
 
 
 class CollapseMode(IntEnum):
@@ -74,6 +75,8 @@ class Count(IntEnum):
     LOG_ENTRIES = 16  # changes of the mechanism
     SWEEPS = 17  # passes over all contacts, by methods that relax them one by one
     UNCONVERGED = 18  # steps taken with contact problems that the method's solver left unsolved
+    REFUSED = 19  # states refused, since bringing them onto their contacts moves bodies too far
+    REFINED = 20  # times that a run was made again with a tighter tolerance
 
 
 class Energy(IntEnum):
@@ -96,3 +99,4 @@ class Peak(IntEnum):
     ROTATION = 0  # of any body [rad]
     DISPLACEMENT = 1  # of any centroid [m]
     RESIDUAL = 2  # largest contact residual measured [1]
+    OVERLAP = 3  # deepest overlap of two bodies at a corner, over the joint's length [1]

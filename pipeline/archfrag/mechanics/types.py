@@ -40,7 +40,7 @@ class Options(NamedTuple):
     tolerance: float  # relative error allowed by methods with step control [1]
     follow: float  # how long to go on past the end of the ground motion [s]
     max_steps: int  # bound on the work of one run
-    loss_limit: float  # gap at both corners, over joint length, that counts as lost contact [1]
+    loss_limit: float  # gap at both corners, over joint length, that cannot be undone [1]
     check_interval: int  # steps between measurements of the contact residual
     frame_interval: float  # least time between frames of the history [s]
     crowding: float  # mean time between events below which all voussoirs are stepped [s]
@@ -52,8 +52,8 @@ class Frames(NamedTuple):
     time: np.ndarray  # (n_frame,) [s]
     position: np.ndarray  # (n_frame, n_body, 3) displacement from rest: x, y [m], rotation [rad]
     velocity: np.ndarray  # (n_frame, n_body, 3) relative to the ground [m/s], [rad/s]
-    reaction: np.ndarray  # (n_frame, n_joint, 3) force [N] and moment about the joint [N m]
-    mode: np.ndarray  # (n_frame, n_joint) contact mode
+    reaction: np.ndarray  # (n_frame, n_joint, 3) force [N]; moment about the pivot [N m]
+    mode: np.ndarray  # (n_frame, n_joint) contact mode from then on
 
 
 class MechanismLog(NamedTuple):
@@ -88,4 +88,5 @@ class Outcome(NamedTuple):
     collapse_time: float  # [s]; nan if none
     collapse_joint: int  # -1 if none
     collapse_mode: int  # archfrag.mechanics.status.CollapseMode
+    loss: np.ndarray  # (len(Loss),) by archfrag.mechanics.collapse.Loss
     ledger: Ledger

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.collapse import collapse_of, follow_joints
+from archfrag.mechanics.collapse import collapse_of, follow_joints, unregained_loss
 from archfrag.mechanics.compile import allocating, inlined, kernel
 from archfrag.mechanics.delassus import Contacts, ContactWork, contact_work, relative_velocity
 from archfrag.mechanics.energy import contact_works, ground_work, potential_energy
@@ -42,14 +42,16 @@ from archfrag.mechanics.ledger import (
     makes_contact,
     write_frame,
 )
-from archfrag.mechanics.residuals import solution_residual
-from archfrag.mechanics.status import Cause, CollapseMode, Count, Energy, Model, Peak, Status
-from archfrag.methods.rest import read_slips
+from archfrag.mechanics.residuals import measure_state
+from archfrag.mechanics.status import Cause, CollapseMode, Count, Energy, Model, Status
+from archfrag.mechanics.types import Outcome
+from archfrag.methods.rest import read_joints, rest_reactions
 from archfrag.methods.stepping import Kick, free_fall
 from archfrag.methods.time_stepping import FRESH_STEPS
 
 STANDING = int(Status.STANDING)
 COLLAPSED = int(Status.COLLAPSED)
+UNFINISHED = int(Status.UNFINISHED)
 NOT_FINITE = int(Status.NOT_FINITE)
 GO = -1
 NO_MODE = int(CollapseMode.NONE)
@@ -147,12 +149,15 @@ def new_corners(chain, ground, position):
 
 
 @allocating
-def begin(chain, corners, joints, ledger, frames, log, options, position, velocity, from_rest):
+def begin(
+    chain, ground, corners, joints, ledger, frames, log, options, position, velocity, from_rest
+):  # fmt: skip
     """Book the initial state of a run.
 
     Parameters
     ----------
     chain : archfrag.mechanics.types.Chain
+    ground : archfrag.mechanics.types.GroundMotion
     corners : Corners
     joints : archfrag.mechanics.collapse.JointState
     ledger, frames, log, options
@@ -162,15 +167,18 @@ def begin(chain, corners, joints, ledger, frames, log, options, position, veloci
     """
     clock = corners.clock
     if not from_rest:
-        read_slips(chain, corners, joints, position)
+        read_joints(chain, corners, joints, position)
     book_state(chain, position, velocity, clock[Clock.START_POTENTIAL], ledger)
     # A chain that has never moved rests.
     clock[Clock.CALM_SINCE] = -REST_SPAN if from_rest else 0.0
     log_change(log, ledger, 0.0, BY_START, -1, ALL, joints.mode)
-    write_frame(
-        frames, ledger, 0.0, chain, position, velocity, corners.work.reaction, joints.mode, 1.0
-    )
-    clock[Clock.NEXT_FRAME] = options.frame_interval - 0.5 * options.time_step
+    if from_rest and frames.time.size > 0:
+        rest_reactions(chain, ground, corners, joints, position, 0.0)
+        write_frame(
+            frames, ledger, 0.0, chain, position, velocity, corners.work.reaction, joints.mode,
+            1.0,
+        )  # fmt: skip
+        clock[Clock.NEXT_FRAME] = options.frame_interval - 0.5 * options.time_step
 
 
 @inlined
@@ -315,10 +323,13 @@ def gather_joints(corners):
 
 
 @allocating
-def measure_residual(chain, corners, ledger):
-    """Note how far the solved step is from the contact laws, by the measure of all methods."""
-    residual = solution_residual(corners.contacts, chain.friction, corners.free, corners.work, 0.0)
-    ledger.peak[Peak.RESIDUAL] = max(ledger.peak[Peak.RESIDUAL], residual)
+def _measure_state(chain, corners, joints, ledger, position, velocity, step):
+    """Note how far the state that a step has reached is from the contact laws."""
+    measure_state(
+        chain, position, velocity, corners.before, corners.after, corners.length, joints.slip,
+        corners.work.reaction, corners.work.pivot, step, corners.contacts,
+        corners.work.relative, ledger.peak,
+    )  # fmt: skip
 
 
 @inlined
@@ -347,9 +358,13 @@ def _book_step(chain, corners, joints, ledger, kick, velocity, step, theta):
 
 @allocating
 def accept_step(
-    chain, corners, joints, ledger, frames, log, options, position, velocity, kick, step, theta
-):
+    chain, corners, joints, ledger, frames, log, options, position, velocity, kick, step, theta,
+    converged,
+):  # fmt: skip
     """Move the bodies by a solved step and book it.
+
+    Reactions are means over the step, so a frame belongs to its middle: mean positions and
+    velocities.
 
     Parameters
     ----------
@@ -362,6 +377,8 @@ def accept_step(
     kick : archfrag.methods.stepping.Kick
     step : float [s]
     theta : float
+    converged : bool
+        A step that is not has its residual measured, others now and then.
 
     Returns
     -------
@@ -373,6 +390,7 @@ def accept_step(
     for i in range(position.shape[0]):
         for k in range(3):
             gained = theta * work.velocity[i, k] + (1.0 - theta) * velocity[i, k]
+            corners.middle[i, k] = position[i, k] + 0.5 * step * gained
             position[i, k] += step * gained
             velocity[i, k] = work.velocity[i, k]
     move_faces(chain, position, corners.before, corners.after)
@@ -390,11 +408,15 @@ def accept_step(
     if np.isnan(fastest):
         return NOT_FINITE
     fallen = _collapse(corners, joints, position, options)[0] >= 0
-    if frames.time.size > 0 and (fallen or time >= clock[Clock.NEXT_FRAME]):
+    middle = time - 0.5 * step
+    if frames.time.size > 0 and (fallen or middle >= clock[Clock.NEXT_FRAME]):
         write_frame(
-            frames, ledger, time, chain, position, velocity, work.reaction, joints.mode, step
-        )
-        clock[Clock.NEXT_FRAME] = time + options.frame_interval - 0.5 * options.time_step
+            frames, ledger, middle, chain, corners.middle, corners.mean, work.reaction,
+            joints.mode, step,
+        )  # fmt: skip
+        clock[Clock.NEXT_FRAME] = middle + options.frame_interval - 0.5 * options.time_step
+    if not converged or ledger.count[Count.STEPS] % options.check_interval == 0:
+        _measure_state(chain, corners, joints, ledger, position, velocity, step)
     if fallen:
         return COLLAPSED
     if fastest >= STILL * np.sqrt(chain.gravity * np.max(corners.length)):
@@ -420,12 +442,17 @@ def finish(chain, corners, joints, ledger, options, position, velocity, status):
 
     Returns
     -------
-    collapse_time : float [s]
-    collapse_joint, collapse_mode : int
+    archfrag.mechanics.types.Outcome
     """
-    start = corners.clock[Clock.START_POTENTIAL]
+    start, time = corners.clock[Clock.START_POTENTIAL], corners.clock[Clock.TIME]
     book_state(chain, position, velocity, start, ledger)
-    if status != COLLAPSED:
-        return np.nan, -1, NO_MODE
-    joint, mode, since = _collapse(corners, joints, position, options)
-    return since, joint, mode
+    joint, mode, since = -1, NO_MODE, np.nan
+    if status == COLLAPSED:
+        joint, mode, since = _collapse(corners, joints, position, options)
+    elif status == UNFINISHED:
+        joint, mode, since = unregained_loss(
+            position, corners.before, corners.after, corners.length, joints, time
+        )
+        if joint >= 0:
+            status = COLLAPSED
+    return Outcome(status, time, since, joint, mode, joints.loss, ledger)

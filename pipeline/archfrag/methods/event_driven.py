@@ -11,7 +11,7 @@ while and gives back.
 
 import numpy as np
 
-from archfrag.mechanics.collapse import collapse_of, new_joint_state, note_loss
+from archfrag.mechanics.collapse import collapse_of, new_joint_state, note_loss, unregained_loss
 from archfrag.mechanics.compile import allocating, kernel
 from archfrag.mechanics.energy import kinetic_energy
 from archfrag.mechanics.ground import rest_margin
@@ -19,28 +19,35 @@ from archfrag.mechanics.kinematics import move_faces
 from archfrag.mechanics.laws import CLOSED_STICK, OPEN, is_closed
 from archfrag.mechanics.ledger import close_account, log_change, new_ledger, write_frame
 from archfrag.mechanics.levels import view_few
-from archfrag.mechanics.mechanism import assemble_mechanism, gather_state, split_state
+from archfrag.mechanics.mechanism import (
+    assemble_mechanism,
+    farthest_regrouped,
+    gather_state,
+    split_state,
+)
 from archfrag.mechanics.newton import is_finite
 from archfrag.mechanics.reactions import inner_target, is_four_hinges
 from archfrag.mechanics.status import Cause, CollapseMode, Count, Energy, Model, Peak, Status
 from archfrag.mechanics.types import Outcome
 from archfrag.methods.events import GAP, PASSING, SLIP_END, new_margins
 from archfrag.methods.few_bodies import new_few_room, view_motion
+from archfrag.methods.recording import record_state
 from archfrag.methods.resolve import (
-    measure_residual,
+    measure_event,
     new_whole,
     place_whole,
     resolve_accelerations,
     resolve_impact,
     settle,
 )
-from archfrag.methods.rest import leave_rest, read_slips, rest_range, rests
+from archfrag.methods.rest import leave_rest, read_joints, rest_range, rest_reactions, rests
 from archfrag.methods.smooth import (
     BOUND,
     BROKEN,
     COLLAPSE,
     EVENT,
     FIRST,
+    REGROUPED,
     Pace,
     begin,
     find_breaks,
@@ -55,6 +62,7 @@ COLLAPSED = int(Status.COLLAPSED)
 UNFINISHED = int(Status.UNFINISHED)
 WORK_BOUND = int(Status.WORK_BOUND)
 NOT_FINITE = int(Status.NOT_FINITE)
+INACCURATE = int(Status.INACCURATE)
 NO_MODE = int(CollapseMode.NONE)
 BY_START, BY_HINGE, BY_SLIDE = int(Cause.START), int(Cause.HINGE), int(Cause.SLIDE)
 BY_STICK, BY_IMPACT, BY_LOSS = int(Cause.STICK), int(Cause.IMPACT), int(Cause.LOSS)
@@ -65,6 +73,8 @@ ALL = int(Model.ALL_VOUSSOIRS)
 STILL = 1e-7
 # Rest is left where the load is beyond its range by this part of gravity.
 BEYOND = 1e-7
+# First look ahead for that, over the time of a fall through a joint's length.
+SOONEST = 1e-9
 # Rocking slower than this times the root of the tolerance, over the speed of a fall, has settled:
 # what is left out is of the second order. Below the other its flights are shorter than the gaps
 # to which impacts are located.
@@ -83,6 +93,12 @@ LONGEST_WINDOW = 1.0
 MOST_CALM_STEPS = 64
 # Every so many events the residual of the contact problem behind them is measured.
 MEASURED = 16
+# A run is refused that makes or loses more energy than this many times its tolerance, over the
+# largest kinetic energy, or whose bodies overlap by more than this many times it, over a joint's
+# length; less energy than ROUNDING times weight times length is rounding.
+ENERGY_ALLOWED = 10.0
+OVERLAP_ALLOWED = 0.1
+ROUNDING = 1e-12
 RESTING = 0
 RESOLVE = 1
 START = 2
@@ -129,8 +145,12 @@ def _note_contacts(whole, joints, old, time, ledger):
 
 
 @allocating
-def _start_few(chain, whole, joints, margins, few_room, pace, ground):
-    """Assemble the mechanism of the present modes; nan margin where it has no unique motion."""
+def _start_few(chain, whole, joints, margins, few_room, pace, ground, ledger):
+    """Assemble the mechanism of the present modes.
+
+    The margin is nan where it has no unique motion, or where the voussoirs would have to be moved
+    to bear like that: such a state is refused and counted.
+    """
     n, m = assemble_mechanism(chain, joints.mode, joints.slip, whole.length, whole.mechanism)
     gather_state(
         chain,
@@ -142,7 +162,10 @@ def _start_few(chain, whole, joints, margins, few_room, pace, ground):
     )
     few = view_motion(whole.mechanism, chain.gravity, view_few(whole.bodies, n, m), few_room)
     worst = np.nan
-    if n > 0:
+    moved = farthest_regrouped(whole.mechanism, pace.length, whole.bodies.position, whole.position)
+    if not moved <= REGROUPED * pace.length:
+        ledger.count[Count.REFUSED] += n > 0
+    elif n > 0:
         worst = begin(chain, whole.mechanism, few, margins, pace, ground)
     return few, worst
 
@@ -155,7 +178,7 @@ def _settle(chain, whole, joints, margins, few_room, pace, ground, ledger):
     if not settle(chain, whole, joints.mode, slow):
         return
     had = kinetic_energy(chain.mass, chain.inertia, whole.velocity)
-    few, worst = _start_few(chain, whole, joints, margins, few_room, pace, ground)
+    few, worst = _start_few(chain, whole, joints, margins, few_room, pace, ground, ledger)
     if few.position.shape[0] > 0:
         if (
             not worst > -np.inf
@@ -214,7 +237,7 @@ def _look_ahead(time, ground, pace, gravity, plus, minus):
             return x, y
         if time + ahead >= end:
             return x, y
-        ahead = min(max(2.0 * ahead, 1e-9), end - time)
+        ahead = min(max(2.0 * ahead, SOONEST * pace.length / pace.falling), end - time)
 
 
 @allocating
@@ -228,6 +251,55 @@ def _comes_to_rest(chain, ground, whole, joints, stepper, time, falling):
         return False
     move_faces(chain, whole.position, stepper.before, stepper.after)
     return rests(chain, ground, stepper, joints, whole.position, time)
+
+
+@kernel
+def is_accurate(chain, length, options, ledger):
+    """Whether a run that ended is as good as its tolerance allows, by what it measured itself.
+
+    Parameters
+    ----------
+    chain : Chain
+    length : ndarray, (n_joint,) [m]
+    options : Options
+    ledger : Ledger
+
+    Returns
+    -------
+    bool
+        False where more energy than `ENERGY_ALLOWED` times the tolerance was made or lost, or
+        bodies overlapped by more than `OVERLAP_ALLOWED` times it.
+    """
+    energy, tolerance = ledger.energy, options.tolerance
+    allowed = ENERGY_ALLOWED * tolerance * energy[Energy.LARGEST_KINETIC]
+    allowed += ROUNDING * chain.gravity * np.sum(chain.mass) * np.max(length)
+    if not energy[Energy.STRAY_PEAK] <= allowed:
+        return False
+    return ledger.peak[Peak.OVERLAP] <= OVERLAP_ALLOWED * tolerance
+
+
+@allocating
+def _write_rest(chain, ground, stepper, whole, joints, time, frames, ledger):
+    """Frame of the chain at rest, with the reactions that balance the body force."""
+    if frames.time.size == 0:
+        return
+    move_faces(chain, whole.position, stepper.before, stepper.after)
+    rest_reactions(chain, ground, stepper, joints, whole.position, time)
+    write_frame(
+        frames, ledger, time, chain, whole.position, whole.velocity, stepper.work.reaction,
+        joints.mode, 1.0,
+    )  # fmt: skip
+
+
+@allocating
+def _write_few(chain, ground, whole, joints, few, pace, frames, ledger):
+    """Frame of the state that the mega-voussoirs have reached."""
+    if frames.time.size == 0:
+        return
+    few.new_position[:] = few.position
+    few.new_velocity[:] = few.velocity
+    _, gx, _, gy, _ = segment_at(pace.clock[0], ground, pace.next_break)
+    record_state(chain, whole, joints, few, gx, gy, frames, ledger, pace.clock[0])
 
 
 @allocating
@@ -278,7 +350,7 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
     margins = new_margins(n_joint)
     few_room = new_few_room(n_body, n_joint)
     old = joints.mode.copy()
-    few, worst = _start_few(chain, whole, joints, margins, few_room, pace, ground)
+    few, worst = _start_few(chain, whole, joints, margins, few_room, pace, ground, ledger)
     record_end = (ground.horizontal.size - 1) * ground.time_step
     stop = record_end + options.follow
     recent = np.full(CROWD, -np.inf)
@@ -288,23 +360,21 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
     cause, joint, why = BY_START, -1, BY_UNSOLVED
     leaves_rest = False
     move_faces(chain, position, stepper.before, stepper.after)
-    write_frame(
-        frames, ledger, 0.0, chain, whole.position, whole.velocity, whole.work.reaction,
-        joints.mode, 1.0,
-    )  # fmt: skip
-    clock[3] = options.frame_interval
     phase = HAND
     if from_rest and rest_range(chain, position, joints, stepper):
         phase = RESTING
+        _write_rest(chain, ground, stepper, whole, joints, 0.0, frames, ledger)
+        clock[3] = options.frame_interval
     elif not from_rest:
+        read_joints(chain, stepper, joints, position)
+        old[:] = joints.mode
         # Which corners touch follows from the positions alone.
         joints.mode[:] = OPEN
         if resolve_impact(chain, whole, joints.slip, joints.mode, -1, -1, ledger):
             phase = RESOLVE
-            old[:] = joints.mode
             ledger.count[Count.IMPACTS] = 0
         else:
-            read_slips(chain, stepper, joints, position)
+            joints.mode[:] = old
     while True:
         if phase == RESTING:
             leave, for_good = leave_rest(chain, ground, stepper.rest, clock[0])
@@ -314,10 +384,7 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
             if for_good:
                 status = STANDING
                 break
-            write_frame(
-                frames, ledger, leave, chain, whole.position, whole.velocity,
-                whole.work.reaction, joints.mode, 1.0,
-            )  # fmt: skip
+            _write_rest(chain, ground, stepper, whole, joints, leave, frames, ledger)
             clock[3] = leave + options.frame_interval
             gx, gy = _look_ahead(
                 leave, ground, pace, chain.gravity, stepper.rest[0], stepper.rest[1]
@@ -352,14 +419,11 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
                     chain, whole.position, whole.velocity, stepper.clock[Clock.START_POTENTIAL],
                     ledger,
                 )  # fmt: skip
-                write_frame(
-                    frames, ledger, clock[0], chain, whole.position, whole.velocity,
-                    whole.work.reaction, joints.mode, 1.0,
-                )  # fmt: skip
+                _write_rest(chain, ground, stepper, whole, joints, clock[0], frames, ledger)
                 ledger.count[Count.RESTS] += 1
                 log_change(log, ledger, clock[0], BY_REST, -1, AT_REST, joints.mode)
                 continue
-            few, worst = _start_few(chain, whole, joints, margins, few_room, pace, ground)
+            few, worst = _start_few(chain, whole, joints, margins, few_room, pace, ground, ledger)
             phase = MOVING if worst > -np.inf else HAND
             if phase == MOVING and whole.jam[0] == 1:
                 # What a corner without friction limit loses by sticking it loses by an impact.
@@ -385,7 +449,7 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
                 ):
                     phase = HAND
                 elif ledger.count[Count.EVENTS] % MEASURED == 0:
-                    measure_residual(chain, whole, ledger)
+                    measure_event(chain, whole, joints.slip, ledger)
                 slot = ledger.count[Count.EVENTS] % CROWD
                 since = clock[0] - recent[slot - SOME]
                 if clock[0] - recent[slot] < CROWDED * unit or since < SOME * options.crowding:
@@ -408,10 +472,7 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
                 )  # fmt: skip
                 # Where no joint has lost its contact, positions have ceased to be numbers.
                 status = COLLAPSED if collapse_joint >= 0 else NOT_FINITE
-                write_frame(
-                    frames, ledger, clock[0], chain, whole.position, whole.velocity,
-                    whole.work.reaction, joints.mode, 1.0,
-                )  # fmt: skip
+                _write_few(chain, ground, whole, joints, few, pace, frames, ledger)
                 break
             if code == BOUND:
                 status = WORK_BOUND
@@ -419,6 +480,7 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
             if code == BROKEN:
                 phase = HAND
             elif clock[0] >= stop:
+                _write_few(chain, ground, whole, joints, few, pace, frames, ledger)
                 break
             else:
                 phase = RESOLVE
@@ -439,7 +501,7 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
             )  # fmt: skip
             clock[3] = max(clock[3], stepper.clock[Clock.NEXT_FRAME])
             calm_until = clock[0] + window
-            _note_contacts(whole, joints, old, clock[0], ledger)
+            old[:] = joints.mode
             if status == STANDING:
                 phase = RESTING
             elif status != UNFINISHED or clock[0] >= stop:
@@ -453,4 +515,16 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
     peak[Peak.DISPLACEMENT] = max(peak[Peak.DISPLACEMENT], np.sqrt(clock[2]))
     position[:] = whole.position
     velocity[:] = whole.velocity
-    return Outcome(status, clock[0], collapse_time, collapse_joint, collapse_mode, ledger)
+    if status == UNFINISHED:
+        move_faces(chain, position, whole.before, whole.after)
+        collapse_joint, collapse_mode, collapse_time = unregained_loss(
+            position, whole.before, whole.after, length, joints, clock[0]
+        )
+        if collapse_joint >= 0:
+            status = COLLAPSED
+    if status in (STANDING, COLLAPSED) and not is_accurate(chain, length, options, ledger):
+        status = INACCURATE
+        collapse_time, collapse_joint, collapse_mode = np.nan, -1, NO_MODE
+    return Outcome(
+        status, clock[0], collapse_time, collapse_joint, collapse_mode, joints.loss, ledger
+    )  # fmt: skip

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from archfrag.mechanics.compile import allocating, kernel
-from archfrag.mechanics.kinematics import clearance, vertex_on_earlier
+from archfrag.mechanics.kinematics import clearance, move_faces, vertex_on_earlier
 from archfrag.mechanics.laws import (
     MINUS,
     OPEN,
@@ -39,10 +39,17 @@ THRESHOLD = 1e-9
 GAP_WEIGHT = 1e4
 SLIP_WEIGHT = 1e2
 MAX_ROUNDS = 60
+# A corner that overlaps by less than this part of the joint's length and parts has closed a
+# rounding too late; one that overlaps by more has been missed.
+ROUNDING = 1e-9
+# Looks for the least gap inside a step in which a corner may have closed and parted again.
+GAP_SAMPLES = 4
+CLOSELY = 1e-3
+GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
 class Margins(NamedTuple):
-    """Room for the margins of all laws."""
+    """Workspace for the margins of all laws."""
 
     between: np.ndarray  # (n_joint, 6) joints between mega-voussoirs
     target: np.ndarray  # (n_joint, 6) int8: contact mode on the other side
@@ -50,11 +57,13 @@ class Margins(NamedTuple):
     trigger: np.ndarray  # (3,) int64: 1 if inner, joint, column of the smallest margin
     low_between: np.ndarray  # (n_joint, 6) margins where all laws still hold
     low_inner: np.ndarray  # (n_joint, 4)
+    gap: np.ndarray  # (n_joint, 2, 2) open corners: gap [m] and its rate [m/s]; inf if it touches
+    low_gap: np.ndarray  # (n_joint, 2, 2) the same at the beginning of the step
 
 
 @allocating
 def new_margins(n_joint):
-    """Room for the margins of a chain of `n_joint` joints."""
+    """Workspace for the margins of a chain of `n_joint` joints."""
     return Margins(
         np.full((n_joint, N_MARGIN), np.inf),
         np.zeros((n_joint, N_MARGIN), np.int8),
@@ -62,6 +71,8 @@ def new_margins(n_joint):
         np.zeros(3, np.int64),
         np.full((n_joint, N_MARGIN), np.inf),
         np.full((n_joint, 4), np.inf),
+        np.full((n_joint, 2, 2), np.inf),
+        np.full((n_joint, 2, 2), np.inf),
     )
 
 
@@ -71,6 +82,9 @@ def keep_margins(few, margins):
     for k in range(few.work.mode.size):
         for q in range(N_MARGIN):
             margins.low_between[k, q] = margins.between[k, q]
+        for c in range(2):
+            for d in range(2):
+                margins.low_gap[k, c, d] = margins.gap[k, c, d]
     for j in range(margins.inner.shape[0]):
         for q in range(4):
             margins.low_inner[j, q] = margins.inner[j, q]
@@ -169,11 +183,13 @@ def margins_between(few, velocity, share, falling, margins):
         value, target = margins.between[k], margins.target[k]
         value[:] = np.inf
         for c in range(2):
+            margins.gap[k, c, 0] = margins.gap[k, c, 1] = np.inf
             if not touches(mode, c):
                 gap = clearance(k, c, few.before, few.after)
+                rate = _opening_rate(few, k, c, velocity)
+                margins.gap[k, c, 0], margins.gap[k, c, 1] = gap, rate
                 value[GAP + c] = GAP_WEIGHT * gap / few.length[k]
-                if gap < 0.0 and _opening_rate(few, k, c, velocity) >= 0.0:
-                    # Closed a rounding too late, and parting: no second impact.
+                if gap < 0.0 <= rate and gap > -ROUNDING * few.length[k]:
                     value[GAP + c] = 0.0
         if mode != OPEN:
             if is_closed(mode):
@@ -235,7 +251,8 @@ def find_trigger(mechanism, few, margins):
 
 
 @kernel
-def _margin_at(chain, mechanism, few, theta, step, gx, sx, gy, sy, share, falling, margins):
+def margin_at(chain, mechanism, few, theta, step, gx, sx, gy, sy, share, falling, margins):
+    """Smallest margin at a part of a step, and the threshold above it; nan without a solution."""
     dense_state(few, theta, few.new_position, few.new_velocity)
     gx += sx * theta * step
     gy += sy * theta * step
@@ -247,7 +264,80 @@ def _margin_at(chain, mechanism, few, theta, step, gx, sx, gy, sy, share, fallin
 
 
 @kernel
-def locate(chain, mechanism, few, step, gx, sx, gy, sy, share, falling, margins):
+def may_have_closed(few, margins, step):
+    """Whether a corner that is open at both ends of a step may have closed inside it.
+
+    A gap that first shrinks and then grows lies above the tangents at the ends of the step, as
+    long as its rate turns only once.
+
+    Returns
+    -------
+    bool
+    """
+    for k in range(few.work.mode.size):
+        for c in range(2):
+            first, falls = margins.low_gap[k, c, 0], margins.low_gap[k, c, 1]
+            last, rises = margins.gap[k, c, 0], margins.gap[k, c, 1]
+            if not (np.isfinite(first) and falls < 0.0 < rises):
+                continue
+            if first * rises - last * falls < -falls * rises * step:
+                return True
+    return False
+
+
+@kernel
+def closed_inside(few, closely):
+    """Part of a step at which an open corner overlaps; 0 where none does.
+
+    Looked for at a few instants of the dense output, which has to be made, and then by golden
+    sections.
+
+    Parameters
+    ----------
+    few : Few
+    closely : bool
+        Whether to look between those instants too.
+
+    Returns
+    -------
+    float
+    """
+    deepest, place = np.inf, 0.0
+    for i in range(1, GAP_SAMPLES):
+        gap = _least_gap(few, i / GAP_SAMPLES)
+        if gap < deepest:
+            deepest, place = gap, i / GAP_SAMPLES
+    low, high = place - 1.0 / GAP_SAMPLES, place + 1.0 / GAP_SAMPLES
+    while closely and deepest >= -ROUNDING and high - low > CLOSELY:
+        first, second = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
+        at_first, at_second = _least_gap(few, first), _least_gap(few, second)
+        if at_first < at_second:
+            high = second
+        else:
+            low = first
+        if min(at_first, at_second) < deepest:
+            deepest = min(at_first, at_second)
+            place = first if at_first < at_second else second
+    dense_state(few, 0.0, few.position, few.velocity)
+    move_faces(few.chain, few.new_position, few.before, few.after)
+    return place if deepest < -ROUNDING else 0.0
+
+
+@kernel
+def _least_gap(few, theta):
+    """Smallest gap of the open corners at a part of a step, over the joint's length."""
+    dense_state(few, theta, few.position, few.velocity)
+    move_faces(few.chain, few.position, few.before, few.after)
+    least = np.inf
+    for k in range(few.work.mode.size):
+        for c in range(2):
+            if not touches(few.work.mode[k], c):
+                least = min(least, clearance(k, c, few.before, few.after) / few.length[k])
+    return least
+
+
+@kernel
+def locate(chain, mechanism, few, step, end, gx, sx, gy, sy, share, falling, margins):
     """First instant of a step at which a margin is used up, found on the dense output.
 
     The margin that is smallest where a law is broken is followed back by regula falsi with
@@ -256,9 +346,11 @@ def locate(chain, mechanism, few, step, gx, sx, gy, sy, share, falling, margins)
     Parameters
     ----------
     chain, mechanism, few, margins
-        Those of the step, with the margins at its end; `keep_margins` holds those at its
-        beginning.
+        Those of the step, with the margins at `end`, where one is used up; `keep_margins` holds
+        those at its beginning.
     step : float [s]
+    end : float
+        Part of the step in which to look.
     gx, sx, gy, sy : float
         Ground acceleration at the beginning of the step and its rate [m/s2], [m/s3].
     share, falling : float
@@ -270,17 +362,17 @@ def locate(chain, mechanism, few, step, gx, sx, gy, sy, share, falling, margins)
         Part of the step; nan where no state could be evaluated. ``few.new_position``,
         ``few.new_velocity`` and the last evaluation are those at that instant.
     """
-    low, high = 0.0, 1.0
+    low, high = 0.0, end
     find_trigger(mechanism, few, margins)
     high_value = THRESHOLD + _of_trigger(margins, False)
     low_value = max(THRESHOLD + _of_trigger(margins, True), 0.1 * THRESHOLD)
     side = 0
-    theta = 1.0
+    theta = end
     for number in range(MAX_ROUNDS):
         theta = (low * high_value - high * low_value) / (high_value - low_value)
         if number % 4 == 3 or not low < theta < high:
             theta = 0.5 * (low + high)
-        value = _margin_at(
+        value = margin_at(
             chain, mechanism, few, theta, step, gx, sx, gy, sy, share, falling, margins
         )
         if np.isnan(value) or -THRESHOLD <= value < 0.0:
@@ -305,7 +397,7 @@ def locate(chain, mechanism, few, step, gx, sx, gy, sy, share, falling, margins)
                 high_value *= 0.5
             side = 1
         if high - low < 1e-14:
-            value = _margin_at(
+            value = margin_at(
                 chain, mechanism, few, high, step, gx, sx, gy, sy, share, falling, margins
             )
             theta = high

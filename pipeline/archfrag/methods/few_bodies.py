@@ -48,8 +48,6 @@ D = (
     69997945 / 29380423,
 )
 N_POWER = 2
-# A projection farther than this part of a joint's length is none.
-FARTHEST = 1e-3
 BY_GROUND = 0
 BY_FRICTION = 1
 
@@ -360,20 +358,26 @@ def dense_work(few, kind, theta):
 
 
 @kernel
-def project(few, position, velocity):
+def project(few, position, velocity, limit):
     """Move a state back onto its contacts, after `evaluate` there.
 
     Joint gaps are closed first, then their rates; both in the metric of kinetic energy, with
     the factors of the last evaluation; after `four_hinges`, and with slips, they are made here.
 
+    Parameters
+    ----------
+    few : Few
+    position, velocity : ndarray, (n, 3)
+        Overwritten.
+    limit : float
+        How far any body may be moved [m], rotations by the length of the first joint.
+
     Returns
     -------
-    float
-        Largest gap that was closed [m]; inf where the bodies would have to move so far that
-        the mechanism is no longer the one that was evaluated, and nothing was done.
+    bool
+        False where a body would have to move farther: nothing was done.
     """
     work, contacts = few.work, few.contacts
-    largest = 0.0
     for j in range(work.mode.size):
         for c in range(2):
             ex, ey = corner_offset(j, c, few.before, few.after, few.slip)
@@ -389,14 +393,14 @@ def project(few, position, velocity):
         factorise(work, 0.0)
     few.free[:] = 0.0
     work.relative[:] = 0.0
-    largest = constrained_rest(contacts, work)
+    constrained_rest(contacts, work)
     _apply(few)
     farthest = 0.0
     for i in range(position.shape[0]):
-        for c in range(2):
-            farthest = max(farthest, abs(work.velocity[i, c]))
-    if not farthest <= FARTHEST * few.length[0]:
-        return np.inf
+        shift = abs(work.velocity[i, 0]) + abs(work.velocity[i, 1])
+        farthest = max(farthest, shift, few.length[0] * abs(work.velocity[i, 2]))
+    if not farthest <= limit:
+        return False
     for i in range(position.shape[0]):
         for c in range(3):
             position[i, c] += work.velocity[i, c]
@@ -411,7 +415,7 @@ def project(few, position, velocity):
     for i in range(position.shape[0]):
         for c in range(3):
             velocity[i, c] = work.velocity[i, c]
-    return largest
+    return True
 
 
 @kernel

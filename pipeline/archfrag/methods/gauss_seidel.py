@@ -15,7 +15,6 @@ from archfrag.mechanics.collapse import new_joint_state
 from archfrag.mechanics.compile import allocating, inlined, kernel
 from archfrag.mechanics.ledger import new_ledger
 from archfrag.mechanics.status import Count, Status
-from archfrag.mechanics.types import Outcome
 from archfrag.methods.corner_contacts import (
     BACKWARD,
     FORWARD,
@@ -28,7 +27,6 @@ from archfrag.methods.corner_contacts import (
     corner_velocity,
     finish,
     gather_joints,
-    measure_residual,
     new_corners,
     pose_step,
     push_corner,
@@ -224,7 +222,9 @@ def run(
     joints = new_joint_state(chain.friction.size)
     ledger = new_ledger()
     delassus = np.zeros((chain.friction.size, 2, 3))
-    begin(chain, corners, joints, ledger, frames, log, options, position, velocity, from_rest)
+    begin(
+        chain, ground, corners, joints, ledger, frames, log, options, position, velocity, from_rest
+    )
     count, clock, step = ledger.count, corners.clock, options.time_step
     stop = clock[Clock.RECORD_END] + options.follow
     code = GO
@@ -241,11 +241,8 @@ def run(
         count[Count.SWEEPS] += done
         count[Count.UNCONVERGED] += not converged
         gather_joints(corners)
-        if not converged or count[Count.STEPS] % options.check_interval == 0:
-            measure_residual(chain, corners, ledger)
         code = accept_step(
             chain, corners, joints, ledger, frames, log, options, position, velocity, kick, step,
-            theta,
+            theta, converged,
         )  # fmt: skip
-    since, joint, mode = finish(chain, corners, joints, ledger, options, position, velocity, code)
-    return Outcome(code, clock[Clock.TIME], since, joint, mode, ledger)
+    return finish(chain, corners, joints, ledger, options, position, velocity, code)

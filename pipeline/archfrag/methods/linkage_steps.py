@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.compile import kernel
+from archfrag.mechanics.compile import allocating, kernel
+from archfrag.mechanics.delassus import Contacts
 from archfrag.mechanics.kinematics import move_faces
 from archfrag.mechanics.ledger import book_motion, exhausted, write_frame
 from archfrag.mechanics.linkage import (
@@ -31,7 +32,8 @@ from archfrag.mechanics.linkage_motion import (
     joint_reactions,
     pin_press,
 )
-from archfrag.mechanics.status import CollapseMode, Count, Energy, Model, Peak, Status
+from archfrag.mechanics.residuals import measure_state
+from archfrag.mechanics.status import CollapseMode, Count, Energy, Model, Status
 from archfrag.mechanics.types import Chain, Frames, GroundMotion, Ledger, MechanismLog, Options
 from archfrag.methods.few_bodies import N_STAGE, A, C, E
 from archfrag.methods.smooth import segment_at
@@ -97,6 +99,10 @@ class Case(NamedTuple):
     mid: np.ndarray  # (n_joint, 2) middles of the joints [m]
     reaction: np.ndarray  # (n_joint, 3)
     mode: np.ndarray  # (n_joint,) int8
+    lengths: np.ndarray  # (n_joint,) [m]
+    slip: np.ndarray  # (n_joint,) none [m]
+    contacts: Contacts  # workspace
+    relative: np.ndarray  # (n_joint, 3) workspace
     straight: np.ndarray  # (2,) `straightness` at rest of the linkage that moves
     clock: np.ndarray  # (len(Clock),)
 
@@ -288,8 +294,8 @@ def write(case, time):
 
 
 @kernel
-def write_moving(case, linkage, step):
-    """Frame where the step taken last ends."""
+def gather_moving(case, linkage, step):
+    """Voussoirs, faces and reactions where the step taken last ends."""
     acceleration, _ = spread(case, linkage, step)
     gx = case.slopes[0] + case.slopes[1] * step
     gy = case.slopes[2] + case.slopes[3] * step
@@ -302,7 +308,23 @@ def write_moving(case, linkage, step):
         case.chain, linkage, case.pose, case.position, case.trial[1], acceleration, gx, gy,
         case.mid, case.reaction,
     )  # fmt: skip
+
+
+@kernel
+def write_moving(case, linkage, step):
+    """Frame where the step taken last ends."""
+    gather_moving(case, linkage, step)
     write(case, case.clock[Clock.TIME] + step)
+
+
+@allocating
+def measure_moving(case, linkage, step):
+    """Note how far the state where the step taken last ends is from the contact laws."""
+    gather_moving(case, linkage, step)
+    measure_state(
+        case.chain, case.position, case.velocity, case.before, case.after, case.lengths,
+        case.slip, case.reaction, case.mid, 1.0, case.contacts, case.relative, case.ledger.peak,
+    )  # fmt: skip
 
 
 @kernel
@@ -319,12 +341,13 @@ def _write_frames(case, linkage, step):
     take_step(case, linkage, step)
 
 
-@kernel
+@allocating
 def _book_step(case, linkage, step):
-    """Take the trial state over; energies, pulls and the residual of the balance there."""
+    """Take the trial state over; energies and pulls there, and now and then the residual."""
     ledger, clock, trial, state = case.ledger, case.clock, case.trial, case.state
-    _, residual = _pose_trial(case, linkage, step)
-    ledger.peak[Peak.RESIDUAL] = max(ledger.peak[Peak.RESIDUAL], residual)
+    if ledger.count[Count.STEPS] % case.options.check_interval == 0:
+        measure_moving(case, linkage, step)
+    _pose_trial(case, linkage, step)
     pulls = _weakest_pin(case, linkage)[1] < 0.0
     ledger.count[Count.LOSSES] += pulls and clock[Clock.PULLS] == 0.0
     clock[Clock.PULLS] = 1.0 if pulls else 0.0
@@ -370,7 +393,7 @@ def _end_of(case, linkage, step):
     return step, GO
 
 
-@kernel
+@allocating
 def move(case, linkage, stop):
     """Integrate a linkage until it closes, collapses or time is up.
 

@@ -61,7 +61,6 @@ from archfrag.methods.corner_contacts import (
     corner_velocity,
     finish,
     gather_joints,
-    measure_residual,
     new_corners,
     pose_step,
 )
@@ -257,11 +256,9 @@ def accept_programme(case, position, velocity, kick, converged):
     count[Count.STEPS] += 1
     count[Count.UNCONVERGED] += not converged
     take_solution(case)
-    if not converged or count[Count.STEPS] % case.options.check_interval == 0:
-        measure_residual(case.chain, case.corners, case.ledger)
     return accept_step(
         case.chain, case.corners, case.joints, case.ledger, case.frames, case.log, case.options,
-        position, velocity, kick, case.options.time_step, THETA,
+        position, velocity, kick, case.options.time_step, THETA, converged,
     )  # fmt: skip
 
 
@@ -381,7 +378,9 @@ def run(
     joints = new_joint_state(chain.friction.size)
     ledger = new_ledger()
     case = Case(chain, ground, options, corners, joints, ledger, frames, log, new_programme(chain))
-    begin(chain, corners, joints, ledger, frames, log, options, position, velocity, from_rest)
+    begin(
+        chain, ground, corners, joints, ledger, frames, log, options, position, velocity, from_rest
+    )
     solver = Solver(case.programme, solver_tolerance)
     clock, count = corners.clock, ledger.count
     rough = bool(np.isinf(chain.friction).any())
@@ -394,8 +393,7 @@ def run(
             code = WORK_BOUND
         else:
             code = _step(case, solver, position, velocity, rough)
-    since, joint, mode = finish(chain, corners, joints, ledger, options, position, velocity, code)
-    return Outcome(code, float(clock[Clock.TIME]), since, joint, mode, ledger)
+    return finish(chain, corners, joints, ledger, options, position, velocity, code)
 
 
 def _step(

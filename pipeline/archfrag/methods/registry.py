@@ -25,14 +25,23 @@ class MethodInfo(NamedTuple):
     """
 
     name: str
-    code: int
-    order: int
     meaning: str
     parameters: tuple[Parameter, ...]
     citation: str
     load: Callable[[], Callable]
     needs: str | None = None  # package of the extra `baselines` that it cannot run without
-    step_rule: Callable[[float], float] | None = None  # step [s] for a tolerance, if not given
+    # Step for a tolerance, over the root of the shortest joint's length over gravity [1].
+    step_rule: Callable[[float], float] | None = None
+
+
+# Default step of time stepping, over the root of the shortest joint's length over gravity: the
+# steps of arches that are models of each other are, too. 0.5 ms for a joint of 1.5 m.
+OWN_STEP = 1.28e-3
+
+
+def own_step(rtol: float) -> float:
+    """Default step of time stepping, whatever the tolerance; as `step_of_ladder`."""
+    return OWN_STEP
 
 
 def step_of_ladder(rtol: float) -> float:
@@ -50,15 +59,16 @@ def step_of_ladder(rtol: float) -> float:
     Returns
     -------
     float
-        From 0.02 to 8 ms; 0.5 ms at the default tolerance [s].
+        Over the root of the shortest joint's length over gravity: from 1/25 to 16 times
+        `OWN_STEP`, which goes with the default tolerance [1].
 
     Examples
     --------
     >>> from archfrag.methods.registry import step_of_ladder
     >>> [round(step_of_ladder(rtol), 6) for rtol in (1e-1, 1e-2, 1e-3, 1e-4, 1e-9)]
-    [0.007924, 0.001991, 0.0005, 0.000126, 2e-05]
+    [0.020287, 0.005096, 0.00128, 0.000322, 5.1e-05]
     """
-    return min(max(5e-4 * (rtol / 1e-3) ** 0.6, 2e-5), 8e-3)
+    return OWN_STEP * min(max((rtol / 1e-3) ** 0.6, 0.04), 16.0)
 
 
 def _time_stepping():
@@ -103,15 +113,14 @@ def _quadratic_programme():
     return run
 
 
+_OWN = "if not given, it follows the root of the shortest joint's length: 0.5 ms for 1.5 m"
 FOLLOW = Parameter("follow", "s", 20.0, "how long to go on past the end of the record")
 METHODS = {
     "time_stepping": MethodInfo(
         name="time_stepping",
-        code=1,
-        order=2,
         meaning="Moreau-Jean time stepping on all voussoirs; rest is detected and skipped",
         parameters=(
-            Parameter("dt", "s", 5e-4, "time step"),
+            Parameter("dt", "s", 5e-4, f"time step; {_OWN}"),
             FOLLOW,
         ),
         citation=(
@@ -119,18 +128,17 @@ METHODS = {
             "235-257; Paoli and Schatzman 2002, SIAM J. Numer. Anal. 40(2), 702-733"
         ),
         load=_time_stepping,
+        step_rule=own_step,
     ),
     "event_driven": MethodInfo(
         name="event_driven",
-        code=2,
-        order=5,
         meaning=(
             "mega-voussoirs between located events (Sinopoli's semi-analytical approach); time "
             "stepping only where events accumulate"
         ),
         parameters=(
             Parameter("rtol", "1", 1e-6, "relative error allowed between events"),
-            Parameter("dt", "s", 5e-4, "time step where time stepping has to help out"),
+            Parameter("dt", "s", 5e-4, f"time step where time stepping has to help out; {_OWN}"),
             FOLLOW,
         ),
         citation=(
@@ -138,11 +146,10 @@ METHODS = {
             "Prince 1980, J. Comput. Appl. Math. 6(1), 19-26"
         ),
         load=_event_driven,
+        step_rule=own_step,
     ),
     AUTO: MethodInfo(
         name=AUTO,
-        code=3,
-        order=5,
         meaning=(
             "the ladder: rest, few mega-voussoirs from event to event, all voussoirs where events "
             "come too thick"
@@ -153,7 +160,7 @@ METHODS = {
                 "dt",
                 "s",
                 5e-4,
-                "time step on all voussoirs; if not given, it follows rtol to the power 0.6",
+                f"time step on all voussoirs; {_OWN}, and rtol to the power 0.6",
             ),
             FOLLOW,
             Parameter(
@@ -179,8 +186,6 @@ METHODS = {
     ),
     "four_link": MethodInfo(
         name="four_link",
-        code=4,
-        order=5,
         meaning=(
             "baseline: a linkage of one degree of freedom, its four hinges those of limit "
             "analysis, mirrored at every impact"
@@ -198,8 +203,6 @@ METHODS = {
     ),
     "penalty": MethodInfo(
         name="penalty",
-        code=5,
-        order=2,
         meaning=(
             "distinct elements: rigid voussoirs on penalty springs with Coulomb friction and "
             "Rayleigh or local damping, by explicit central differences"
@@ -245,8 +248,6 @@ METHODS = {
     ),
     "gauss_seidel": MethodInfo(
         name="gauss_seidel",
-        code=6,
-        order=1,
         meaning=(
             "baseline: contact dynamics with two contacts a joint, solved by block Gauss-Seidel "
             "sweeps, as LMGC90 does"
@@ -273,8 +274,6 @@ METHODS = {
     ),
     "quadratic_programme": MethodInfo(
         name="quadratic_programme",
-        code=7,
-        order=1,
         meaning=(
             "baseline: each step a convex quadratic programme in the velocities, with associative "
             "friction"

@@ -44,8 +44,8 @@ from archfrag.mechanics.laws import (
 )
 from archfrag.mechanics.levels import FewBodies, new_few_bodies, solve_levels
 from archfrag.mechanics.mechanism import Mechanism, new_mechanism
-from archfrag.mechanics.residuals import solution_residual
-from archfrag.mechanics.status import Count, Energy, Peak, Status
+from archfrag.mechanics.residuals import measure_state
+from archfrag.mechanics.status import Count, Energy, Status
 
 SOLVED = int(Status.STANDING)
 # Corners this close, over the joint's length, touch; slower than this, over the speed of a fall
@@ -235,12 +235,13 @@ def resolve_impact(chain, whole, slip, mode, joint, corner, ledger):
 
 
 @allocating
-def measure_residual(chain, whole, ledger):
-    """Note how well the contact problem that `resolve_accelerations` left is solved [1]."""
-    residual = solution_residual(
-        whole.contacts, chain.friction, whole.free, whole.work, chain.gravity
-    )
-    ledger.peak[Peak.RESIDUAL] = max(ledger.peak[Peak.RESIDUAL], residual)
+def measure_event(chain, whole, slip, ledger):
+    """Note how far the state that `resolve_accelerations` left is from the contact laws."""
+    measure_state(
+        chain, whole.position, whole.velocity, whole.before, whole.after, whole.length, slip,
+        whole.work.reaction, whole.work.pivot, 1.0, whole.contacts, whole.work.relative,
+        ledger.peak,
+    )  # fmt: skip
 
 
 @kernel

@@ -2,11 +2,17 @@
 
 import numpy as np
 
+from archfrag.mechanics.acceleration import place_pivots, uniform_force
+from archfrag.mechanics.collapse import note_gap, note_loss
 from archfrag.mechanics.compile import allocating, kernel
+from archfrag.mechanics.contact import newton_contact
 from archfrag.mechanics.ground import acceleration_at, end_of_rest, rest_margin
 from archfrag.mechanics.kinematics import clearance, measure_slip, move_faces, place_contacts
+from archfrag.mechanics.laws import OPEN, STICK, corner_mode, touches
 from archfrag.mechanics.onset import rest_limit
+from archfrag.mechanics.status import Status
 
+SOLVED = int(Status.STANDING)
 CLOSED_GAP = 1e-7
 
 
@@ -108,14 +114,57 @@ def leave_rest(chain, ground, rest, time):
 
 
 @kernel
-def read_slips(chain, stepper, joints, position):
-    """Slips of all joints of an initial state, each at its nearer corner."""
-    before, after = stepper.before, stepper.after
+def read_joints(chain, stepper, joints, position):
+    """Slips and contact modes of all joints of an initial state, from positions alone.
+
+    A joint that is open at both corners has been without contact since time zero.
+    """
+    before, after, length = stepper.before, stepper.after, stepper.length
     move_faces(chain, position, before, after)
     for j in range(joints.slip.size):
-        corner = 0
-        if clearance(j, 1, before, after) < clearance(j, 0, before, after):
-            corner = 1
-        joints.slip[j] = measure_slip(j, corner, before, after)
-        if abs(joints.slip[j]) < CLOSED_GAP * stepper.length[j]:
+        first = clearance(j, 0, before, after)
+        second = clearance(j, 1, before, after)
+        nearer = 1 if second < first else 0
+        joints.slip[j] = measure_slip(j, nearer, before, after)
+        if abs(joints.slip[j]) < CLOSED_GAP * length[j]:
             joints.slip[j] = 0.0
+        if min(first, second) > CLOSED_GAP * length[j]:
+            joints.mode[j] = OPEN
+            note_loss(j, 0.0, position, length, joints)
+            note_gap(j, min(first, second) / length[j], joints)
+        elif max(first, second) > CLOSED_GAP * length[j]:
+            joints.mode[j] = joints.last_contact[j] = corner_mode(nearer, STICK)
+
+
+@allocating
+def rest_reactions(chain, ground, stepper, joints, position, time):
+    """Reactions of a chain at rest, as forces, into ``stepper.work``; zero where none is found.
+
+    Parameters
+    ----------
+    time : float
+        Instant whose body force they balance [s].
+    stepper : archfrag.methods.stepping.Stepper
+        Its faces are those of `position`; for the others see `rest_range`.
+    """
+    contacts, work = stepper.contacts, stepper.work
+    place_contacts(position, stepper.before, stepper.after, joints.slip, stepper.length, contacts)
+    place_pivots(contacts, work.pivot)
+    contacts.bias[:] = 0.0
+    contacts.slip[:] = STICK
+    for j in range(joints.mode.size):
+        work.mode[j] = joints.mode[j]
+        for c in range(2):
+            contacts.candidate[j, c] = touches(joints.mode[j], c)
+    uniform_force(
+        position.shape[0],
+        acceleration_at(time, ground.horizontal, ground.time_step),
+        acceleration_at(time, ground.vertical, ground.time_step),
+        chain.gravity,
+        stepper.free,
+    )
+    solved, _ = newton_contact(
+        chain.mass, chain.inertia, contacts, chain.friction, stepper.free, work
+    )
+    if solved != SOLVED:
+        work.reaction[:] = 0.0

@@ -8,13 +8,27 @@ from typing import NamedTuple
 
 import numpy as np
 
+from archfrag.mechanics.collapse import (
+    is_beyond_return,
+    note_gap,
+    relative_turn,
+    smallest_gap,
+)
 from archfrag.mechanics.compile import allocating, kernel
 from archfrag.mechanics.energy import kinetic_energy
-from archfrag.mechanics.kinematics import clearance
-from archfrag.mechanics.laws import OPEN, STICK, slip_of
+from archfrag.mechanics.kinematics import clearance, measure_slip
+from archfrag.mechanics.laws import OPEN
 from archfrag.mechanics.ledger import exhausted
 from archfrag.mechanics.status import Count, Energy, Peak
-from archfrag.methods.events import THRESHOLD, all_margins, keep_margins, locate
+from archfrag.methods.events import (
+    THRESHOLD,
+    all_margins,
+    closed_inside,
+    keep_margins,
+    locate,
+    margin_at,
+    may_have_closed,
+)
 from archfrag.methods.few_bodies import (
     BY_FRICTION,
     BY_GROUND,
@@ -42,6 +56,13 @@ LONGEST = 0.25
 LONGEST_OPEN = 0.05
 FIRST = 0.02
 SHORTEST = 1e-9
+# Bringing voussoirs into mega-voussoirs, and those onto their contacts, may move none of them
+# by more than this part of a joint's length; a step may not by more than FARTHEST nor by more
+# than its error.
+REGROUPED = 1e-6
+FARTHEST = 1e-4
+# Steps longer than this, over the time of a fall, are searched for gaps that close and open.
+SEARCHED = 0.05
 # Looks for a peak in a step in which a body turned back.
 PEAK_SAMPLES = 16
 # Motion smaller than this part of a joint's length, or of the speed of a fall through it, need
@@ -160,21 +181,22 @@ def _note_inside(mechanism, few, chain, pace, ledger, part, position, velocity):
 
 
 @kernel
-def _collapsing(few, position, loss_limit):
-    n = position.shape[0]
+def _collapsing(few, position, joints, loss_limit):
+    """Whether the state evaluated last is a collapse; notes gaps of joints without contact."""
+    collapsing = False
     for k in range(few.work.mode.size):
-        mode = few.work.mode[k]
-        turn = (position[k, 2] if k < n else 0.0) - (position[k - 1, 2] if k > 0 else 0.0)
-        if abs(turn) >= 0.5 * np.pi:
-            return True
-        if mode == OPEN:
-            gap = clearance(k, 0, few.before, few.after)
-            gap = min(gap, clearance(k, 1, few.before, few.after))
-            if gap > loss_limit * few.length[k]:
-                return True
-        elif slip_of(mode) != STICK and abs(few.slip[k]) >= few.length[k]:
-            return True
-    return False
+        gap, slip, length = 0.0, few.slip[k], few.length[k]
+        if few.work.mode[k] == OPEN:
+            gap = smallest_gap(k, few.before, few.after) / length
+            nearer = clearance(k, 1, few.before, few.after) < clearance(
+                k, 0, few.before, few.after
+            )
+            slip = measure_slip(k, 1 if nearer else 0, few.before, few.after)
+            note_gap(few.joint[k], gap, joints)
+        turn = relative_turn(k, position)
+        if is_beyond_return(few.work.mode[k], gap, slip / length, turn, loss_limit):
+            collapsing = True
+    return collapsing
 
 
 @kernel
@@ -184,13 +206,15 @@ def begin(chain, mechanism, few, margins, pace, ground):
     Returns
     -------
     float
-        Smallest margin; nan where the mechanism's reactions are not unique.
+        Smallest margin; nan where the mechanism's reactions are not unique, or the state is too
+        far from its contacts.
     """
     _, gx, _, gy, _ = segment_at(pace.clock[0], ground, pace.next_break)
     for _ in range(2):
         if not evaluate(few, few.position, few.velocity, gx, gy):
             return np.nan
-        project(few, few.position, few.velocity)
+        if not project(few, few.position, few.velocity, REGROUPED * pace.length):
+            return np.nan
     if not evaluate(few, few.position, few.velocity, gx, gy):
         return np.nan
     keep_stage(few, 0, few.velocity, gx, gy)
@@ -217,6 +241,12 @@ def _accept(few):
         for c in range(3):
             few.position[i, c] = few.new_position[i, c]
             few.velocity[i, c] = few.new_velocity[i, c]
+
+
+@kernel
+def _farthest(size, pace):
+    """How far a step may be moved to bring its end onto the contacts [m]."""
+    return min(size, FARTHEST * pace.length)
 
 
 @kernel
@@ -279,22 +309,31 @@ def integrate(chain, whole, joints, few, margins, pace, ground, stop, options, f
             continue
         gx_end, gy_end = gx + sx * step, gy + sy * step
         worst = all_margins(
-            chain,
-            mechanism,
-            few,
-            few.new_position,
-            few.new_velocity,
-            gx_end,
-            gy_end,
-            pace.share,
-            pace.falling,
-            margins,
-        )
-        if worst < -THRESHOLD:
-            make_dense(few, step)
+            chain, mechanism, few, few.new_position, few.new_velocity, gx_end, gy_end,
+            pace.share, pace.falling, margins,
+        )  # fmt: skip
+        last, dense = 1.0, False
+        if worst >= -THRESHOLD:
+            suspect = may_have_closed(few, margins, step)
+            if suspect or step > SEARCHED * unit:
+                make_dense(few, step)
+                dense = True
+                inside = closed_inside(few, suspect)
+                if inside > 0.0:
+                    last = inside
+                    worst = margin_at(
+                        chain, mechanism, few, last, step, gx, sx, gy, sy, pace.share,
+                        pace.falling, margins,
+                    )  # fmt: skip
+        if not worst >= -THRESHOLD:
+            if np.isnan(worst):
+                return BROKEN
+            if not dense:
+                make_dense(few, step)
             theta = locate(
-                chain, mechanism, few, step, gx, sx, gy, sy, pace.share, pace.falling, margins
-            )
+                chain, mechanism, few, step, last, gx, sx, gy, sy, pace.share, pace.falling,
+                margins,
+            )  # fmt: skip
             if np.isnan(theta):
                 return BROKEN
             ledger.energy[Energy.GROUND] += dense_work(few, BY_GROUND, theta)
@@ -313,12 +352,22 @@ def integrate(chain, whole, joints, few, margins, pace, ground, stop, options, f
                     mechanism, few, chain, pace, ledger, theta, few.new_position, few.new_velocity
                 )  # fmt: skip
             note_peaks(mechanism, few, few.position, few.velocity, chain, pace, ledger)
-            project(few, few.position, few.velocity)
+            if not project(few, few.position, few.velocity, _farthest(size, pace)):
+                ledger.count[Count.REFUSED] += 1
+                return BROKEN
             return EVENT
-        dense = recording and clock[3] <= time + step + 1e-9 * options.frame_interval
+        due = recording and clock[3] <= time + step + 1e-9 * options.frame_interval
         turned = _turned_back(mechanism, chain, pace, few.new_position, few.new_velocity)
-        if dense or turned:
+        if (due or turned) and not dense:
             make_dense(few, step)
+        if not project(few, few.new_position, few.new_velocity, _farthest(size, pace)):
+            # Its drift off the contacts is larger than its error: too long a step.
+            ledger.count[Count.REFUSED] += 1
+            clock[1] = 0.25 * step
+            if clock[1] < SHORTEST * unit:
+                return BROKEN
+            continue
+        collapsing = _collapsing(few, few.new_position, joints, options.loss_limit)
         if turned:
             _note_inside(
                 mechanism, few, chain, pace, ledger, 1.0, few.position, few.velocity
@@ -328,15 +377,14 @@ def integrate(chain, whole, joints, few, margins, pace, ground, stop, options, f
             for stage in range(N_STAGE - 1):
                 done += WEIGHT[stage] * few.stage_power[stage, p]
             ledger.energy[Energy.GROUND if p == BY_GROUND else Energy.FRICTION] += step * done
+        _accept(few)
         for i in range(few.position.shape[0]):
             for c in range(3):
-                few.position[i, c] = few.new_position[i, c]
-                few.velocity[i, c] = few.new_velocity[i, c]
                 few.stage_velocity[i, 0, c] = few.stage_velocity[i, N_STAGE - 1, c]
                 few.stage_acceleration[i, 0, c] = few.stage_acceleration[i, N_STAGE - 1, c]
         for p in range(2):
             few.stage_power[0, p] = few.stage_power[N_STAGE - 1, p]
-        if dense:
+        if due:
             record_step(
                 chain, whole, joints, few, time, step, 1.0, gx, sx, gy, sy, frames,
                 options.frame_interval, clock, ledger,
@@ -346,8 +394,6 @@ def integrate(chain, whole, joints, few, margins, pace, ground, stop, options, f
         note_peaks(mechanism, few, few.position, few.velocity, chain, pace, ledger)
         energy = kinetic_energy(few.chain.mass, few.chain.inertia, few.velocity)
         ledger.energy[Energy.LARGEST_KINETIC] = max(ledger.energy[Energy.LARGEST_KINETIC], energy)
-        collapsing = _collapsing(few, few.position, options.loss_limit)
-        project(few, few.position, few.velocity)
         clock[0] = end if cut else time + step
         growth = 5.0 if error < 1e-4 else min(5.0, 0.9 * error**-0.2)
         proposed = step * growth

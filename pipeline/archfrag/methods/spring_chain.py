@@ -7,6 +7,7 @@ import numpy as np
 
 from archfrag.mechanics.collapse import JointState
 from archfrag.mechanics.compile import allocating, inlined, kernel
+from archfrag.mechanics.delassus import Contacts
 from archfrag.mechanics.kinematics import move_faces
 from archfrag.mechanics.status import Count
 from archfrag.mechanics.types import (
@@ -86,7 +87,10 @@ class Run(NamedTuple):
     after: np.ndarray
     old: np.ndarray  # (n_body, 3) velocities half a step before the positions
     mean: np.ndarray  # (n_body, 3) and at their instant
-    reaction: np.ndarray  # (n_joint, 3) of the last frame [N], [N m]
+    reaction: np.ndarray  # (n_joint, 3) about the pivots, as gathered last [N], [N m]
+    pivot: np.ndarray  # (n_joint, 2) middles of the faces there [m]
+    contacts: Contacts  # workspace
+    relative: np.ndarray  # (n_joint, 3) workspace
     clock: np.ndarray  # (len(Clock),)
 
 

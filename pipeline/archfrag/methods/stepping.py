@@ -41,6 +41,7 @@ class Clock(IntEnum):
     CALM = 5  # steps since a contact mode changed last
     STILL = 6  # speed below which the chain may be at rest [m/s]
     FASTEST = 7  # largest speed of any body, rotation times joint length included [m/s]
+    SPAN = 8  # for which the reactions of the last step act [s]
 
 
 N_CLOCK = len(Clock)
@@ -268,6 +269,31 @@ def take_velocities(chain, stepper, velocity, kick):
             velocity[i, k] = work.velocity[i, k]
     relative_velocity(stepper.contacts, mean, work.pivot, stepper.mean_relative)
     return ground_work(chain.mass, kick.x, kick.y, mean)
+
+
+@inlined
+def velocity_at_position(stepper, velocity, previous, step, out):
+    """Velocities at the instant of the positions from which a solved step sets out.
+
+    Those before and after lie half a step from it on either side.
+
+    Parameters
+    ----------
+    stepper : Stepper
+        With the solution in ``stepper.work``.
+    velocity : ndarray, (n_body, 3)
+        Before the step.
+    previous, step : float
+        Size of the step before (zero where velocities already are at that instant) and of this
+        one [s].
+    out : ndarray, (n_body, 3)
+        Overwritten.
+    """
+    later = previous / (previous + step)
+    for i in range(velocity.shape[0]):
+        for k in range(3):
+            change = stepper.work.velocity[i, k] - velocity[i, k]
+            out[i, k] = velocity[i, k] + later * change
 
 
 @inlined

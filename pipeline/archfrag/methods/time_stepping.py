@@ -16,7 +16,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.collapse import JointState, collapse_of, follow_joints, new_joint_state
+from archfrag.mechanics.collapse import (
+    JointState,
+    collapse_of,
+    follow_joints,
+    new_joint_state,
+    unregained_loss,
+)
 from archfrag.mechanics.compile import allocating, inlined, kernel
 from archfrag.mechanics.contact import newton_contact, path_contact
 from archfrag.mechanics.energy import contact_works, kinetic_energy
@@ -33,7 +39,7 @@ from archfrag.mechanics.ledger import (
     new_ledger,
     write_frame,
 )
-from archfrag.mechanics.residuals import solution_residual
+from archfrag.mechanics.residuals import deepest_overlap, measure_state
 from archfrag.mechanics.status import Cause, CollapseMode, Count, Energy, Model, Peak, Status
 from archfrag.mechanics.types import (
     Chain,
@@ -44,7 +50,7 @@ from archfrag.mechanics.types import (
     Options,
     Outcome,
 )
-from archfrag.methods.rest import leave_rest, read_slips, rest_range, rests
+from archfrag.methods.rest import leave_rest, read_joints, rest_range, rest_reactions, rests
 from archfrag.methods.stepping import (
     Clock,
     Stepper,
@@ -55,6 +61,7 @@ from archfrag.methods.stepping import (
     new_stepper,
     take_velocities,
     try_step,
+    velocity_at_position,
 )
 
 STANDING = int(Status.STANDING)
@@ -72,6 +79,8 @@ UNSOLVED = -2
 PAUSE = -3
 
 STILL = 1e-7
+# Steps between looks for overlaps.
+OVERLAP_INTERVAL = 8
 FRESH_STEPS = 2
 # A step whose contact problem is not solved is halved, down to this part of the nominal one.
 SHORTEST = 1.0 / 100.0
@@ -135,8 +144,32 @@ def _collapse(case, position):
 def _write_frame(case, position, velocity, span):
     write_frame(
         case.frames, case.ledger, case.stepper.clock[Clock.TIME], case.chain, position, velocity,
-        case.stepper.work.reaction, case.joints.mode, span,
+        case.stepper.work.reaction, case.stepper.work.mode, span,
     )  # fmt: skip
+
+
+@inlined
+def _write_if_due(case, position, velocity, kick):
+    """Frame of the instant from which a solved step sets out, before it is made."""
+    clock = case.stepper.clock
+    if case.frames.time.size == 0 or clock[Clock.TIME] < clock[Clock.NEXT_FRAME]:
+        return
+    velocity_at_position(
+        case.stepper, velocity, clock[Clock.PREVIOUS], clock[Clock.STEP], case.stepper.mean
+    )
+    _write_frame(case, position, case.stepper.mean, kick.span)
+    due = clock[Clock.TIME] + case.options.frame_interval
+    clock[Clock.NEXT_FRAME] = due - 0.5 * case.options.time_step
+
+
+@allocating
+def _write_rest(case, position, velocity):
+    """Frame of the chain at rest, with the reactions that balance the body force."""
+    if case.frames.time.size == 0:
+        return
+    time = case.stepper.clock[Clock.TIME]
+    rest_reactions(case.chain, case.ground, case.stepper, case.joints, position, time)
+    _write_frame(case, position, velocity, 1.0)
 
 
 @inlined
@@ -151,6 +184,8 @@ def _accept(case, position, velocity, kick):
     chain, stepper, ledger = case.chain, case.stepper, case.ledger
     clock = stepper.clock
     step, previous = clock[Clock.STEP], clock[Clock.PREVIOUS]
+    clock[Clock.SPAN] = kick.span
+    _write_if_due(case, position, velocity, kick)
     given = finish_step(chain, stepper, position, velocity, kick, step)
     ledger.energy[Energy.GROUND] += given
     extra = change_of_step(chain, stepper, velocity, kick, step, previous)
@@ -170,14 +205,13 @@ def _accept(case, position, velocity, kick):
     clock[Clock.FASTEST] = fastest
     if np.isnan(fastest):
         return NOT_FINITE
-    fallen = _collapse(case, position)[0] >= 0
-    if case.frames.time.size > 0 and (fallen or clock[Clock.TIME] >= clock[Clock.NEXT_FRAME]):
-        _write_frame(case, position, velocity, kick.span)
-        due = clock[Clock.TIME] + case.options.frame_interval
-        clock[Clock.NEXT_FRAME] = due - 0.5 * case.options.time_step
-    if fallen:
+    if _collapse(case, position)[0] >= 0:
         return COLLAPSED
-    measures = ledger.count[Count.STEPS] % case.options.check_interval == 0
+    count = ledger.count[Count.STEPS]
+    if count % OVERLAP_INTERVAL == 0:
+        overlap = deepest_overlap(stepper.before, stepper.after, stepper.length)
+        ledger.peak[Peak.OVERLAP] = max(ledger.peak[Peak.OVERLAP], overlap)
+    measures = count % case.options.check_interval == 0
     return PAUSE if measures or fastest < stepper.clock[Clock.STILL] else GO
 
 
@@ -225,12 +259,12 @@ def _solve_by_path(case, position, velocity):
     count[Count.ITERATIONS] += iterations
     count[Count.PATHS] += breaks > 0
     count[Count.COMPLIANT] += soft
-    gives_up = clock[Clock.STEP] < SHORTEST * case.options.time_step
-    if soft or (solved != STANDING and gives_up):
-        _measure_residual(case)
     if solved == STANDING:
-        return _accept(case, position, velocity, _due_kick(case))
-    if gives_up:
+        code = _accept(case, position, velocity, _due_kick(case))
+        if soft:
+            _measure_state(case, position, velocity)
+        return code
+    if clock[Clock.STEP] < SHORTEST * case.options.time_step:
         return NO_SOLUTION
     clock[Clock.STEP] *= 0.5
     count[Count.SHORTENED] += 1
@@ -239,13 +273,14 @@ def _solve_by_path(case, position, velocity):
 
 
 @allocating
-def _measure_residual(case):
-    """Note how far the contact problem solved last is from the contact laws."""
+def _measure_state(case, position, velocity):
+    """Note how far the state that the last step reached is from the contact laws."""
     stepper = case.stepper
-    residual = solution_residual(
-        stepper.contacts, case.chain.friction, stepper.free, stepper.work, 0.0
-    )
-    case.ledger.peak[Peak.RESIDUAL] = max(case.ledger.peak[Peak.RESIDUAL], residual)
+    measure_state(
+        case.chain, position, velocity, stepper.before, stepper.after, stepper.length,
+        case.joints.slip, stepper.work.reaction, stepper.work.pivot, stepper.clock[Clock.SPAN],
+        stepper.contacts, stepper.work.relative, case.ledger.peak,
+    )  # fmt: skip
 
 
 @allocating
@@ -260,7 +295,7 @@ def _pause(case, position, velocity):
     stepper, ledger = case.stepper, case.ledger
     clock = stepper.clock
     if ledger.count[Count.STEPS] % case.options.check_interval == 0:
-        _measure_residual(case)
+        _measure_state(case, position, velocity)
     if clock[Clock.FASTEST] >= clock[Clock.STILL]:
         return GO
     time = clock[Clock.TIME]
@@ -273,7 +308,7 @@ def _pause(case, position, velocity):
     book_work(0.0, 0.0, stops, ledger)
     velocity[:] = 0.0
     ledger.count[Count.RESTS] += 1
-    _write_frame(case, position, velocity, 1.0)
+    _write_rest(case, position, velocity)
     log_change(case.log, ledger, time, BY_REST, -1, AT_REST, case.joints.mode)
     return STANDING
 
@@ -290,6 +325,10 @@ def _synchronise(case, position, velocity):
     chain, stepper, joints = case.chain, case.stepper, case.joints
     clock, contacts, work = stepper.clock, stepper.contacts, stepper.work
     previous = clock[Clock.PREVIOUS]
+    if previous == 0.0:
+        work.reaction[:] = 0.0
+        clock[Clock.SPAN] = 1.0
+        return True
     now = clock[Clock.TIME]
     kick = kick_between(case.ground, stepper, now - 0.5 * previous, now)
     place_contacts(position, stepper.before, stepper.after, joints.slip, stepper.length, contacts)
@@ -313,7 +352,7 @@ def _synchronise(case, position, velocity):
     )
     stray += change_of_step(chain, stepper, velocity, kick, 0.0, previous)
     book_work(friction, impact, stray, case.ledger)
-    clock[Clock.PREVIOUS] = 0.0
+    clock[Clock.PREVIOUS], clock[Clock.SPAN] = 0.0, kick.span
     return True
 
 
@@ -355,7 +394,7 @@ def advance(
     -------
     status : int
         ``Status.UNFINISHED`` at `until` or where it is calm, ``STANDING`` at rest (with the rest
-        range in ``stepper.rest``), or how the run ended; velocities then lie half a step back.
+        range in ``stepper.rest``), or how the run ended.
     time : float [s]
     collapse_time : float [s]
     collapse_joint, collapse_mode : int
@@ -377,6 +416,8 @@ def advance(
             code = _pause(case, position, velocity)
     if code == UNFINISHED and not _synchronise(case, position, velocity):
         code = NO_SOLUTION
+    if code == COLLAPSED and _synchronise(case, position, velocity):
+        _write_frame(case, position, velocity, clock[Clock.SPAN])
     # The potential belongs to the instant of the velocities.
     for i in range(position.shape[0]):
         for k in range(3):
@@ -423,11 +464,12 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
     move_faces(chain, position, stepper.before, stepper.after)
     resting = from_rest and rest_range(chain, position, joints, stepper)
     if not from_rest:
-        read_slips(chain, stepper, joints, position)
-    if not resting:
+        read_joints(chain, stepper, joints, position)
+    if resting:
+        _write_rest(case, position, velocity)
+        clock[Clock.NEXT_FRAME] = options.frame_interval
+    else:
         log_change(log, ledger, time, BY_START, -1, ALL, joints.mode)
-    _write_frame(case, position, velocity, 1.0)
-    clock[Clock.NEXT_FRAME] = options.frame_interval
     while True:
         if resting:
             leave, for_good = leave_rest(chain, ground, stepper.rest, time)
@@ -437,7 +479,7 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
             if for_good:
                 status = STANDING
                 break
-            _write_frame(case, position, velocity, 1.0)
+            clock[Clock.NEXT_FRAME] = leave
             log_change(log, ledger, time, BY_START, -1, ALL, joints.mode)
         status, time, collapse_time, collapse_joint, collapse_mode = advance(
             chain, ground, options, stepper, joints, ledger, frames, log, position, velocity,
@@ -446,4 +488,13 @@ def run(chain, ground, position, velocity, from_rest, options, frames, log):
         resting = status == STANDING
         if not resting:
             break
-    return Outcome(status, time, collapse_time, collapse_joint, collapse_mode, ledger)
+    if status == UNFINISHED:
+        _write_frame(case, position, velocity, clock[Clock.SPAN])
+        collapse_joint, collapse_mode, collapse_time = unregained_loss(
+            position, stepper.before, stepper.after, stepper.length, joints, time
+        )
+        if collapse_joint >= 0:
+            status = COLLAPSED
+    return Outcome(
+        status, time, collapse_time, collapse_joint, collapse_mode, joints.loss, ledger
+    )  # fmt: skip

@@ -11,9 +11,12 @@ from numpy.typing import NDArray
 
 from archfrag.arch import Arch
 from archfrag.errors import InputError
+from archfrag.mechanics.kinematics import clearance, joint_lengths, move_faces
 from archfrag.methods.registry import AUTO, METHODS, MethodInfo, Parameter, resolve
 
 COMMON = ("dt", "rtol", "follow")
+# Overlap, over joint length, that an initial state may have: what time stepping leaves.
+MOST_OVERLAP = 1e-5
 
 
 def method_names() -> tuple[str, ...]:
@@ -30,12 +33,17 @@ def default_of(info: MethodInfo, name: str) -> float:
     raise KeyError(name)
 
 
-def default_step(info: MethodInfo, tolerance: Any) -> float:
-    """Time step of a method where none is given [s]; some have one for each tolerance."""
+def own_time(arch: Arch) -> float:
+    """Time in which things happen in an arch: root of its shortest joint over gravity [s]."""
+    return math.sqrt(float(joint_lengths(arch.chain).min()) / arch.chain.gravity)
+
+
+def default_step(info: MethodInfo, tolerance: Any, unit: float) -> float:
+    """Time step of a method where none is given [s]; `unit` is the arch's `own_time` [s]."""
     check_number("rtol", tolerance, "between 0 and 1", lambda x: 0.0 < x < 1.0)
     if info.step_rule is None:
         return default_of(info, "dt")
-    return info.step_rule(float(tolerance))
+    return unit * info.step_rule(float(tolerance))
 
 
 def check_arch(arch: Any) -> None:
@@ -131,14 +139,15 @@ def check_number(name: str, value: Any, allowed: str, fits: Callable[[float], bo
         raise InputError(f"{name} is {value!r}; it must be a number, {allowed}")
 
 
-def check_initial(initial: Any, n_voussoir: int) -> tuple[NDArray, NDArray]:
+def check_initial(initial: Any, arch: Arch) -> tuple[NDArray, NDArray]:
     """Displacement and velocity as arrays, each (n_voussoir, 3).
 
     Raises
     ------
     InputError
-        If they have another shape or hold anything that is not finite.
+        If they have another shape, hold anything that is not finite, or let voussoirs overlap.
     """
+    n_voussoir = arch.n_voussoir
     try:
         shift, velocity = (np.array(part, float) for part in initial)
     except (TypeError, ValueError) as error:
@@ -148,4 +157,22 @@ def check_initial(initial: Any, n_voussoir: int) -> tuple[NDArray, NDArray]:
             raise InputError(
                 f"initial {name} has shape {part.shape}; it must be ({n_voussoir}, 3) and finite"
             )
+    _check_overlap(shift, arch)
     return shift, velocity
+
+
+def _check_overlap(shift: NDArray, arch: Arch) -> None:
+    place = shift.copy()
+    place[:, :2] += arch.chain.centroid
+    before, after = np.zeros((2, arch.n_joint, 2, 2))
+    move_faces(arch.chain, place, before, after)
+    length = joint_lengths(arch.chain)
+    for j in range(arch.n_joint):
+        for corner in range(2):
+            gap = clearance(j, corner, before, after) / length[j]
+            if gap < -MOST_OVERLAP:
+                raise InputError(
+                    f"initial position lets the bodies at joint {j} overlap by {-gap:.2g} of its "
+                    f"length at the {arch.corner_name(corner)}; at most {MOST_OVERLAP:g}, a "
+                    "rounding, is allowed"
+                )

@@ -18,7 +18,10 @@ _TEXT = {
     "velocity": ("m s-1", "velocity of the centroid relative to the ground"),
     "angular_velocity": ("rad s-1", "angular velocity of the voussoir"),
     "reaction": ("N", "reaction on the voussoir after the joint"),
-    "moment": ("N m", "moment of the reaction about the joint's middle"),
+    "moment": (
+        "N m",
+        "moment of the reaction about the middle between the joint's contact points",
+    ),
 }
 
 
@@ -35,6 +38,11 @@ def empty_frames(n_frame: int, n_body: int, n_joint: int) -> Frames:
 
 def history_of(arch: Arch, frames: Frames, n_frame: int) -> xarray.Dataset:
     """The frames that were written, with names and units.
+
+    All of a frame belongs to one instant. Event-driven methods evaluate it there; time stepping
+    writes it where a step sets out, with the velocities between those half a step before and
+    after and the mean reactions over that time; the baselines on the velocity level write the
+    middles of their steps. At an impact velocities and reactions of steps are means across it.
 
     Parameters
     ----------

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from archfrag.mechanics.collapse import Loss
 from archfrag.mechanics.status import CollapseMode, Count, Energy, Model, Peak, Status
 from archfrag.mechanics.types import Outcome
 from archfrag.simulation.mechanism import MechanismChange
@@ -23,7 +24,8 @@ _EVENTS = {
 }
 _WORK = (
     Count.STEPS, Count.ITERATIONS, Count.PATHS, Count.COMPLIANT, Count.SHORTENED, Count.LEVELS,
-    Count.LEVEL_ITERATIONS, Count.GENERAL, Count.SWEEPS, Count.UNCONVERGED,
+    Count.LEVEL_ITERATIONS, Count.GENERAL, Count.SWEEPS, Count.UNCONVERGED, Count.REFUSED,
+    Count.REFINED,
 )  # fmt: skip
 _ENERGY = {
     "kinetic": Energy.KINETIC,
@@ -47,13 +49,19 @@ class Response:
     collapsed : bool or None
         None if the run was unfinished or the solver failed: neither collapse nor survival.
     collapse_time : float
-        Instant from which the joint's contact was lost for good [s]; nan if none.
+        Instant from which the joint's contact was lost for good [s]; nan if none. That of the
+        verdict where a joint collapsed with contact kept.
     collapse_joint : int
         -1 if none.
     collapse_mode : str
         "none", "hinging", "sliding", "lift_off" or "overturning": by what that joint had done
         when it lost contact, the larger of its rotation [rad] and its slip over its length, or
         neither. A joint turned by 90 degrees with contact kept counts as overturning.
+    lost_contact_time, lost_contact_joint, lost_contact_mode
+        The same for the first loss of contact that opened a joint at both corners by more than 2 %
+        of its length, regained or not: nan, -1 and "none" where there was none.
+    widest_gap : float
+        Largest gap at both corners of a joint at once, over its length [1].
     peak_rotation : float
         Of any voussoir [rad].
     peak_displacement : float
@@ -80,13 +88,19 @@ class Response:
         "level_iterations", those of them that needed more than one round; "general", those that
         the levels left to the general solver; "sweeps", passes of gauss_seidel over all
         contacts; "unconverged", steps that a baseline took though its solver had not met its
-        tolerance.
+        tolerance; "refused", states that would have had to be moved to bear as they should;
+        "refined", times that auto made a run again with a tighter tolerance.
     wall_time : float
         Time it took, compilation included if there was any [s].
     end_time : float
         Simulated time at which the run ended [s].
     residual : float
-        Largest residual of the contact laws that was measured on the way [1].
+        Largest violation of the contact laws that was measured on the way, by one measure for all
+        methods (`archfrag.mechanics.residuals.state_residual`): gaps over joint lengths, slip
+        rates over the speed of a fall through them, forces over the weight [1].
+    overlap : float
+        Deepest overlap of two bodies at a corner that was seen on the way, over the joint's
+        length [1].
     method : str
         What ran.
     mechanism : tuple of MechanismChange or None
@@ -102,6 +116,10 @@ class Response:
     collapse_time: float
     collapse_joint: int
     collapse_mode: str
+    lost_contact_time: float
+    lost_contact_joint: int
+    lost_contact_mode: str
+    widest_gap: float
     peak_rotation: float
     peak_displacement: float
     events: dict[str, int]
@@ -112,6 +130,7 @@ class Response:
     wall_time: float
     end_time: float
     residual: float
+    overlap: float
     method: str
     mechanism: tuple[MechanismChange, ...] | None = field(default=None, repr=False)
     history: xarray.Dataset | None = field(default=None, repr=False)
@@ -169,6 +188,10 @@ def response_of(
         collapse_time=float(outcome.collapse_time),
         collapse_joint=int(outcome.collapse_joint),
         collapse_mode=CollapseMode(outcome.collapse_mode).name.lower(),
+        lost_contact_time=float(outcome.loss[Loss.TIME]),
+        lost_contact_joint=int(outcome.loss[Loss.JOINT]),
+        lost_contact_mode=CollapseMode(int(outcome.loss[Loss.MODE])).name.lower(),
+        widest_gap=float(outcome.loss[Loss.WIDEST]),
         peak_rotation=float(peak[Peak.ROTATION]),
         peak_displacement=float(peak[Peak.DISPLACEMENT]),
         events={name: int(count[entry]) for name, entry in _EVENTS.items()},
@@ -179,6 +202,7 @@ def response_of(
         wall_time=wall_time,
         end_time=float(outcome.end_time),
         residual=float(peak[Peak.RESIDUAL]),
+        overlap=float(peak[Peak.OVERLAP]),
         method=method,
         mechanism=mechanism,
         history=history,

@@ -189,6 +189,8 @@ class Method(Section):
     """Relative error allowed by methods with step control; the method's default if not given."""
     follow: Annotated[float, Field(ge=0.0)] = 20.0
     """How long a chain still moving at the end of a record is followed [s]."""
+    loss_limit: Annotated[float, Field(ge=0.02, le=10.0)] = 0.5
+    """Gap at both corners of a joint, over its length, beyond which contact is lost for good."""
     settings: dict[str, float] = Field(default_factory=dict)
     """Own parameters of the method that differ from their defaults, by name."""
 

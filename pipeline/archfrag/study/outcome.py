@@ -63,6 +63,22 @@ COLUMNS = (
         comment="Joints are counted from 0 at the first springing; -1 where none was lost.",
     ),
     Column("collapse_mode", "i1", "", "how the lost joint was moving", flags=_flags(CollapseMode)),
+    Column(
+        "lost_contact_time", "f8", "s",
+        "time of the first loss of contact at a joint, regained or not", np.nan,
+        comment="Losses that open a joint at both corners by more than 2 % of its length.",
+    ),
+    Column(
+        "lost_contact_joint", "i4", "1", "number of the joint that lost contact first",
+        comment="-1 where none did.",
+    ),
+    Column(
+        "lost_contact_mode", "i1", "", "how that joint was moving", flags=_flags(CollapseMode)
+    ),
+    Column(
+        "widest_gap", "f8", "1",
+        "largest gap at both corners of a joint at once, over its length",
+    ),
     Column("peak_rotation", "f8", "rad", "largest rotation of a voussoir"),
     Column(
         "peak_displacement", "f8", "m",
@@ -91,13 +107,23 @@ COLUMNS = (
     ),
     Column("general", "i8", "1", "number of contact problems that the levels left to the general "
            "solver"),
-    Column("contact_residual", "f8", "1", "largest relative residual of the contact laws"),
+    Column(
+        "contact_residual", "f8", "1",
+        "largest violation of the contact laws that was measured, by one measure for all methods",
+        comment="Gaps over joint lengths, slip rates over sqrt(gravity x length), forces over the "
+        "weight or the largest reaction.",
+    ),
+    Column(
+        "overlap", "f8", "1",
+        "deepest overlap of two voussoirs at a corner that was seen, over the joint's length",
+    ),
+    Column("refined", "i8", "1", "times that auto made the run again with a tighter tolerance"),
     Column("fallbacks", "i8", "1", "number of contact problems left to the fallback"),
 )  # fmt: skip
 EVENTS = (
     "impacts", "openings", "slides", "contact_losses", "rests", "events", "hand_overs",
 )  # fmt: skip
-WORK = ("steps", "levels", "level_iterations", "general")
+WORK = ("steps", "levels", "level_iterations", "general", "refined")
 
 
 def row_of(response: "Response") -> dict[str, Any]:
@@ -108,6 +134,11 @@ def row_of(response: "Response") -> dict[str, Any]:
         "collapse_time": response.collapse_time,
         "collapse_joint": response.collapse_joint,
         "collapse_mode": CollapseMode[response.collapse_mode.upper()],
+        "lost_contact_time": response.lost_contact_time,
+        "lost_contact_joint": response.lost_contact_joint,
+        "lost_contact_mode": CollapseMode[response.lost_contact_mode.upper()],
+        "widest_gap": response.widest_gap,
+        "overlap": response.overlap,
         "peak_rotation": response.peak_rotation,
         "peak_displacement": response.peak_displacement,
         "energy_error": response.energy_error,

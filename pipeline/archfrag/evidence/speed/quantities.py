@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from archfrag.arch import Arch
 from archfrag.evidence.judge import energy_gain, overlap
-from archfrag.evidence.run import Way, arch_of, motion_of
+from archfrag.evidence.run import arch_of, motion_of
 from archfrag.evidence.scene import STANDARD_GRAVITY, Scene
-from archfrag.evidence.ways import delay_of_reactions
 from archfrag.simulation.response import Response
 
 if TYPE_CHECKING:
@@ -185,7 +184,7 @@ def positions_at(history: xarray.Dataset, instants: Array) -> Array:
     )
 
 
-def resultants_at(history: xarray.Dataset, instants: Array, late: float = 0.0) -> Array:
+def resultants_at(history: xarray.Dataset, instants: Array) -> Array:
     """Force and moment in every joint, cubic through four frames, (n, n_joint, 3) [N], [N m].
 
     Parameters
@@ -193,14 +192,12 @@ def resultants_at(history: xarray.Dataset, instants: Array, late: float = 0.0) -
     history : xarray.Dataset
     instants : ndarray, (n,) [s]
         Away from jumps by two frames at least.
-    late : float
-        How much later than what they stand for the frames are written [s].
 
     Notes
     -----
     Lagrange's formula; linear where frames are too few or fall together.
     """
-    time = history["time"].to_numpy() - late
+    time = history["time"].to_numpy()
     values = np.concatenate(
         [history["reaction"].to_numpy(), history["moment"].to_numpy()[..., None]], axis=2
     )
@@ -256,7 +253,7 @@ class Observed:
     collapsed: bool
 
 
-def observe(scene: Scene, response: Response, marks: Marks, way: Way) -> Observed:
+def observe(scene: Scene, response: Response, marks: Marks) -> Observed:
     """Read the quantities off a run with history.
 
     Parameters
@@ -264,8 +261,6 @@ def observe(scene: Scene, response: Response, marks: Marks, way: Way) -> Observe
     scene : Scene
     response : Response
     marks : Marks
-    way : Way
-        By which the run was made.
 
     Returns
     -------
@@ -275,7 +270,7 @@ def observe(scene: Scene, response: Response, marks: Marks, way: Way) -> Observe
     assert history is not None
     arch = arch_of(scene)
     scale = float(np.sum(scene.bodies().mass)) * STANDARD_GRAVITY
-    resultants = resultants_at(history, marks.reactions, delay_of_reactions(way)) / scale
+    resultants = resultants_at(history, marks.reactions) / scale
     resultants[..., 2] /= scene.thickness
     at = np.array([marks.onset if math.isnan(marks.position) else marks.position])
     return Observed(

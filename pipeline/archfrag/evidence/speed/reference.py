@@ -115,7 +115,7 @@ class Reference:
         stride = max(1, round(interval / own))
         if stride not in self.thinned:
             thin = replace(self.response, history=history.isel(time=slice(None, None, stride)))
-            seen = observe(self.scene, thin, self.marks, self.tight)
+            seen = observe(self.scene, thin, self.marks)
             self.thinned[stride] = errors_of(seen, self.seen, self.scene.thickness)
         blur = self.thinned[stride][quantity]
         if quantity == "energy_gain":
@@ -147,8 +147,8 @@ def find_reference(scene: Scene, quick: bool) -> Reference:
     if verdict(base) is None:
         raise ArchfragError(f"scene {scene.name}: {tight} ends with {base.status.name}")
     marks = marks_of(scene, base)
-    seen = _highest(observe(scene, base, marks, tight), base)
-    beside = _highest(observe(scene, coarser, marks, loose), coarser)
+    seen = _highest(observe(scene, base, marks), base)
+    beside = _highest(observe(scene, coarser, marks), coarser)
     error = errors_of(beside, seen, scene.thickness)
     # Runs whose steps end with every sample agree in all digits at several tolerances, which
     # says nothing about an error below the tolerance itself.

@@ -49,7 +49,7 @@ class Tried:
 
     def interval(self, scene: Scene) -> float:
         """Between frames of its history [s], as `archfrag.simulate` sets it."""
-        return max(step_of(self.way), min(motion_of(scene).dt, COARSEST_FRAMES))
+        return max(step_of(self.way, scene), min(motion_of(scene).dt, COARSEST_FRAMES))
 
 
 def try_lines(
@@ -86,7 +86,7 @@ def try_lines(
     for each in tried:
         response = each.run(scene, history=True)
         each.status = response.status.name.lower()
-        each.seen = observe(scene, response, reference.marks, each.way)
+        each.seen = observe(scene, response, reference.marks)
         points += _points(reference, each)
     return points, left_out
 

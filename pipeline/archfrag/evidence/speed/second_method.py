@@ -44,7 +44,7 @@ def compare_with_steps(reference: Reference, quick: bool) -> None:
         response, seconds = clocked(scene, way, history=True)
         if verdict(response) is None:
             return
-        seen.append(observe(scene, response, reference.marks, way))
+        seen.append(observe(scene, response, reference.marks))
         times.append(seconds)
         if times[-1] > limit:
             break

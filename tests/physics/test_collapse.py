@@ -1,0 +1,161 @@
+"""Collapse is a loss of contact that is not regained; losses before that are noted."""
+
+import numpy as np
+import pytest
+
+import archfrag as af
+from archfrag.errors import InputError
+from archfrag.mechanics.status import Status
+from archfrag.methods.registry import METHODS
+from archfrag.simulation.checks import is_available
+
+G = 9.80665
+ARCH = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
+STEPPED = ("time_stepping", "auto", "event_driven")
+CHAINS = (*STEPPED, "penalty", "gauss_seidel", "quadratic_programme")
+
+
+def hop():
+    """The ground falls away at three times gravity and catches the arch 0.18 m lower."""
+    time = np.arange(0.0, 2.0, 1e-3)
+    fall = np.where(time < 0.1, 0.0, np.where(time < 0.2, -3.0, np.where(time < 0.4, 1.5, 0.0)))
+    return af.Motion(0.0 * time, 1e-3, vertical=G * fall)
+
+
+def skip_if_missing(method):
+    if not is_available(METHODS[method]):
+        pytest.skip(f"{method} needs {METHODS[method].needs}")
+
+
+class TestHopping:
+    @pytest.mark.parametrize("method", CHAINS)
+    def test_an_arch_that_hops_and_lands_stands(self, method):
+        skip_if_missing(method)
+        response = af.simulate(ARCH, hop(), method=method, follow=5.0)
+        assert response.status == Status.STANDING
+        assert not response.collapsed
+        assert np.isnan(response.collapse_time)
+        assert response.lost_contact_time == pytest.approx(0.1, abs=0.005)
+        assert response.lost_contact_joint >= 0
+        assert response.lost_contact_mode == "lift_off"
+        # 1 % of the hop is left to the springs of penalty.
+        assert response.widest_gap == pytest.approx(0.1150, rel=0.02)
+
+    @pytest.mark.parametrize("method", STEPPED)
+    def test_a_limit_below_its_hop_calls_the_same_a_collapse(self, method):
+        response = af.simulate(ARCH, hop(), method=method, loss_limit=0.05)
+        assert response.collapsed
+        assert response.collapse_mode == "lift_off"
+        assert response.collapse_time == response.lost_contact_time
+        assert response.end_time > response.collapse_time
+
+    def test_one_degree_of_freedom_has_no_model_for_it(self):
+        assert af.simulate(ARCH, hop(), method="four_link").status == Status.NOT_APPLICABLE
+
+    @pytest.mark.parametrize("method", STEPPED)
+    def test_a_run_that_ends_in_the_air_is_a_collapse(self, method):
+        time = np.arange(0.0, 0.25, 1e-3)
+        fall = af.Motion(0.0 * time, 1e-3, vertical=np.where(time < 0.1, 0.0, -3.0 * G))
+        response = af.simulate(ARCH, fall, method=method, follow=0.0)
+        assert response.collapsed
+        assert response.end_time == pytest.approx(0.249)
+        assert response.collapse_time == pytest.approx(0.1, abs=0.005)
+
+    @pytest.mark.parametrize("method", STEPPED)
+    def test_without_a_loss_nothing_is_noted(self, method):
+        time = np.arange(0.0, 1.0, 1e-3)
+        push = af.Motion(np.where(time < 0.3, 0.45 * G, 0.0), 1e-3)
+        response = af.simulate(ARCH, push, method=method)
+        assert response.status == Status.STANDING
+        assert np.isnan(response.lost_contact_time)
+        assert (response.lost_contact_joint, response.lost_contact_mode) == (-1, "none")
+        assert response.widest_gap < 0.02
+
+    @pytest.mark.parametrize("limit", [0.0, 0.01, 11.0, np.nan])
+    def test_a_limit_that_makes_no_sense_is_refused(self, limit):
+        with pytest.raises(InputError, match="loss_limit is"):
+            af.simulate(ARCH, hop(), loss_limit=limit)
+
+
+class TestSlipPastTheEnd:
+    @pytest.mark.parametrize("method", STEPPED)
+    def test_a_block_that_slides_off_its_pedestal_collapses(self, method):
+        time = np.arange(0.0, 2.0, 0.01)
+        block = af.Block(0.2, 0.2, friction=0.1)
+        response = af.simulate(block, af.Motion(np.full(time.size, 0.3 * G), 0.01), method=method)
+        assert response.collapsed
+        assert response.collapse_mode == "sliding"
+        # 0.2 m at 0.3 g less what friction gives.
+        assert response.collapse_time == pytest.approx(np.sqrt(2.0 * 0.2 / (0.2 * G)), rel=0.01)
+
+
+class TestInitialStates:
+    still = af.Motion(np.zeros(100), 0.01)
+
+    def lifted(self, height):
+        shift = np.zeros((7, 3))
+        shift[:, 1] = height
+        return shift, np.zeros((7, 3))
+
+    @pytest.mark.parametrize("method", CHAINS)
+    def test_an_arch_in_flight_falls_and_lands(self, method):
+        skip_if_missing(method)
+        response = af.simulate(
+            ARCH, self.still, method=method, initial=self.lifted(0.2), history=True
+        )
+        assert response.status == Status.STANDING
+        assert response.lost_contact_time == 0.0
+        modes = response.history.contact_mode.values
+        assert (modes[0, [0, -1]] == 0).all()
+        # Free fall until it lands, after 0.2 s.
+        early = response.history.sel(time=slice(0.05, 0.15))
+        fallen = 0.2 - 0.5 * G * early.time.values**2
+        np.testing.assert_allclose(early.displacement.values[:, 3, 1], fallen, atol=2e-3)
+        np.testing.assert_allclose(
+            early.velocity.values[:, 3, 1], -G * early.time.values, atol=2e-2
+        )
+
+    @pytest.mark.parametrize("method", STEPPED)
+    def test_a_verdict_has_its_time(self, method):
+        response = af.simulate(
+            ARCH, self.still, method=method, initial=self.lifted(1.0), loss_limit=0.5
+        )
+        assert response.collapsed
+        assert response.collapse_time == 0.0
+
+    def test_bodies_that_overlap_are_refused(self):
+        shift, velocity = self.lifted(0.0)
+        shift[3, 1] = -0.02
+        with pytest.raises(InputError, match=r"overlap by 0\.0026 of its length"):
+            af.simulate(ARCH, self.still, initial=(shift, velocity))
+
+    def test_turned_bodies_overlap_too(self):
+        shift, velocity = self.lifted(0.0)
+        shift[:, 2] = 1e-3
+        with pytest.raises(InputError, match="overlap"):
+            af.simulate(ARCH, self.still, initial=(shift, velocity))
+
+
+class TestSimilarity:
+    """Lengths times four and times times two: the same motion to the last bit (Froude)."""
+
+    @pytest.mark.parametrize("method", ["auto", "time_stepping", "event_driven"])
+    def test_a_model_and_its_prototype_behave_alike(self, method):
+        time = np.arange(0.0, 1.5, 0.005)
+        push = 0.8 * G * np.sin(2.0 * np.pi * time / 0.4)
+        small, large = (
+            af.simulate(
+                af.Arch.circular(2.5 * k**2, 0.375 * k**2, 157.5, voussoirs=7, friction=0.7),
+                af.Motion(push, 0.005 * k, vertical=0.3 * push[::-1]),
+                method=method,
+                follow=10.0 * k,
+            )
+            for k in (1, 2)
+        )
+        assert small.peak_displacement > 0.002
+        assert large.peak_displacement == 4.0 * small.peak_displacement
+        assert large.peak_rotation == small.peak_rotation
+        assert large.end_time == 2.0 * small.end_time
+        assert large.steps == small.steps
+        assert large.status == small.status
+        assert large.energy_error == small.energy_error
