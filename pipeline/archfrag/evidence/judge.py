@@ -69,12 +69,13 @@ def overlap_depth(before: Array, after: Array) -> Array:
 
     Examples
     --------
-    Faces of 1 m, the later one turned by 0.01 about the common extrados corner:
+    Faces of 1 m, the later one turned by 0.01 into the earlier about the common intrados corner:
 
     >>> import numpy as np
     >>> from archfrag.evidence.judge import overlap_depth
-    >>> before, after = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[-0.01, 1.0], [0.0, 0.0]])
-    >>> float(overlap_depth(before[::-1], after[::-1]).round(6))
+    >>> before = np.array([[0.0, 0.0], [0.0, 1.0]])
+    >>> after = np.array([[0.0, 0.0], [-np.sin(0.01), np.cos(0.01)]])
+    >>> float(overlap_depth(before, after).round(6))
     0.01
     """
     least = np.full(before.shape[:-2], np.inf)
