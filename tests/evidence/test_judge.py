@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 
 import archfrag as af
-from archfrag.evidence.judge import drift, energy_gain, overlap
+from archfrag.evidence.judge import (
+    drift,
+    energy_gain,
+    joint_faces,
+    largest_jump,
+    late_energy_gain,
+    overlap,
+    overlap_depth,
+    overlaps,
+)
 
 BLOCK = af.Block(0.2, 1.0, friction=0.8)
 
@@ -15,6 +24,81 @@ def rocked(angle):
     corner = np.array([0.1, 0.0])
     turn = np.array([[np.cos(-angle), -np.sin(-angle)], [np.sin(-angle), np.cos(-angle)]])
     return turn @ (centre - corner) + corner - centre
+
+
+FACE = np.array([[0.0, 0.0], [0.0, 1.0]])  # of the earlier body, which lies at x < 0
+
+
+def turned(angle, about, face=FACE):
+    """A face turned counter-clockwise about a point."""
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    return (face - about) @ turn.T + about
+
+
+def least_translation(one, other):
+    """Shortest way out of each other of two convex outlines; 0 if apart. Separating axes."""
+    least = np.inf
+    for outline in (one, other):
+        sides = np.roll(outline, -1, axis=0) - outline
+        for x, y in sides:
+            normal = np.array([y, -x]) / np.hypot(x, y)
+            least = min(least, (one @ normal).max() - (other @ normal).min())
+    return max(least, 0.0)
+
+
+class TestOverlapDepth:
+    """Constructed joints of 1 m whose overlap is known."""
+
+    @pytest.mark.parametrize("angle", [1e-6, 1e-3, 0.013, 0.2])
+    def test_of_a_voussoir_turned_into_its_neighbour_about_either_corner(self, angle):
+        for corner, sense in ((0, 1.0), (1, -1.0)):
+            wedge = turned(sense * angle, FACE[corner])
+            assert overlap_depth(FACE, wedge) == pytest.approx(np.sin(angle), rel=1e-9)
+            assert overlap_depth(FACE, turned(-sense * angle, FACE[corner])) == 0.0
+
+    @pytest.mark.parametrize("slip", [-0.999, -0.4, 1e-9, 0.0, 0.3, 0.99, 1.2])
+    def test_of_a_slipped_joint_is_how_far_it_is_sunk(self, slip):
+        assert overlap_depth(FACE, np.add(FACE, [0.0, slip])) == 0.0
+        assert overlap_depth(FACE, np.add(FACE, [1e-3, slip])) == 0.0
+        sunk = overlap_depth(FACE, np.add(FACE, [-1e-4, slip]))
+        assert sunk == pytest.approx(1e-4 if abs(slip) < 1.0 else 0.0, abs=1e-16)
+
+    @pytest.mark.parametrize("angle", [1e-3, 0.3, 1.2, 1.568])
+    @pytest.mark.parametrize("slip", [0.0, 0.3])
+    def test_of_a_vertex_sunk_into_a_face_whatever_the_hinge_is_opened(self, angle, slip):
+        on_face = turned(angle, FACE[1]) - [0.0, slip]
+        assert overlap_depth(FACE, on_face) == pytest.approx(0.0, abs=1e-15)
+        sunk = overlap_depth(FACE, on_face - [1e-5, 0.0])
+        assert sunk == pytest.approx(1e-5 * np.cos(angle) ** (slip == 0.0), rel=1e-6)
+
+    def test_of_two_outlines_is_the_least_translation_that_parts_them(self):
+        rng = np.random.default_rng(11)
+        behind, ahead = np.array([[-2.0, 1.2], [-2.0, -0.2]]), np.array([[2.0, 1.1], [2.0, -0.1]])
+        found = 0
+        for _ in range(2000):
+            angle = rng.uniform(-0.2, 0.2)
+            away = rng.uniform([-0.05, -0.4], [0.05, 0.4])
+            later = turned(angle, [0.0, 0.5]) + away
+            body = turned(angle, [0.0, 0.5], np.concatenate([FACE, ahead])) + away
+            depth = least_translation(np.concatenate([FACE, behind]), body)
+            assert overlap_depth(FACE, later) == pytest.approx(depth, rel=1e-9, abs=1e-14)
+            found += depth > 0.0
+        assert 1000 < found < 1990
+
+    def test_in_an_arch_is_at_the_joint_that_was_turned(self):
+        arch = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
+        rest = np.zeros((1, 7, 2)), np.zeros((1, 7))
+        assert overlaps(arch, *rest).max() < 1e-14
+        for joint, corner, angle in ((2, 1, -2e-3), (3, 0, 2e-3)):
+            pivot = joint_faces(arch, *rest)[0][0, joint, corner]
+            for sense, depth in ((1.0, np.sin(2e-3)), (-1.0, 0.0)):
+                shift, turn = np.zeros((1, 7, 2)), np.zeros((1, 7))
+                turn[0, joint:] = sense * angle
+                centre = arch.chain.centroid[joint:]
+                shift[0, joint:] = turned(sense * angle, pivot, centre) - centre
+                found = overlaps(arch, shift, turn)[0]
+                assert found[joint] == pytest.approx(depth, rel=1e-9, abs=1e-14)
+                assert np.delete(found, [joint, 7]).max() < 1e-14
 
 
 class TestOverlap:
@@ -65,3 +149,34 @@ class TestEnergyGain:
 
 def test_drift_is_the_largest_displacement():
     assert drift(np.array([[[0.0, 0.0], [3.0, 4.0]], [[1.0, 0.0], [0.0, 0.0]]])) == 5.0
+
+
+class TestAfterwards:
+    """Frames of bodies that are moved by hand."""
+
+    def test_a_jump_is_what_velocities_do_not_explain(self):
+        time = np.linspace(0.0, 1.0, 11)
+        displacement, velocity = np.zeros((2, 11, 1, 2))
+        velocity[:, 0, 0] = np.where(time < 0.55, 0.2, -0.1)
+        displacement[:, 0, 0] = np.where(time < 0.55, 0.2 * time, 0.13 - 0.1 * (time - 0.55))
+        displacement[6:, 0, 0] += 0.2 * 0.55 - 0.13
+        still = np.zeros((11, 1))
+        assert largest_jump(BLOCK, time, displacement, still, velocity, still) < 1e-12
+        displacement[8:, 0, 1] += 3e-4
+        found = largest_jump(BLOCK, time, displacement, still, velocity, still)
+        assert found == pytest.approx(3e-4 / 0.2)
+
+    def test_a_turn_in_no_time_is_a_jump_of_the_corner(self):
+        time = np.array([0.0, 1.0, 1.0])
+        none, turn = np.zeros((3, 1, 2)), np.array([[0.0], [0.0], [1e-3]])
+        found = largest_jump(BLOCK, time, none, turn, none, np.zeros((3, 1)))
+        assert found == pytest.approx(1e-3 * np.hypot(0.5, 0.1) / 0.2)
+
+    def test_energy_may_only_fall_once_the_ground_is_still(self):
+        time = np.arange(5.0)
+        none, velocity = np.zeros((2, 5, 1, 2))
+        velocity[:, 0, 0] = [1.0, 2.0, 1.0, 0.5, np.sqrt(0.5)]
+        still = np.zeros((5, 1))
+        gain = late_energy_gain(BLOCK, 1.5, time, none, velocity, still)
+        assert gain == pytest.approx(0.25 / 4.0)
+        assert late_energy_gain(BLOCK, 3.5, time, none, velocity, still) == 0.0

@@ -1,5 +1,8 @@
 """Mega-voussoirs: assembled and split without loss, and their reactions by the two levels."""
 
+import functools
+from collections import Counter
+
 import numpy as np
 import pytest
 
@@ -25,6 +28,7 @@ from archfrag.mechanics.mechanism import (
     new_mechanism,
     split_state,
 )
+from archfrag.mechanics.residuals import solution_residual
 from archfrag.mechanics.status import Status
 from tests.physics.audit import g, sampled
 
@@ -178,6 +182,10 @@ class Problem:
             chain.mass, chain.inertia, self.contacts, chain.friction, self.free, self.general
         )[0]
 
+    def residual(self, work):
+        """Of a solution, by the laws alone."""
+        return solution_residual(self.contacts, self.chain.friction, self.free, work, g)
+
     def by_levels(self):
         self.levels.mode[:] = self.mode
         return solve_levels(
@@ -186,51 +194,77 @@ class Problem:
         )  # fmt: skip
 
 
-def moving_states(arch, amplitude, span):
-    """States of a run, all joints inside mega-voussoirs exactly closed."""
+@functools.cache
+def moving_states(voussoirs, friction):
+    """An arch, and states of its run under 1.5 times its onset: every joint inside a
+    mega-voussoir exactly closed."""
+    arch = af.Arch.circular(10.0, 2.0, 140.0, voussoirs, friction)
+    amplitude, span = 1.5 * af.onset(arch).plus, 0.8
     push = sampled(lambda t: amplitude * np.where(t < 0.4 * span, 1.0, -0.6), span, 0.005)
     run = af.simulate(arch, push, method="event_driven", rtol=1e-8, history=True, follow=0.5)
     history = run.history
-    position = np.concatenate(
-        [
-            history.displacement.values + arch.chain.centroid,
-            history.rotation.values[..., None],
-        ],
-        axis=-1,
-    )
-    velocity = np.concatenate(
-        [history.velocity.values, history.angular_velocity.values[..., None]], axis=-1
-    )
+    place = history.displacement.values + arch.chain.centroid
+    position = np.concatenate([place, history.rotation.values[..., None]], axis=-1)
+    speed = history.velocity.values, history.angular_velocity.values[..., None]
+    velocity = np.concatenate(speed, axis=-1)
     acceleration = np.interp(history.time.values, push.time, push.acceleration, right=0.0)
-    return run, zip(position, velocity, history.contact_mode.values, acceleration)
+    modes = history.contact_mode.values
+    return arch, list(zip(position, velocity, modes, acceleration))
 
 
+# Least part of the states in which every mega-voussoir is rigid, by the number of voussoirs.
+LEAST_COMPARED = {3: 0.95, 7: 0.95, 27: 0.85, 81: 0.35}
+
+
+@pytest.mark.parametrize("friction", [0.36, 0.5, 0.7, np.inf])
+@pytest.mark.parametrize("voussoirs", LEAST_COMPARED)
 class TestLevels:
-    @pytest.mark.parametrize("friction", [0.36, 0.5, 0.7, np.inf])
-    @pytest.mark.parametrize("voussoirs", [3, 7, 27, 81])
-    def test_equal_the_contact_problem_in_states_of_real_runs(self, voussoirs, friction):
-        arch = af.Arch.circular(10.0, 2.0, 140.0, voussoirs, friction)
-        limit = af.onset(arch).plus
+    """Equal to the contact problem, in motion and in mechanism, in states of real runs.
+
+    Frames written while all voussoirs are stepped are left out: no mega-voussoir is rigid there.
+    """
+
+    def compare(self, voussoirs, friction, pushes):
+        """Counts of states by what came out; asserts that solutions of one mechanism are one."""
+        arch, states = moving_states(voussoirs, friction)
         problem = Problem(arch)
-        compared = needed = 0
-        _, states = moving_states(arch, 1.5 * limit, 0.8)
-        for position, velocity, mode, push in states:
-            if np.abs(velocity).max() < 1e-6:
-                continue
+        count = Counter(states=len(states))
+        for (position, velocity, mode, _), push in zip(states, pushes):
             problem.pose(position, velocity, mode, push)
-            if not problem.is_rigid():
+            if np.abs(velocity).max() < 1e-6 or not problem.is_rigid():
                 continue
+            count["compared"] += 1
             solved, rounds = problem.by_levels()
-            if not solved or problem.by_contact_problem() != Status.STANDING:
-                continue
+            assert problem.by_contact_problem() == Status.STANDING
             ours, theirs = problem.levels, problem.general
-            needed += rounds > 1
-            if (ours.mode != theirs.mode).any():
-                continue
-            scale = np.abs(theirs.velocity).max() + g
-            assert np.abs(ours.velocity - theirs.velocity).max() < 1e-9 * scale
-            force = np.abs(theirs.reaction).max()
-            assert np.abs(ours.reaction - theirs.reaction).max() < 1e-9 * force
-            compared += 1
-        assert compared > 40
-        assert needed < 0.2 * compared
+            count["changed"] += (theirs.mode != mode).any()
+            count["rounds"] += rounds > 1
+            if not solved:
+                count["left to the contact problem"] += 1
+            elif (ours.mode != theirs.mode).any():
+                count["other mechanism"] += 1
+                assert max(problem.residual(ours), problem.residual(theirs)) < 1e-9
+            else:
+                scale = np.abs(theirs.velocity).max() + g
+                assert np.abs(ours.velocity - theirs.velocity).max() < 1e-9 * scale
+                force = np.abs(theirs.reaction).max()
+                assert np.abs(ours.reaction - theirs.reaction).max() < 1e-9 * force
+        assert count["compared"] >= LEAST_COMPARED[voussoirs] * count["states"]
+        return count
+
+    def test_along_the_run_in_one_round_nearly_always(self, voussoirs, friction):
+        _, states = moving_states(voussoirs, friction)
+        count = self.compare(voussoirs, friction, [push for *_, push in states])
+        assert count["other mechanism"] == 0
+        assert count["left to the contact problem"] <= 0.01 * count["compared"]
+        assert count["rounds"] <= 0.05 * count["compared"]
+
+    def test_from_modes_that_are_wrong_for_another_push(self, voussoirs, friction):
+        _, states = moving_states(voussoirs, friction)
+        pushes = np.random.default_rng(1).uniform(-3.0, 3.0, len(states)) * g
+        count = self.compare(voussoirs, friction, pushes)
+        assert count["changed"] > 0.3 * count["compared"]
+        # Under friction two motions may both obey the laws; seen where it is infinite only.
+        most = 0.02 if np.isinf(friction) else 0.0
+        assert count["other mechanism"] <= most * count["compared"]
+        assert count["left to the contact problem"] <= 0.3 * count["compared"]

@@ -9,8 +9,6 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from archfrag.arch import Arch
-from archfrag.mechanics.compile import allocating
-from archfrag.mechanics.kinematics import clearance, joint_lengths, move_faces
 from archfrag.motions.motion import Motion
 
 Array = NDArray[np.float64]
@@ -19,24 +17,8 @@ Array = NDArray[np.float64]
 LASTING = 4
 
 
-@allocating
-def _overlaps(chain, positions):
-    n_frame, n_joint = positions.shape[0], chain.friction.size
-    before = np.zeros((n_joint, 2, 2))
-    after = np.zeros((n_joint, 2, 2))
-    length = joint_lengths(chain)
-    worst = np.zeros(n_frame)
-    for k in range(n_frame):
-        move_faces(chain, positions[k], before, after)
-        for j in range(n_joint):
-            for c in range(2):
-                gap = clearance(j, c, before, after)
-                worst[k] = max(worst[k], -gap / length[j])
-    return worst
-
-
-def overlap(arch: Arch, displacement: Array, rotation: Array) -> float:
-    """Deepest overlap of neighbours at any corner and instant, over the joint's length.
+def joint_faces(arch: Arch, displacement: Array, rotation: Array) -> tuple[Array, Array]:
+    """Corners of the faces before and after every joint.
 
     Parameters
     ----------
@@ -46,8 +28,91 @@ def overlap(arch: Arch, displacement: Array, rotation: Array) -> float:
 
     Returns
     -------
-    float
-        Signorini's gap (Eqs 23a, 23b) where it is negative [1].
+    before, after : ndarray, (n_time, n_joint, 2, 2)
+        Corner (intrados, extrados), xy in the ground frame [m].
+    """
+    chain = arch.chain
+    cos, sin = np.cos(rotation), np.sin(rotation)
+    turns = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
+    place = (chain.centroid + displacement)[:, :, None]
+    n_body, n_joint = arch.n_voussoir, arch.n_joint
+    before = np.empty((len(rotation), n_joint, 2, 2))
+    after = np.empty_like(before)
+    before[:, 0] = chain.face_before[0]
+    after[:, n_body:] = chain.face_after[n_body:]
+    own = chain.face_before[1:]
+    before[:, 1:] = place[:, : n_joint - 1] + np.einsum(
+        "tbij,bcj->tbci", turns[:, : n_joint - 1], own
+    )
+    after[:, :n_body] = place + np.einsum("tbij,bcj->tbci", turns, chain.face_after[:n_body])
+    return before, after
+
+
+def overlap_depth(before: Array, after: Array) -> Array:
+    """How deep the bodies on both sides of a joint are inside each other.
+
+    The deepest point of one face behind the other, of those that lie between the other's ends,
+    or the same the other way round where that is less: a vertex that has sunk into a face, and
+    the edge of a wedge where one body is turned into the other about a corner, though that edge
+    is nowhere far from the end of a face. At most the width in which the faces face each other,
+    across which the bodies may part as well.
+
+    Parameters
+    ----------
+    before, after : ndarray, (..., 2, 2)
+        Corner, xy of the two faces, as from `joint_faces` [m].
+
+    Returns
+    -------
+    ndarray, (...) [m]
+        Zero where there is none.
+
+    Examples
+    --------
+    Faces of 1 m, the later one turned by 0.01 into the earlier about the common intrados corner:
+
+    >>> import numpy as np
+    >>> from archfrag.evidence.judge import overlap_depth
+    >>> before = np.array([[0.0, 0.0], [0.0, 1.0]])
+    >>> after = np.array([[0.0, 0.0], [-np.sin(0.01), np.cos(0.01)]])
+    >>> float(overlap_depth(before, after).round(6))
+    0.01
+    """
+    least = np.full(before.shape[:-2], np.inf)
+    for face, other, sense in ((before, after, 1.0), (after, before, -1.0)):
+        span = face[..., 1, :] - face[..., 0, :]
+        length = np.hypot(span[..., 0], span[..., 1])[..., None]
+        arm = other - face[..., :1, :]
+        x, y = span[..., None, 0] / length, span[..., None, 1] / length
+        place = arm[..., 0] * x + arm[..., 1] * y
+        depth = sense * (arm[..., 1] * x - arm[..., 0] * y)
+        within = np.clip(place, 0.0, length)
+        width = np.abs(within[..., 1] - within[..., 0])
+        run = place[..., 1] - place[..., 0]
+        slope = (depth[..., 1] - depth[..., 0]) / np.where(run == 0.0, np.inf, run)
+        behind = depth + slope[..., None] * (within - place)
+        least = np.minimum(least, np.minimum(behind.max(axis=-1), width))
+    return np.maximum(least, 0.0)
+
+
+def overlaps(arch: Arch, displacement: Array, rotation: Array) -> Array:
+    """`overlap_depth` of all joints over the shorter of their faces, (n_time, n_joint) [1].
+
+    Parameters
+    ----------
+    arch, displacement, rotation
+        As of `joint_faces`.
+    """
+    return overlap_depth(*joint_faces(arch, displacement, rotation)) / _lengths(arch)
+
+
+def overlap(arch: Arch, displacement: Array, rotation: Array) -> float:
+    """Deepest overlap of neighbours at any joint and instant, over the joint's length [1].
+
+    Parameters
+    ----------
+    arch, displacement, rotation
+        As of `joint_faces`.
 
     Examples
     --------
@@ -58,10 +123,83 @@ def overlap(arch: Arch, displacement: Array, rotation: Array) -> float:
     >>> round(overlap(block, sunk, np.zeros((1, 1))), 6)
     0.005
     """
-    positions = np.zeros((*rotation.shape, 3))
-    positions[:, :, :2] = arch.chain.centroid + displacement
-    positions[:, :, 2] = rotation
-    return float(np.max(_overlaps(arch.chain, positions), initial=0.0))
+    return float(overlaps(arch, displacement, rotation).max(initial=0.0))
+
+
+def _lengths(arch: Arch) -> Array:
+    """Shorter face of each joint, (n_joint,) [m]."""
+    faces = np.stack([arch.chain.face_before, arch.chain.face_after])
+    return np.linalg.norm(faces[:, :, 1] - faces[:, :, 0], axis=2).min(axis=0)
+
+
+def largest_jump(
+    arch: Arch,
+    time: Array,
+    displacement: Array,
+    rotation: Array,
+    velocity: Array,
+    angular_velocity: Array,
+) -> float:
+    """Largest displacement between frames that the velocities at both do not explain.
+
+    A body that moves by a law is displaced by the interval times a velocity between the two, an
+    impact in the interval included; what is beyond that was moved by the method. Rotations count
+    at the face corner that is farthest from the centroid.
+
+    Parameters
+    ----------
+    arch : Arch
+    time : ndarray, (n_time,) [s]
+    displacement, velocity : ndarray, (n_time, n_voussoir, 2) [m], [m/s]
+    rotation, angular_velocity : ndarray, (n_time, n_voussoir) [rad], [rad/s]
+
+    Returns
+    -------
+    float
+        Over the shortest joint [1].
+    """
+    chain = arch.chain
+    arm = np.linalg.norm(chain.face_after[: arch.n_voussoir], axis=2).max(axis=1)
+    moved = np.diff(np.concatenate([displacement, (arm * rotation)[..., None]], axis=2), axis=0)
+    speed = np.concatenate([velocity, (arm * angular_velocity)[..., None]], axis=2)
+    span = np.diff(time)[:, None, None]
+    first, last = speed[:-1] * span, speed[1:] * span
+    change = last - first
+    square = np.sum(change**2, axis=2)
+    part = np.sum((moved - first) * change, axis=2) / np.where(square == 0.0, np.inf, square)
+    nearest = first + np.clip(part, 0.0, 1.0)[..., None] * change
+    beyond = np.linalg.norm(moved - nearest, axis=2)
+    return float(beyond.max(initial=0.0) / _lengths(arch).min())
+
+
+def late_energy_gain(
+    arch: Arch,
+    end: float,
+    time: Array,
+    displacement: Array,
+    velocity: Array,
+    angular_velocity: Array,
+) -> float:
+    """Largest rise of kinetic and potential energy once the ground is still.
+
+    As `energy_gain`, without an account of the ground's work that frames could make inexact.
+
+    Parameters
+    ----------
+    arch : Arch
+    end : float
+        From when on the ground is still [s].
+    time, displacement, velocity, angular_velocity : ndarray
+        As of `energy_gain`.
+
+    Returns
+    -------
+    float
+        Over the largest kinetic energy of the whole run [1]; 0 if nothing moved.
+    """
+    kinetic = _kinetic(arch.chain, velocity, angular_velocity)
+    potential = arch.chain.gravity * displacement[:, :, 1] @ arch.chain.mass
+    return _largest_rise((kinetic + potential)[time >= end], kinetic)
 
 
 def energy_gain(
@@ -173,7 +311,8 @@ def _largest_rise(surplus: Array, kinetic: Array) -> float:
     largest = float(kinetic.max(initial=0.0))
     if largest == 0.0:
         return 0.0
-    return float(np.max(surplus - np.minimum.accumulate(surplus))) / largest
+    rise = surplus - np.minimum.accumulate(surplus)
+    return float(rise.max(initial=0.0)) / largest
 
 
 def drift(displacement: Array) -> float:
