@@ -128,6 +128,7 @@ def simulate(
     options = Options(
         time_step=float(step),
         tolerance=float(tolerance),
+        accuracy=float(tolerance),
         follow=float(follow),
         max_steps=int(span / min(step, OWN_STEP * own_time)) + ground.horizontal.size + 1000,
         loss_limit=float(loss_limit),

@@ -3,8 +3,20 @@
 import numpy as np
 
 from archfrag.mechanics.contact import Contacts
+from archfrag.mechanics.delassus import relative_velocity, velocity_scale
+from archfrag.mechanics.residuals import contact_residual
 
 KINDS = ("resting", "hinged", "sliding", "impact")
+
+
+def problem_residual(contacts, friction, free, work, least_scale=0.0):
+    """How far the solution in `work` of a contact problem is from the laws [1]."""
+    scale = max(velocity_scale(contacts, free, work), least_scale)
+    relative_velocity(contacts, work.velocity, work.pivot, work.relative)
+    force = np.abs(work.reaction[:, :2]).max() or 1.0
+    return contact_residual(
+        contacts, friction, work.relative, work.reaction, work.pivot, scale, force
+    )
 
 
 def turned(vector, angle):

@@ -12,7 +12,7 @@ from archfrag.mechanics.kinematics import clearance, move_faces
 from archfrag.mechanics.ledger import new_ledger
 from archfrag.mechanics.status import Count, Energy, Model, Status
 from archfrag.mechanics.types import Frames, GroundMotion, MechanismLog, Options
-from archfrag.methods.rest import leave_rest, read_slips
+from archfrag.methods.rest import leave_rest, read_joints
 from archfrag.methods.stepping import new_stepper
 from archfrag.methods.time_stepping import advance
 from tests.physics.audit import g, pulse, random_scene
@@ -28,13 +28,13 @@ class Part:
         self.position[:, :2] = arch.chain.centroid
         vertical = motion.vertical if motion.vertical is not None else 0.0 * motion.acceleration
         self.ground = GroundMotion(motion.acceleration, vertical, motion.dt)
-        self.options = Options(dt, 1e-6, 0.0, 10**7, 0.02, 64, 0.0, 0.0)
+        self.options = Options(dt, 1e-6, 1e-6, 0.0, 10**7, 0.5, 64, 0.0, 0.0)
         self.stepper = new_stepper(self.chain, self.ground, self.position)
         self.joints = new_joint_state(joints)
         self.ledger = new_ledger()
         if initial is not None:
             self.position += initial
-            read_slips(self.chain, self.stepper, self.joints, self.position)
+            read_joints(self.chain, self.stepper, self.joints, self.position)
         self.frames = Frames(
             np.zeros(0), np.zeros((0, n, 3)), np.zeros((0, n, 3)), np.zeros((0, joints, 3)),
             np.zeros((0, joints), np.int8),

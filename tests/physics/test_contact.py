@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from archfrag.mechanics.contact import COMPLIANCE, Contacts, contact_work, solve_contact
-from archfrag.mechanics.delassus import assemble, relative_velocity, solve_modes, velocity_scale
+from archfrag.mechanics.delassus import assemble, solve_modes, velocity_scale
 from archfrag.mechanics.laws import CLOSED_MINUS, CLOSED_PLUS, CLOSED_STICK, OPEN, touches
-from archfrag.mechanics.residuals import contact_residual
-from tests.physics.random_states import KINDS, random_state
+from tests.physics.random_states import KINDS, problem_residual, random_state
 
 SOLVED = 0
 
@@ -25,12 +24,7 @@ def solve(state):
 
 def residual_of(state, work):
     _, _, contacts, friction, free, _ = state
-    scale = velocity_scale(contacts, free, work)
-    relative_velocity(contacts, work.velocity, work.pivot, work.relative)
-    force = np.abs(work.reaction[:, :2]).max() or 1.0
-    return contact_residual(
-        contacts, friction, work.relative, work.reaction, work.pivot, scale, force
-    )
+    return problem_residual(contacts, friction, free, work)
 
 
 def one_block(friction, push, candidate=(1, 1)):

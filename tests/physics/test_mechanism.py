@@ -28,9 +28,9 @@ from archfrag.mechanics.mechanism import (
     new_mechanism,
     split_state,
 )
-from archfrag.mechanics.residuals import solution_residual
 from archfrag.mechanics.status import Status
 from tests.physics.audit import g, sampled
+from tests.physics.random_states import problem_residual
 
 PATTERNS = {
     "four hinges": {0: 4, 2: 1, 4: 4, 7: 1},
@@ -184,7 +184,7 @@ class Problem:
 
     def residual(self, work):
         """Of a solution, by the laws alone."""
-        return solution_residual(self.contacts, self.chain.friction, self.free, work, g)
+        return problem_residual(self.contacts, self.chain.friction, self.free, work, g)
 
     def by_levels(self):
         self.levels.mode[:] = self.mode

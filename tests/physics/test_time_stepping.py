@@ -180,10 +180,7 @@ class TestCoulomb:
             scale = np.abs(force).max(axis=(1, 2), keepdims=True)[:, :, 0]
             # Either face's normal may hold at an open joint: half the angle between them.
             turns = np.pad(history.rotation.values, ((0, 0), (1, 1)))
-            spins = np.abs(np.pad(history.angular_velocity.values, ((0, 0), (1, 1))))
             lean = 0.5 * np.abs(np.diff(turns, axis=1))
-            # The reactions belong to the middle of the step, the positions to its end.
-            lean = lean + 5e-4 * np.maximum(spins[:, 1:], spins[:, :-1])
             slack = (1e-9 + 1.1 * lean) * scale
             mu = arch.chain.friction
             assert moving.sum() > 100
@@ -217,21 +214,23 @@ class TestSignorini:
         assert fell[levels > 0.52].all()
         assert fell[levels > 0.4395 * 1.01].mean() > 0.9
 
-    def test_residual_of_every_step_of_real_motions(self, every_step_measured):
+    def test_residual_falls_with_the_step(self, every_step_measured):
+        # A state is measured with the reactions of the step that led to it.
+        arch = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7)
+        found = [
+            simulate(arch, pulse(0.5, 0.3), dt=dt, follow=0.0).residual for dt in (1e-3, 2.5e-4)
+        ]
+        assert 0.0 < found[1] < 0.5 * found[0] < 1e-2
+
+    def test_contact_problems_of_every_step_of_real_motions_are_solved(self):
         rng = np.random.default_rng(33)
-        residuals = []
         steps = fallbacks = 0
         for _ in range(20):
             response = simulate(*random_scene(rng))
+            assert response.status in (Status.STANDING, Status.COLLAPSED)
             steps += response.steps
             fallbacks += response.fallbacks
-            if response.shortened == response.fallbacks == 0:
-                residuals.append(response.residual)
-        # Where a corner neither presses nor parts rounding decides: `contact.DEGENERATE`.
-        assert max(residuals) <= 1e-8
-        assert len(residuals) >= 16
         assert fallbacks < 1e-4 * steps
-        assert np.quantile(residuals, 0.8) <= 1e-10
 
 
 class TestRocking:

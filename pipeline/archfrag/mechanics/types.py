@@ -38,6 +38,7 @@ class Options(NamedTuple):
 
     time_step: float  # [s]
     tolerance: float  # relative error allowed by methods with step control [1]
+    accuracy: float  # relative error beyond which a run is refused, by its own measures [1]
     follow: float  # how long to go on past the end of the ground motion [s]
     max_steps: int  # bound on the work of one run
     loss_limit: float  # gap at both corners, over joint length, that cannot be undone [1]

@@ -93,7 +93,7 @@ LONGEST_WINDOW = 1.0
 MOST_CALM_STEPS = 64
 # Every so many events the residual of the contact problem behind them is measured.
 MEASURED = 16
-# A run is refused that makes or loses more energy than this many times its tolerance, over the
+# A run is refused that makes or loses more energy than this many times its accuracy, over the
 # largest kinetic energy, or whose bodies overlap by more than this many times it, over a joint's
 # length; less energy than ROUNDING times weight times length is rounding.
 ENERGY_ALLOWED = 10.0
@@ -267,15 +267,15 @@ def is_accurate(chain, length, options, ledger):
     Returns
     -------
     bool
-        False where more energy than `ENERGY_ALLOWED` times the tolerance was made or lost, or
+        False where more energy than `ENERGY_ALLOWED` times the accuracy was made or lost, or
         bodies overlapped by more than `OVERLAP_ALLOWED` times it.
     """
-    energy, tolerance = ledger.energy, options.tolerance
-    allowed = ENERGY_ALLOWED * tolerance * energy[Energy.LARGEST_KINETIC]
+    energy = ledger.energy
+    allowed = ENERGY_ALLOWED * options.accuracy * energy[Energy.LARGEST_KINETIC]
     allowed += ROUNDING * chain.gravity * np.sum(chain.mass) * np.max(length)
     if not energy[Energy.STRAY_PEAK] <= allowed:
         return False
-    return ledger.peak[Peak.OVERLAP] <= OVERLAP_ALLOWED * tolerance
+    return ledger.peak[Peak.OVERLAP] <= OVERLAP_ALLOWED * options.accuracy
 
 
 @allocating

@@ -52,7 +52,7 @@ COLLAPSE = 4
 BOUND = 5
 # Largest step and largest one while a joint is without contact, over the time of a fall through
 # a joint's length; first step after an event.
-LONGEST = 0.25
+LONGEST = 0.1
 LONGEST_OPEN = 0.05
 FIRST = 0.02
 SHORTEST = 1e-9
@@ -60,7 +60,7 @@ SHORTEST = 1e-9
 # by more than this part of a joint's length; a step may not by more than FARTHEST nor by more
 # than its error.
 REGROUPED = 1e-6
-FARTHEST = 1e-4
+FARTHEST = 3e-5
 # Steps longer than this, over the time of a fall, are searched for gaps that close and open.
 SEARCHED = 0.05
 # Looks for a peak in a step in which a body turned back.
@@ -313,18 +313,17 @@ def integrate(chain, whole, joints, few, margins, pace, ground, stop, options, f
             pace.share, pace.falling, margins,
         )  # fmt: skip
         last, dense = 1.0, False
-        if worst >= -THRESHOLD:
-            suspect = may_have_closed(few, margins, step)
-            if suspect or step > SEARCHED * unit:
-                make_dense(few, step)
-                dense = True
-                inside = closed_inside(few, suspect)
-                if inside > 0.0:
-                    last = inside
-                    worst = margin_at(
-                        chain, mechanism, few, last, step, gx, sx, gy, sy, pace.share,
-                        pace.falling, margins,
-                    )  # fmt: skip
+        suspect = may_have_closed(few, margins, step)
+        if suspect or step > SEARCHED * unit:
+            make_dense(few, step)
+            dense = True
+            inside = closed_inside(few, suspect)
+            if inside > 0.0:
+                last = inside
+                worst = margin_at(
+                    chain, mechanism, few, last, step, gx, sx, gy, sy, pace.share,
+                    pace.falling, margins,
+                )  # fmt: skip
         if not worst >= -THRESHOLD:
             if np.isnan(worst):
                 return BROKEN
