@@ -8,7 +8,8 @@ import pytest
 import archfrag as af
 from archfrag.errors import STATUS_SENTENCE, InputError
 from archfrag.mechanics.status import Cause, Model, Status
-from archfrag.methods.registry import resolve
+from archfrag.methods.registry import OWN_STEP, resolve
+from archfrag.simulation.checks import own_time
 from archfrag.simulation.mechanism import (
     CAUSE_WORDS,
     MODEL_WORDS,
@@ -72,7 +73,7 @@ class TestResponse:
         ]  # fmt: skip
         assert set(response.work) == {
             "steps", "iterations", "paths", "compliant", "shortened", "levels",
-            "level_iterations", "general", "sweeps", "unconverged",
+            "level_iterations", "general", "sweeps", "unconverged", "refused", "refined",
         }  # fmt: skip
         assert response.steps == response.work["steps"] > 20
         assert response.fallbacks == response.work["compliant"]
@@ -104,7 +105,9 @@ class TestResponse:
 
     def test_step_of_the_method_is_its_default(self):
         alone = af.simulate(ARCH, PUSH, method="time_stepping")
-        given = af.simulate(ARCH, PUSH, method="time_stepping", dt=5e-4)
+        own = OWN_STEP * own_time(ARCH)
+        assert own == pytest.approx(1.28e-3 * np.sqrt(1.5 / 9.80665))
+        given = af.simulate(ARCH, PUSH, method="time_stepping", dt=own)
         other = af.simulate(ARCH, PUSH, method="time_stepping", dt=1e-3)
         assert alone.steps == given.steps
         assert alone.peak_rotation == given.peak_rotation

@@ -4,6 +4,7 @@ import functools
 import math
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 import archfrag as af
 from tests.physics.audit import g, pulse
@@ -70,8 +71,9 @@ def first_steps(method):
     history = af.simulate(
         arch(), af.Motion(np.full(101, 0.5 * g), 1e-3), method=method, dt=1e-4, history=True,
         follow=0.0,
-    ).history  # fmt: skip
+    ).history.drop_duplicates("time")  # fmt: skip
     state = np.concatenate([history.displacement.values, history.rotation.values[..., None]], -1)
     times = np.arange(1, 100) * 1e-3
     flat = state.reshape(len(state), -1)
-    return np.array([np.interp(times, history.time, column) for column in flat.T])
+    # Frames of some methods lie in the middle of their steps.
+    return CubicSpline(history.time.values, flat)(times).T

@@ -99,9 +99,9 @@ class TestSweeps:
         assert few.work["unconverged"] > 0.8 * few.steps
         assert few.work["sweeps"] <= 5 * few.steps
         assert few.end_time == many.end_time > 0.9
-        assert few.residual > 0.1
+        assert few.residual > 0.01
         assert many.work["unconverged"] == 0
-        assert many.residual < 1e-4
+        assert many.residual < 0.1 * few.residual
 
     def test_they_grow_faster_than_the_number_of_voussoirs(self):
         small, large = (

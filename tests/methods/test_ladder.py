@@ -6,6 +6,7 @@ import pytest
 import archfrag as af
 from archfrag.errors import InputError
 from archfrag.methods.registry import step_of_ladder
+from archfrag.simulation.checks import own_time
 
 ARCH = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
 TIME = np.arange(0.0, 1.2, 0.001)
@@ -19,8 +20,9 @@ def run(rtol, **settings):
 def test_above_the_coarse_limit_all_voussoirs_are_stepped_by_the_tolerance_s_step():
     coarse = run(0.05)
     stepped = af.simulate(
-        ARCH, MOTION, method="time_stepping", dt=step_of_ladder(0.05), history=True
-    )
+        ARCH, MOTION, method="time_stepping", dt=own_time(ARCH) * step_of_ladder(0.05),
+        history=True,
+    )  # fmt: skip
     assert coarse.steps == stepped.steps
     assert np.array_equal(coarse.history.displacement, stepped.history.displacement)
     assert coarse.model_time["all_voussoirs"] > 0.0

@@ -408,7 +408,7 @@ class TestFollowing:
         quiet = np.zeros(20000)
         pushed = pulse(0.5, 0.3).acceleration
         motion = af.Motion(np.concatenate([quiet, pushed, quiet, quiet]), 1e-4)
-        response = simulate(arch, motion)
+        response = simulate(arch, motion, dt=5e-4)
         spent = response.model_time
         assert sum(spent.values()) == pytest.approx(response.end_time, abs=1e-3)
         assert response.end_time == pytest.approx(motion.duration, abs=1e-3)

@@ -213,7 +213,8 @@ class TestRest:
         still = np.zeros((27, 3))
         response = af.simulate(thin, af.Motion(np.zeros(400), 0.01), initial=(still, still))
         assert response.collapsed
-        assert 1.1 < response.collapse_time < 1.5
+        assert 1.1 < response.lost_contact_time < 1.5
+        assert response.lost_contact_time <= response.collapse_time < response.end_time
 
 
 class TestSignorini:

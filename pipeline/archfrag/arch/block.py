@@ -21,7 +21,7 @@ class Block(Arch):
     width, height : float
         Sides [m].
     friction : float
-        Coulomb coefficient of the base; inf: no sliding.
+        Coulomb coefficient of the base; inf: the limit of large friction.
     density : float
         [kg/m3].
     depth : float

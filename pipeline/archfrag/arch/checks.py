@@ -127,7 +127,7 @@ def shared_or_each(
     """
     space = f" {unit}" if unit else ""
     allowed = f"one number or one for each of the {size} {each}s, all at least 0{space}"
-    allowed += " (inf: no sliding)" if infinite else " and finite"
+    allowed += " (inf: the limit of large friction)" if infinite else " and finite"
     array = _real_array(name, value, allowed)
     if array.ndim > 1 or (array.ndim == 1 and array.size != size):
         raise GeometryError(f"{name} has shape {array.shape}, not ({size},); it must be {allowed}")

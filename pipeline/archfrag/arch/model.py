@@ -42,7 +42,9 @@ class Arch:
     voussoirs : int
         Number of bodies, at least 2.
     friction : float or (n_joint,) array_like
-        Coulomb coefficient of all joints or of each; inf: no sliding.
+        Coulomb coefficient of all joints or of each; inf: the limit of large friction. A joint
+        that presses does not slide then; one that slides has no normal force, which happens at
+        impacts (about one in twelve of a closed ring), as it does with a coefficient of 1e6.
     density : float
         Of the masonry [kg/m3].
     depth : float

@@ -14,6 +14,9 @@ from archfrag.mechanics.kinematics import clearance, corner_offset, place_contac
 from archfrag.mechanics.laws import MINUS, PLUS, STICK, cross, friction_ray
 from archfrag.mechanics.status import Peak
 
+# Corners closer than this, over the joint's length, touch.
+TOUCHING = 1e-6
+
 
 @kernel
 def _corner_free(contacts, j, corner, ux, uy):
@@ -177,7 +180,15 @@ def state_residual(
         speed = np.sqrt(chain.gravity * length[j])
         nx, ny = contacts.normal[j, 0], contacts.normal[j, 1]
         contacts.slip[j] = STICK
+        bears = reaction[j, 0] != 0.0 or reaction[j, 1] != 0.0
         for c in range(2):
+            contacts.candidate[j, c] = 1
+            gap = clearance(j, c, before, after) / length[j]
+            if gap > TOUCHING or not bears:
+                # Only the gap counts; how the faces slide past each other does not.
+                contacts.bias[j, c, 0] = gap * nx
+                contacts.bias[j, c, 1] = gap * ny
+                continue
             rx = contacts.point[j, c, 0] - pivot[j, 0]
             ry = contacts.point[j, c, 1] - pivot[j, 1]
             ux = relative[j, 0] - relative[j, 2] * ry
@@ -186,7 +197,6 @@ def state_residual(
             ex, ey = corner_offset(j, c, before, after, slip)
             contacts.bias[j, c, 0] = ex / length[j] - rate * ny
             contacts.bias[j, c, 1] = ey / length[j] + rate * nx
-            contacts.candidate[j, c] = 1
     relative[:] = 0.0
     return contact_residual(
         contacts, chain.friction, relative, reaction, pivot, 1.0, force_scale

@@ -96,8 +96,8 @@ MEASURED = 16
 # A run is refused that makes or loses more energy than this many times its accuracy, over the
 # largest kinetic energy, or whose bodies overlap by more than this many times it, over a joint's
 # length; less energy than ROUNDING times weight times length is rounding.
-ENERGY_ALLOWED = 10.0
-OVERLAP_ALLOWED = 0.1
+ENERGY_ALLOWED, LEAST_ENERGY = 10.0, 1e-2
+OVERLAP_ALLOWED, LEAST_OVERLAP = 0.1, 1e-4
 ROUNDING = 1e-12
 RESTING = 0
 RESOLVE = 1
@@ -268,14 +268,16 @@ def is_accurate(chain, length, options, ledger):
     -------
     bool
         False where more energy than `ENERGY_ALLOWED` times the accuracy was made or lost, or
-        bodies overlapped by more than `OVERLAP_ALLOWED` times it.
+        bodies overlapped by more than `OVERLAP_ALLOWED` times it; an accuracy finer than the
+        default counts as the default.
     """
     energy = ledger.energy
-    allowed = ENERGY_ALLOWED * options.accuracy * energy[Energy.LARGEST_KINETIC]
+    allowed = max(ENERGY_ALLOWED * options.accuracy, LEAST_ENERGY)
+    allowed *= energy[Energy.LARGEST_KINETIC]
     allowed += ROUNDING * chain.gravity * np.sum(chain.mass) * np.max(length)
     if not energy[Energy.STRAY_PEAK] <= allowed:
         return False
-    return ledger.peak[Peak.OVERLAP] <= OVERLAP_ALLOWED * options.accuracy
+    return ledger.peak[Peak.OVERLAP] <= max(OVERLAP_ALLOWED * options.accuracy, LEAST_OVERLAP)
 
 
 @allocating
@@ -294,7 +296,8 @@ def _write_rest(chain, ground, stepper, whole, joints, time, frames, ledger):
 @allocating
 def _write_few(chain, ground, whole, joints, few, pace, frames, ledger):
     """Frame of the state that the mega-voussoirs have reached."""
-    if frames.time.size == 0:
+    written = ledger.count[Count.FRAMES]
+    if frames.time.size == 0 or (written > 0 and frames.time[written - 1] >= pace.clock[0]):
         return
     few.new_position[:] = few.position
     few.new_velocity[:] = few.velocity

@@ -221,7 +221,8 @@ def take_solution(case):
     for i in range(velocity.shape[0]):
         for k in range(3):
             velocity[i, k] = unit * programme.solution[i, k] / programme.root[i, k]
-    largest = 0.0
+    # In flight no multiplier means anything: what the lightest body weighs in a step counts.
+    largest = unit * np.min(chain.mass)
     for r in range(programme.low.size):
         programme.multiplier[r] *= unit / programme.norm[r]
         largest = max(largest, programme.multiplier[r])

@@ -60,7 +60,7 @@ class Chain(Section):
     id: Identifier
     """Name of the arch in results: letters, digits and _ . + - only."""
     friction: Friction
-    """Coulomb coefficient of all joints, or a list with one for each; .inf: no sliding."""
+    """Coulomb coefficient of all joints, or a list with one for each; .inf: the limit of large friction."""
     density: float = 2000.0
     """Of the masonry [kg/m3]."""
     depth: float = 1.0
