@@ -1,6 +1,8 @@
 """What a record from a file is refused for unless the user accepts it by name."""
 
+import os
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
@@ -13,6 +15,24 @@ Acceptable = Literal["pga", "time_step", "samples"]
 ACCEPTABLE: tuple[Acceptable, ...] = get_args(Acceptable)
 PGA_RANGE = (1e-5, 5.0)  # [g]
 TIME_STEP_RANGE = (1e-4, 0.1)  # [s]
+
+
+def check_name(path: Path) -> None:
+    """Refuse a file whose name no result could hold.
+
+    Raises
+    ------
+    RecordError
+        If the name is not UTF-8.
+    """
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        shown = os.fsencode(path).decode("utf-8", "backslashreplace")
+        raise RecordError(
+            f"{shown}: the name of the file is not in UTF-8; rename it, the id of a record is "
+            "made of its name"
+        ) from None
 
 
 def accepted_words(words: Iterable[str], place: str) -> tuple[str, ...]:

@@ -28,6 +28,7 @@ from archfrag.motions.motion import Motion
 from archfrag.motions.plausible import (
     accept_or_refuse,
     accepted_words,
+    check_name,
     doubtful_count,
     doubtful_motion,
 )
@@ -239,24 +240,6 @@ def _readable_size(path: Path) -> int:
     if size == 0:
         raise RecordError(f"{path}: the file is empty")
     return size
-
-
-def check_name(path: Path) -> None:
-    """Refuse a file whose name no result could hold.
-
-    Raises
-    ------
-    RecordError
-        If the name is not UTF-8.
-    """
-    try:
-        str(path).encode()
-    except UnicodeEncodeError:
-        shown = os.fsencode(path).decode("utf-8", "backslashreplace")
-        raise RecordError(
-            f"{shown}: the name of the file is not in UTF-8; rename it, the id of a record is "
-            "made of its name"
-        ) from None
 
 
 def _check_counts(
