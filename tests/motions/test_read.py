@@ -5,9 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from obspy import Inventory, Stream, Trace, UTCDateTime
 from obspy.core.inventory import Channel, InstrumentSensitivity, Network, Response, Station
 
+from archfrag.cli import main
 from archfrag.errors import RecordError
 from archfrag.motions.measures import measure, pga, spectral_acceleration
 from archfrag.motions.process import bandpass
@@ -107,6 +109,19 @@ class TestUnits:
         assert any("Mean removed" in step for step in motion.log)
         given = read_motion(path, inventory=tmp_path / "record.xml")
         assert np.array_equal(given.acceleration, motion.acceleration)
+
+    def test_station_xml_named_on_the_command_line(self, tmp_path):
+        path = str(write(tmp_path / "record.mseed", trace()))
+        (tmp_path / "elsewhere").mkdir()
+        table = str(tmp_path / "elsewhere" / "[1]*.xml")
+        station_xml().write(table, format="STATIONXML")
+        arch = ["--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoirs", "7",
+                "--friction", "0.7", "--scale", "0"]  # fmt: skip
+        for command in (["records", "show", path], ["simulate", *arch, path]):
+            refused = CliRunner().invoke(main, command)
+            assert refused.exit_code == 2
+            assert "or by `inventory` (--inventory on the command line)" in refused.output
+            assert CliRunner().invoke(main, [*command, "--inventory", table]).exit_code == 0
 
     def test_station_xml_named_after_the_station(self, tmp_path):
         path = write(tmp_path / "anything.mseed", trace())
@@ -385,6 +400,14 @@ class TestRealRecords:
         assert velocity == pytest.approx(float(row["PGV_cms"]), rel=1e-3, abs=6e-3)
         assert measure(motion, "Arias") == pytest.approx(float(row["arias_mps"]), rel=2e-3)
         assert measure(motion, "D5_95") == pytest.approx(float(row["D5_95_s"]), abs=0.021)
+
+
+def test_channels_that_are_unclear_in_a_study(tmp_path):
+    case = _unclear(tmp_path)
+    with pytest.raises(
+        RecordError, match=r"from their codes; name them as SEED does \(HNE, HNN, "
+    ):
+        read_motions(case["path"], case["unit"])
 
 
 def test_the_shipped_index_is_found_for_a_single_file():
