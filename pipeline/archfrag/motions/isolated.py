@@ -82,8 +82,7 @@ class Reader:
 
     def stop(self) -> None:
         """End the process, if there is one."""
-        with self._lock:
-            self._end()
+        self._end()
 
     @property
     def pid(self) -> int | None:
@@ -101,7 +100,7 @@ class Reader:
             answer = {} if name is None else _receive(answers)
             headers = answer.get("traces", [])
             return name, answer | {"traces": [_take_trace(answers, entry) for entry in headers]}
-        except (EOFError, BrokenPipeError):
+        except (EOFError, BrokenPipeError, json.JSONDecodeError, UnicodeDecodeError):
             task = f"reading it as {name}" if name else "recognising its format"
             raise Unreadable(f"{path}: {task} {self._ending(process)}") from None
 
@@ -128,6 +127,9 @@ class Reader:
         return process
 
     def _ending(self, process: "subprocess.Popen[bytes]") -> str:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(timeout=5.0)
+        process.kill()  # one that answers nonsense
         code = process.wait()
         if code == -signal.SIGPROF:
             return f"took more than the {self.computing_time:g} s of computing that are allowed"

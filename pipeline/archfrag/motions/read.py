@@ -41,7 +41,7 @@ _LARGE = 16 * 2**20  # [bytes] from which a text is read within limits, too
 _reader = Reader()
 
 
-class _Given(NamedTuple):
+class _Options(NamedTuple):
     """What the user said of a file."""
 
     unit: str | None
@@ -116,8 +116,8 @@ def read_motion(
     (1.9613, 0.01)
     """
     source = Path(path)
-    given = _Given(unit, inventory, accepted_words(accept, str(path)))
-    channels, entry = _channels(source, given)
+    options = _Options(unit, inventory, accepted_words(accept, str(path)))
+    channels, entry = _channels(source, options)
     horizontals, verticals = _sorted_by_direction(channels, source)
     if component is None:
         remedy = "give `component` (--component on the command line)"
@@ -125,9 +125,9 @@ def read_motion(
     chosen, note = _choose(horizontals, source, component)
     upward = next((c for c in verticals if c.group == chosen.group), None)
     if vertical is not None:
-        upward = _vertical_from(Path(vertical), given)
+        upward = _vertical_from(Path(vertical), options)
     name = entry.id if entry else record_name(source)
-    motion = _motion(source, chosen, upward, name, entry, given.accept)
+    motion = _motion(source, chosen, upward, name, entry, options.accept)
     return replace(motion, log=(motion.log[0], *note, *motion.log[1:]))
 
 
@@ -145,8 +145,8 @@ def read_motions(
     with the file's name if not.
     """
     source = Path(path)
-    given = _Given(unit, inventory, accepted_words(accept, str(path)))
-    channels, entry = _channels(source, given)
+    options = _Options(unit, inventory, accepted_words(accept, str(path)))
+    channels, entry = _channels(source, options)
     horizontals, verticals = _sorted_by_direction(channels, source)
     remedy = "name them as SEED does (HNE, HNN, HNZ), or give each component a file of its own"
     _refuse_unclear(horizontals, channels, source, remedy)
@@ -156,7 +156,7 @@ def read_motions(
     for channel in horizontals:
         upward = next((c for c in verticals if c.group == channel.group), None)
         id = base if alone else f"{base}:{channel.code}"
-        motions.append(_motion(source, channel, upward, id, entry, given.accept))
+        motions.append(_motion(source, channel, upward, id, entry, options.accept))
     return motions
 
 
@@ -187,17 +187,17 @@ def load_motion(entry: IndexEntry) -> Motion:
     return Motion(motion.acceleration, motion.dt, motion.vertical, entry.id, merged, motion.log)
 
 
-def _channels(path: Path, given: _Given) -> tuple[list[_Channel], IndexEntry | None]:
+def _channels(path: Path, options: _Options) -> tuple[list[_Channel], IndexEntry | None]:
     entry = find_entry(path)
     if entry is not None:
-        given = given._replace(accept=(*given.accept, *entry.accept))
+        options = options._replace(accept=(*options.accept, *entry.accept))
         if path.is_file():
             check_sha256(entry)
     content = _content(path)
-    accepted = _check_counts(content, path, given.accept)
+    accepted = _check_counts(content, path, options.accept)
     stream = _joined(content.traces, path)
     return [
-        _channel(trace, path, given, entry, content.messages, accepted.get(trace.id, ()))
+        _channel(trace, path, options, entry, content.messages, accepted.get(trace.id, ()))
         for trace in stream
     ], entry
 
@@ -289,12 +289,12 @@ def _joined(traces: list[Trace], path: Path) -> Stream:
 
 
 def _channel(
-    trace: Trace, path: Path, given: _Given, entry: IndexEntry | None, log: tuple[str, ...],
+    trace: Trace, path: Path, options: _Options, entry: IndexEntry | None, log: tuple[str, ...],
     accepted: tuple[str, ...],
 ) -> _Channel:  # fmt: skip
     stats = trace.stats
     stated = stats.get("at2") or entry is not None or stats.get("_format") == "KNET"
-    table = None if stated else find_inventory(path, trace, given.inventory)
+    table = None if stated else find_inventory(path, trace, options.inventory)
     if np.ma.isMaskedArray(trace.data):
         raise RecordError(f"{path}: channel {trace.id} has gaps; a record must be without gaps")
     bad = np.flatnonzero(~np.isfinite(trace.data))
@@ -303,7 +303,7 @@ def _channel(
             f"{path}: channel {trace.id} has {bad.size} sample(s) that are not finite, the first "
             f"at index {bad[0]}"
         )
-    calibrated = calibrate(trace, path, given.unit, entry, table)
+    calibrated = calibrate(trace, path, options.unit, entry, table)
     samples, steps = calibrated.samples, (*log, *calibrated.log)
     code = channel_code(trace)
     if _VERTICAL.fullmatch(code) and points_down(trace, table):
@@ -364,8 +364,8 @@ def _choose(
     return chosen, ()
 
 
-def _vertical_from(path: Path, given: _Given) -> _Channel:
-    channels, _ = _channels(path, given)
+def _vertical_from(path: Path, options: _Options) -> _Channel:
+    channels, _ = _channels(path, options)
     verticals = [c for c in channels if _VERTICAL.fullmatch(c.code)]
     if len(verticals) == 1:
         return verticals[0]
