@@ -54,6 +54,21 @@ _log = click.option("--log", "log_file", type=click.Path(path_type=Path),
 _study = click.argument("study_file", metavar="STUDY", type=click.Path(path_type=Path))
 
 
+def _reads_record(command: Callable) -> Callable:
+    """Options that say what a record file does not, or what to let pass in it."""
+    for option in (
+        click.option("--accept", multiple=True,
+                     type=click.Choice(["pga", "time_step", "samples"]),
+                     help="Let pass a peak outside 1e-5 to 5 g, a time step outside 1e-4 to "
+                     "0.1 s, another number of samples than announced. Repeatable."),
+        click.option("--inventory", type=click.Path(path_type=Path),
+                     help="StationXML of a record in counts, if not beside it as NAME.xml"),
+        click.option("--unit", help="unit of the samples where the file does not say"),
+    ):  # fmt: skip
+        command = option(command)
+    return command
+
+
 def _step(command: Callable) -> Callable:
     """A step of a study: reads the study file, keeps a log, says in one line what it did."""
 
@@ -130,7 +145,7 @@ def onset(arch: Any, as_json: bool) -> None:
 @main.command()
 @_takes_arch
 @click.argument("record", type=click.Path(path_type=Path))
-@click.option("--unit", help="unit of the samples where the file does not say")
+@_reads_record
 @click.option("--component", help="horizontal component to take, e.g. E")
 @click.option("--scale", type=float, default=1.0, show_default=True, help="factor on the record")
 @click.option("--pga", type=float, help="peak to scale the record to [g], in place of --scale")
@@ -142,9 +157,8 @@ def onset(arch: Any, as_json: bool) -> None:
 @click.option("--mechanism", "history", is_flag=True, help="show how the mechanism changed")
 @_json
 def simulate(
-    arch: Any, record: Path, unit: str | None, component: str | None, scale: float,
-    pga: float | None, as_json: bool, **options: Any,
-) -> None:  # fmt: skip
+    arch: Any, record: Path, scale: float, pga: float | None, as_json: bool, **options: Any
+) -> None:
     """Move one arch by one record, until it rests or collapses."""
     from archfrag.arch import STANDARD_GRAVITY
     from archfrag.motions.read import read_motion
@@ -152,7 +166,8 @@ def simulate(
     from archfrag.simulate import simulate as run_simulation
     from archfrag.study.single import response_facts, response_text
 
-    motion = read_motion(record, unit=unit, component=component)
+    reading = {key: options.pop(key) for key in ("unit", "component", "inventory", "accept")}
+    motion = read_motion(record, **reading)
     if pga is not None:
         scale = scale_factor(motion, "PGA", pga * STANDARD_GRAVITY)
     response = run_simulation(arch, motion, scale=scale, **options)
@@ -183,13 +198,13 @@ def list_records(index: Path, as_json: bool) -> None:
 
 @records.command()
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--unit", help="unit of the samples where the file does not say")
+@_reads_record
 @_json
-def show(files: tuple[Path, ...], unit: str | None, as_json: bool) -> None:
+def show(files: tuple[Path, ...], as_json: bool, **reading: Any) -> None:
     """Read record FILES and say what is in them and what was done to them."""
     from archfrag.study.single import motion_facts, motion_text
 
-    facts = [entry for file in files for entry in motion_facts(file, unit)]
+    facts = [entry for file in files for entry in motion_facts(file, **reading)]
     click.echo(json.dumps(facts) if as_json else "\n".join(map(motion_text, facts)))
 
 

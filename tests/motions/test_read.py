@@ -5,9 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from obspy import Inventory, Stream, Trace, UTCDateTime
 from obspy.core.inventory import Channel, InstrumentSensitivity, Network, Response, Station
 
+from archfrag.cli import main
 from archfrag.errors import RecordError
 from archfrag.motions.measures import measure, pga, spectral_acceleration
 from archfrag.motions.process import bandpass
@@ -18,8 +20,11 @@ from .helpers import REAL_RECORDS, SHIPPED, at2_text, needs_real_records, real_r
 G = 9.80665
 
 
+RAMP = np.arange(400, dtype=np.int32) // 10
+
+
 def trace(channel="HNE", data=None, dt=0.01, start=0.0):
-    samples = np.round(1000.0 * wave()).astype(np.int32) if data is None else np.asarray(data)
+    samples = np.round(40.0 * wave()).astype(np.int32) if data is None else np.asarray(data)
     header = {"network": "XX", "station": "AB", "channel": channel, "delta": dt}
     return Trace(samples, header={**header, "starttime": UTCDateTime(2020, 1, 1) + start})
 
@@ -77,7 +82,7 @@ class TestUnits:
     @pytest.mark.parametrize("form", ["MSEED", "SAC", "GSE2", "SLIST"])
     def test_asked_for_where_the_file_does_not_say(self, tmp_path, form, unit, factor):
         path = write(tmp_path / "record", trace(), form=form)
-        motion = read_motion(path, unit=unit)
+        motion = read_motion(path, unit=unit, accept=["pga"])
         assert np.allclose(motion.acceleration, trace().data * factor, rtol=1e-12)
         assert any(f"unit {unit} as asked for" in step for step in motion.log)
 
@@ -104,6 +109,19 @@ class TestUnits:
         assert any("Mean removed" in step for step in motion.log)
         given = read_motion(path, inventory=tmp_path / "record.xml")
         assert np.array_equal(given.acceleration, motion.acceleration)
+
+    def test_station_xml_named_on_the_command_line(self, tmp_path):
+        path = str(write(tmp_path / "record.mseed", trace()))
+        (tmp_path / "elsewhere").mkdir()
+        table = str(tmp_path / "elsewhere" / "[1]*.xml")
+        station_xml().write(table, format="STATIONXML")
+        arch = ["--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoirs", "7",
+                "--friction", "0.7", "--scale", "0"]  # fmt: skip
+        for command in (["records", "show", path], ["simulate", *arch, path]):
+            refused = CliRunner().invoke(main, command)
+            assert refused.exit_code == 2
+            assert "or by `inventory` (--inventory on the command line)" in refused.output
+            assert CliRunner().invoke(main, [*command, "--inventory", table]).exit_code == 0
 
     def test_station_xml_named_after_the_station(self, tmp_path):
         path = write(tmp_path / "anything.mseed", trace())
@@ -138,11 +156,11 @@ class TestUnits:
 
 class TestComponents:
     def test_first_horizontal_and_the_vertical(self, tmp_path):
-        upward = trace("HNZ", data=np.arange(400, dtype=np.int32))
+        upward = trace("HNZ", data=RAMP)
         path = write(tmp_path / "three.mseed", trace(), trace("HNN", data=-trace().data), upward)
         motion = read_motion(path, unit="m/s2")
         assert np.array_equal(motion.acceleration, trace().data)
-        assert np.array_equal(motion.vertical, np.arange(400))
+        assert np.array_equal(motion.vertical, RAMP)
         assert "Horizontal HNE taken, the first of HNE, HNN." in motion.log
 
     @pytest.mark.parametrize("name", ["HNN", "N", "n", "XX.AB..HNN"])
@@ -152,23 +170,23 @@ class TestComponents:
         assert np.array_equal(motion.acceleration, -trace().data)
 
     def test_every_horizontal_with_the_vertical(self, tmp_path):
-        upward = trace("HNZ", data=np.arange(400, dtype=np.int32))
+        upward = trace("HNZ", data=RAMP)
         path = write(tmp_path / "three.mseed", trace(), trace("HNN"), upward)
         motions = read_motions(path, unit="m/s2")
         assert [m.id for m in motions] == ["three:HNE", "three:HNN"]
-        assert all(np.array_equal(m.vertical, np.arange(400)) for m in motions)
+        assert all(np.array_equal(m.vertical, RAMP) for m in motions)
 
     def test_unequal_lengths_are_cut_to_the_shorter(self, tmp_path):
-        upward = trace("HNZ", data=np.arange(300, dtype=np.int32))
+        upward = trace("HNZ", data=RAMP[:300])
         motion = read_motion(write(tmp_path / "two.mseed", trace(), upward), unit="m/s2")
         assert motion.acceleration.size == motion.vertical.size == 300
         assert "Cut to the 300 samples common to HNE (400) and HNZ (300)." in motion.log
 
     def test_channels_are_aligned_in_time(self, tmp_path):
-        upward = trace("HNZ", data=np.arange(400, dtype=np.int32), start=0.5)
+        upward = trace("HNZ", data=RAMP, start=0.5)
         motion = read_motion(write(tmp_path / "two.mseed", trace(), upward), unit="m/s2")
         assert np.array_equal(motion.acceleration, trace().data[50:])
-        assert np.array_equal(motion.vertical, np.arange(350))
+        assert np.array_equal(motion.vertical, RAMP[:350])
 
     def test_vertical_from_its_own_file_counts_upwards(self, tmp_path):
         for name, component in (("h", "180"), ("up", "UP"), ("down", "DWN")):
@@ -323,20 +341,23 @@ def _changed(folder):
         (_prose, r"prose\.txt: the format is not recognised"),
         (_truncated_mseed, r"cut\.mseed: truncated miniSEED: \d+ bytes"),
         (_truncated_sac, r"cut\.sac: the file is damaged, truncated or not what it seems"),
-        (_truncated_knet, r"cut\.EW: the header announces 500 samples, the file holds 200$"),
+        (_truncated_knet, r"cut\.EW: the header announces 500 samples of channel EW, the file "
+                         r"holds only 200; to use it as it is give `accept` with samples \("),
         (_not_finite, r"nan\.mseed: channel XX\.AB\.\.HNE has 1 sample\(s\) .* at index 17$"),
         (_gap, r"gap\.mseed: channel XX\.AB\.\.HNE has a gap of [\d.]+ s after .* without gaps$"),
-        (_no_unit, r"counts\.mseed: the file does not say the unit of its samples; give unit= "
-                   r"\(one of m/s2, cm/s2, gal, mm/s2, g\).* counts\.xml or give inventory=$"),
+        (_no_unit, r"counts\.mseed: the file does not say the unit of its samples; give `unit`, "
+                   r"one of m/s2, cm/s2, gal, mm/s2, g \(--unit .* counts\.xml beside it or by "
+                   r"`inventory` \(--inventory on the command line\)$"),
         (_unknown_unit, r"unknown unit 'furlong' of acceleration; allowed are m/s2, cm/s2, gal"),
         (_contradicting_unit, r"unit 'm/s2' was asked for but the AT2 header says 'g'"),
         (_contradicting_knet, r"unit 'gal' was asked for but a K-NET file has its own scale"),
-        (_fewer_at2, r"few\.AT2: the header announces NPTS = 500 samples, the file holds only"),
+        (_fewer_at2, r"few\.AT2: the header announces 500 samples of channel 180, the file "
+                     r"holds only 400;"),
         (_zero_step, r"steps\.slist: time step 0\.0 s of channel .* must be a positive number"),
         (_negative_step, r"steps\.slist: time step -0\.01 s of channel .* must be a positive"),
         (_only_vertical, r"z\.mseed: holds only the vertical component \(HNZ\)"),
         (_no_such_component, r"e\.mseed: there is no horizontal component 'N'; there is HNE$"),
-        (_unclear, r"which of the channels 'ABC', 'ABD' is horizontal .* give component=$"),
+        (_unclear, r"which of the channels 'ABC', 'ABD' is horizontal .* give `component` \("),
         (_velocity_xml, r"channel XX\.AB\.\.HNE measures M/S by its StationXML"),
         (_other_xml, r"the StationXML has no response for channel XX\.AB\.\.HNE"),
         (_no_xml, r"none\.xml: there is no such StationXML file$"),
@@ -379,6 +400,14 @@ class TestRealRecords:
         assert velocity == pytest.approx(float(row["PGV_cms"]), rel=1e-3, abs=6e-3)
         assert measure(motion, "Arias") == pytest.approx(float(row["arias_mps"]), rel=2e-3)
         assert measure(motion, "D5_95") == pytest.approx(float(row["D5_95_s"]), abs=0.021)
+
+
+def test_channels_that_are_unclear_in_a_study(tmp_path):
+    case = _unclear(tmp_path)
+    with pytest.raises(
+        RecordError, match=r"from their codes; name them as SEED does \(HNE, HNN, "
+    ):
+        read_motions(case["path"], case["unit"])
 
 
 def test_the_shipped_index_is_found_for_a_single_file():

@@ -1,5 +1,7 @@
 """Records of a study: found, read, scaled, stored."""
 
+import os
+
 import numpy as np
 import pytest
 
@@ -97,24 +99,102 @@ def test_pattern_without_files(tmp_path):
     assert str(caught.value) == f"motions.files[0]: no file matches {tmp_path / 'nowhere/*.AT2'}"
 
 
-def test_two_records_of_one_name(tmp_path):
-    study = study_with(tmp_path, 'files: ["records/*.AT2", "more/wave1.AT2"]')
-    (tmp_path / "more").mkdir()
-    path = write_at2(tmp_path / "more" / "wave1.AT2", np.sin(np.arange(50.0)), 0.01)
+def made(path):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return write_at2(path, np.sin(np.arange(50.0)), 0.01)
+
+
+def ids(study):
+    return [record.id for record in prepare_motions(study)]
+
+
+def test_two_records_of_one_name_are_told_apart_by_their_folders(tmp_path):
+    study = study_with(tmp_path, 'files: ["records/*.AT2", "more/*.AT2", "H.AT2"]')
+    for name in ("more/wave1.AT2", "H.AT2", "more/H.AT2", "more/other.AT2"):
+        made(tmp_path / name)
+    assert ids(study) == ["wave0", "records+wave1", "more+H", "other", "more+wave1", "H"]
+
+
+def test_ids_do_not_depend_on_where_the_study_lies(tmp_path):
+    motions = 'files: ["records/**/*.AT2"]'
+    found = []
+    for place in ("here", "there/again"):
+        study = study_with(tmp_path / place, motions)
+        for name in ("a/1/H.AT2", "b/1/H.AT2", "b/2/H.AT2"):
+            made(tmp_path / place / "records" / name)
+        found.append(ids(study))
+    assert found[0] == found[1] == ["a+1+H", "b+1+H", "b+2+H", "wave0", "wave1"]
+
+
+def test_two_formats_of_one_name_in_one_folder(tmp_path):
+    study = study_with(tmp_path, "files: [{path: records/wave1*, unit: g}]")
+    text = "TIMESERIES A_B__HNE_, 3 samples, 100 sps, 2000-01-01T00:00:00, SLIST, FLOAT,\n"
+    (tmp_path / "records" / "wave1.txt").write_text(f"{text}0.0 0.1 0.0\n")
+    assert ids(study) == ["wave1.AT2", "wave1.txt"]
+
+
+def test_the_same_file_by_two_patterns_is_one_record(tmp_path):
+    assert ids(study_with(tmp_path, 'files: ["records/*.AT2", "records/*.at2"]')) == [
+        "wave0",
+        "wave1",
+    ]
+    study = study_with(tmp_path, 'files: ["records/*", {path: "records/wave1.AT2", unit: g}]')
+    with pytest.raises(StudyError) as caught:
+        prepare_motions(study)
+    assert str(caught.value) == (
+        f"motions.files[1]: {tmp_path / 'records' / 'wave1.AT2'} is matched by an entry before it "
+        "too, with another unit, inventory or accept"
+    )
+
+
+@pytest.mark.parametrize(
+    "pattern", ["*.AT2", "*.at2", "ARL[2-4]60.At2", "a[r]L*", "[!a-fx-z]*.AT2", "?RL360.aT2"]
+)
+def test_patterns_match_in_any_case(tmp_path, pattern):
+    study = study_with(tmp_path, f'files: ["data [1]/{pattern}"]')
+    for name in ("ARL360.at2", "C.txt", "nis090.AT2"):
+        made(tmp_path / "data [1]" / name)
+    found = ids(study) if pattern != "[!a-fx-z]*.AT2" else ["ARL360", *ids(study)]
+    expected = ["ARL360", "nis090"] if pattern[0] in "*[" else ["ARL360"]
+    assert found == expected
+
+
+def test_name_that_is_not_utf_8(tmp_path):
+    study = study_with(tmp_path, 'files: ["records/*"]')
+    (tmp_path / "records" / "wave0.AT2").rename(tmp_path / "records" / os.fsdecode(b"b\xff.AT2"))
     with pytest.raises(RecordError) as caught:
         prepare_motions(study)
     assert str(caught.value) == (
-        f"{path}: the record id 'wave1' is that of {tmp_path / 'records' / 'wave1.AT2'} too; each "
-        "record needs its own"
+        f"{tmp_path}/records/b\\xff.AT2: the name of the file is not in UTF-8; rename it, the id "
+        "of a record is made of its name"
     )
 
 
 def test_record_of_zeros_cannot_be_scaled(tmp_path):
     study = study_with(tmp_path, 'files: ["records/*.AT2"]')
     write_at2(tmp_path / "records" / "zero.AT2", np.zeros(50), 0.01)
+    with pytest.raises(RecordError, match="peak of channel 0 is 0 g by its unit g, outside 1e-05"):
+        prepare_motions(study)
+    study = study_with(tmp_path, 'files: [{path: "records/*.AT2", accept: [pga]}]')
     with pytest.raises(RecordError, match="zero: PGA of the record is 0, so no factor can bring"):
         prepare_motions(study)
     assert not (study.folder / "motions.json").exists()
+
+
+def test_what_a_study_accepts_is_stored_with_the_record(tmp_path):
+    study = study_with(tmp_path, 'files: [{path: "records/*.AT2", accept: [time_step, pga]}]')
+    write_at2(tmp_path / "records" / "wave1.AT2", np.sin(np.arange(50.0)), 0.2)
+    first, second = prepare_motions(study)
+    assert "accepted" not in load_record(study, first).metadata
+    motion = load_record(study, second)
+    assert motion.metadata["accepted"] == [
+        "Accepted: time step of channel 0 is 0.2 s, outside 0.0001 to 0.1 s."
+    ]
+    assert motion.metadata["accepted"][0] in motion.log
+    with pytest.raises(
+        StudyError, match=r"motions\.files\[0\]\.accept\[0\] = dt must be 'pga', 't"
+    ):
+        study_with(tmp_path, "files: [{path: x, accept: [dt]}]")
 
 
 def test_motions_that_are_not_prepared_or_for_other_levels(tmp_path):

@@ -1,5 +1,6 @@
 """The unit of what obspy has read: taken from the file or what lies beside it, or demanded."""
 
+import io
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -48,15 +49,15 @@ def calibrate(
     if known is not None:
         if unit is not None and METRES_PER_SECOND_SQUARED[unit] != unit_factor(known, source):
             raise RecordError(
-                f"{path}: unit {unit!r} was asked for but the {source} says {known!r}; leave out "
-                "unit="
+                f"{path}: unit {unit!r} was asked for but the {source} says {known!r}; leave "
+                "`unit` out"
             )
         return _from_unit(trace, known, f"unit {known} from the {source}")
     if trace.stats.get("_format") == "KNET":
         if unit not in (None, "m/s2"):
             raise RecordError(
                 f"{path}: unit {unit!r} was asked for but a K-NET file has its own scale factor; "
-                "leave out unit="
+                "leave `unit` out"
             )
         return _demeaned(trace, float(trace.stats.calib), "counts", "the file's scale factor")
     if inventory is not None:
@@ -76,8 +77,9 @@ def calibrate(
         return calibrated
     allowed = ", ".join(METRES_PER_SECOND_SQUARED)
     raise RecordError(
-        f"{path}: the file does not say the unit of its samples; give unit= (one of {allowed}), "
-        f"or for counts put its StationXML beside it as {path.stem}.xml or give inventory="
+        f"{path}: the file does not say the unit of its samples; give `unit`, one of {allowed} "
+        f"(--unit on the command line), or for counts its StationXML as {path.stem}.xml beside it "
+        "or by `inventory` (--inventory on the command line)"
     )
 
 
@@ -122,7 +124,8 @@ def _inventory(path: Path) -> Inventory:
     if not path.is_file():
         raise RecordError(f"{path}: there is no such StationXML file")
     try:
-        return read_inventory(str(path))
+        # From memory: obspy takes a path for a pattern or an address, and unpacks archives.
+        return read_inventory(io.BytesIO(path.read_bytes()), format="STATIONXML")
     except Exception as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise RecordError(f"{path}: cannot be read as StationXML ({reason})") from None

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from archfrag.errors import RecordError
+from archfrag.motions.plausible import accepted_words
 from archfrag.motions.units import unit_factor
 
 INDEX_NAME = "index.csv"
@@ -36,6 +37,8 @@ class IndexEntry:
     metadata : dict
         The other columns: ``Mw``, ``distance_km``, ``Vs30_mps`` and ``dt_s`` as float or None,
         ``seed`` as int or None, the rest as text.
+    accept : tuple of str
+        What to let pass in this record, see `archfrag.motions.read.read_motion`.
     """
 
     id: str
@@ -43,18 +46,20 @@ class IndexEntry:
     unit: str
     sha256: str
     metadata: dict[str, Any]
+    accept: tuple[str, ...] = ()
 
 
 def load_index(path: str | Path) -> list[IndexEntry]:
     """Read an ``index.csv``, or the one in a folder.
 
-    Columns ``id``, ``file`` and ``unit`` are needed; see ``COLUMNS`` for the others.
+    Columns ``id``, ``file`` and ``unit`` are needed; see ``COLUMNS`` for the others. A column
+    ``accept`` may say what to let pass (``pga``, ``time_step``, ``samples``, blanks between).
 
     Raises
     ------
     RecordError
         If the file is missing, a needed column or value is, two rows have the same id, a number
-        is none, or a unit is unknown.
+        is none, or a unit or a word of ``accept`` is unknown.
     """
     source = Path(path)
     if source.is_dir():
@@ -132,7 +137,7 @@ def _entry(row: dict[str, str], source: Path, line: int) -> IndexEntry:
     metadata: dict[str, Any] = {
         key: value
         for key, value in values.items()
-        if key not in (*_NEEDED, "sha256", *_NUMBERS, "seed")
+        if key not in (*_NEEDED, "sha256", *_NUMBERS, "seed", "accept", "accepted")
     }
     for column in (*_NUMBERS, "seed"):
         if column in values:
@@ -144,6 +149,7 @@ def _entry(row: dict[str, str], source: Path, line: int) -> IndexEntry:
         unit=values["unit"],
         sha256=values.get("sha256", ""),
         metadata=metadata,
+        accept=accepted_words(values.get("accept", "").split(), place),
     )
 
 

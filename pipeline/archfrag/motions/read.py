@@ -1,26 +1,52 @@
-"""Records of ground motion from files: every waveform format of obspy, and PEER AT2."""
+"""Records of ground motion from files: waveform formats that obspy reads, and PEER AT2."""
 
-import glob
+import os
 import re
-import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import obspy
 from numpy.typing import NDArray
 from obspy import Inventory, Stream, Trace, UTCDateTime
 
 from archfrag.errors import RecordError
 from archfrag.motions.calibrate import calibrate, channel_code, find_inventory, points_down
+from archfrag.motions.formats.waveform import (
+    BINARY,
+    TEXT,
+    Content,
+    Unreadable,
+    archive_kind,
+    read_as,
+    recognise,
+)
 from archfrag.motions.index import IndexEntry, check_sha256, find_entry
+from archfrag.motions.isolated import Reader
 from archfrag.motions.motion import Motion
+from archfrag.motions.plausible import (
+    accept_or_refuse,
+    accepted_words,
+    check_name,
+    doubtful_count,
+    doubtful_motion,
+)
 
 _VERTICAL = re.compile(r"[-+]?(U|V|Z|UD\d?|UP|DWN|DOWN|VERT|VERTICAL|..Z)", re.IGNORECASE)
 _HORIZONTAL = re.compile(
     r"(EW|NS)\d?|[ENXYRTHL]\d?|[NS]\d+(\.\d+)?[EW]|\d{1,3}|..[ENXYRT12]", re.IGNORECASE
 )
+_LARGE = 16 * 2**20  # [bytes] from which a text is read within limits, too
+_reader = Reader()
+
+
+class _Options(NamedTuple):
+    """What the user said of a file."""
+
+    unit: str | None
+    inventory: str | Path | Inventory | None
+    accept: tuple[str, ...]
 
 
 class _Channel(NamedTuple):
@@ -31,6 +57,7 @@ class _Channel(NamedTuple):
     samples: NDArray[np.float64]
     unit_in_file: str
     log: tuple[str, ...]
+    accepted: tuple[str, ...]
     trace: Trace
 
 
@@ -41,13 +68,15 @@ def read_motion(
     *,
     vertical: str | Path | None = None,
     inventory: str | Path | Inventory | None = None,
+    accept: Iterable[str] = (),
 ) -> Motion:
     """Read one horizontal component of a record, and the vertical where there is one.
 
     Parameters
     ----------
     path : path
-        A file in any waveform format of obspy, or in PEER's AT2.
+        A file in PEER's AT2, K-NET, SLIST, TSPAIR, miniSEED, SAC (binary or text), GSE1, GSE2,
+        SEISAN, Kinemetrics EVT, GCF or RefTek 130; never an archive or a pickle.
     unit : str, optional
         Unit of the samples: ``m/s2``, ``cm/s2``, ``gal``, ``mm/s2`` or ``g``. Only for files
         that do not say it themselves; it is never guessed.
@@ -58,17 +87,22 @@ def read_motion(
         File of the vertical component where it is not in the same file.
     inventory : path or obspy.Inventory, optional
         StationXML of a record in counts; by default NAME.xml or NET.STA.xml beside the file.
+    accept : sequence of str
+        What to let pass though it is hardly right: ``pga`` (peak outside 1e-5 to 5 g),
+        ``time_step`` (outside 1e-4 to 0.1 s), ``samples`` (another number than the header
+        announces). An ``index.csv`` that lists the file may say it in a column ``accept``.
 
     Returns
     -------
     Motion
-        In m/s2; every step from the file to it is in its log.
+        In m/s2; every step from the file to it is in its log, and what was accepted also under
+        ``accepted`` in its metadata.
 
     Raises
     ------
     RecordError
         With the file and what is wrong: missing, empty, truncated, not finite, with gaps,
-        unknown format or unit, no positive time step, or no such horizontal component.
+        unknown format or unit, not plausible and not accepted, or no such horizontal component.
 
     Examples
     --------
@@ -82,14 +116,19 @@ def read_motion(
     (1.9613, 0.01)
     """
     source = Path(path)
-    channels, entry = _channels(source, unit, inventory)
-    horizontals, verticals = _sorted_by_direction(channels, source, component)
+    options = _Options(unit, inventory, accepted_words(accept, str(path)))
+    channels, entry = _channels(source, options)
+    horizontals, verticals = _sorted_by_direction(channels, source)
+    if component is None:
+        remedy = "give `component` (--component on the command line)"
+        _refuse_unclear(horizontals, channels, source, remedy)
     chosen, note = _choose(horizontals, source, component)
     upward = next((c for c in verticals if c.group == chosen.group), None)
     if vertical is not None:
-        upward = _vertical_from(Path(vertical), unit, inventory)
-    name = entry.id if entry else _identifier(source, chosen, alone=True)
-    return _motion(source, chosen, upward, name, entry, note)
+        upward = _vertical_from(Path(vertical), options)
+    name = entry.id if entry else record_name(source)
+    motion = _motion(source, chosen, upward, name, entry, options.accept)
+    return replace(motion, log=(motion.log[0], *note, *motion.log[1:]))
 
 
 def read_motions(
@@ -97,21 +136,36 @@ def read_motions(
     unit: str | None = None,
     *,
     inventory: str | Path | Inventory | None = None,
+    accept: Iterable[str] = (),
+    name: str | None = None,
 ) -> list[Motion]:
     """Read every horizontal component of a file, each with the vertical of its instrument.
 
-    Parameters and errors are those of `read_motion`.
+    Parameters and errors are those of `read_motion`; ids begin with `name` if that is given,
+    with the file's name if not.
     """
     source = Path(path)
-    channels, entry = _channels(source, unit, inventory)
-    horizontals, verticals = _sorted_by_direction(channels, source, None)
+    options = _Options(unit, inventory, accepted_words(accept, str(path)))
+    channels, entry = _channels(source, options)
+    horizontals, verticals = _sorted_by_direction(channels, source)
+    remedy = "name them as SEED does (HNE, HNN, HNZ), or give each component a file of its own"
+    _refuse_unclear(horizontals, channels, source, remedy)
+    alone = len(horizontals) == 1
+    base = entry.id if entry and alone else name or record_name(source)
     motions = []
     for channel in horizontals:
         upward = next((c for c in verticals if c.group == channel.group), None)
-        alone = len(horizontals) == 1
-        name = entry.id if entry and alone else _identifier(source, channel, alone)
-        motions.append(_motion(source, channel, upward, name, entry, ()))
+        id = base if alone else f"{base}:{channel.code}"
+        motions.append(_motion(source, channel, upward, id, entry, options.accept))
     return motions
+
+
+def record_name(path: Path) -> str:
+    """What the id of a record is made of: the name of its file, without what only says the format.
+
+    The files of a K-NET record differ in their endings only, which are kept.
+    """
+    return path.name if recognise(str(path), ("KNET",)) else path.stem
 
 
 def load_motion(entry: IndexEntry) -> Motion:
@@ -123,7 +177,7 @@ def load_motion(entry: IndexEntry) -> Motion:
         If the file is missing, has changed since it was listed, or has another time step.
     """
     check_sha256(entry)
-    motion = read_motion(entry.path, unit=entry.unit)
+    motion = read_motion(entry.path, unit=entry.unit, accept=entry.accept)
     step = entry.metadata.get("dt_s")
     if step is not None and not np.isclose(step, motion.dt, rtol=1e-6, atol=0.0):
         raise RecordError(
@@ -133,81 +187,94 @@ def load_motion(entry: IndexEntry) -> Motion:
     return Motion(motion.acceleration, motion.dt, motion.vertical, entry.id, merged, motion.log)
 
 
-def _channels(
-    path: Path, unit: str | None, inventory: Any
-) -> tuple[list[_Channel], IndexEntry | None]:
+def _channels(path: Path, options: _Options) -> tuple[list[_Channel], IndexEntry | None]:
     entry = find_entry(path)
-    if entry is not None and path.is_file():
-        check_sha256(entry)
-    stream, log = _read_stream(path)
-    return [_channel(trace, path, unit, entry, inventory, log) for trace in stream], entry
+    if entry is not None:
+        options = options._replace(accept=(*options.accept, *entry.accept))
+        if path.is_file():
+            check_sha256(entry)
+    content = _content(path)
+    accepted = _check_counts(content, path, options.accept)
+    stream = _joined(content.traces, path)
+    return [
+        _channel(trace, path, options, entry, content.messages, accepted.get(trace.id, ()))
+        for trace in stream
+    ], entry
 
 
-def _read_stream(path: Path) -> tuple[Stream, tuple[str, ...]]:
+def _content(path: Path) -> Content:
+    """What a file holds, read within limits unless it is a text of moderate size."""
+    size = _readable_size(path)
+    name = str(path)
+    # By its name alone, so that a damaged header is judged by the reader that knows it.
+    found = "AT2" if path.suffix.lower() == ".at2" else recognise(name, TEXT)
+    try:
+        if found and size <= _LARGE:
+            return read_as(name, found)
+        content = _reader.read(name, (found,) if found else BINARY)
+    except Unreadable as error:
+        raise RecordError(str(error)) from None
+    if content is not None:
+        return content
+    kind = archive_kind(name)
+    if kind is not None:
+        raise RecordError(f"{path}: this is an archive ({kind}), which is never unpacked here")
+    raise RecordError(
+        f"{path}: the format is not recognised; {', '.join((*TEXT, *BINARY))} can be read"
+    )
+
+
+def _readable_size(path: Path) -> int:
+    check_name(path)
     if not path.exists():
         raise RecordError(f"{path}: there is no such file")
     if path.is_dir():
         raise RecordError(f"{path}: this is a folder; a record is one file")
-    if path.stat().st_size == 0:
+    if not path.is_file():
+        raise RecordError(f"{path}: this is no regular file")
+    try:
+        with open(path, "rb") as file:
+            size = file.seek(0, os.SEEK_END)
+    except OSError as error:
+        raise RecordError(f"{path}: the file cannot be read ({error.strerror})") from None
+    if size == 0:
         raise RecordError(f"{path}: the file is empty")
-    wanted = "AT2" if path.suffix.lower() == ".at2" else None
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        try:
-            stream = obspy.read(glob.escape(str(path)), format=wanted)
-        except RecordError:
-            raise
-        except TypeError as error:
-            if "Unknown format" not in str(error):
-                raise RecordError(_unreadable(path, error)) from None
-            raise RecordError(
-                f"{path}: the format is not recognised; obspy's waveform formats and PEER AT2 "
-                "can be read"
-            ) from None
-        except Exception as error:
-            raise RecordError(_unreadable(path, error)) from None
-    messages = [w for w in caught if not issubclass(w.category, DeprecationWarning)]
-    for message in messages:
-        if "MSEED" in message.category.__name__:
-            raise RecordError(f"{path}: damaged or truncated miniSEED ({message.message})")
-    _check_complete(stream, path)
-    log = tuple(dict.fromkeys(f"obspy: {' '.join(str(m.message).split())}" for m in messages))
-    return stream, log
+    return size
 
 
-def _unreadable(path: Path, error: Exception) -> str:
-    lines = str(error).strip().splitlines()
-    reason = lines[0] if lines else type(error).__name__
-    if reason.startswith("Cannot open file"):  # what obspy says of a file without whole records
-        reason = "no trace could be read from it"
-    return f"{path}: the file is damaged, truncated or not what it seems ({reason})"
-
-
-def _check_complete(stream: Stream, path: Path) -> None:
-    """Refuse what was cut off or has holes, and join what is only split."""
-    for trace in stream:
-        blocks = trace.stats.get("mseed", {})
-        length = blocks.get("record_length")
-        if length and blocks.get("filesize", 0) % length:
-            raise RecordError(
-                f"{path}: truncated miniSEED: {blocks.filesize} bytes are not a whole number of "
-                f"records of {length} bytes"
-            )
-        details = trace.stats.get("knet", {})
-        announced = round(details.get("duration", 0.0) * trace.stats.sampling_rate)
-        if announced and trace.stats.npts != announced:
-            raise RecordError(
-                f"{path}: the header announces {announced} samples, the file holds "
-                f"{trace.stats.npts}"
-            )
-        if trace.stats.npts == 0:
+def _check_counts(
+    content: Content, path: Path, accept: tuple[str, ...]
+) -> dict[str, tuple[str, ...]]:
+    """Judge what cannot be a record, and numbers of samples; sentences for each trace id."""
+    accepted: dict[str, tuple[str, ...]] = {}
+    for trace, announced in zip(content.traces, content.announced, strict=True):
+        held, delta = trace.stats.npts, trace.stats.delta
+        if held == 0:
             raise RecordError(f"{path}: channel {trace.id} holds no samples")
-        delta = trace.stats.delta
         if not (np.isfinite(delta) and delta > 0.0):
             raise RecordError(
                 f"{path}: time step {delta} s of channel {trace.id} must be a positive number of "
                 "seconds"
             )
+        doubts = doubtful_count(channel_code(trace) or trace.id, announced, held)
+        sentences = accept_or_refuse(path, accept, doubts)
+        if held < announced and trace is content.traces[-1] and _ends_in_a_number(content, path):
+            trace.data = trace.data[:-1]
+            sentences += ("Last sample left out: the file ends in the middle of its line.",)
+        accepted[trace.id] = (*accepted.get(trace.id, ()), *sentences)
+    return accepted
+
+
+def _ends_in_a_number(content: Content, path: Path) -> bool:
+    """Whether a text breaks off within its last line, so that digits may be missing."""
+    with open(path, "rb") as file:
+        file.seek(-1, os.SEEK_END)
+        return content.format in TEXT and not file.read(1).isspace()
+
+
+def _joined(traces: list[Trace], path: Path) -> Stream:
+    """Join what is only split; refuse holes."""
+    stream = Stream(traces)
     if len({trace.id for trace in stream}) < len(stream):
         stream.merge(method=-1)
     gaps = stream.get_gaps()
@@ -218,15 +285,16 @@ def _check_complete(stream: Stream, path: Path) -> None:
             f"{path}: channel {network}.{station}.{location}.{channel} has {kind} of "
             f"{abs(length):g} s after {start}; a record must be without gaps"
         )
+    return stream
 
 
 def _channel(
-    trace: Trace, path: Path, unit: str | None, entry: IndexEntry | None, inventory: Any,
-    log: tuple[str, ...],
+    trace: Trace, path: Path, options: _Options, entry: IndexEntry | None, log: tuple[str, ...],
+    accepted: tuple[str, ...],
 ) -> _Channel:  # fmt: skip
     stats = trace.stats
     stated = stats.get("at2") or entry is not None or stats.get("_format") == "KNET"
-    table = None if stated else find_inventory(path, trace, inventory)
+    table = None if stated else find_inventory(path, trace, options.inventory)
     if np.ma.isMaskedArray(trace.data):
         raise RecordError(f"{path}: channel {trace.id} has gaps; a record must be without gaps")
     bad = np.flatnonzero(~np.isfinite(trace.data))
@@ -235,7 +303,7 @@ def _channel(
             f"{path}: channel {trace.id} has {bad.size} sample(s) that are not finite, the first "
             f"at index {bad[0]}"
         )
-    calibrated = calibrate(trace, path, unit, entry, table)
+    calibrated = calibrate(trace, path, options.unit, entry, table)
     samples, steps = calibrated.samples, (*log, *calibrated.log)
     code = channel_code(trace)
     if _VERTICAL.fullmatch(code) and points_down(trace, table):
@@ -246,12 +314,12 @@ def _channel(
         group = f"{stats.station}.{code[2:]}"
     return _Channel(
         code, group, stats.starttime, float(stats.delta), samples, calibrated.unit_in_file, steps,
-        trace,
+        accepted, trace,
     )  # fmt: skip
 
 
 def _sorted_by_direction(
-    channels: Sequence[_Channel], path: Path, component: str | None
+    channels: Sequence[_Channel], path: Path
 ) -> tuple[list[_Channel], list[_Channel]]:
     verticals = [c for c in channels if _VERTICAL.fullmatch(c.code)]
     others = [c for c in channels if not _VERTICAL.fullmatch(c.code)]
@@ -260,14 +328,19 @@ def _sorted_by_direction(
             f"{path}: holds only the vertical component ({verticals[0].code}); a horizontal one "
             "is needed"
         )
-    unclear = [c for c in others if not _HORIZONTAL.fullmatch(c.code)]
-    if unclear and len(channels) > 1 and component is None:
+    return others, verticals
+
+
+def _refuse_unclear(
+    horizontals: Sequence[_Channel], channels: Sequence[_Channel], path: Path, remedy: str
+) -> None:
+    unclear = [c for c in horizontals if not _HORIZONTAL.fullmatch(c.code)]
+    if unclear and len(channels) > 1:
         names = ", ".join(repr(c.code) for c in channels)
         raise RecordError(
             f"{path}: which of the channels {names} is horizontal cannot be told from their "
-            "codes; give component="
+            f"codes; {remedy}"
         )
-    return others, verticals
 
 
 def _choose(
@@ -291,8 +364,8 @@ def _choose(
     return chosen, ()
 
 
-def _vertical_from(path: Path, unit: str | None, inventory: Any) -> _Channel:
-    channels, _ = _channels(path, unit, inventory)
+def _vertical_from(path: Path, options: _Options) -> _Channel:
+    channels, _ = _channels(path, options)
     verticals = [c for c in channels if _VERTICAL.fullmatch(c.code)]
     if len(verticals) == 1:
         return verticals[0]
@@ -302,23 +375,23 @@ def _vertical_from(path: Path, unit: str | None, inventory: Any) -> _Channel:
     raise RecordError(f"{path}: one vertical channel is needed, the file holds {names}")
 
 
-def _identifier(path: Path, channel: _Channel, alone: bool) -> str:
-    # The files of a K-NET record differ in their endings only.
-    name = path.name if channel.trace.stats.get("_format") == "KNET" else path.stem
-    return name if alone else f"{name}:{channel.code}"
-
-
 def _motion(
     path: Path, channel: _Channel, upward: _Channel | None, name: str, entry: IndexEntry | None,
-    note: tuple[str, ...],
+    accept: tuple[str, ...],
 ) -> Motion:  # fmt: skip
     stats = channel.trace.stats
-    log: tuple[str, ...] = (f"Read from {path.name} ({stats.get('_format', '')}).", *note)
-    log = (*log, *channel.log)
+    log: tuple[str, ...] = (f"Read from {path.name} ({stats.get('_format', '')}).", *channel.log)
     horizontal, vertical = channel.samples, None
     if upward is not None:
         horizontal, vertical, cut = _aligned(channel, upward, path)
         log = (*log, *(f"Vertical {upward.code}: {step}" for step in upward.log), *cut)
+    accept = (*accept, *(entry.accept if entry else ()))
+    accepted = channel.accepted + accept_or_refuse(
+        path, accept, doubtful_motion(channel.code, horizontal, channel.dt, channel.unit_in_file)
+    )
+    if upward is not None and vertical is not None:
+        doubts = doubtful_motion(upward.code, vertical, upward.dt, upward.unit_in_file)
+        accepted += upward.accepted + accept_or_refuse(path, accept, doubts)
     details = stats.get("at2", {})
     metadata = {
         "file": path.name,
@@ -335,7 +408,9 @@ def _motion(
     if entry is not None:
         listed = {key: value for key, value in entry.metadata.items() if value not in (None, "")}
         metadata.update(listed)
-    return Motion(horizontal, channel.dt, vertical, name, metadata, log)
+    if accepted:
+        metadata["accepted"] = list(accepted)
+    return Motion(horizontal, channel.dt, vertical, name, metadata, log + accepted)
 
 
 def _aligned(

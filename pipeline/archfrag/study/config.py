@@ -20,6 +20,7 @@ from pydantic_core import PydanticCustomError
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import GeometryError, InputError, StudyError
+from archfrag.motions.plausible import Acceptable
 from archfrag.study.arches import ArchEntry, Identifier, Numbers, Section
 from archfrag.study.sentences import first_sentence
 from archfrag.study.yaml_file import dump_yaml, parse_value, read_yaml
@@ -39,11 +40,13 @@ class FileSet(Section):
     """Records by path or pattern."""
 
     path: Annotated[str, Field(min_length=1)]
-    """A file, or a pattern with * and ?, relative to the study file."""
+    """A file, or a pattern with * and ? in any case, relative to the study file."""
     unit: str | None = None
     """Unit of the samples where the file does not say; never guessed."""
     inventory: str | None = None
     """StationXML with the response, for records in counts."""
+    accept: Annotated[tuple[Acceptable, ...], Field(strict=False)] = ()
+    """Let pass: pga (1e-5 to 5 g), time_step (1e-4 to 0.1 s), samples (other than announced)."""
 
 
 def _as_file_set(given: Any) -> Any:
@@ -69,7 +72,7 @@ class Motions(Section):
     select: Annotated[tuple[str, ...], Field(strict=False), AfterValidator(_sized)] | None = None
     """Ids of the records to use, in this order; all where not given."""
     files: FileSets = ()
-    """Record files or patterns; each entry a path, or a mapping with path, unit, inventory."""
+    """Record files or patterns; each a path, or a mapping with path, unit, inventory, accept."""
 
     @model_validator(mode="after")
     def _have_a_source(self) -> Self:

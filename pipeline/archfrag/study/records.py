@@ -3,13 +3,17 @@
 import difflib
 import glob
 import json
+import os
+import re
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from archfrag.errors import InputError, RecordError, StudyError
-from archfrag.motions.index import IndexEntry, load_index
+from archfrag.motions.index import IndexEntry, find_entry, load_index
+from archfrag.motions.plausible import check_name
 from archfrag.study.config import FileSet, Study
 from archfrag.study.files import canonical_json, make_folder, sha256_of, write_text
 
@@ -26,6 +30,8 @@ class Source:
     path: Path
     unit: str | None = None
     inventory: str | None = None
+    accept: tuple[str, ...] = ()
+    name: str | None = None  # what ids begin with, where the file's own name is not enough
     entry: IndexEntry | None = None
 
 
@@ -53,7 +59,7 @@ def find_sources(study: Study) -> list[Source]:
     StudyError
         If `select` names an id that is nowhere, or a pattern matches nothing.
     RecordError
-        If an index cannot be used or a record file is missing.
+        If an index cannot be used, a record file is missing or its name is not UTF-8.
     """
     sources = []
     if study.motions.index is not None:
@@ -66,12 +72,20 @@ def find_sources(study: Study) -> list[Source]:
                     raise _not_a_record(name, list(table))
             entries = [table[name] for name in wanted]
         sources = [Source(entry.path, entry=entry) for entry in entries]
+    given: dict[Path, Source] = {}
     for number, entry in enumerate(study.motions.files):
-        sources += _from_files(entry, f"motions.files[{number}]")
-    for source in sources:
+        for source in _from_files(entry, f"motions.files[{number}]"):
+            # Two patterns may match the same file.
+            if given.setdefault(source.path, source) != source:
+                raise StudyError(
+                    f"motions.files[{number}]: {source.path} is matched by an entry before it "
+                    "too, with another unit, inventory or accept"
+                )
+    for source in (*sources, *given.values()):
+        check_name(source.path)
         if not source.path.is_file():
             raise RecordError(f"{source.path}: there is no such record file")
-    return sources
+    return sources + _with_names(list(given.values()))
 
 
 def _not_a_record(name: str, known: list[str]) -> StudyError:
@@ -81,14 +95,71 @@ def _not_a_record(name: str, known: list[str]) -> StudyError:
 
 
 def _from_files(entry: FileSet, key: str) -> list[Source]:
-    if glob.has_magic(entry.path):
-        paths = sorted(Path(name) for name in glob.glob(entry.path, recursive=True))
-        paths = [path for path in paths if path.is_file()]
+    paths = [Path(entry.path)]
+    if glob.has_magic(entry.path) and not paths[0].is_file():
+        names = glob.glob(_any_case(entry.path), recursive=True)
+        paths = [path for path in sorted(map(Path, names)) if path.is_file()]
         if not paths:
             raise StudyError(f"{key}: no file matches {entry.path}")
-    else:
-        paths = [Path(entry.path)]
-    return [Source(path, entry.unit, entry.inventory) for path in paths]
+    return [Source(path, entry.unit, entry.inventory, entry.accept) for path in paths]
+
+
+def _any_case(pattern: str) -> str:
+    """The pattern with each letter in both cases.
+
+    Leading folders that exist by their very name are meant so, whatever characters it has.
+    """
+    folder = Path(pattern).anchor
+    parts = list(Path(pattern).relative_to(folder).parts)
+    while parts and os.path.isdir(os.path.join(folder, parts[0])):
+        folder = os.path.join(folder, parts.pop(0))
+    pieces = re.split(r"(\[!?\]?[^]]*\])", "/".join(parts))
+    return os.path.join(glob.escape(folder), "".join(map(_in_both_cases, pieces)))
+
+
+def _in_both_cases(piece: str) -> str:
+    if piece.startswith("[") and piece.endswith("]"):
+        inner = piece[1:-1]
+        return f"[{inner}{inner.strip('!]').swapcase()}]"
+    return "".join(
+        f"[{letter.lower()}{letter.upper()}]"
+        if letter.isalpha() and len(letter.lower() + letter.upper()) == 2
+        else letter
+        for letter in piece
+    )
+
+
+def _with_names(sources: list[Source]) -> list[Source]:
+    """The same sources, with names for those whose ids would be the same."""
+    from archfrag.motions.read import record_name
+
+    stems = Counter(source.path.stem for source in sources)
+    groups: dict[str, list[Path]] = {}
+    for source in sources:
+        if stems[source.path.stem] > 1 and find_entry(source.path) is None:
+            groups.setdefault(record_name(source.path), []).append(source.path)
+    names: dict[Path, str] = {}
+    for name, paths in groups.items():
+        if len(paths) > 1:
+            names |= zip(paths, _distinct_names(name, paths))
+    return [replace(source, name=names.get(source.path)) for source in sources]
+
+
+def _distinct_names(name: str, paths: list[Path]) -> list[str]:
+    """The name of several files with as many of their folders before it as tell them apart.
+
+    Folders that they have in common do not count, so that a study can be moved.
+    """
+    parents = [Path(os.path.abspath(path)).parent for path in paths]
+    common = Path(os.path.commonpath(parents))
+    rows = []
+    for path, parent in zip(paths, parents):
+        end = path.name if parents.count(parent) > 1 else name
+        rows.append((*parent.relative_to(common).parts, end))
+    depth = 1
+    while len({row[-depth:] for row in rows}) < len(rows):
+        depth += 1
+    return ["+".join(row[-depth:]) for row in rows]
 
 
 def read_sources(study: Study) -> Iterator["Motion"]:
@@ -128,7 +199,13 @@ def _read(source: Source) -> list["Motion"]:
 
     if source.entry is not None:
         return [load_motion(source.entry)]
-    return read_motions(source.path, source.unit, inventory=source.inventory)
+    return read_motions(
+        source.path,
+        source.unit,
+        inventory=source.inventory,
+        accept=source.accept,
+        name=source.name,
+    )
 
 
 def scale_factors(motion: "Motion", study: Study) -> tuple[float, ...]:

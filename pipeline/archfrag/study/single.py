@@ -164,8 +164,11 @@ def index_rows(path: Path) -> list[dict[str, Any]]:
     ]
 
 
-def motion_facts(path: Path, unit: str | None) -> list[dict[str, Any]]:
-    """Measures [SI], sampling and processing of each horizontal component of a file."""
+def motion_facts(path: Path, **reading: Any) -> list[dict[str, Any]]:
+    """Measures [SI], sampling and processing of each horizontal component of a file.
+
+    `reading` is passed to `archfrag.motions.read.read_motions`.
+    """
     from archfrag.motions.measures import measure
     from archfrag.motions.read import read_motions
 
@@ -179,7 +182,7 @@ def motion_facts(path: Path, unit: str | None) -> list[dict[str, Any]]:
             **{name: measure(motion, name) for name in ("PGA", "PGV", "Arias", "D5_95")},
             "log": list(motion.log),
         }
-        for motion in read_motions(path, unit)
+        for motion in read_motions(path, **reading)
     ]
 
 

@@ -59,24 +59,28 @@ def is_at2(source: str | Path | BinaryIO) -> bool:
     )
 
 
-def read_at2(source: str | Path | BinaryIO, **_: Any) -> Stream:
+def read_at2(source: str | Path | BinaryIO, *, partial: bool = False, **_: Any) -> Stream:
     """Read a PEER AT2 acceleration record.
 
     Parameters
     ----------
     source : path or open binary buffer
+    partial : bool
+        Leave it to the caller to compare the number of samples with the one announced.
 
     Returns
     -------
     obspy.Stream
         One trace in the unit of the file. ``stats.at2`` holds ``unit`` (as archfrag writes it),
-        ``title``, ``event``, ``date``, ``station``, ``component`` and ``header`` (four lines).
+        ``announced`` (number of samples), ``title``, ``event``, ``date``, ``station``,
+        ``component`` and ``header`` (four lines).
 
     Raises
     ------
     RecordError
         If the header cannot be read, the unit is unknown, the time step is not positive, a
-        sample is not a finite number, or there are fewer or more samples than announced.
+        sample is not a finite number, or there are fewer or more samples than announced (unless
+        `partial`).
     """
     name = str(getattr(source, "name", "AT2 buffer")) if hasattr(source, "read") else str(source)
     try:
@@ -94,13 +98,13 @@ def read_at2(source: str | Path | BinaryIO, **_: Any) -> Stream:
     unit = _unit(header[2], name)
     announced, step = _announcement(header[3], name)
     samples = _samples(lines[HEADER_LINES:], name)
-    if samples.size != announced:
+    if samples.size != announced and not partial:
         word = "only " if samples.size < announced else ""
         raise RecordError(
             f"{name}: the header announces NPTS = {announced} samples, the file holds "
             f"{word}{samples.size}"
         )
-    details = AttribDict(unit=unit, title=header[0], header="\n".join(header))
+    details = AttribDict(unit=unit, announced=announced, title=header[0], header="\n".join(header))
     details.update(_names(header[1]))
     stats = {"delta": step, "at2": details}
     return Stream([Trace(samples, header=stats)])

@@ -1,0 +1,153 @@
+"""Waveform files in the formats that are allowed, each read by the plug-in for it.
+
+A record is somebody else's file. `obspy.read` would offer it to a reader of pickles, which runs
+what the file says, unpack archives, and take a name for a pattern or an address. None of that
+happens here: the formats below are tried one by one on the file as it lies there.
+
+Nothing slow is imported here: the process that reads files (`isolated`) starts with this module.
+"""
+
+import math
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from obspy import Stream, Trace
+
+# Text that Python code reads. The others are binary (or, GSE, read in C), and a damaged one can
+# end the process that reads it. Formats that name other files (CSS, Q), that lose a cut-off trace
+# without a word (AH, DMX, SH_ASC, WAV, WIN, Y) or that are no earthquakes' are not offered.
+TEXT = ("AT2", "KNET", "SLIST", "TSPAIR")
+BINARY = (
+    "MSEED", "SAC", "GSE2", "SEISAN", "SACXY", "GSE1", "KINEMETRICS_EVT", "GCF", "REFTEK130",
+)  # fmt: skip
+IN_C = ("MSEED", "GSE2", "GSE1", "GCF")
+
+_BLOCK = {"GCF": 1024}  # [bytes] of which a whole file consists
+_ARCHIVES = {
+    b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip", b"BZh": "bzip2", b"\xfd7zXZ\x00": "xz",
+    b"\x28\xb5\x2f\xfd": "Zstandard", b"7z\xbc\xaf\x27\x1c": "7z", b"Rar!": "RAR",
+}  # fmt: skip
+_TAR_PLACE = 257
+
+
+class Unreadable(Exception):
+    """One sentence that says which file cannot be read, and why."""
+
+
+class Content(NamedTuple):
+    """What a file holds: its traces, what their header announced, and what the reader warned of.
+
+    `announced` has the number of samples for each trace.
+    """
+
+    format: str
+    traces: "list[Trace]"
+    announced: list[int]
+    messages: tuple[str, ...]
+
+
+def recognise(path: str, formats: Sequence[str]) -> str | None:
+    """Name of the first of the formats that a file is in, None if it is in none of them."""
+    for name in formats:
+        try:
+            found = _is_format(name)(path)
+        except Exception:
+            found = False  # a test that stumbles over the file has not recognised it
+        if found:
+            return name
+    return None
+
+
+def archive_kind(path: str) -> str | None:
+    """Kind of archive that a file is by its first bytes, None if it is none."""
+    with open(path, "rb") as file:
+        head = file.read(512)
+    if head[_TAR_PLACE : _TAR_PLACE + 5] == b"ustar":
+        return "tar"
+    return next((kind for magic, kind in _ARCHIVES.items() if head.startswith(magic)), None)
+
+
+def read_as(path: str, name: str) -> Content:
+    """Read a file in the format of that name.
+
+    Raises
+    ------
+    Unreadable
+        If it is damaged, or cut off where the format shows it.
+    """
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        traces = list(_stream(path, name))
+    messages = [w for w in caught if not issubclass(w.category, DeprecationWarning)]
+    for message in messages:
+        if "MSEED" in message.category.__name__:
+            raise Unreadable(f"{path}: damaged or truncated miniSEED ({message.message})")
+    if not traces:
+        raise Unreadable(_damaged(path, "no trace could be read from it"))
+    announced = [_announced(trace, name) for trace in traces]
+    for trace in traces:
+        _check_blocks(trace, path, name)
+        trace.stats._format = name
+        trace.stats.npts = len(trace.data)
+    texts = (f"obspy: {' '.join(str(message.message).split())}" for message in messages)
+    return Content(name, traces, announced, tuple(dict.fromkeys(texts)))
+
+
+def _is_format(name: str) -> Callable[[str], bool]:
+    if name == "AT2":
+        from archfrag.motions.formats.at2 import is_at2
+
+        return is_at2
+    return _plug_in(name, "isFormat")
+
+
+def _plug_in(name: str, function: str) -> Callable[[str], Any]:
+    from obspy.core.util.base import buffered_load_entry_point
+
+    return buffered_load_entry_point("obspy", f"obspy.plugin.waveform.{name}", function)
+
+
+def _stream(path: str, name: str) -> "Stream":
+    if name == "AT2":
+        from archfrag.errors import RecordError
+        from archfrag.motions.formats.at2 import read_at2
+
+        try:
+            return read_at2(path, partial=True)
+        except RecordError as error:
+            raise Unreadable(str(error)) from None
+    try:
+        return _plug_in(name, "readFormat")(path)
+    except MemoryError:
+        raise Unreadable(f"{path}: reading it as {name} takes more memory than allowed") from None
+    except Exception as error:
+        lines = str(error).strip().splitlines()
+        raise Unreadable(_damaged(path, lines[0] if lines else type(error).__name__)) from None
+
+
+def _damaged(path: str, reason: str) -> str:
+    return f"{path}: the file is damaged, truncated or not what it seems ({reason})"
+
+
+def _check_blocks(trace: "Trace", path: str, name: str) -> None:
+    """Refuse a file whose last block or record is cut off."""
+    blocks = trace.stats.get("mseed", {})
+    length = blocks.get("record_length") or _BLOCK.get(name)
+    size = blocks.get("filesize") or Path(path).stat().st_size
+    if length and size % length:
+        what = "miniSEED" if name == "MSEED" else name
+        raise Unreadable(
+            f"{path}: truncated {what}: {size} bytes are not a whole number of records of "
+            f"{length} bytes"
+        )
+
+
+def _announced(trace: "Trace", name: str) -> int:
+    """Number of samples by the header; obspy leaves it in `npts` though it read another."""
+    if name == "AT2":
+        return trace.stats.at2.announced
+    count = trace.stats.get("knet", {}).get("duration", 0.0) * trace.stats.sampling_rate
+    return round(count) if count and math.isfinite(count) else trace.stats.npts

@@ -1,0 +1,254 @@
+"""Reading files in a process of their own, which a damaged or hostile file may end.
+
+obspy reads miniSEED, GSE and GCF in C, and a damaged file can crash that code, run for ever or
+ask for any amount of memory. One process for all files of a command takes them, within limits of
+computing time and memory; when a file ends it, the next file gets a new one. It is an interpreter
+of its own, not a copy of this one: scripts need no ``__main__`` guard, and threads do not matter.
+It ends when this process does, however that happens, because its input closes.
+
+Requests and answers are lines of JSON, followed by samples as float64: what comes from that
+process is never executed here.
+"""
+
+import atexit
+import contextlib
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import threading
+from queue import SimpleQueue
+from typing import IO, TYPE_CHECKING, Any
+
+import numpy as np
+
+from archfrag.motions.formats.waveform import IN_C, Content, Unreadable, read_as, recognise
+
+if TYPE_CHECKING:
+    from obspy import Trace
+
+COMPUTING_TIME = 60.0  # [s] of processor time for one file
+MEMORY = 4 * 2**30  # [bytes] of address space
+_START = (
+    "import sys; sys.path[:] = sys.argv[1:]; from archfrag.motions.isolated import serve; serve()"
+)
+_NAMES = ("network", "station", "location", "channel", "_format")
+
+
+class Reader:
+    """A process that reads files, started when the first one comes.
+
+    Parameters
+    ----------
+    computing_time : float [s]
+        Processor time that one file may take.
+    memory : int [bytes]
+        Address space that the process may take.
+    """
+
+    def __init__(self, computing_time: float = COMPUTING_TIME, memory: int = MEMORY) -> None:
+        self.computing_time = computing_time
+        self.memory = memory
+        self._process: subprocess.Popen[bytes] | None = None
+        self._lock = threading.Lock()
+        atexit.register(self.stop)
+        os.register_at_fork(after_in_child=self._forget)
+
+    def read(self, path: str, formats: tuple[str, ...]) -> Content | None:
+        """Read a file in the first of the formats that it is in; None if it is in none of them.
+
+        Where only one format is named the file is taken to be in it.
+
+        Raises
+        ------
+        Unreadable
+            If the file cannot be read, or ended the process.
+        """
+        with self._lock:
+            try:
+                name, answer = self._ask(path, formats)
+            except BaseException:
+                self._end()  # what the process would answer next belongs to this file
+                raise
+            if name is None:
+                return None
+            if "error" in answer:
+                if name in IN_C:
+                    self._end()  # a damaged file may have left its memory in any state
+                raise Unreadable(answer["error"])
+        return Content(name, answer["traces"], answer["announced"], tuple(answer["messages"]))
+
+    def stop(self) -> None:
+        """End the process, if there is one."""
+        self._end()
+
+    @property
+    def pid(self) -> int | None:
+        """Number of the process while it runs."""
+        return self._process.pid if self._process and self._process.poll() is None else None
+
+    def _ask(self, path: str, formats: tuple[str, ...]) -> tuple[str | None, dict[str, Any]]:
+        process = self._started()
+        request = {"path": os.path.abspath(path), "name": path, "formats": formats}
+        name = None
+        try:
+            _send(_pipe(process.stdin), request | {"seconds": self.computing_time})
+            answers = _pipe(process.stdout)
+            name = _receive(answers)["format"]
+            answer = {} if name is None else _receive(answers)
+            headers = answer.get("traces", [])
+            return name, answer | {"traces": [_take_trace(answers, entry) for entry in headers]}
+        except (EOFError, BrokenPipeError, json.JSONDecodeError, UnicodeDecodeError):
+            task = f"reading it as {name}" if name else "recognising its format"
+            raise Unreadable(f"{path}: {task} {self._ending(process)}") from None
+
+    def _started(self) -> "subprocess.Popen[bytes]":
+        if self._process is not None and self.pid is not None:
+            return self._process
+        self._end()
+        command = [sys.executable, "-c", _START, *sys.path]
+        # Threads of numerical libraries would reserve much of the address space allowed.
+        environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+        try:
+            self._process = process = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment
+            )
+            _send(_pipe(process.stdin), {"memory": self.memory})
+            _receive(_pipe(process.stdout))
+        except (OSError, EOFError) as error:
+            from archfrag.errors import WorkerError
+
+            reason = getattr(error, "strerror", None) or "it ended at once"
+            raise WorkerError(
+                f"{sys.executable}: the process that reads record files does not start ({reason})"
+            ) from None
+        return process
+
+    def _ending(self, process: "subprocess.Popen[bytes]") -> str:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(timeout=5.0)
+        process.kill()  # one that answers nonsense
+        code = process.wait()
+        if code == -signal.SIGPROF:
+            return f"took more than the {self.computing_time:g} s of computing that are allowed"
+        how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+        return f"ended in a crash ({how}); the file is damaged or not what it seems"
+
+    def _end(self) -> None:
+        process, self._process = self._process, None
+        if process is None:
+            return
+        process.kill()
+        process.wait()
+        _close(process)
+
+    def _forget(self) -> None:
+        """In a fork of this process: leave the reading process to the one that started it."""
+        process, self._process = self._process, None
+        self._lock = threading.Lock()
+        if process is not None:
+            process.returncode = 0  # not ours to wait for
+            _close(process)
+
+
+def serve() -> None:
+    """Answer requests on standard input until it closes; the process does nothing else."""
+    requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.signal(signal.SIGPROF, signal.SIG_DFL)
+    _limit(resource.RLIMIT_AS, json.loads(requests.readline())["memory"])
+    _limit(resource.RLIMIT_CORE, 0)
+    _send(answers, {"ready": True})
+    quiet = os.open(os.devnull, os.O_RDWR)
+    for stream in (0, 1, 2):  # readers in C print what they think of a file
+        os.dup2(quiet, stream)
+    queue: SimpleQueue[bytes] = SimpleQueue()
+    threading.Thread(target=_listen, args=(requests, queue), daemon=True).start()
+    while True:
+        request = json.loads(queue.get())
+        signal.setitimer(signal.ITIMER_PROF, request["seconds"])
+        _answer(answers, request)
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+
+
+def _limit(what: int, size: int) -> None:
+    bounds = [size, *(old for old in resource.getrlimit(what) if old != resource.RLIM_INFINITY)]
+    with contextlib.suppress(ValueError):  # a system that cannot limit it
+        resource.setrlimit(what, (min(bounds), resource.getrlimit(what)[1]))
+
+
+def _listen(requests: IO[bytes], queue: "SimpleQueue[bytes]") -> None:
+    """Pass requests on; end the process, whatever it is doing, when no more can come."""
+    for line in requests:
+        queue.put(line)
+    os._exit(0)
+
+
+def _answer(answers: IO[bytes], request: dict[str, Any]) -> None:
+    path, shown = request["path"], request["name"]
+    formats = request["formats"]
+    name = formats[0] if len(formats) == 1 else recognise(path, formats)
+    _send(answers, {"format": name})
+    if name is None:
+        return
+    try:
+        content = read_as(path, name)
+        rows = [np.asarray(trace.data, dtype=np.float64) for trace in content.traces]
+    except Unreadable as error:
+        _send(answers, {"error": str(error).replace(path, shown)})
+        return
+    except (TypeError, ValueError):
+        _send(answers, {"error": f"{shown}: the {name} file holds something other than numbers"})
+        return
+    headers = [_header(trace) | {"size": row.size} for trace, row in zip(content.traces, rows)]
+    _send(answers, content._asdict() | {"traces": headers})
+    for row in rows:
+        answers.write(row.tobytes())
+    answers.flush()
+
+
+def _header(trace: "Trace") -> dict[str, Any]:
+    stats = trace.stats
+    header: dict[str, Any] = {key: str(stats[key]) for key in _NAMES}
+    header |= {key: float(stats[key]) for key in ("delta", "calib")}
+    header["start"] = stats.starttime.ns
+    return header | ({"at2": dict(stats.at2)} if "at2" in stats else {})
+
+
+def _take_trace(answers: IO[bytes], header: dict[str, Any]) -> "Trace":
+    from obspy import Trace, UTCDateTime
+    from obspy.core import AttribDict
+
+    size = 8 * header.pop("size")
+    data = answers.read(size)
+    if len(data) < size:
+        raise EOFError
+    stats = header | {"starttime": UTCDateTime(ns=header.pop("start"))}
+    if "at2" in stats:
+        stats["at2"] = AttribDict(stats["at2"])
+    return Trace(np.frombuffer(data, dtype=np.float64), header=stats)
+
+
+def _close(process: "subprocess.Popen[bytes]") -> None:
+    for pipe in (process.stdin, process.stdout):
+        with contextlib.suppress(BrokenPipeError):
+            _pipe(pipe).close()
+
+
+def _send(pipe: IO[bytes], message: dict[str, Any]) -> None:
+    pipe.write(json.dumps(message).encode() + b"\n")
+    pipe.flush()
+
+
+def _receive(pipe: IO[bytes]) -> dict[str, Any]:
+    line = pipe.readline()
+    if not line.endswith(b"\n"):
+        raise EOFError
+    return json.loads(line)
+
+
+def _pipe(stream: IO[bytes] | None) -> IO[bytes]:
+    assert stream is not None
+    return stream

@@ -1,0 +1,103 @@
+"""What a record from a file is refused for unless the user accepts it by name."""
+
+import os
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from archfrag.errors import RecordError
+from archfrag.motions.units import STANDARD_GRAVITY
+
+Acceptable = Literal["pga", "time_step", "samples"]
+ACCEPTABLE: tuple[Acceptable, ...] = get_args(Acceptable)
+PGA_RANGE = (1e-5, 5.0)  # [g]
+TIME_STEP_RANGE = (1e-4, 0.1)  # [s]
+
+
+def check_name(path: Path) -> None:
+    """Refuse a file whose name no result could hold.
+
+    Raises
+    ------
+    RecordError
+        If the name is not UTF-8.
+    """
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        shown = os.fsencode(path).decode("utf-8", "backslashreplace")
+        raise RecordError(
+            f"{shown}: the name of the file is not in UTF-8; rename it, the id of a record is "
+            "made of its name"
+        ) from None
+
+
+def accepted_words(words: Iterable[str], place: str) -> tuple[str, ...]:
+    """The words of an `accept`, in the order of ``ACCEPTABLE``.
+
+    Raises
+    ------
+    RecordError
+        If one of them is none of ``ACCEPTABLE``; begins with `place`.
+    """
+    given = [words] if isinstance(words, str) else list(words)
+    for word in given:
+        if word not in ACCEPTABLE:
+            raise RecordError(f"{place}: accept {word!r} is not one of {', '.join(ACCEPTABLE)}")
+    return tuple(word for word in ACCEPTABLE if word in given)
+
+
+def doubtful_motion(
+    channel: str, acceleration: NDArray[np.float64], dt: float, unit: str
+) -> Iterator[tuple[Acceptable, str]]:
+    """What is implausible about a component, in m/s2 now and in `unit` in its file."""
+    low, high = TIME_STEP_RANGE
+    # A rate such as 10 Hz need not give 0.1 s to the last digit.
+    if not low * (1.0 - 1e-9) <= dt <= high * (1.0 + 1e-9):
+        yield (
+            "time_step",
+            f"time step of channel {channel} is {dt:g} s, outside {low:g} to {high:g} s",
+        )
+    low, high = PGA_RANGE
+    peak = float(np.abs(acceleration).max()) / STANDARD_GRAVITY
+    if not low <= peak <= high:
+        yield (
+            "pga",
+            f"peak of channel {channel} is {peak:.4g} g by its unit {unit}, outside {low:g} to "
+            f"{high:g} g",
+        )
+
+
+def doubtful_count(channel: str, announced: int, held: int) -> Iterator[tuple[Acceptable, str]]:
+    """Whether a file holds another number of samples than its header announces."""
+    if announced != held:
+        only = "only " if held < announced else ""
+        yield (
+            "samples",
+            f"the header announces {announced} samples of channel {channel}, the file holds "
+            f"{only}{held}",
+        )
+
+
+def accept_or_refuse(
+    path: object, accept: tuple[str, ...], doubts: Iterable[tuple[Acceptable, str]]
+) -> tuple[str, ...]:
+    """A sentence for the log about each doubt whose word is in `accept`.
+
+    Raises
+    ------
+    RecordError
+        At the first doubt whose word is not.
+    """
+    sentences = []
+    for word, fact in doubts:
+        if word not in accept:
+            raise RecordError(
+                f"{path}: {fact}; to use it as it is give `accept` with {word} (--accept {word} "
+                "on the command line)"
+            )
+        sentences.append(f"Accepted: {fact}.")
+    return tuple(sentences)

@@ -1,0 +1,283 @@
+"""Files that attack: none of them runs anything, ends the command or keeps it."""
+
+import bz2
+import functools
+import gzip
+import io
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import tarfile
+import tempfile
+import zipfile
+
+import numpy as np
+import psutil
+import pytest
+from click.testing import CliRunner
+from obspy import Stream, Trace
+
+from archfrag.cli import main
+from archfrag.errors import RecordError
+from archfrag.motions.formats.waveform import Unreadable
+from archfrag.motions.isolated import Reader
+from archfrag.motions.read import read_motion
+from tests.study.small import TEXT, small_study
+
+from .helpers import at2_text, wave
+
+FORMATS = ("SLIST", "MSEED", "SAC", "GSE2")
+
+
+@functools.cache
+def record(form):
+    """Bytes of a small record."""
+    counts = np.round(4000.0 * wave()).astype(np.int32)
+    header = {"network": "XX", "station": "AB", "channel": "HNE", "delta": 0.01}
+    with tempfile.NamedTemporaryFile() as file:
+        Stream([Trace(counts, header=header)]).write(file.name, format=form)
+        return file.read()
+
+
+class Payload:
+    """Makes a folder where it is unpickled."""
+
+    def __init__(self, marker):
+        self.marker = marker
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.marker),)
+
+
+def payload(marker):
+    """What obspy takes for one of its pickles, by its first hundred bytes."""
+    content = pickle.dumps(("obspy.core.stream", Payload(marker)))
+    assert content.index(b"obspy.core.stream") < 80
+    return content
+
+
+def stream_pickle(marker):
+    """A well-formed pickle of a record, with a passenger."""
+    stream = Stream([Trace(wave(), header={"channel": "HNE", "delta": 0.01})])
+    stream.passenger = Payload(marker)
+    return pickle.dumps(stream, protocol=2)
+
+
+def zipped(content):
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("inside", content)
+    return buffer.getvalue()
+
+
+def tarred(content):
+    buffer = io.BytesIO()
+    with tarfile.open(fileobj=buffer, mode="w") as archive:
+        entry = tarfile.TarInfo("inside")
+        entry.size = len(content)
+        archive.addfile(entry, io.BytesIO(content))
+    return buffer.getvalue()
+
+
+def flipped(content, seed, count=8):
+    """The content with some of its bits flipped."""
+    random = np.random.default_rng(seed)
+    changed = bytearray(content)
+    for _ in range(count):
+        changed[random.integers(len(changed))] ^= 1 << int(random.integers(8))
+    return bytes(changed)
+
+
+def without_line_ends(gse2):
+    """Lines of more than 82 characters: obspy copies them into a buffer of that size."""
+    head, body = gse2.split(b"DAT2\n")
+    return head + b"DAT2\n" + body.replace(b"\n", b"") * 400
+
+
+def with_count(sac, count):
+    """SAC whose header announces another number of samples (word 79)."""
+    return sac[: 79 * 4] + int(count).to_bytes(4, "little", signed=True) + sac[80 * 4 :]
+
+
+ATTACKS = {
+    "quake.mseed": payload,
+    "quake.dat": payload,
+    "quake.gz": payload,
+    "quake.zip": payload,
+    "quake.stream": payload,
+    "quake.sac": payload,
+    "quake.AT2": payload,
+    "quake": payload,
+    "stream.pkl": stream_pickle,
+    "payload.gz": lambda marker: gzip.compress(payload(marker)),
+    "payload.zip": lambda marker: zipped(payload(marker)),
+    "payload.tar": lambda marker: tarred(payload(marker)),
+    "record.mseed.gz": lambda _: gzip.compress(record("MSEED")),
+    "record.zip": lambda _: zipped(record("MSEED")),
+    "record.tar": lambda _: tarred(record("SAC")),
+    "record.bz2": lambda _: bz2.compress(record("SLIST")),
+    "bomb.gz": lambda _: gzip.compress(bytes(30_000_000)),
+    "bomb.zip": lambda _: zipped(bytes(30_000_000)),
+    "cut.gse2": lambda _: record("GSE2")[:300],
+    "flipped.gse2": lambda _: flipped(record("GSE2"), 53),
+    "crash.gse2": lambda _: without_line_ends(record("GSE2")),
+    "cut.mseed": lambda _: record("MSEED")[:-100],
+    "flipped.mseed": lambda _: flipped(record("MSEED"), 0, 400),
+    "long.sac": lambda _: with_count(record("SAC"), 2**31 - 1),
+    "negative.sac": lambda _: with_count(record("SAC"), -5),
+    "cut.sac": lambda _: record("SAC")[:701],
+    "no_numbers.slist": lambda _: record("SLIST").replace(b"1", b"x"),
+    "zeros.dat": lambda _: bytes(5000),
+    "noise.dat": lambda _: np.random.default_rng(1).bytes(5000),
+}
+
+
+@pytest.mark.parametrize("name", ATTACKS)
+def test_nothing_runs_and_one_sentence_says_what_the_file_is(tmp_path, name):
+    marker, path = tmp_path / "ran", tmp_path / name
+    path.write_bytes(ATTACKS[name](marker))
+    before = set(tmp_path.iterdir())
+    result = CliRunner().invoke(main, ["records", "show", str(path), "--unit", "cm/s2"])
+    assert not marker.exists()
+    assert set(tmp_path.iterdir()) == before
+    assert result.exit_code == 2
+    assert result.output.startswith(f"archfrag: error: {path}")
+    assert result.output.count("\n") == 1
+    assert result.stdout == ""
+
+
+@pytest.mark.parametrize("make", [payload, stream_pickle])
+def test_the_payload_is_one(tmp_path, make):
+    pickle.loads(make(tmp_path / "ran"))
+    assert (tmp_path / "ran").is_dir()
+
+
+def test_archives_are_named(tmp_path):
+    for name, content in (("a.gz", gzip.compress(b"x")), ("a", tarred(b"x")), ("b", zipped(b""))):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(RecordError, match=r"this is an archive \(\w+\), which is never unpa"):
+            read_motion(tmp_path / name)
+
+
+def test_a_study_is_not_taken_down(tmp_path):
+    study = small_study(tmp_path, TEXT.replace("*.AT2", "*"))
+    bad = tmp_path / "records" / "x.gse2"
+    bad.write_bytes(ATTACKS["crash.gse2"](None))
+    result = CliRunner().invoke(main, ["motions", str(study)])
+    assert result.exit_code == 2
+    assert result.output == (
+        f"archfrag: error: {bad}: reading it as GSE2 ended in a crash (SIGSEGV); the file is "
+        "damaged or not what it seems\n"
+    )
+
+
+def test_a_device_or_a_pipe_is_no_record(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", "/dev/zero"):
+        with pytest.raises(RecordError, match="this is no regular file"):
+            read_motion(path)
+
+
+@pytest.fixture
+def reader():
+    made = Reader()
+    yield made
+    made.stop()
+
+
+def put(path, content):
+    path.write_bytes(content)
+    return str(path)
+
+
+class TestReader:
+    def test_one_process_for_all_files_and_a_new_one_after_a_crash(self, tmp_path, reader):
+        good = put(tmp_path / "good.sac", record("SAC"))
+        crash = put(tmp_path / "crash.gse2", ATTACKS["crash.gse2"](None))
+        samples = reader.read(good, FORMATS).traces[0].data
+        first = reader.pid
+        assert reader.read(put(tmp_path / "prose", b"no record"), FORMATS) is None
+        with pytest.raises(Unreadable, match=r"cut: the file is damaged"):
+            reader.read(put(tmp_path / "cut", ATTACKS["cut.sac"](None)), FORMATS)
+        assert reader.pid == first
+        with pytest.raises(Unreadable, match=r"crash\.gse2: reading it as GSE2 ended in a crash"):
+            reader.read(crash, FORMATS)
+        assert not psutil.pid_exists(first)
+        assert np.array_equal(reader.read(good, FORMATS).traces[0].data, samples)
+        assert reader.pid != first
+
+    @pytest.mark.parametrize("form", FORMATS)
+    def test_it_reads_what_obspy_reads(self, tmp_path, reader, form):
+        path = put(tmp_path / "a", record(form))
+        (trace,) = reader.read(path, FORMATS).traces
+        assert np.array_equal(trace.data, np.round(4000.0 * wave()))
+        assert (trace.stats.delta, trace.stats.channel, trace.stats.npts) == (0.01, "HNE", 400)
+
+    def test_computing_time_is_limited(self, tmp_path):
+        path = put(tmp_path / "long.slist", record("SLIST") + b"1 2 3\n" * 1_000_000)
+        reader = Reader(computing_time=0.1)
+        with pytest.raises(Unreadable, match=r"long\.slist: .* took more than the 0\.1 s of comp"):
+            reader.read(path, FORMATS)
+        assert reader.pid is None
+
+    def test_memory_is_limited(self, tmp_path):
+        gse2 = record("GSE2").replace(b"CM6      400", b"CM6 99999999")
+        path = put(tmp_path / "large.gse2", gse2)
+        with pytest.raises(Unreadable, match=r"as GSE2 takes more memory than allowed$"):
+            Reader(memory=400 * 2**20).read(path, FORMATS)
+
+    def test_a_large_text_is_read_within_the_limits(self, tmp_path, monkeypatch):
+        monkeypatch.setattr("archfrag.motions.read._LARGE", 100)
+        (tmp_path / "a.AT2").write_text(at2_text(wave()))
+        motion = read_motion(tmp_path / "a.AT2")
+        assert motion.metadata["station"] == "El Centro Array #9"
+        (tmp_path / "a.AT2").write_text(at2_text(wave()).replace("ACCELERATION", "VELOCITY"))
+        with pytest.raises(RecordError, match=r"a\.AT2, line 3: an acceleration is needed"):
+            read_motion(tmp_path / "a.AT2")
+
+    def test_without_an_interpreter(self, tmp_path, reader, monkeypatch):
+        monkeypatch.setattr(sys, "executable", str(tmp_path / "none"))
+        with pytest.raises(Exception, match="the process that reads record files does not start"):
+            reader.read(put(tmp_path / "a", record("SAC")), FORMATS)
+
+
+# Reads without a guard, in a fork too.
+SCRIPT = """
+import os, sys
+from archfrag.motions.isolated import Reader
+reader = Reader()
+def count():
+    return len(reader.read({path!r}, ("SAC",)).traces[0].data)
+first = count()
+fork = os.fork()
+if fork == 0:
+    os._exit(count() != first)
+print(first, os.waitpid(fork, 0)[1], count(), flush=True)
+"""
+
+
+@pytest.mark.parametrize("how", ["file", "standard input"])
+def test_scripts_need_no_guard(tmp_path, how):
+    script = SCRIPT.format(path=put(tmp_path / "a.sac", record("SAC")))
+    (tmp_path / "script.py").write_text(script)
+    command = [sys.executable, str(tmp_path / "script.py") if how == "file" else "-"]
+    text = None if how == "file" else script
+    found = subprocess.run(command, input=text, capture_output=True, text=True, timeout=60)
+    assert (found.stdout, found.stderr) == ("400 0 400\n", "")
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_no_process_is_left_behind(tmp_path, number):
+    path = put(tmp_path / "a.sac", record("SAC"))
+    script = SCRIPT.format(path=path) + "print(reader.pid, flush=True); sys.stdin.read()"
+    with subprocess.Popen(
+        [sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as parent:
+        assert parent.stdout.readline() == b"400 0 400\n"
+        child = psutil.Process(int(parent.stdout.readline()))
+        assert child.is_running()
+        parent.send_signal(number)
+    child.wait(timeout=5.0)
+    assert not child.is_running()
