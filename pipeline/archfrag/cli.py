@@ -1,7 +1,9 @@
 """The command `archfrag`: thin, and quick to answer because nothing is imported before use."""
 
+import errno
 import functools
 import json
+import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -11,11 +13,24 @@ import click
 
 
 class _Group(click.Group):
-    """Commands whose own errors are one sentence and an exit code; others keep their traceback."""
+    """Commands whose errors are one sentence and an exit code, but for mistakes of ours.
+
+    Errors of archfrag, of files and of memory are the user's to mend; what else is raised keeps
+    its traceback.
+    """
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
             return super().invoke(ctx)
+        except MemoryError:
+            click.echo("archfrag: error: the memory of this machine does not suffice", err=True)
+            ctx.exit(1)
+        except OSError as error:
+            if error.errno == errno.EPIPE or error.strerror is None:
+                raise
+            place = f"{os.fsdecode(error.filename)}: " if error.filename else ""
+            click.echo(f"archfrag: error: {place}{error.strerror}", err=True)
+            ctx.exit(1)
         except Exception as error:
             # Not imported yet means not raised: the import is too slow for --help.
             errors = sys.modules.get("archfrag.errors")

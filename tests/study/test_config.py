@@ -114,7 +114,7 @@ BAD = {
         ('files: ["records/*.AT2"]', "{index: a.csv, select: [b, b]}"),
         "motions must have different ids under select, but 'b' is there twice",
     ),
-    "dt zero": (("dt: 2.0e-3", "dt: 0.0"), "method.dt = 0.0 must be greater than 0"),
+    "dt zero": (("dt: 2.0e-3", "dt: 0.0"), "method.dt = 0.0 must be greater than or equal to 1e-06"),
     "rtol one": (("dt: 2.0e-3", "rtol: 1.0"), "method.rtol = 1.0 must be less than 1"),
     "no workers": (
         ("workers: 2", "workers: 0"),
@@ -154,6 +154,8 @@ def test_no_sliding_lists_and_exponents_are_accepted(tmp_path):
     friction = study.arches[0].build().chain.friction
     np.testing.assert_array_equal(friction, [np.inf, 1, 1, 1, 1, 1, 1, 0.5])
     assert np.isinf(study.arches[1].build().chain.friction).all()
+    plain = load_study(small_study(tmp_path, TEXT.replace("friction: .inf", "friction: inf")))
+    assert plain.arches[1].friction == np.inf
 
 
 def test_levels_in_user_units_become_si(tmp_path):
