@@ -93,7 +93,9 @@ def check_taken(info: MethodInfo, **given: Any) -> None:
     """
     for name, value in given.items():
         if value is not None and all(p.name != name for p in info.parameters):
-            takers = [m.name for m in METHODS.values() if any(p.name == name for p in m.parameters)]
+            takers = [
+                m.name for m in METHODS.values() if any(p.name == name for p in m.parameters)
+            ]
             raise InputError(
                 f"{name} is {value!r}, but method {info.name} does not use it; leave it out, or "
                 f"use {', '.join(takers)}"

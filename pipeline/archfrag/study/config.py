@@ -38,14 +38,27 @@ def _refuse_key(key: str, text: str) -> PydanticCustomError:
     return PydanticCustomError("refused_key", "", {"key": key, "text": text})
 
 
+def _usable_path(value: str) -> str:
+    if value.startswith("~"):
+        raise refuse("begins with the home folder of a user that there is not")
+    if max(map(len, os.fsencode(value).split(b"/"))) > LONGEST_NAME:
+        raise refuse(f"must have names of at most {LONGEST_NAME} bytes between its slashes")
+    if len(os.fsencode(value)) > LONGEST_PATH:
+        raise refuse(f"must have at most {LONGEST_PATH} bytes with the folders above it")
+    return value
+
+
+PathText = Annotated[str, Field(min_length=1), AfterValidator(_usable_path)]
+
+
 class FileSet(Section):
     """Records by path or pattern."""
 
-    path: Annotated[str, Field(min_length=1)]
+    path: PathText
     """A file, or a pattern with * and ?, relative to the study file."""
     unit: str | None = None
     """Unit of the samples where the file does not say; never guessed."""
-    inventory: str | None = None
+    inventory: PathText | None = None
     """StationXML with the response, for records in counts."""
 
 
@@ -67,7 +80,7 @@ FileSets = Annotated[
 class Motions(Section):
     """The ground motions of the study."""
 
-    index: str | None = None
+    index: PathText | None = None
     """Index (CSV) of shipped records, relative to the study file."""
     select: Annotated[tuple[str, ...], Field(strict=False), AfterValidator(_sized)] | None = None
     """Ids of the records to use, in this order; all where not given."""
@@ -131,9 +144,7 @@ def _listed_or_range(given: Any) -> str:
 
 
 Levels = Annotated[
-    tuple[
-        Annotated[float, Field(json_schema_extra={"exclusiveMinimum": 0, "maximum": 1e6})], ...
-    ],
+    tuple[Annotated[float, Field(json_schema_extra={"exclusiveMinimum": 0, "maximum": 1e6})], ...],
     Field(strict=False, max_length=MOST_LEVELS),
     AfterValidator(_rising),
 ]
@@ -147,8 +158,7 @@ class Intensity(Section):
     unit: str
     """Unit of the levels: g, m/s2, cm/s2 or gal for accelerations, m/s or cm/s for velocities."""
     levels: Annotated[
-        Annotated[Levels, Tag("listed")]
-        | Annotated[LevelRange, Tag("range")],
+        Annotated[Levels, Tag("listed")] | Annotated[LevelRange, Tag("range")],
         Discriminator(_listed_or_range),
     ]
     """Increasing list, or start, stop and count."""
@@ -242,16 +252,6 @@ class Execution(Section):
     """Snakemake jobs that the runs are shared out to."""
 
 
-def _path(value: str) -> str:
-    if value.startswith("~"):
-        raise refuse("begins with the home folder of a user that there is not")
-    if max(len(os.fsencode(part)) for part in Path(value).parts) > LONGEST_NAME:
-        raise refuse(f"must have names of at most {LONGEST_NAME} bytes between its slashes")
-    if len(os.fsencode(value)) > LONGEST_PATH:
-        raise refuse(f"must have at most {LONGEST_PATH} bytes with the folders above it")
-    return value
-
-
 class Study(Section):
     """A study file."""
 
@@ -261,7 +261,7 @@ class Study(Section):
     """Heading of the report."""
     institution: Annotated[str, Field(max_length=500)] = "not stated"
     """Who made the study, for the cube's attributes."""
-    output: Annotated[str, Field(min_length=1), AfterValidator(_path)]
+    output: PathText
     """Folder of all results, relative to the study file."""
     arches: Annotated[
         tuple[ArchEntry, ...], Field(strict=False, max_length=MOST_ARCHES), AfterValidator(_sized)

@@ -29,6 +29,7 @@ _KINDS = {
     "string_type": "must be text",
     "tuple_type": "must be a list",
     "model_type": "must be a mapping of keys to values",
+    "model_attributes_type": "must be a mapping of keys to values",
     "string_too_short": "must not be empty",
     "string_pattern_mismatch": (
         "must begin with a letter or a digit and hold only letters, digits and _ . + -"
