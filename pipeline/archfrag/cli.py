@@ -319,13 +319,17 @@ def warmup() -> None:
 @click.option("--quiet", is_flag=True, help="Nothing but errors.")
 def run(study_file: Path, overrides: tuple[str, ...], **options: Any) -> None:
     """Do all of a study that is not done yet: motions, simulations, cube, curves, report."""
+    from archfrag.study.cautions import study_cautions
     from archfrag.study.config import load_study
     from archfrag.study.workflow import run_study
 
     typed = " ".join(["archfrag run", str(study_file), *(f"--set '{o}'" for o in overrides)])
-    report_file = run_study(load_study(study_file, overrides), typed=typed, **options)
+    study = load_study(study_file, overrides)
+    report_file = run_study(study, typed=typed, **options)
     if not options["quiet"]:
         click.echo(f"report: {report_file}")
+        for caution in study_cautions(study):
+            click.echo(f"caution: {caution}", err=True)
 
 
 @_step
@@ -369,10 +373,13 @@ def cube(study: Any, say: Callable[[str], None]) -> None:
 @_json
 def fit(study: Any, say: Callable[[str], None], as_json: bool) -> None:
     """Fit a fragility curve to each arch of the cube."""
+    from archfrag.study.cautions import study_cautions
     from archfrag.study.fits import FITS, fit_cube, fit_sentence
 
     for name, curve in fit_cube(study).items():
         say(f"fit: {fit_sentence(study, name, curve)}")
+    for caution in study_cautions(study):
+        say(f"caution: {caution}")
     if as_json:
         click.echo((study.folder / FITS).read_text(encoding="utf-8"))
 
