@@ -1,7 +1,9 @@
 """The command `archfrag`: thin, and quick to answer because nothing is imported before use."""
 
+import errno
 import functools
 import json
+import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -11,11 +13,24 @@ import click
 
 
 class _Group(click.Group):
-    """Commands whose own errors are one sentence and an exit code; others keep their traceback."""
+    """Commands whose errors are one sentence and an exit code, but for mistakes of ours.
+
+    Errors of archfrag, of files and of memory are the user's to mend; what else is raised keeps
+    its traceback.
+    """
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
             return super().invoke(ctx)
+        except MemoryError:
+            click.echo("archfrag: error: the memory of this machine does not suffice", err=True)
+            ctx.exit(1)
+        except OSError as error:
+            if error.errno == errno.EPIPE or error.strerror is None:
+                raise
+            place = f"{os.fsdecode(error.filename)}: " if error.filename else ""
+            click.echo(f"archfrag: error: {place}{error.strerror}", err=True)
+            ctx.exit(1)
         except Exception as error:
             # Not imported yet means not raised: the import is too slow for --help.
             errors = sys.modules.get("archfrag.errors")
@@ -319,13 +334,17 @@ def warmup() -> None:
 @click.option("--quiet", is_flag=True, help="Nothing but errors.")
 def run(study_file: Path, overrides: tuple[str, ...], **options: Any) -> None:
     """Do all of a study that is not done yet: motions, simulations, cube, curves, report."""
+    from archfrag.study.cautions import study_cautions
     from archfrag.study.config import load_study
     from archfrag.study.workflow import run_study
 
     typed = " ".join(["archfrag run", str(study_file), *(f"--set '{o}'" for o in overrides)])
-    report_file = run_study(load_study(study_file, overrides), typed=typed, **options)
+    study = load_study(study_file, overrides)
+    report_file = run_study(study, typed=typed, **options)
     if not options["quiet"]:
         click.echo(f"report: {report_file}")
+        for caution in study_cautions(study):
+            click.echo(f"caution: {caution}", err=True)
 
 
 @_step
@@ -369,10 +388,13 @@ def cube(study: Any, say: Callable[[str], None]) -> None:
 @_json
 def fit(study: Any, say: Callable[[str], None], as_json: bool) -> None:
     """Fit a fragility curve to each arch of the cube."""
+    from archfrag.study.cautions import study_cautions
     from archfrag.study.fits import FITS, fit_cube, fit_sentence
 
     for name, curve in fit_cube(study).items():
         say(f"fit: {fit_sentence(study, name, curve)}")
+    for caution in study_cautions(study):
+        say(f"caution: {caution}")
     if as_json:
         click.echo((study.folder / FITS).read_text(encoding="utf-8"))
 

@@ -65,7 +65,10 @@ STATUS_SENTENCE = {
         "the chain does not stand under its own weight; make it thicker or raise the friction"
     ),
     Status.NOT_FINITE: "a position or velocity stopped being finite; try a smaller `dt`",
-    Status.WORK_BOUND: "the allowed number of steps was used up; raise `max_steps`",
+    Status.WORK_BOUND: (
+        "the number of steps allowed for the length of the run was used up; try a larger `rtol`, "
+        "or another `method`"
+    ),
     Status.NOT_APPLICABLE: (
         "the method has no model for this motion (its mechanism is none of the method's, or the "
         "initial state is not); use `auto`"

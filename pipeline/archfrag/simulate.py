@@ -110,6 +110,7 @@ def simulate(
     info = checks.check_method(method)
     if not isinstance(motion, Motion):
         raise InputError(f"motion is {type(motion).__name__}; it must be an archfrag Motion")
+    checks.check_taken(info, rtol=rtol, dt=dt)
     tolerance = checks.default_of(info, "rtol") if rtol is None else rtol
     own_time = checks.own_time(arch)
     step = checks.default_step(info, tolerance, own_time) if dt is None else dt

@@ -4,8 +4,6 @@ The judge of the solved problems is the contact problem of a chain, which knows 
 closed forms, posed on a chain of one body.
 """
 
-import doctest
-import importlib
 import math
 
 import numpy as np
@@ -541,10 +539,3 @@ class TestEnergy:
             )
             lost.append(change)
         assert min(lost) < -1.0
-
-
-@pytest.mark.parametrize("name", ["block_motion", "block_regions"])
-def test_examples_hold(name):
-    result = doctest.testmod(importlib.import_module(f"archfrag.mechanics.{name}"))
-    assert result.failed == 0
-    assert result.attempted > 0

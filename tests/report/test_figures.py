@@ -1,5 +1,6 @@
 """What the figures are drawn from, and that their labels keep clear of each other."""
 
+import warnings
 from dataclasses import replace
 
 import matplotlib
@@ -202,3 +203,12 @@ def test_settings_of_the_caller_are_left_alone():
         assert matplotlib.rcParams["font.size"] == 23.0
     finally:
         matplotlib.rcdefaults()
+
+
+def test_names_in_any_script_are_drawn_without_a_word_on_the_terminal():
+    data = results()
+    names = [f"拼音{i}" for i in range(len(data.records))]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        shown = figures.verdict_map(replace(data, records=names), "a")
+    assert all(name in shown.svg for name in names)

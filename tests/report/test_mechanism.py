@@ -15,6 +15,7 @@ from archfrag.report.example import Example, choose, repeat
 from archfrag.report.page import render
 from archfrag.report.summary import arch_results, reading_scale
 from archfrag.simulation.mechanism import MechanismChange
+from archfrag.study.config import Method
 from tests.report import synthetic
 from tests.report.test_figures import drawn, overlaps, results  # noqa: F401
 from tests.report.test_page import table, text
@@ -159,10 +160,13 @@ class TestChoice:
         assert choose(data, None) is None
 
 
-def study_of_pulses(method="auto"):
+def study_of_pulses(settings=None):
     """A cube of real runs: one arch, the pulse of `pulse` at two levels."""
-    motion, fallen = pulse()
-    standing = af.simulate(ARCH, motion, scale=0.5, method=method)
+    motion, _ = pulse()
+    standing, fallen = (
+        af.simulate(ARCH, motion, scale=scale, settings=settings, history=True)
+        for scale in (0.5, 1.0)
+    )
     items = [motion, synthetic.motions(1)[0]]
     data = synthetic.cube(items=items).isel(record=[0], level=[0, 1]).copy(deep=True)
     for level, response in enumerate((standing, fallen)):
@@ -171,20 +175,23 @@ def study_of_pulses(method="auto"):
         data["steps"][0, 0, level] = response.steps
         data["collapse_time"][0, 0, level] = response.collapse_time
         data["scale_factor"][0, level] = (0.5, 1.0)[level]
-    settings = {"name": method, "dt": None, "rtol": None, "follow": 20.0}
-    data.attrs["archfrag_config"] = json.dumps({"method": settings})
+    method = Method(settings=settings or {}).model_dump()
+    data.attrs["archfrag_config"] = json.dumps({"method": method})
     return data, motion, fallen
 
 
 class TestRepetition:
-    def test_is_the_run_of_the_study_with_its_log(self):
-        data, motion, fallen = study_of_pulses()
+    @pytest.mark.parametrize("settings", [None, {"hand_over": 300.0}, {"coarse": 1e-4}])
+    def test_is_the_run_of_the_study_with_its_log(self, settings):
+        data, motion, fallen = study_of_pulses(settings)
         scale = reading_scale(data, "PGA")
         again = repeat(data, arch_results(data, "ring", scale), ARCH, [motion], None)
         assert fallen.status is Status.COLLAPSED
         assert again.same
         assert again.response.mechanism == fallen.mechanism
         assert again.factor == 1.0
+        if settings:
+            assert fallen.steps != pulse()[1].steps
 
     def test_another_end_is_told(self, drawn):  # noqa: F811
         data, motion, _ = study_of_pulses()

@@ -1,5 +1,6 @@
 """The page says what the cube holds, needs nothing but itself, and is written whole."""
 
+import json
 import os
 import re
 import subprocess
@@ -16,6 +17,7 @@ from archfrag.errors import InputError, OutputError
 from archfrag.fragility.bands import record_bootstrap_band
 from archfrag.fragility.counts import Verdict
 from archfrag.report.page import render, write_report
+from archfrag.report.summary import arch_results, reading_scale
 from tests.report import synthetic
 
 
@@ -100,26 +102,20 @@ class TestAnswer:
         assert int(rows[-2][2]) + int(rows[-2][3]) == 5
 
     def test_sentence_where_there_is_no_curve(self, study):
-        sentence = "no run collapsed at any level: theta lies above 8"
-        shown = "No fragility curve: no run collapsed at any level: theta lies above 0.815773, "
+        sentence = "no run collapsed at any level: theta lies above 0.816 (levels in g)"
         calm = study.cube.copy(deep=True)
         calm["verdict"][:] = Verdict.STANDING
         page = lxml.html.document_fromstring(
             render(replace(study, cube=calm, fits={"ring": sentence}))
         )
         (card,) = page.xpath('//div[@id="arch0-answer"]')
-        assert shown in text(card)
-        assert "(intensities in g)" in text(card)
-        assert not card.xpath('.//dd[@class="large"]')
+        assert f"No fragility curve: {sentence}." in text(card)
+        # What the arch bears is known without a curve.
+        assert [text(cell) for cell in card.xpath('.//dd[@class="large"]')] == ["0.3700 g"]
         assert "No run collapsed." in text(page)
         assert all(
             row[8] == "–" for row in table(page, "Verdicts and probabilities of ring by level")[1]
         )
-
-    def test_other_reasons_are_given_as_they_are(self, study):
-        page = lxml.html.document_fromstring(render(replace(study, fits={"ring": "not asked"})))
-        (card,) = page.xpath('//div[@id="arch0-answer"]')
-        assert "No fragility curve: not asked." in text(card)
 
     def test_one_section_for_each_arch(self):
         page = lxml.html.document_fromstring(render(synthetic.inputs(("thin", "thick"))))
@@ -146,6 +142,80 @@ class TestAnswer:
         (card,) = page.xpath('//div[@id="arch0-answer"]')
         assert "no limit" in text(card)
         assert "inf g" not in text(card)
+
+
+class TestCautions:
+    def test_a_study_in_order_has_none(self, study):
+        calm = study.cube.copy(deep=True)
+        calm["verdict"] = calm["verdict"].where(calm["verdict"] < Verdict.UNFINISHED, 0)
+        page = lxml.html.document_fromstring(render(replace(study, cube=calm)))
+        assert not page.xpath('//*[@class="caution"]')
+
+    def test_undecided_runs_are_said_beside_the_curve(self, study):
+        data = study.cube.copy(deep=True)
+        data["verdict"][0, 1:4, 4] = Verdict.UNFINISHED
+        page = lxml.html.document_fromstring(render(replace(study, cube=data)))
+        (said,) = page.xpath('//header//div[@id="arch0-answer"]/p[@class="caution"]')
+        level = data["intensity"].values[4] / 9.80665
+        assert text(said).startswith(
+            "Caution: more than 5 % of the runs are unfinished or failed at 3 of 9 levels (most: "
+            f"3 of 6 at {level:#.3g} g)"
+        )
+
+    def test_motions_scaled_far_are_said_above_all_curves(self, study):
+        data = study.cube.copy(deep=True)
+        data["scale_factor"][2, 7:] = 12.5
+        page = lxml.html.document_fromstring(render(replace(study, cube=data)))
+        (said,) = page.xpath('//header/p[@class="caution"]')
+        assert "1 of 6 motions are scaled by more than 10 (most: RSN102" in text(said)
+        assert text(said).index("by 12.5 at") > 0
+
+    def test_runs_that_lost_contact_and_stand_are_counted(self, study):
+        data = study.cube.copy(deep=True)
+        lost = np.where(data["verdict"] == Verdict.COLLAPSED, 3.0, np.nan)
+        stood = np.argwhere(data["verdict"].values == Verdict.STANDING)[:4]
+        lost[tuple(stood.T)] = 2.0
+        data["lost_contact_time"] = (("arch", "record", "level"), lost)
+        data.attrs["loss_limit"] = 0.5
+        page = lxml.html.document_fromstring(render(replace(study, cube=data)))
+        (counts,) = page.xpath('//dl[@class="figures counts"]')
+        assert "lost contact and stand 4" in " ".join(text(d) for d in counts.xpath("./div/*"))
+        shown = dict(table(page, "Speed and energy figures of ring")[1])
+        assert shown["runs that lost all contact at a joint and stand"] == "4"
+        assert "passed 50 % of the joint's length" in text(page)
+
+    def test_cubes_that_do_not_say_who_lost_contact_are_shown_without(self, page):
+        assert "lost contact and stand" not in text(page)
+        assert "of the joint's length" not in text(page)
+
+    def test_records_accepted_against_a_doubt_are_named(self, study):
+        doubts = ["", "PGA 7 g", "", "", "dt 0.2 s", ""]
+        data = study.cube.assign(accepted=("record", doubts))
+        first, second = (study.motions[i].id for i in (1, 4))
+        page = lxml.html.document_fromstring(render(replace(study, cube=data)))
+        (said,) = page.xpath('//section[@id="motions"]/p[@class="caution"]')
+        assert text(said).endswith(f": {first} (PGA 7 g), {second} (dt 0.2 s).")
+
+
+class TestUnits:
+    @pytest.mark.parametrize(
+        ("measure", "units", "unit", "shown"),
+        [
+            ("PGV", "m s-1", "cm/s", "800 cm/s"),
+            ("PGV", "m s-1", "m/s", "8.00 m/s"),
+            ("PGA", "m s-2", "gal", "800 gal"),
+            ("PGA", "m s-2", "g", "0.816 g"),
+            ("PGA", "m s-2", None, "0.816 g"),
+        ],
+    )
+    def test_levels_are_in_the_unit_of_the_study(self, measure, units, unit, shown):
+        data = synthetic.cube()
+        data["intensity"].attrs["units"] = units
+        intensity = {"measure": measure, "unit": unit}
+        data.attrs["archfrag_config"] = json.dumps({"intensity": intensity} if unit else {})
+        scale = reading_scale(data, measure)
+        assert arch_results(data, "ring", scale).level_texts[-1] == shown
+        assert scale.text(8.0) == shown
 
 
 class TestOffline:

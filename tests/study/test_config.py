@@ -5,10 +5,13 @@ import json
 import numpy as np
 import pytest
 import yaml
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from archfrag.errors import StudyError
 from archfrag.simulation.checks import method_names
 from archfrag.study.config import dump_study, load_study, study_schema
+from archfrag.study.yaml_file import dump_yaml, parse_value
 from tests.study.small import ROOT, TEXT, small_study
 
 RING = "radius: 10.0"
@@ -114,7 +117,10 @@ BAD = {
         ('files: ["records/*.AT2"]', "{index: a.csv, select: [b, b]}"),
         "motions must have different ids under select, but 'b' is there twice",
     ),
-    "dt zero": (("dt: 2.0e-3", "dt: 0.0"), "method.dt = 0.0 must be greater than 0"),
+    "dt zero": (
+        ("dt: 2.0e-3", "dt: 0.0"),
+        "method.dt = 0.0 must be greater than or equal to 1e-06",
+    ),
     "rtol one": (("dt: 2.0e-3", "rtol: 1.0"), "method.rtol = 1.0 must be less than 1"),
     "no workers": (
         ("workers: 2", "workers: 0"),
@@ -154,6 +160,8 @@ def test_no_sliding_lists_and_exponents_are_accepted(tmp_path):
     friction = study.arches[0].build().chain.friction
     np.testing.assert_array_equal(friction, [np.inf, 1, 1, 1, 1, 1, 1, 0.5])
     assert np.isinf(study.arches[1].build().chain.friction).all()
+    plain = load_study(small_study(tmp_path, TEXT.replace("friction: .inf", "friction: inf")))
+    assert plain.arches[1].friction == np.inf
 
 
 def test_levels_in_user_units_become_si(tmp_path):
@@ -197,6 +205,16 @@ def test_dumped_study_is_the_same_study(tmp_path):
     again.parent.mkdir()
     again.write_text(dump_study(study))
     assert load_study(again) == study
+
+
+@given(st.text(st.characters(exclude_categories=["Cc", "Cs"]), max_size=12))
+@example("1e5")
+@example("1:30")
+@example("inf")
+@example("no")
+@example("~")
+def test_text_is_the_same_text_after_writing_and_reading(text):
+    assert parse_value(dump_yaml({"title": text}), "here") == {"title": text}
 
 
 def test_schema_beside_the_configs_is_the_one_of_the_models():

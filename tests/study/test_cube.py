@@ -232,6 +232,25 @@ class TestFits:
         sentence = fit_sentence(copied.study, "ring", fit)
         assert sentence.startswith(f"ring: median {fit.theta / 9.80665:.4g} g of PGA, dispersion")
 
+    def test_why_there_is_no_curve_is_said_in_the_unit_of_the_study(self, copied):
+        write_cube(copied.study)
+        with xr.open_dataset(copied.study.folder / "cube.nc") as cube:
+            fell = cube["verdict"].sel(arch="ring").values == 1
+        assert not fell.any()
+        assert fit_cube(copied.study)["ring"] == (
+            "no run collapsed at any level: theta lies above 1.2, the highest level tried; add "
+            "higher levels (levels in g)"
+        )
+
+    @pytest.mark.parametrize(
+        "content", ['{"fits": []}', '{"fits": {"a": 1}}', "[]", '{"fits": {"a": {}}}', "\0"]
+    )
+    def test_damaged_fits_are_a_sentence(self, tmp_path, content):
+        path = tmp_path / "fits.json"
+        path.write_text(content)
+        with pytest.raises(InputError, match=r"fits.json: is damaged .*`archfrag fit` makes it"):
+            load_fits(path)
+
     def test_no_cube_or_no_fits_yet(self, copied):
         with pytest.raises(InputError, match="there is no cube yet; `archfrag cube`"):
             fit_cube(copied.study)

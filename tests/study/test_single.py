@@ -35,6 +35,23 @@ class TestFacts:
         assert facts["collapse_time"] is None
 
 
+def test_what_a_status_advises_can_be_given():
+    """Options of the command, keys of a study, arguments of the function, or a method's name."""
+    import inspect
+    import re
+
+    from archfrag.cli import main
+    from archfrag.errors import STATUS_SENTENCE
+    from archfrag.simulation.checks import method_names
+    from archfrag.study.config import Method
+
+    known = {option.name for option in main.commands["simulate"].params}
+    known &= {"method", *Method.model_fields} & set(inspect.signature(af.simulate).parameters)
+    advised = set(re.findall(r"`(\w+)`", " ".join(STATUS_SENTENCE.values())))
+    assert {"dt", "follow"} <= advised
+    assert advised <= known | set(method_names())
+
+
 class TestText:
     def test_tells_models_events_and_work(self, response):
         lines = response_text(response, 1.0).splitlines()

@@ -127,6 +127,12 @@ class TestSimulate:
         known = "auto, time_stepping, event_driven, four_link, penalty, gauss_seidel, "
         known += "quadratic_programme"
         assert (code, sentence) == (2, f"method is 'euler'; allowed are {known}")
+        tight = ("--method", "time_stepping", "--rtol", "1e-6")
+        assert refused("simulate", *ARCH, record, *tight) == (
+            2,
+            "rtol is 1e-06, but method time_stepping does not use it; leave it out, or use "
+            "event_driven, auto, four_link",
+        )
         thin = [*ARCH[:2], "--thickness", "0.3", *ARCH[4:]]
         code, sentence = refused("simulate", *thin, record)
         assert code == 3
@@ -211,6 +217,23 @@ class TestSteps:
         assert "A small study" in (out / "report.html").read_text()
         fits = json.loads(call("fit", path, "--json").stdout)
         assert set(fits["fits"]) == {"ring", "slab"}
+
+    @pytest.mark.parametrize(
+        ("error", "sentence"),
+        [
+            (OSError(13, "Permission denied", "a/b"), "a/b: Permission denied"),
+            (OSError(28, "No space left on device"), "No space left on device"),
+            (MemoryError(), "the memory of this machine does not suffice"),
+        ],
+    )
+    def test_errors_of_the_machine_are_a_sentence(self, tmp_path, monkeypatch, error, sentence):
+        import archfrag.study.records
+
+        def broken(study):
+            raise error
+
+        monkeypatch.setattr(archfrag.study.records, "prepare_motions", broken)
+        assert refused("motions", small_study(tmp_path)) == (1, sentence)
 
     def test_other_exceptions_keep_their_traceback(self, tmp_path, monkeypatch):
         import archfrag.study.records

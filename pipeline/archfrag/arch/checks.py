@@ -10,6 +10,8 @@ from archfrag.errors import GeometryError
 
 # Lengths [m] between which nothing overflows; beyond them units were mistaken.
 SMALLEST, LARGEST = 1e-6, 1e6
+# Of an arch: beyond it even the onset takes longer than a check of a study should.
+MOST_VOUSSOIRS = 2000
 
 
 def _real_array(name: str, value: ArrayLike, allowed: str) -> NDArray[np.float64]:
@@ -79,7 +81,7 @@ def number(
 
 
 def count(name: str, value: ArrayLike) -> int:
-    """Number of voussoirs of an arch: a whole number of at least 2."""
+    """Number of voussoirs of an arch: a whole number from 2 to `MOST_VOUSSOIRS`."""
     allowed = "a whole number of at least 2 (a single body is a Block)"
     array = _real_array(name, value, allowed)
     if array.ndim != 0 or not np.isfinite(array) or array != np.floor(array):
@@ -88,6 +90,10 @@ def count(name: str, value: ArrayLike) -> int:
         )
     if array < 2:
         raise GeometryError(f"{name} = {int(array)} makes no arch; it must be {allowed}")
+    if array > MOST_VOUSSOIRS:
+        raise GeometryError(
+            f"{name} = {int(array)} is too many; it must be at most {MOST_VOUSSOIRS}"
+        )
     return int(array)
 
 

@@ -21,13 +21,13 @@ from scipy import stats
 
 import archfrag as af
 from archfrag.errors import InputError
-from archfrag.evidence.fragility.charts import LOOK
 from archfrag.evidence.part import Frames, Note, Section, Setup
 from archfrag.evidence.peers.client import Peer, PeerFailed, PeerMissing
 from archfrag.evidence.run import arch_of, compile_seconds, motion_of
 from archfrag.evidence.scene import Scene, load_scene
 from archfrag.report import canvas
 from archfrag.report.canvas import faint_grid, picture
+from archfrag.report.styles import method_style
 from archfrag.simulation.checks import available_methods
 from archfrag.simulation.response import Response
 
@@ -232,7 +232,7 @@ def show(frames: Frames) -> Section:
     def draw(figure: Figure) -> None:
         axes: Axes = figure.subplots()
         for method, group in runs.groupby("method", sort=False):
-            label, colour, marker = LOOK.get(str(method), (str(method), canvas.GREY, "d"))
+            label, colour, marker, _ = method_style(str(method))
             cost = medians(group)
             row = exponents[exponents["method"] == method].iloc[0]
             axes.plot(cost.index, cost, marker=marker, color=colour, markersize=5,
@@ -266,7 +266,7 @@ def show(frames: Frames) -> Section:
     )
     rows = tuple(
         (
-            LOOK.get(row["method"], (row["method"],))[0], f"{row['least']:g} to {row['most']:g}",
+            method_style(row["method"]).label, f"{row['least']:g} to {row['most']:g}",
             _power(row), f"n^{round(row['steps_exponent'], 2) + 0.0:.2f}",
             f"{row['at_least']:.3g}", f"{row['at_most']:.3g}",
         )
@@ -296,8 +296,7 @@ def show(frames: Frames) -> Section:
     lead = [
         "Cost of a second of motion: "
         + "; ".join(
-            f"{LOOK.get(row['method'], (row['method'],))[0]} {_power(row)}"
-            for _, row in exponents.iterrows()
+            f"{method_style(row['method']).label} {_power(row)}" for _, row in exponents.iterrows()
         )
         + "."
     ]

@@ -17,6 +17,7 @@ from archfrag.report import (
 )
 from archfrag.report.canvas import Picture
 from archfrag.report.summary import ArchResults
+from archfrag.study.cautions import undecided
 
 if TYPE_CHECKING:
     from archfrag.report.page import ReportInputs
@@ -76,7 +77,9 @@ def arch_section(
             "standing": int(counts.standing.sum()),
             "unfinished": int(counts.unfinished.sum()),
             "failures": int(counts.solver_failures.sum()),
+            "stood_after_loss": results.stood_after_loss,
         },
+        "caution": undecided(counts, results.level_texts),
         "curve": curve,
         "levels": tables.levels(results, fit, inputs.confidence),
         "verdicts": figures.verdict_map(results, f"{prefix}-verdicts"),

@@ -5,6 +5,7 @@ the fonts of any browser's default list, so that what is drawn apart stays apart
 """
 
 import re
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -102,7 +103,9 @@ def picture(
         What the figure shows, for those who cannot see it.
     caption : str
     """
-    with house_style():
+    with house_style(), warnings.catch_warnings():
+        # Text stays text: what the measuring font lacks, the font of a browser draws.
+        warnings.filterwarnings("ignore", r"Glyph \d+ .* missing from font", UserWarning)
         figure = Figure(figsize=size, layout="constrained")
         FigureCanvasSVG(figure)
         draw(figure)

@@ -1,6 +1,5 @@
 """One run of the study, done again with its history, to show the log of its mechanism."""
 
-import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -9,7 +8,8 @@ import xarray as xr
 
 from archfrag.arch import Arch
 from archfrag.fragility.counts import Verdict
-from archfrag.report.summary import ArchResults
+from archfrag.report.summary import ArchResults, study_config
+from archfrag.study.case import simulate_case
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -104,19 +104,14 @@ def repeat(
     Example or None
         None if the cube does not tell its method, or no run is worth showing.
     """
-    from archfrag.simulate import simulate
-
-    method = json.loads(cube.attrs.get("archfrag_config", "{}")).get("method")
+    method = study_config(cube).get("method")
     chosen = choose(results, median)
     if method is None or chosen is None:
         return None
     record, level, reason = chosen
     motion = next(m for m in motions if m.id == results.records[record])
     factor = float(cube["scale_factor"].transpose("record", "level").values[record, level])
-    response = simulate(
-        arch, motion, scale=factor, method=method["name"], rtol=method["rtol"], dt=method["dt"],
-        follow=method["follow"], history=True,
-    )  # fmt: skip
+    response = simulate_case(method, arch, motion, factor, history=True)
     status = cube["status"].sel(arch=results.arch).transpose("record", "level").values
     same = (
         int(status[record, level]) == int(response.status)
@@ -125,5 +120,5 @@ def repeat(
             results.collapse_time[record, level], response.collapse_time, equal_nan=True
         )
     )
-    shown = f"{results.scale.measure} = {results.levels[level]:#.3g} {results.scale.unit}"
+    shown = f"{results.scale.measure} = {results.level_texts[level]}"
     return Example(arch, motion, factor, shown, response, reason, bool(same))

@@ -21,7 +21,7 @@ from archfrag.fragility.fit import Fragility
 from archfrag.mechanics.status import CollapseMode
 from archfrag.report import canvas
 from archfrag.report.canvas import Picture, faint_grid, legend_above, picture
-from archfrag.report.summary import ArchResults, FloatArray
+from archfrag.report.summary import ArchResults, FloatArray, digits
 
 VERDICT_LOOK = {
     Verdict.STANDING: ("standing", "#cfe0ee", ""),
@@ -253,7 +253,7 @@ def collapses(results: ArchResults, n_joint: int, name: str) -> Picture | None:
         alternative=f"Collapses of {results.arch} by joint, mode and level; joint {worst} most "
         "often",
         caption="Joint 0 is the left springing, or the base of a free-standing chain. A run is "
-        "counted at the joint that first lost all contact, by how that joint had been moving.",
+        "counted at the joint whose loss of contact decided, by how that joint had been moving.",
     )  # fmt: skip
 
 
@@ -283,7 +283,7 @@ def level_ticks(axes: Axes, levels: FloatArray, most: int = 8) -> None:
     """At most so many labels over cells that stand for levels, the first always among them."""
     step = max(1, int(np.ceil(levels.size / most)))
     ticks = np.arange(0, levels.size, step)
-    axes.set_xticks(ticks, [f"{levels[i]:#.3g}" for i in ticks])
+    axes.set_xticks(ticks, [digits(levels[i]) for i in ticks])
 
 
 def _log_histogram(axes: Axes, values: FloatArray, label: str, colour: str) -> None:

@@ -11,7 +11,7 @@ from archfrag.mechanics.status import CollapseMode
 from archfrag.report import canvas
 from archfrag.report.canvas import Picture, faint_grid, picture
 from archfrag.report.figures import MODE_LOOK, level_ticks
-from archfrag.report.summary import ArchResults
+from archfrag.report.summary import ArchResults, digits
 from archfrag.report.tables import Table
 
 IMPACTS = ("no impact", "1 impact", "2 to 9 impacts", "10 to 99 impacts", "100 or more impacts")
@@ -87,7 +87,7 @@ def shares(groups: Sequence[Deaggregation], results: ArchResults, name: str) -> 
 def table(groups: Sequence[Deaggregation], results: ArchResults) -> Table:
     """Collapses of each category at each level, and their share of all with its interval."""
     percent = f"{100 * groups[0].confidence:.0f} %"
-    levels = (f"{level:#.3g}" for level in results.levels)
+    levels = map(digits, results.levels)
     heads = ["collapses", "all levels", "share", f"{percent} interval", *levels]
     everything = groups[0].collapsed
     rows = [["all", str(everything.sum()), "", "", *map(str, everything)]]

@@ -23,6 +23,7 @@ from archfrag.report.arch_section import arch_curve, arch_section
 from archfrag.report.canvas import Picture, standalone
 from archfrag.report.motion_figures import PERIODS, Spectrum
 from archfrag.report.summary import Scale, arch_results, reading_scale
+from archfrag.study.cautions import accepted_records, scaled_far
 
 if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
@@ -45,7 +46,7 @@ class ReportInputs:
         Name in the cube, geometry and onset of each arch, in the order of the page.
     fits : mapping of str to Fragility or str
         For each arch its curve, theta in the SI unit of the cube's intensity, or the sentence
-        why there is none.
+        why there is none, which is shown as it is.
     spectra : mapping of record to (periods [s], Sa [m/s2]), optional
         At 5 % damping, unscaled, all at the same periods; computed here where not given.
     timings : DataFrame, optional
@@ -186,10 +187,13 @@ def _render(inputs: ReportInputs, cube: xr.Dataset) -> str:
     )
     environment.filters["inline"] = lambda shown: Markup(shown.svg)
     provenance = dict(inputs.provenance) or dict(cube.attrs)
+    levels = [scale.text(level) for level in cube["intensity"].values.tolist()]
     return environment.get_template("report.html.j2").render(
         title=inputs.title,
         sections=sections,
         scale=scale,
+        caution=scaled_far(cube, levels),
+        loss_limit=_loss_limit(cube),
         percent=f"{100 * inputs.confidence:.0f} %",
         n_record=cube.sizes["record"],
         n_level=cube.sizes["level"],
@@ -197,6 +201,12 @@ def _render(inputs: ReportInputs, cube: xr.Dataset) -> str:
         facts=[(k, v) for k, v in map(_plain, provenance.items()) if "\n" not in v],
         documents=[(k, v) for k, v in map(_plain, provenance.items()) if "\n" in v],
     )
+
+
+def _loss_limit(cube: xr.Dataset) -> str | None:
+    """Gap over joint length from which a loss of contact is a collapse; None if not told."""
+    limit = cube.attrs.get("loss_limit", cube.get("loss_limit"))
+    return None if limit is None else f"{100.0 * float(limit):g} %"
 
 
 def _check(inputs: ReportInputs, cube: xr.Dataset) -> None:
@@ -235,6 +245,7 @@ def _motion_section(inputs: ReportInputs, cube: xr.Dataset, scale: Scale) -> dic
     return {
         "thumbnails": motion_figures.thumbnails(inputs.motions, "thumbnails"),
         "table": tables.motions(cube, inputs.motions, measures),
+        "accepted": accepted_records(cube),
         "spectra": shown,
     }
 

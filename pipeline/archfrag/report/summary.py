@@ -1,15 +1,18 @@
 """What a cube says, as plain arrays in the units that people read."""
 
+import json
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
 from archfrag.mechanics.status import CollapseMode
+from archfrag.study.config import LEVEL_UNITS
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -52,7 +55,12 @@ class Scale:
 
     def text(self, value_si: float) -> str:
         """Value with its unit, three digits."""
-        return f"{value_si * self.factor:#.3g} {self.unit}"
+        return f"{digits(value_si * self.factor)} {self.unit}"
+
+
+def digits(value: float) -> str:
+    """A level with three digits, or all before the point: 0.500, 12.0, 1250."""
+    return f"{value:.0f}" if 99.95 <= abs(value) < 1e6 else f"{value:#.3g}"
 
 
 @dataclass(frozen=True)
@@ -82,6 +90,20 @@ class ArchResults:
     end_time: FloatArray  # [s]
     model_time: FloatArray  # (n_record, n_level, n_model) [s]
     models: list[str]
+    lost_contact_time: FloatArray | None = None  # [s]; None in cubes that do not say
+
+    @property
+    def level_texts(self) -> list[str]:
+        """Levels with their unit."""
+        return [f"{digits(level)} {self.scale.unit}" for level in self.levels]
+
+    @property
+    def stood_after_loss(self) -> int | None:
+        """Runs that lost all contact at a joint and stand; None if the cube does not say."""
+        if self.lost_contact_time is None:
+            return None
+        stands = self.verdict == Verdict.STANDING
+        return int((stands & np.isfinite(self.lost_contact_time)).sum())
 
     @property
     def resurrections(self) -> int:
@@ -102,7 +124,7 @@ class ArchResults:
 
 
 def reading_scale(cube: xr.Dataset, measure: str) -> Scale:
-    """Unit in which the intensities of a cube are shown: g for accelerations, else as stored.
+    """Unit in which the intensities of a cube are shown: the study's, or else g or as stored.
 
     Raises
     ------
@@ -112,9 +134,19 @@ def reading_scale(cube: xr.Dataset, measure: str) -> Scale:
     units = cube["intensity"].attrs.get("units")
     if not units:
         raise InputError("the cube's variable intensity has no attribute units")
-    if units in ("m s-2", "m/s2"):
-        return Scale(measure, "g", 1.0 / STANDARD_GRAVITY)
-    return Scale(measure, {"m s-1": "m/s"}.get(units, units), 1.0)
+    stored = {"m s-2": "m/s2", "m s-1": "m/s"}.get(units, units)
+    allowed = LEVEL_UNITS.get(stored, {})
+    intensity = study_config(cube).get("intensity", {})
+    unit = intensity.get("unit") if intensity.get("measure") == measure else None
+    if unit not in allowed:
+        unit = "g" if "g" in allowed else stored
+    return Scale(measure, unit, 1.0 / allowed.get(unit, 1.0))
+
+
+def study_config(cube: xr.Dataset) -> Mapping[str, Any]:
+    """What a cube says of the study that made it; empty if it says nothing."""
+    found: Mapping[str, Any] = json.loads(cube.attrs.get("archfrag_config", "{}"))
+    return found
 
 
 def arch_results(cube: xr.Dataset, arch: str, scale: Scale) -> ArchResults:
@@ -164,4 +196,7 @@ def arch_results(cube: xr.Dataset, arch: str, scale: Scale) -> ArchResults:
         end_time=table("end_time", float),
         model_time=model_time.values.astype(float),
         models=[str(name) for name in model_time["model"].values],
+        lost_contact_time=(
+            table("lost_contact_time", float) if "lost_contact_time" in part else None
+        ),
     )

@@ -9,7 +9,6 @@ import pandas as pd
 import xarray as xr
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import FitError
 from archfrag.fragility.bands import (
     RecordBand,
     beta_interval,
@@ -17,8 +16,8 @@ from archfrag.fragility.bands import (
     theta_interval,
 )
 from archfrag.fragility.counts import Verdict
-from archfrag.fragility.fit import Fragility, fit_stripes
-from archfrag.report.summary import ArchResults
+from archfrag.fragility.fit import Fragility
+from archfrag.report.summary import ArchResults, digits
 
 if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
@@ -51,13 +50,13 @@ def answer(
     `fit` is in the cube's unit, `resampled` in the reader's.
     """
     if isinstance(fit, str):
-        return {"none": _in_reader_units(results, fit)}
+        return {"none": fit}
     scale = results.scale
     low, high = (value * scale.factor for value in theta_interval(fit, confidence))
     beta_low, beta_high = beta_interval(fit, confidence)
     return {
         "theta": scale.text(fit.theta),
-        "theta_interval": f"{low:#.3g} to {high:#.3g} {scale.unit}",
+        "theta_interval": f"{digits(low)} to {digits(high)} {scale.unit}",
         "beta": f"{fit.beta:#.3g}",
         "beta_interval": f"{beta_low:#.3g} to {beta_high:#.3g}",
         "theta_resampled": _between(resampled.theta if resampled else None, scale.unit),
@@ -79,7 +78,7 @@ def levels(results: ArchResults, fit: Fragility | None, confidence: float) -> Ta
         fitted = "–" if fit is None else f"{fit.probability(level / results.scale.factor):.3f}"
         rows.append(
             [
-                f"{level:#.3g}",
+                digits(level),
                 *(
                     str(value[i])
                     for value in (
@@ -179,9 +178,13 @@ def quality(results: ArchResults, timings: pd.DataFrame | None) -> Table:
                 _median_and_largest(results.residual[failed]),
             ]
         )
-    rows += [
-        ["steps solved only with slightly compliant joints", f"{results.fallbacks.sum():,}"],
-    ]
+    rows.append(
+        ["steps solved only with slightly compliant joints", f"{results.fallbacks.sum():,}"]
+    )
+    if results.stood_after_loss is not None:
+        rows.append(
+            ["runs that lost all contact at a joint and stand", f"{results.stood_after_loss:,}"]
+        )
     return Table(["figure", "value"], rows)
 
 
@@ -213,16 +216,7 @@ def _median_and_largest(values: np.ndarray) -> str:
 def _between(ends: tuple[float, float] | None, unit: str) -> str:
     if ends is None or not np.all(np.isfinite(ends)):
         return "not known"
-    return f"{ends[0]:#.3g} to {ends[1]:#.3g} {unit}".strip()
-
-
-def _in_reader_units(results: ArchResults, sentence: str) -> str:
-    """Why there is no curve, told again with the intensities that the page shows."""
-    try:
-        fit_stripes(results.levels, results.counts.collapsed, results.counts.n)
-    except FitError as error:
-        return f"{error} (intensities in {results.scale.unit})"
-    return sentence
+    return f"{digits(ends[0])} to {digits(ends[1])} {unit}".strip()
 
 
 def _signed(text: str) -> str:

@@ -91,6 +91,25 @@ def own_parameters(info: MethodInfo) -> dict[str, Parameter]:
     return {p.name: p for p in info.parameters if p.name not in COMMON}
 
 
+def check_taken(info: MethodInfo, **given: Any) -> None:
+    """See that a method uses each of `COMMON` that is given; None stands for not given.
+
+    Raises
+    ------
+    InputError
+        Naming the methods that do.
+    """
+    for name, value in given.items():
+        if value is not None and all(p.name != name for p in info.parameters):
+            takers = [
+                m.name for m in METHODS.values() if any(p.name == name for p in m.parameters)
+            ]
+            raise InputError(
+                f"{name} is {value!r}, but method {info.name} does not use it; leave it out, or "
+                f"use {', '.join(takers)}"
+            )
+
+
 def check_settings(info: MethodInfo, settings: Any) -> dict[str, float]:
     """All of a method's own parameters: those given, the others at their defaults.
 

@@ -3,6 +3,7 @@
 import copy
 import json
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -21,29 +22,44 @@ from pydantic_core import PydanticCustomError
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import GeometryError, InputError, StudyError
 from archfrag.motions.plausible import Acceptable
-from archfrag.study.arches import ArchEntry, Identifier, Numbers, Section
+from archfrag.study.arches import ArchEntry, Identifier, Section, refuse
 from archfrag.study.sentences import first_sentence
-from archfrag.study.yaml_file import dump_yaml, parse_value, read_yaml
+from archfrag.study.yaml_file import DEEPEST, dump_yaml, parse_value, read_yaml
 
 # Units that a level may be given in, by the SI unit of its measure, with the factor to SI.
 LEVEL_UNITS: dict[str, dict[str, float]] = {
     "m/s2": {"g": STANDARD_GRAVITY, "m/s2": 1.0, "cm/s2": 0.01, "gal": 0.01},
     "m/s": {"m/s": 1.0, "cm/s": 0.01},
 }
+PERIODS = (0.01, 20.0)  # of a spectral measure [s]
+LONGEST_NAME, LONGEST_PATH = 255, 3900  # [bytes] of file systems; results add to a path
 
 
-def _refuse(text: str, **context: Any) -> PydanticCustomError:
-    return PydanticCustomError("refused", text.replace("{", "{{").replace("}", "}}"), context)
+def _refuse_key(key: str, text: str) -> PydanticCustomError:
+    return PydanticCustomError("refused_key", "", {"key": key, "text": text})
+
+
+def _usable_path(value: str) -> str:
+    if value.startswith("~"):
+        raise refuse("begins with the home folder of a user that there is not")
+    if max(map(len, os.fsencode(value).split(b"/"))) > LONGEST_NAME:
+        raise refuse(f"must have names of at most {LONGEST_NAME} bytes between its slashes")
+    if len(os.fsencode(value)) > LONGEST_PATH:
+        raise refuse(f"must have at most {LONGEST_PATH} bytes with the folders above it")
+    return value
+
+
+PathText = Annotated[str, Field(min_length=1), AfterValidator(_usable_path)]
 
 
 class FileSet(Section):
     """Records by path or pattern."""
 
-    path: Annotated[str, Field(min_length=1)]
+    path: PathText
     """A file, or a pattern with * and ? in any case, relative to the study file."""
     unit: str | None = None
     """Unit of the samples where the file does not say; never guessed."""
-    inventory: str | None = None
+    inventory: PathText | None = None
     """StationXML with the response, for records in counts."""
     accept: Annotated[tuple[Acceptable, ...], Field(strict=False)] = ()
     """Let pass: pga (1e-5 to 5 g), time_step (1e-4 to 0.1 s), samples (other than announced)."""
@@ -55,7 +71,7 @@ def _as_file_set(given: Any) -> Any:
 
 def _sized(values: tuple[Any, ...]) -> tuple[Any, ...]:
     if not values:
-        raise _refuse("must have at least one entry")
+        raise refuse("must have at least one entry")
     return values
 
 
@@ -67,7 +83,7 @@ FileSets = Annotated[
 class Motions(Section):
     """The ground motions of the study."""
 
-    index: str | None = None
+    index: PathText | None = None
     """Index (CSV) of shipped records, relative to the study file."""
     select: Annotated[tuple[str, ...], Field(strict=False), AfterValidator(_sized)] | None = None
     """Ids of the records to use, in this order; all where not given."""
@@ -77,27 +93,36 @@ class Motions(Section):
     @model_validator(mode="after")
     def _have_a_source(self) -> Self:
         if self.index is None and not self.files:
-            raise _refuse("must have a key index or files")
+            raise refuse("must have a key index or files")
         if self.select is not None and len(set(self.select)) < len(self.select):
             twice = next(name for name in self.select if self.select.count(name) > 1)
-            raise _refuse(f"must have different ids under select, but {twice!r} is there twice")
+            raise refuse(f"must have different ids under select, but {twice!r} is there twice")
         return self
+
+
+MOST_ARCHES, MOST_LEVELS = 100, 1000
+Level = Annotated[float, Field(gt=0.0, le=1e6)]
 
 
 class LevelRange(Section):
     """Equally spaced levels."""
 
-    start: Annotated[float, Field(gt=0.0)]
+    start: Level
     """First level."""
-    stop: Annotated[float, Field(gt=0.0)]
+    stop: Level
     """Last level."""
-    count: Annotated[int, Field(ge=2)]
+    count: Annotated[int, Field(ge=2, le=MOST_LEVELS)]
     """How many, both ends included."""
 
     @model_validator(mode="after")
     def _rise(self) -> Self:
         if self.stop <= self.start:
-            raise _refuse(f"must have stop above start = {self.start:g}, not {self.stop:g}")
+            raise refuse(f"must have stop above start = {self.start:g}, not {self.stop:g}")
+        if len(set(self.values())) < self.count:
+            raise refuse(
+                f"must have {self.count} different levels, but start = {self.start!r} and stop = "
+                f"{self.stop!r} are too close for that"
+            )
         return self
 
     def values(self) -> tuple[float, ...]:
@@ -109,9 +134,11 @@ class LevelRange(Section):
 def _rising(levels: tuple[float, ...]) -> tuple[float, ...]:
     for i, level in enumerate(levels):
         if level <= 0.0:
-            raise _refuse(f"must be greater than 0, but entry {i} is {level:g}")
+            raise refuse(f"must be greater than 0, but entry {i} is {level:g}")
+        if level > 1e6:
+            raise refuse(f"must be at most 1e+06, but entry {i} is {level:g}")
         if i and level <= levels[i - 1]:
-            raise _refuse(f"must increase, but {level:g} follows {levels[i - 1]:g}")
+            raise refuse(f"must increase, but {level:g} follows {levels[i - 1]:g}")
     return _sized(levels)
 
 
@@ -119,16 +146,22 @@ def _listed_or_range(given: Any) -> str:
     return "range" if isinstance(given, dict | LevelRange) else "listed"
 
 
+Levels = Annotated[
+    tuple[Annotated[float, Field(json_schema_extra={"exclusiveMinimum": 0, "maximum": 1e6})], ...],
+    Field(strict=False, max_length=MOST_LEVELS),
+    AfterValidator(_rising),
+]
+
+
 class Intensity(Section):
     """How strong the motions are made."""
 
     measure: str
-    """PGA, PGV, Arias, Sa(T) or AvgSA(T1,T2) with periods in seconds."""
+    """PGA, PGV, Arias, Sa(T) or AvgSA(T1,T2) with periods from 0.01 to 20 s."""
     unit: str
     """Unit of the levels: g, m/s2, cm/s2 or gal for accelerations, m/s or cm/s for velocities."""
     levels: Annotated[
-        Annotated[Numbers, AfterValidator(_rising), Tag("listed")]
-        | Annotated[LevelRange, Tag("range")],
+        Annotated[Levels, Tag("listed")] | Annotated[LevelRange, Tag("range")],
         Discriminator(_listed_or_range),
     ]
     """Increasing list, or start, stop and count."""
@@ -138,24 +171,25 @@ class Intensity(Section):
         from archfrag.motions.measures import measure_unit, parse_measure
 
         try:
-            parse_measure(self.measure)
+            periods = parse_measure(self.measure).periods
         except InputError as error:
-            raise PydanticCustomError(
-                "refused_key", "", {"key": "measure", "text": str(error)}
-            ) from None
+            raise _refuse_key("measure", str(error)) from None
+        for period in periods:
+            if not PERIODS[0] <= period <= PERIODS[1]:
+                raise _refuse_key(
+                    "measure",
+                    f"{self.measure} has a period of {period:g} s; it must be from "
+                    f"{PERIODS[0]:g} to {PERIODS[1]:g} s",
+                )
         # A duration has no entry: scaling does not change it.
         allowed = LEVEL_UNITS.get(measure_unit(self.measure), {})
         if not allowed:
-            raise _refuse(f"has measure {self.measure}, to which no motion can be scaled")
+            raise refuse(f"has measure {self.measure}, to which no motion can be scaled")
         if self.unit not in allowed:
-            raise PydanticCustomError(
-                "refused_key",
-                "",
-                {
-                    "key": "unit",
-                    "text": f"unit {self.unit!r} is not one of {', '.join(allowed)}, in which "
-                    f"{self.measure} can be given",
-                },
+            raise _refuse_key(
+                "unit",
+                f"unit {self.unit!r} is not one of {', '.join(allowed)}, in which {self.measure} "
+                "can be given",
             )
         return self
 
@@ -177,7 +211,7 @@ def _known_method(name: str) -> str:
     from archfrag.simulation.checks import method_names
 
     if name not in method_names():
-        raise _refuse(f"must be one of {', '.join(method_names())}")
+        raise refuse(f"must be one of {', '.join(method_names())}")
     return name
 
 
@@ -186,11 +220,11 @@ class Method(Section):
 
     name: Annotated[str, AfterValidator(_known_method)] = "auto"
     """Method; auto lets archfrag choose."""
-    dt: Annotated[float, Field(gt=0.0)] | None = None
+    dt: Annotated[float, Field(ge=1e-6, le=0.1)] | None = None
     """Step of methods with a fixed step [s]; the method's default where not given."""
-    rtol: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
+    rtol: Annotated[float, Field(ge=1e-12, lt=1.0)] | None = None
     """Relative error allowed by methods with step control; the method's default if not given."""
-    follow: Annotated[float, Field(ge=0.0)] = 20.0
+    follow: Annotated[float, Field(ge=0.0, le=3600.0)] = 20.0
     """How long a chain still moving at the end of a record is followed [s]."""
     loss_limit: Annotated[float, Field(ge=0.02, le=10.0)] = 0.5
     """Gap at both corners of a joint, over its length, beyond which contact is lost for good."""
@@ -199,12 +233,14 @@ class Method(Section):
 
     @model_validator(mode="after")
     def _own_settings(self) -> "Method":
-        from archfrag.simulation.checks import check_method, check_settings
+        from archfrag.simulation.checks import check_method, check_settings, check_taken
 
         try:
-            check_settings(check_method(self.name), self.settings)
+            method = check_method(self.name)
+            check_taken(method, dt=self.dt, rtol=self.rtol)
+            check_settings(method, self.settings)
         except InputError as error:
-            raise _refuse(str(error)) from error
+            raise refuse(str(error)) from error
         return self
 
 
@@ -226,13 +262,15 @@ class Study(Section):
 
     id: Identifier
     """Name of the study: letters, digits and _ . + - only."""
-    title: Annotated[str, Field(min_length=1)]
+    title: Annotated[str, Field(min_length=1, max_length=500)]
     """Heading of the report."""
-    institution: str = "not stated"
+    institution: Annotated[str, Field(max_length=500)] = "not stated"
     """Who made the study, for the cube's attributes."""
-    output: Annotated[str, Field(min_length=1)]
+    output: PathText
     """Folder of all results, relative to the study file."""
-    arches: Annotated[tuple[ArchEntry, ...], Field(strict=False), AfterValidator(_sized)]
+    arches: Annotated[
+        tuple[ArchEntry, ...], Field(strict=False, max_length=MOST_ARCHES), AfterValidator(_sized)
+    ]
     """Arches, columns or blocks."""
     motions: Motions
     intensity: Intensity
@@ -244,14 +282,10 @@ class Study(Section):
         names = [entry.id for entry in self.arches]
         for i, name in enumerate(names):
             if name in names[:i]:
-                raise PydanticCustomError(
-                    "refused_key",
-                    "",
-                    {
-                        "key": f"arches[{i}].id",
-                        "text": f"{name!r} is the id of arches[{names.index(name)}] too; each "
-                        "arch needs its own",
-                    },
+                raise _refuse_key(
+                    f"arches[{i}].id",
+                    f"{name!r} is the id of arches[{names.index(name)}] too; each arch needs its "
+                    "own",
                 )
         return self
 
@@ -350,7 +384,8 @@ def _anchor(given: dict[str, Any], folder: Path) -> None:
 
     def absolute(value: Any) -> Any:
         if isinstance(value, str) and value:
-            return os.path.abspath(folder / Path(value).expanduser())
+            expanded = os.path.expanduser(value)
+            return value if expanded.startswith("~") else os.path.abspath(folder / expanded)
         return value
 
     def file_set(value: Any) -> Any:
@@ -373,7 +408,7 @@ def _anchor(given: dict[str, Any], folder: Path) -> None:
 def _override(given: dict[str, Any], text: str) -> None:
     key, equals, value_text = text.partition("=")
     parts = key.strip().split(".")
-    if not equals or not all(parts):
+    if not equals or not all(parts) or len(parts) > DEEPEST:
         raise StudyError(f"--set {text}: must be key=value, for example method.dt=0.0005")
     value = parse_value(value_text, f"--set {key}")
     addition: Any = value
@@ -386,7 +421,7 @@ def _override(given: dict[str, Any], text: str) -> None:
     for i, part in enumerate(parts):
         last = i == len(parts) - 1
         if isinstance(place, list):
-            if not part.isdigit() or int(part) >= len(place):
+            if not re.fullmatch("[0-9]{1,6}", part) or int(part) >= len(place):
                 raise StudyError(
                     f"--set {text}: {'.'.join(parts[:i])} has {len(place)} entries, counted "
                     f"from 0, and {part} is none of them"

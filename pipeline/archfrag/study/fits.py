@@ -1,6 +1,7 @@
 """From the cube of a study to its fragility curves."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import xarray as xr
@@ -39,7 +40,7 @@ def fit_cube(study: Study) -> dict[str, Fragility | str]:
     -------
     dict
         By arch: the curve, theta in the SI unit of the measure; or the sentence why there is
-        none.
+        none, with levels in the unit of the study.
 
     Raises
     ------
@@ -48,17 +49,19 @@ def fit_cube(study: Study) -> dict[str, Fragility | str]:
     """
     fits: dict[str, Fragility | str] = {}
     with open_cube(study) as cube:
-        intensity = cube["intensity"].values
+        factor = _si_factor(study)
+        levels = cube["intensity"].values / factor
         for number, name in enumerate(cube["arch"].values):
             verdict = cube["verdict"].isel(arch=number).transpose("record", "level").values
             counts = count_verdicts(verdict)
             try:
-                fits[str(name)] = fit_stripes(intensity, counts.collapsed, counts.n)
+                fit = fit_stripes(levels, counts.collapsed, counts.n)
+                fits[str(name)] = replace(fit, theta=fit.theta * factor)
             except FitError as error:
-                fits[str(name)] = str(error)
+                fits[str(name)] = f"{error} (levels in {study.intensity.unit})"
     stored = {
-        name: fit.to_dict() if isinstance(fit, Fragility) else {"none": fit}
-        for name, fit in fits.items()
+        name: curve.to_dict() if isinstance(curve, Fragility) else {"none": curve}
+        for name, curve in fits.items()
     }
     content = {
         "study": study.id,
@@ -70,11 +73,16 @@ def fit_cube(study: Study) -> dict[str, Fragility | str]:
     return fits
 
 
+def _si_factor(study: Study) -> float:
+    """SI unit of the measure over the unit of the study."""
+    return study.intensity.si[0] / study.intensity.given[0]
+
+
 def fit_sentence(study: Study, name: str, fit: Fragility | str) -> str:
     """A curve in the unit of the study, or why there is none."""
     if isinstance(fit, str):
         return f"{name}: no curve: {fit}"
-    theta = fit.theta * study.intensity.given[0] / study.intensity.si[0]
+    theta = fit.theta / _si_factor(study)
     return (
         f"{name}: median {theta:.4g} {study.intensity.unit} of {study.intensity.measure}, "
         f"dispersion {fit.beta:.3g}, from {fit.n_total} runs"
@@ -97,5 +105,5 @@ def load_fits(path: Path) -> dict[str, Fragility | str]:
         }
     except FileNotFoundError:
         raise InputError(f"{path}: there are no fits yet; `archfrag fit` makes them") from None
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, InputError) as error:
         raise InputError(f"{path}: is damaged ({error}); `archfrag fit` makes it anew") from None

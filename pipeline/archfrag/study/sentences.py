@@ -7,7 +7,19 @@ from typing import Any
 
 from pydantic import ValidationError
 
+# Kind of error in pydantic's list to our words; {} is filled from the error's context.
 _KINDS = {
+    "extra_forbidden": "is no known key",
+    "greater_than": "must be greater than {gt:g}",
+    "greater_than_equal": "must be greater than or equal to {ge:g}",
+    "less_than": "must be less than {lt:g}",
+    "less_than_equal": "must be less than or equal to {le:g}",
+    "string_too_long": "must have at most {max_length} characters",
+    "too_long": "must have at most {max_length} entries, not {actual_length}",
+    "too_short": "must have at least {min_length} entries, not {actual_length}",
+    "dict_type": "must be a mapping of keys to values",
+    "literal_error": "must be {expected}",
+    "refused": "{text}",
     "missing": "is missing",
     "finite_number": "must be a finite number",
     "float_type": "must be a number",
@@ -17,11 +29,15 @@ _KINDS = {
     "string_type": "must be text",
     "tuple_type": "must be a list",
     "model_type": "must be a mapping of keys to values",
+    "model_attributes_type": "must be a mapping of keys to values",
     "string_too_short": "must not be empty",
     "string_pattern_mismatch": (
         "must begin with a letter or a digit and hold only letters, digits and _ . + -"
     ),
 }
+
+
+_SHOWN = 80  # characters of a value
 
 
 def key_path(parts: list[Any]) -> str:
@@ -87,17 +103,21 @@ def _sentence(problem: Any, given: Any) -> str:
     key = key_path(parts) or "the file"
     if kind == "missing":
         return f"{key} is missing"
-    rule = _KINDS.get(kind) or problem["msg"].replace("Input should", "must")
+    rule = _KINDS.get(kind, "is of a kind that has no place here").format(**context)
     value = problem["input"]
     shown = "" if isinstance(value, Mapping) else f" = {_shown(value)}"
     return f"{key}{shown} {rule}"
 
 
 def _shown(value: Any) -> str:
-    return "empty" if value is None else value if isinstance(value, str) else reprlib.repr(value)
+    if isinstance(value, str):
+        return value if len(value) <= _SHOWN else f"{value[:_SHOWN]}…"
+    return "empty" if value is None else reprlib.repr(value)
 
 
 def _unknown(path: str, key: str, allowed: list[str]) -> str:
+    if len(key) > _SHOWN:
+        return f"{path[: -len(key)]}{_shown(key)} is no known key"
     close = difflib.get_close_matches(key, allowed, n=1, cutoff=0.6)
     hint = f"did you mean {close[0]}?" if close else f"allowed are {', '.join(allowed)}"
     return f"{path} is no known key; {hint}"

@@ -1,6 +1,8 @@
-"""YAML with floats as people write them, doubled keys refused, and errors in one sentence."""
+"""YAML as study files hold it: version 1.2's numbers, bounds on size, one sentence for errors."""
 
+import os
 import re
+import stat
 from pathlib import Path
 from typing import Any
 
@@ -8,27 +10,96 @@ import yaml
 
 from archfrag.errors import StudyError
 
+LARGEST_FILE = 500_000  # [bytes] read in about three seconds
+DEEPEST, MOST_VALUES = 20, 200_000  # lists in lists; values with those that aliases repeat
+# Scalars of YAML 1.2's core schema; whatever else is not in quotes is text.
+_PLAIN = {
+    "null": (r"~|null|Null|NULL|", ["~", "n", "N", ""]),
+    "bool": (r"true|True|TRUE|false|False|FALSE", list("tTfF")),
+    # More digits than an integer of the machine holds are a float: inf in the end, no error.
+    "int": (r"[-+]?[0-9]{1,18}", list("-+0123456789")),
+    "float": (
+        r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)",
+        list("-+.0123456789"),
+    ),
+}
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
+
 
 class _Loader(yaml.SafeLoader):
-    """Safe YAML; 1e-6 is a number (YAML 1.2), a key given twice is an error."""
+    """Safe YAML that raises nothing but `yaml.YAMLError`, whatever the text."""
+
+    yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._depth = 0
+        self._extent: dict[int, tuple[int, int]] = {}  # of each node: depth and values
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        event = self.peek_event()
+        alias = isinstance(event, yaml.AliasEvent)
+        tag = getattr(event, "tag", None)
+        if tag not in (None, "!"):
+            raise _marked(f"tags such as {_short(tag)} have no place in a study file", event)
+        self._depth += 1
+        if self._depth > DEEPEST:
+            raise _marked(f"more than {DEEPEST} levels of nesting", event)
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        if node is None:
+            return None
+        if alias and id(node) not in self._extent:
+            raise _marked(f"the alias {_short(event.anchor)} stands inside what it repeats", event)
+        if not alias:
+            if isinstance(node, yaml.ScalarNode) and _CONTROL.search(node.value):
+                raise _marked("text must hold no control characters", event)
+            self._extent[id(node)] = self._measure(node)
+        depth, values = self._extent[id(node)]
+        if self._depth + depth > DEEPEST or values > MOST_VALUES:
+            raise _marked(
+                f"more than {DEEPEST} levels of nesting or {MOST_VALUES} values, aliases counted "
+                "as what they repeat",
+                event,
+            )
+        return node
+
+    def _measure(self, node: yaml.Node) -> tuple[int, int]:
+        if isinstance(node, yaml.ScalarNode):
+            return 1, 1
+        items = (
+            [part for pair in node.value for part in pair]
+            if isinstance(node, yaml.MappingNode)
+            else node.value
+        )
+        extents = [self._extent[id(item)] for item in items]
+        return (
+            1 + max((depth for depth, _ in extents), default=0),
+            1 + sum(values for _, values in extents),
+        )
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen = set()
         for key_node, _ in node.value:
             key = self.construct_object(key_node, deep=True)
             if isinstance(key, str) and key in seen:
-                raise yaml.MarkedYAMLError(
-                    problem=f"the key {key} is given twice", problem_mark=key_node.start_mark
-                )
+                raise _marked(f"the key {_short(key)} is given twice", key_node)
             seen.add(key if isinstance(key, str) else None)
         return super().construct_mapping(node, deep)
 
 
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"^[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"),
-    list("-+.0123456789"),
-)
+for _kind, (_pattern, _first) in _PLAIN.items():
+    _Loader.add_implicit_resolver(
+        f"tag:yaml.org,2002:{_kind}", re.compile(rf"^(?:{_pattern})$"), _first
+    )
+
+
+def _marked(problem: str, place: Any) -> yaml.MarkedYAMLError:
+    return yaml.MarkedYAMLError(problem=problem, problem_mark=place.start_mark)
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 40 else f"{text[:40]}…"
 
 
 def _problem(error: yaml.YAMLError) -> str:
@@ -37,24 +108,41 @@ def _problem(error: yaml.YAMLError) -> str:
     return " ".join(str(error).split())
 
 
+def _parse(text: str, place: str) -> Any:
+    try:
+        return yaml.load(text, Loader=_Loader)
+    except yaml.YAMLError as error:
+        raise StudyError(f"{place}: {_problem(error)}") from error
+
+
+def _read(path: Path) -> bytes:
+    """Bytes of a file, one more than allowed at most; a pipe or device is not waited for."""
+    with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise OSError(0, "no regular file")
+        return file.read(LARGEST_FILE + 1)
+
+
 def read_yaml(path: Path) -> dict[str, Any]:
     """Mapping in a YAML file.
 
     Raises
     ------
     StudyError
-        If it cannot be read, is no YAML (with the line), or holds no mapping.
+        If it cannot be read, is too large, is no YAML (with the line), or holds no mapping.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        content = _read(path)
+        text = content.decode("utf-8")
     except OSError as error:
         raise StudyError(f"the study file {path} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise StudyError(f"the study file {path} is no text in UTF-8") from error
-    try:
-        given = yaml.load(text, Loader=_Loader)
-    except yaml.YAMLError as error:
-        raise StudyError(f"{path}: {_problem(error)}") from error
+    if len(content) > LARGEST_FILE:
+        raise StudyError(
+            f"the study file {path} is too large; it must have at most {LARGEST_FILE} bytes"
+        )
+    given = _parse(text, str(path))
     if not isinstance(given, dict):
         raise StudyError(f"{path}: must hold keys with values, such as id, arches and motions")
     return given
@@ -68,17 +156,17 @@ def parse_value(text: str, place: str) -> Any:
     StudyError
         Naming `place`.
     """
-    try:
-        return yaml.load(text, Loader=_Loader)
-    except yaml.YAMLError as error:
-        raise StudyError(f"{place}: {_problem(error)}") from error
+    return _parse(text, place)
 
 
 class _Dumper(yaml.SafeDumper):
-    """Tuples as lists."""
+    """Tuples as lists; in quotes what version 1.1 or 1.2 of YAML would not read as text."""
 
 
 _Dumper.add_representer(tuple, lambda dumper, value: dumper.represent_list(value))
+_Dumper.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(rf"^(?:{_PLAIN['float'][0]})$"), _PLAIN["float"][1]
+)
 
 
 def dump_yaml(value: Any) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import linprog
@@ -68,11 +67,6 @@ def least_friction(scene: Scene, width: float = 1e-9) -> float:
         middle = 0.5 * (low + high)
         low, high = (low, middle) if _bears(scene, middle) else (middle, high)
     return high
-
-
-def with_friction(scene: Scene, friction: float) -> Scene:
-    """The same scene with another coefficient at all joints."""
-    return replace(scene, chain={**scene.chain, "friction": friction})
 
 
 def _bears(scene: Scene, friction: float) -> bool:

@@ -15,16 +15,8 @@ from archfrag.evidence.part import Frames, Note, Section
 from archfrag.evidence.speed.reference import MARGIN
 from archfrag.report import canvas
 from archfrag.report.canvas import Picture, faint_grid, picture
+from archfrag.report.styles import METHOD_STYLES, method_style
 
-LOOK: Mapping[str, tuple[str, str, str]] = {
-    "time_stepping": ("time stepping", canvas.ORANGE, "o"),
-    "auto": ("auto (the ladder)", canvas.BLUE, "s"),
-    "event_driven": ("event-driven", canvas.GREEN, "D"),
-    "four_link": ("four-link, one degree of freedom", canvas.VERMILION, "X"),
-    "penalty": ("penalty springs", canvas.PURPLE, "^"),
-    "gauss_seidel": ("Gauss–Seidel", canvas.SKY, "v"),
-    "quadratic_programme": ("quadratic programme", canvas.INK, "P"),
-}
 OURS = ("time_stepping", "auto", "event_driven")
 # Where the setting stands beside a point [point], so that neighbours of two methods stay apart.
 SHIFT: Mapping[str, tuple[tuple[int, int], str]] = {
@@ -42,7 +34,7 @@ def show(frames: Frames) -> Section:
     Parameters
     ----------
     frames : mapping of str to DataFrame
-        As `archfrag.evidence.fragility.measure` gives them, or as read from their files.
+        As `archfrag.evidence.fragility.error.measure` gives them, or as read from their files.
     """
     curves, dispersion = frames["curves"], frames["dispersion"]
     pictures: dict[str, Picture] = {}
@@ -107,7 +99,7 @@ def cost_picture(study: str, table: pd.DataFrame) -> Picture:
             handlelength=1.6, columnspacing=1.4,
         )  # fmt: skip
 
-    names = ", ".join(LOOK[name][0] for name in dict.fromkeys(table["method"]) if name in LOOK)
+    names = ", ".join(method_style(str(name)).label for name in dict.fromkeys(table["method"]))
     return picture(
         SLUG[study],
         (canvas.WIDTH, 4.3),
@@ -150,7 +142,7 @@ def _panel(
     axes.text(0.02, 0.015, f"grey: {MARGIN:g} times the reference's own error", fontsize=7.0,
               color=canvas.INK, transform=axes.transAxes).set_in_layout(False)  # fmt: skip
     for method, rows in ways.groupby("method", sort=False):
-        label, colour, marker = LOOK.get(str(method), (str(method), canvas.GREY, "o"))
+        label, colour, marker, _ = method_style(str(method))
         group = rows.sort_values("cpu_seconds")
         x, own = group["cpu_seconds"].to_numpy(), error[group.index].to_numpy()
         y = np.maximum(own, max(floor, bottom))
@@ -229,7 +221,7 @@ def dispersion_picture(curves: pd.DataFrame, dispersion: pd.DataFrame) -> Pictur
             handlelength=1.2, columnspacing=1.2,
         )  # fmt: skip
         for method, group in table.groupby("method", sort=False):
-            _, colour, marker = LOOK.get(str(method), (str(method), canvas.GREY, "o"))
+            _, colour, marker, _ = method_style(str(method))
             group = group.sort_values("cpu_seconds")
             x, y = group["cpu_seconds"].to_numpy(), 100.0 * group["not_shared"].to_numpy()
             right.plot(x, y, color=colour, marker=marker, markersize=5, linewidth=1.0)
@@ -270,7 +262,9 @@ def _bar_label(row: pd.Series) -> str:
 def _name(way: str) -> str:
     """A way in words."""
     method = way.split(" ")[0]
-    return f"{LOOK[method][0].split(' (')[0]} {_setting(way)}" if method in LOOK else way
+    if method not in METHOD_STYLES:
+        return way
+    return f"{method_style(method).label.split(' (')[0]} {_setting(way)}"
 
 
 def _answer(study: str, table: pd.DataFrame) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,29 +14,10 @@ from matplotlib.ticker import LogLocator, NullLocator
 from archfrag.evidence.speed.quantities import QUANTITIES
 from archfrag.report import canvas
 from archfrag.report.canvas import Picture, faint_grid, picture
+from archfrag.report.styles import METHOD_STYLES, method_style
 
-_LOOK: dict[str, tuple[str, str, str]] = {
-    "time_stepping": (canvas.BLUE, "o", "-"),
-    "event_driven": (canvas.VERMILION, "s", "-"),
-    "auto": (canvas.GREEN, "^", "-"),
-    "penalty": (canvas.ORANGE, "D", "-"),
-    "four_link": (canvas.INK, "P", "-"),
-    "gauss_seidel": (canvas.PURPLE, "X", "-"),
-    "quadratic_programme": (canvas.SKY, "p", "-"),
-    "mujoco": (canvas.GREY, "<", ":"),
-    "mujoco_corners": (canvas.GREY, ">", ":"),
-    "pymunk": (canvas.GREY, "x", ":"),
-    "lmgc90": (canvas.GREY, "*", ":"),
-    "siconos": (canvas.GREY, "h", ":"),
-}
-_OTHER = (canvas.GREY, ".", ":")
 _COLUMNS = 3
 _ROW = 1.75  # [inch]
-
-
-def look(line: str) -> tuple[str, str, Any]:
-    """Colour, marker and stroke of a line."""
-    return _LOOK.get(line, _OTHER)
 
 
 def chart(points: pd.DataFrame, references: pd.DataFrame, quantity: str) -> Picture | None:
@@ -55,8 +35,8 @@ def chart(points: pd.DataFrame, references: pd.DataFrame, quantity: str) -> Pict
     if shown.empty:
         return None
     scenes = list(dict.fromkeys(shown["scene"]))
-    lines = [line for line in _LOOK if line in set(shown["line"])]
-    lines += [line for line in dict.fromkeys(shown["line"]) if line not in _LOOK]
+    lines = [line for line in METHOD_STYLES if line in set(shown["line"])]
+    lines += [line for line in dict.fromkeys(shown["line"]) if line not in METHOD_STYLES]
     rows = math.ceil(len(scenes) / _COLUMNS)
     legend_rows = math.ceil((len(lines) + 1) / 4)
 
@@ -69,9 +49,9 @@ def chart(points: pd.DataFrame, references: pd.DataFrame, quantity: str) -> Pict
         figure.supxlabel(QUANTITIES[quantity].label, fontsize=8.5)
         figure.supylabel("cost [s]", fontsize=8.5)
         handles = [
-            Line2D([], [], color=look(x)[0], marker=look(x)[1], linestyle=look(x)[2], lw=1.0,
-                   markersize=4.0, label=x)
-            for x in lines
+            Line2D([], [], color=style.colour, marker=style.marker, linestyle=style.stroke, lw=1.0,
+                   markersize=4.0, label=style.label)
+            for style in map(method_style, lines)
         ]  # fmt: skip
         handles.append(
             Line2D([], [], color=canvas.GREY, marker="o", markerfacecolor="white", lw=0.0,
@@ -106,7 +86,7 @@ def _panel(axes: Axes, frame: pd.DataFrame, scene: str, lines: list[str]) -> Non
         part = frame[frame["line"] == line].sort_values("place")
         if part.empty:
             continue
-        colour, marker, stroke = look(line)
+        _, colour, marker, stroke = method_style(line)
         error = np.maximum(part["error"].to_numpy(), part["floor"].to_numpy())
         cost = part["cost"].to_numpy()
         hollow = part["at_floor"].to_numpy(bool)
@@ -152,9 +132,10 @@ def spread_chart(spreads: pd.DataFrame, horizons: pd.DataFrame) -> Picture | Non
             for k, way in enumerate(ways):
                 part = frame[(frame["way"] == way) & ~frame["collapsed"].astype(bool)]
                 offset = np.linspace(-0.25, 0.25, len(part))
-                colour, marker, _ = look(str(frame[frame["way"] == way]["line"].iloc[0]))
-                axes.plot(part["peak"], k + offset, color=colour, marker=marker, lw=0.0,
-                          markersize=3.0)  # fmt: skip
+                style = method_style(str(frame[frame["way"] == way]["line"].iloc[0]))
+                axes.plot(
+                    part["peak"], k + offset, style.marker, color=style.colour, markersize=3.0
+                )
             axes.set_yticks(range(len(ways)), ways)
             axes.set_ylim(len(ways) - 0.5, -0.5)
             axes.set_xlim(left=0.0)
