@@ -133,7 +133,7 @@ def _takes_arch(command: Callable) -> Callable:
         wrapped = click.option(f"--{name}", type=float, help=text)(wrapped)
     for option in (
         click.option("--straight", is_flag=True, help="straight-sided voussoirs"),
-        click.option("--friction", type=float, help="Coulomb coefficient; inf: the limit of large friction"),
+        click.option("--friction", type=float, help="Coulomb coefficient; inf: its limit"),
         click.option("--voussoirs", type=int, help="number of voussoirs"),
         click.option("--profile", type=click.Choice(_PROFILES), default="circular",
                      show_default=True),
