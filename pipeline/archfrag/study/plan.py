@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
 # Source, beside the kernels, that an edit of which may change results.
 DECIDING = (
-    "arch", "simulate.py", "simulation", "study/arches.py", "study/outcome.py", "study/worker.py",
+    "arch", "simulate.py", "simulation", "study/arches.py", "study/case.py", "study/outcome.py",
+    "study/worker.py",
 )  # fmt: skip
 # Enough parts for an even share among workers, few enough for a file system.
 PARTS_WANTED, SMALLEST_CHUNK, LARGEST_CHUNK = 500, 4, 200

@@ -12,6 +12,7 @@ from pydantic import TypeAdapter
 
 from archfrag.motions.store import load_motions
 from archfrag.study.arches import ArchEntry
+from archfrag.study.case import simulate_case
 from archfrag.study.files import replacing
 from archfrag.study.outcome import table_of
 from archfrag.study.parts import write_part
@@ -57,20 +58,14 @@ def peak_memory() -> float:
 
 def run_case(plan: Plan, run: int) -> "Response":
     """One run of a plan."""
-    from archfrag.simulate import simulate
-
     a, r, level = plan.case(run)
     record = plan.records[r]
     stored = Path(plan.folder) / record.file
-    return simulate(
+    return simulate_case(
+        plan.method,
         _arch(str(plan.path), _modified(plan.path), a),
         _motion(str(stored), _modified(stored)),
-        scale=record.factors[level],
-        method=plan.method["name"],
-        rtol=plan.method["rtol"],
-        dt=plan.method["dt"],
-        follow=plan.method["follow"],
-        settings=plan.method["settings"],
+        record.factors[level],
     )
 
 
