@@ -54,15 +54,15 @@ class Killer(threading.Thread):
 
 
 def test_one_worker_gives_the_same_parts_as_two(done, copied):
-    for path in copied.study.folder.glob("parts/*.npz"):
+    for path in copied.study.work.glob("parts/*.npz"):
         path.unlink()
     log = run_batch(copied.study, workers=1, quiet=True)
     assert (log.workers, log.runs, log.kept) == (1, 12, 0)
     assert done.log.workers == 2
     assert len(log.peak_memory) == 1
     assert os.getpid() not in map(int, log.peak_memory)
-    assert parts_of(copied.study.folder) == parts_of(done.study.folder)
-    assert len(parts_of(copied.study.folder)) == 6
+    assert parts_of(copied.study.work) == parts_of(done.study.work)
+    assert len(parts_of(copied.study.work)) == 6
 
 
 def test_workers_stay_small(done):
@@ -92,7 +92,7 @@ def test_finished_parts_are_kept_and_only_the_others_made(done, copied):
     log = run_batch(copied.study, workers=2, quiet=True)
     assert (log.runs, log.kept) == (12, 8)
     assert plan.part(0).stat().st_mtime == 1
-    assert parts_of(copied.study.folder) == parts_of(done.study.folder)
+    assert parts_of(copied.study.work) == parts_of(done.study.work)
 
 
 def test_nothing_to_do_starts_no_workers(copied, monkeypatch):
@@ -134,7 +134,7 @@ def test_the_longest_chunks_go_first(done):
 
 def slow(done, step):
     """The same study with steps so short that there is time to kill somebody."""
-    for path in done.study.folder.glob("parts/*.npz"):
+    for path in done.study.work.glob("parts/*.npz"):
         path.unlink()
     method = done.study.method.model_copy(update={"dt": step})
     return done.study.model_copy(update={"method": method})
@@ -142,22 +142,22 @@ def slow(done, step):
 
 def test_a_killed_worker_costs_nothing_but_time(copied):
     study = slow(copied, 1e-4)
-    killer = Killer(study.folder, every=False)
+    killer = Killer(study.work, every=False)
     killer.start()
     run_batch(study, workers=2, quiet=True)
     killer.join(10.0)
     assert killer.killed == 1
-    disturbed = parts_of(study.folder)
+    disturbed = parts_of(study.work)
     assert len(disturbed) == 6
     slow(copied, 1e-4)
     run_batch(study, workers=2, quiet=True)
-    assert parts_of(study.folder) == disturbed
+    assert parts_of(study.work) == disturbed
 
 
 def test_workers_killed_again_and_again_end_the_batch(copied, monkeypatch):
     monkeypatch.setattr(batch_module, "PATIENCE", 4.0)
     study = slow(copied, 1e-5)
-    killer = Killer(study.folder, every=True)
+    killer = Killer(study.work, every=True)
     killer.start()
     try:
         with pytest.raises(WorkerError) as caught:
@@ -187,7 +187,7 @@ def test_a_scheduler_that_does_not_answer(copied, monkeypatch):
 
 def test_disk_full_in_a_worker_is_told_and_keeps_the_finished_parts(copied):
     """A folder in the place of a part stands for any failing write in another process."""
-    for path in copied.study.folder.glob("parts/*.npz"):
+    for path in copied.study.work.glob("parts/*.npz"):
         path.unlink()
     copied.plan.part(5).mkdir()
     from archfrag.errors import OutputError
