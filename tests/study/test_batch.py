@@ -3,6 +3,8 @@
 import contextlib
 import os
 import socket
+import subprocess
+import sys
 import threading
 import time
 
@@ -71,9 +73,6 @@ def test_workers_stay_small(done):
 
 
 def test_workers_import_neither_obspy_nor_matplotlib():
-    import subprocess
-    import sys
-
     code = (
         "import sys; import archfrag.study.worker, archfrag.simulate, distributed.nanny; "
         "print([n for n in ('obspy', 'matplotlib', 'xarray', 'netCDF4') if n in sys.modules])"
@@ -82,6 +81,57 @@ def test_workers_import_neither_obspy_nor_matplotlib():
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
     assert found.stdout.strip() == "[]"
+
+
+# What another user of the machine would do: ask whatever listens for code to be run.
+ATTACK = """
+import os, sys, distributed
+from distributed import Client
+import distributed.comm.tcp
+if os.getuid() == 0:
+    os.setgroups([])
+    os.setgid(65534)
+    os.setuid(65534)
+for port in sys.argv[1:]:
+    for scheme in ("tcp", "tls"):
+        try:
+            with Client(f"{scheme}://127.0.0.1:{port}", timeout=1, set_as_default=False) as client:
+                print("user", os.getuid(), "ran code as", *client.run(os.getuid).values())
+        except Exception as error:
+            print("refused", type(error).__name__, file=sys.stderr)
+print("tried as", os.getuid())
+"""
+
+
+def test_the_local_scheduler_runs_nobody_else_s_code(done):
+    """As another user where this one may become one, as the superuser can; else as oneself."""
+    with batch_module._client(done.study, 1) as client:
+        assert list(client.run(os.getpid).values()) != []
+        ports = {
+            str(connection.laddr.port)
+            for process in (psutil.Process(), *worker_processes())
+            for connection in process.net_connections("tcp")
+            if connection.status == psutil.CONN_LISTEN
+        }
+        scheduler = client.scheduler.address.rsplit(":", 1)[1]
+        assert scheduler in ports
+        found = subprocess.run(
+            [sys.executable, "-c", ATTACK, scheduler], capture_output=True, text=True, cwd="/",
+            timeout=60,
+        )  # fmt: skip
+        answers = [_asked_by_http(port) for port in ports]
+    expected = 65534 if os.getuid() == 0 else os.getuid()
+    assert found.stdout == f"tried as {expected}\n", found.stderr
+    assert found.stderr.count("refused") == 2
+    assert not any(b"200 OK" in answer for answer in answers)
+
+
+def _asked_by_http(port):
+    with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", int(port)), 2) as s:
+        s.settimeout(2)
+        s.sendall(b"GET /info/main/workers.html HTTP/1.0\r\n\r\n")
+        return s.recv(1000)
+    return b""
 
 
 def test_finished_parts_are_kept_and_only_the_others_made(done, copied):

@@ -58,12 +58,6 @@ def check_output(study: Study) -> None:
 
 def _check_writable(folder: Path) -> None:
     try:
-        str(folder).encode("utf-8")
-    except UnicodeEncodeError:
-        raise OutputError(
-            f"{str(folder)!a}: the name of the output folder must be text in UTF-8"
-        ) from None
-    try:
         place = next(path for path in (folder, *folder.parents) if path.exists())
     except OSError as error:
         raise cannot_write(folder, error) from error
