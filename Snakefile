@@ -1,17 +1,26 @@
-# `archfrag run STUDY` starts this; by hand: snakemake --cores 2 --config study=configs/shipped.yaml
+# `archfrag run STUDY` starts this; by hand:
+#   snakemake --cores 2 --config study=configs/shipped.yaml
 from pathlib import Path
+
+from archfrag.study.tree import leave_snakemakes_cache
+
+leave_snakemakes_cache()
 
 from archfrag.kernel_cache import kernel_hash
 from archfrag.study.config import load_study
-from archfrag.study.files import source_hash
-from archfrag.study.plan import DECIDING, batch_file
-from archfrag.study.records import find_sources
+from archfrag.study.digests import source_hash
+from archfrag.study.steps import batch_step, forget_stale
 
 STUDY_FILE = str(Path(config["study"]).absolute())
 STUDY = load_study(STUDY_FILE)
-OUT = STUDY.output
 BATCHES = STUDY.execution.batches
 QUIET = "--quiet" if int(config.get("quiet", 0)) else ""
+
+# Records and results are compared by content, not by Snakemake: it sees only the stamps of steps,
+# and makes those that are not there. Paths are relative, so that no name can mean a wildcard.
+workdir: str(STUDY.work)
+if workflow.is_main_process:
+    forget_stale(STUDY)
 
 
 wildcard_constraints:
@@ -25,14 +34,16 @@ localrules:
     fit,
     report,
     method_figures,
+    evidence,
 
 
 rule all:
     input:
-        f"{OUT}/report.html",
+        "steps/report.json",
 
 
 include: "pipeline/rules/motions.smk"
 include: "pipeline/rules/simulations.smk"
 include: "pipeline/rules/results.smk"
 include: "pipeline/rules/method.smk"
+include: "pipeline/rules/evidence.smk"

@@ -4,6 +4,7 @@ import errno
 import functools
 import json
 import os
+import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -85,17 +86,26 @@ def _reads_record(command: Callable) -> Callable:
 
 
 def _step(command: Callable) -> Callable:
-    """A step of a study: reads the study file, keeps a log, says in one line what it did."""
+    """A step of a study: reads the study file, says what it did, keeps a log and a stamp."""
 
     @functools.wraps(command)
     def wrapped(
         study_file: Path, overrides: tuple[str, ...], log_file: Path | None, **options: Any
     ) -> None:
+        from archfrag.study.tree import follow_run
+
+        follow_run()
         from archfrag.study.config import load_study
+        from archfrag.study.steps import batch_step, finish
         from archfrag.study.workflow import step_log
 
+        name = command.__name__
         with step_log(log_file) as say:
-            command(load_study(study_file, overrides), say, **options)
+            study = load_study(study_file, overrides)
+            command(study, say, **options)
+            if name == "batch":
+                name = batch_step(options["batch"], study.execution.batches)
+            finish(study, name)
 
     return main.command()(_study(_set(_log(wrapped))))
 
@@ -332,26 +342,54 @@ def warmup() -> None:
 @click.option("--profile", type=click.Path(path_type=Path, exists=True, file_okay=False),
               help="Snakemake profile, e.g. configs/profiles/slurm.")  # fmt: skip
 @click.option("--quiet", is_flag=True, help="Nothing but errors.")
-def run(study_file: Path, overrides: tuple[str, ...], **options: Any) -> None:
+def run(study_file: Path, overrides: tuple[str, ...], quiet: bool, **options: Any) -> None:
     """Do all of a study that is not done yet: motions, simulations, cube, curves, report."""
+    from archfrag.study.tree import Stopped, stoppable
+
+    typed = shlex.join(["archfrag", "run", str(study_file), *(f"--set={o}" for o in overrides)])
+    try:
+        with stoppable() as stop:
+            found, cautions = _run(study_file, overrides, stop, typed, quiet, options)
+    except Stopped as stopped:
+        click.echo(
+            f"archfrag: {stopped}; what is finished is kept, `{typed} --resume` goes on", err=True
+        )
+        click.get_current_context().exit(128 + stopped.number)
+    if not quiet:
+        if cautions is None:
+            click.echo("archfrag: nothing to do: all results are up to date", err=True)
+        click.echo(f"report: {found}")
+        for caution in cautions or ():
+            click.echo(f"caution: {caution}", err=True)
+
+
+def _run(
+    study_file: Path, overrides: tuple[str, ...], stop: Any, typed: str, quiet: bool, options: Any
+) -> tuple[Path, list[str] | None]:
+    """The report of a study, up to date, and what is doubtful in it; None if nothing was to do."""
+    from archfrag.study.uptodate import finished_report, note_finished, request_of
+
+    request = request_of(study_file, overrides)
+    report_file = finished_report(study_file, request)
+    if report_file is not None:
+        return report_file, None
     from archfrag.study.cautions import study_cautions
     from archfrag.study.config import load_study
-    from archfrag.study.workflow import run_study
+    from archfrag.study.workflow import RunOptions, run_study
 
-    typed = " ".join(["archfrag run", str(study_file), *(f"--set '{o}'" for o in overrides)])
     study = load_study(study_file, overrides)
-    report_file = run_study(study, typed=typed, **options)
-    if not options["quiet"]:
-        click.echo(f"report: {report_file}")
-        for caution in study_cautions(study):
-            click.echo(f"caution: {caution}", err=True)
+    anything = run_study(study, RunOptions(typed=typed, quiet=quiet, **options), stop)
+    note_finished(study, request)
+    return study.folder / "report.html", study_cautions(study) if anything else None
 
 
 @_step
 def motions(study: Any, say: Callable[[str], None]) -> None:
     """Read the study's records, scale them, store them for the workers."""
+    from archfrag.study.checks import check_output
     from archfrag.study.records import prepare_motions
 
+    check_output(study)
     stored = prepare_motions(study)
     say(f"motions: {len(stored)} records x {len(study.intensity.si)} levels ready")
 
@@ -378,9 +416,12 @@ def batch(
 def cube(study: Any, say: Callable[[str], None]) -> None:
     """Gather the results into one CF netCDF cube."""
     from archfrag.study.cube import write_cube, write_timings
+    from archfrag.study.parts import forget_other_plans
+    from archfrag.study.plan import make_plan
 
     path = write_cube(study)
     write_timings(study)
+    forget_other_plans(make_plan(study))
     say(f"cube: {path}")
 
 
@@ -390,7 +431,9 @@ def fit(study: Any, say: Callable[[str], None], as_json: bool) -> None:
     """Fit a fragility curve to each arch of the cube."""
     from archfrag.study.cautions import study_cautions
     from archfrag.study.fits import FITS, fit_cube, fit_sentence
+    from archfrag.study.steps import require
 
+    require(study, "cube")
     for name, curve in fit_cube(study).items():
         say(f"fit: {fit_sentence(study, name, curve)}")
     for caution in study_cautions(study):
@@ -409,10 +452,13 @@ def report(study: Any, say: Callable[[str], None]) -> None:
     from archfrag.study.cube import CUBE, TIMINGS
     from archfrag.study.fits import FITS, load_fits, open_cube
     from archfrag.study.records import load_prepared, load_record
+    from archfrag.study.steps import require
 
+    require(study, "cube")
+    require(study, "fit")
     open_cube(study).close()
     built = [(entry.id, entry.build()) for entry in study.arches]
-    timings = study.folder / TIMINGS
+    timings = study.work / TIMINGS
     inputs = ReportInputs(
         cube=study.folder / CUBE,
         measure=study.intensity.measure,

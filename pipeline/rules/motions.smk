@@ -1,11 +1,6 @@
 rule motions:
     message: "Read and scale the records of {STUDY.id}"
-    input:
-        study=STUDY_FILE,
-        records=[str(source.path) for source in find_sources(STUDY)],
-    output: f"{OUT}/motions.json",
-    params:
-        source=source_hash("motions"),
-    log: f"{OUT}/logs/motions.log",
-    benchmark: f"{OUT}/benchmarks/motions.tsv"
-    shell: "archfrag motions {input.study:q} --log {log:q}"
+    output: "steps/motions.json",
+    log: "logs/motions.log",
+    benchmark: "benchmarks/motions.tsv"
+    shell: "archfrag motions {STUDY_FILE:q} --log {log:q} 2>&1"

@@ -1,16 +1,12 @@
 rule batch:
     message: "Simulations, batch {wildcards.batch} of {BATCHES}"
-    input:
-        study=STUDY_FILE,
-        motions=f"{OUT}/motions.json",
-    output: str(batch_file(STUDY.folder, "{batch}", BATCHES)),
+    input: "steps/motions.json",
+    output: "steps/" + batch_step("{batch}", BATCHES) + ".json",
     params:
-        kernels=kernel_hash(),
-        source=source_hash(*DECIDING, "study"),
         quiet=QUIET,
     threads: STUDY.execution.workers or workflow.cores or 1
-    log: f"{OUT}/logs/batch-{{batch}}.log",
-    benchmark: f"{OUT}/benchmarks/batch-{{batch}}.tsv"
+    log: "logs/batch-{batch}.log",
+    benchmark: "benchmarks/batch-{batch}.tsv"
     shell:
-        "archfrag batch {input.study:q} --batch {wildcards.batch} --workers {threads}"
-        " {params.quiet} --log {log:q}"
+        "archfrag batch {STUDY_FILE:q} --batch {wildcards.batch} --workers {threads}"
+        " {params.quiet} --log {log:q} 2>&1"

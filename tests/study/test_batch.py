@@ -3,6 +3,8 @@
 import contextlib
 import os
 import socket
+import subprocess
+import sys
 import threading
 import time
 
@@ -54,15 +56,15 @@ class Killer(threading.Thread):
 
 
 def test_one_worker_gives_the_same_parts_as_two(done, copied):
-    for path in copied.study.folder.glob("parts/*.npz"):
+    for path in copied.study.work.glob("parts/*.npz"):
         path.unlink()
     log = run_batch(copied.study, workers=1, quiet=True)
     assert (log.workers, log.runs, log.kept) == (1, 12, 0)
     assert done.log.workers == 2
     assert len(log.peak_memory) == 1
     assert os.getpid() not in map(int, log.peak_memory)
-    assert parts_of(copied.study.folder) == parts_of(done.study.folder)
-    assert len(parts_of(copied.study.folder)) == 6
+    assert parts_of(copied.study.work) == parts_of(done.study.work)
+    assert len(parts_of(copied.study.work)) == 6
 
 
 def test_workers_stay_small(done):
@@ -71,9 +73,6 @@ def test_workers_stay_small(done):
 
 
 def test_workers_import_neither_obspy_nor_matplotlib():
-    import subprocess
-    import sys
-
     code = (
         "import sys; import archfrag.study.worker, archfrag.simulate, distributed.nanny; "
         "print([n for n in ('obspy', 'matplotlib', 'xarray', 'netCDF4') if n in sys.modules])"
@@ -84,6 +83,57 @@ def test_workers_import_neither_obspy_nor_matplotlib():
     assert found.stdout.strip() == "[]"
 
 
+# What another user of the machine would do: ask whatever listens for code to be run.
+ATTACK = """
+import os, sys, distributed
+from distributed import Client
+import distributed.comm.tcp
+if os.getuid() == 0:
+    os.setgroups([])
+    os.setgid(65534)
+    os.setuid(65534)
+for port in sys.argv[1:]:
+    for scheme in ("tcp", "tls"):
+        try:
+            with Client(f"{scheme}://127.0.0.1:{port}", timeout=1, set_as_default=False) as client:
+                print("user", os.getuid(), "ran code as", *client.run(os.getuid).values())
+        except Exception as error:
+            print("refused", type(error).__name__, file=sys.stderr)
+print("tried as", os.getuid())
+"""
+
+
+def test_the_local_scheduler_runs_nobody_else_s_code(done):
+    """As another user where this one may become one, as the superuser can; else as oneself."""
+    with batch_module._client(done.study, 1) as client:
+        assert list(client.run(os.getpid).values()) != []
+        ports = {
+            str(connection.laddr.port)
+            for process in (psutil.Process(), *worker_processes())
+            for connection in process.net_connections("tcp")
+            if connection.status == psutil.CONN_LISTEN
+        }
+        scheduler = client.scheduler.address.rsplit(":", 1)[1]
+        assert scheduler in ports
+        found = subprocess.run(
+            [sys.executable, "-c", ATTACK, scheduler], capture_output=True, text=True, cwd="/",
+            timeout=60,
+        )  # fmt: skip
+        answers = [_asked_by_http(port) for port in ports]
+    expected = 65534 if os.getuid() == 0 else os.getuid()
+    assert found.stdout == f"tried as {expected}\n", found.stderr
+    assert found.stderr.count("refused") == 2
+    assert not any(b"200 OK" in answer for answer in answers)
+
+
+def _asked_by_http(port):
+    with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", int(port)), 2) as s:
+        s.settimeout(2)
+        s.sendall(b"GET /info/main/workers.html HTTP/1.0\r\n\r\n")
+        return s.recv(1000)
+    return b""
+
+
 def test_finished_parts_are_kept_and_only_the_others_made(done, copied):
     plan = copied.plan
     plan.part(1).unlink()
@@ -92,7 +142,7 @@ def test_finished_parts_are_kept_and_only_the_others_made(done, copied):
     log = run_batch(copied.study, workers=2, quiet=True)
     assert (log.runs, log.kept) == (12, 8)
     assert plan.part(0).stat().st_mtime == 1
-    assert parts_of(copied.study.folder) == parts_of(done.study.folder)
+    assert parts_of(copied.study.work) == parts_of(done.study.work)
 
 
 def test_nothing_to_do_starts_no_workers(copied, monkeypatch):
@@ -134,7 +184,7 @@ def test_the_longest_chunks_go_first(done):
 
 def slow(done, step):
     """The same study with steps so short that there is time to kill somebody."""
-    for path in done.study.folder.glob("parts/*.npz"):
+    for path in done.study.work.glob("parts/*.npz"):
         path.unlink()
     method = done.study.method.model_copy(update={"dt": step})
     return done.study.model_copy(update={"method": method})
@@ -142,22 +192,22 @@ def slow(done, step):
 
 def test_a_killed_worker_costs_nothing_but_time(copied):
     study = slow(copied, 1e-4)
-    killer = Killer(study.folder, every=False)
+    killer = Killer(study.work, every=False)
     killer.start()
     run_batch(study, workers=2, quiet=True)
     killer.join(10.0)
     assert killer.killed == 1
-    disturbed = parts_of(study.folder)
+    disturbed = parts_of(study.work)
     assert len(disturbed) == 6
     slow(copied, 1e-4)
     run_batch(study, workers=2, quiet=True)
-    assert parts_of(study.folder) == disturbed
+    assert parts_of(study.work) == disturbed
 
 
 def test_workers_killed_again_and_again_end_the_batch(copied, monkeypatch):
     monkeypatch.setattr(batch_module, "PATIENCE", 4.0)
     study = slow(copied, 1e-5)
-    killer = Killer(study.folder, every=True)
+    killer = Killer(study.work, every=True)
     killer.start()
     try:
         with pytest.raises(WorkerError) as caught:
@@ -187,7 +237,7 @@ def test_a_scheduler_that_does_not_answer(copied, monkeypatch):
 
 def test_disk_full_in_a_worker_is_told_and_keeps_the_finished_parts(copied):
     """A folder in the place of a part stands for any failing write in another process."""
-    for path in copied.study.folder.glob("parts/*.npz"):
+    for path in copied.study.work.glob("parts/*.npz"):
         path.unlink()
     copied.plan.part(5).mkdir()
     from archfrag.errors import OutputError

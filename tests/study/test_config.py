@@ -184,6 +184,17 @@ def test_paths_are_relative_to_the_study_file_and_of_overrides_to_here(tmp_path,
         str(tmp_path / "here" / "x" / "*.AT2"), str(tmp_path / "here" / "y.txt"),
     ]  # fmt: skip
     assert study.motions.files[1].unit == "g"
+    for override in ("motions.files.0=y.AT2", "motions.files.0.path=y.AT2"):
+        study = load_study(path, ["motions.files=[{path: x}]", override])
+        assert study.motions.files[0].path == str(tmp_path / "here" / "y.AT2")
+    for override, folder in {"output=o": "o", "output=../o": "../o"}.items():
+        assert load_study(path, [override]).folder == (tmp_path / "here" / folder).resolve()
+
+
+def test_results_lie_beside_the_study_file_unless_it_says_otherwise(tmp_path):
+    path = small_study(tmp_path, TEXT.replace("output: out\n", ""))
+    assert load_study(path).folder == tmp_path / "results" / "small"
+    assert load_study(path, ["id=other"]).folder == tmp_path / "results" / "other"
 
 
 def test_overrides_reach_into_lists_and_are_checked(tmp_path):
@@ -243,7 +254,8 @@ def test_shipped_configs_are_valid_by_models_and_by_schema(path):
     import jsonschema
 
     study = load_study(path)
-    assert study.folder == ROOT / "results" / path.stem
+    kept = {"own_records": path.parent / "results" / "own-records"}
+    assert study.folder == kept.get(path.stem, ROOT / "results" / path.stem)
     schema = json.loads(study_schema())
     raw = yaml.safe_load(dump_study(study))
     jsonschema.validate(raw, schema)

@@ -126,7 +126,7 @@ class TestFile:
         with pytest.raises(InputError) as caught:
             write_cube(copied.study)
         assert str(caught.value) == (
-            f"{copied.study.folder / 'parts'}: 2 of 6 parts are missing or damaged; `archfrag run "
+            f"{copied.study.work / 'parts'}: 2 of 6 parts are missing or damaged; `archfrag run "
             "STUDY --resume` with the file of study 'small' makes them and the cube"
         )
         assert not (copied.study.folder / "cube.nc").exists()

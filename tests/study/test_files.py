@@ -5,7 +5,8 @@ import os
 import pytest
 
 from archfrag.errors import OutputError
-from archfrag.study.files import make_folder, replacing, source_hash, sweep, write_text
+from archfrag.study.digests import source_hash
+from archfrag.study.files import make_folder, replacing, sweep, write_text
 from tests.study.small import files
 
 
@@ -82,7 +83,7 @@ def test_text_that_is_there_already_is_left_alone(tmp_path):
 
 
 def test_source_hash_tells_edits_in_any_file_of_a_folder(tmp_path, monkeypatch):
-    monkeypatch.setattr("archfrag.study.files.PACKAGE", tmp_path)
+    monkeypatch.setattr("archfrag.study.digests.PACKAGE", tmp_path)
     (tmp_path / "room").mkdir()
     (tmp_path / "room" / "a.py").write_text("a = 1\n")
     (tmp_path / "b.py").write_text("b = 1\n")

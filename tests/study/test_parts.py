@@ -10,7 +10,7 @@ import pytest
 
 from archfrag.errors import InputError, OutputError
 from archfrag.study.config import load_study
-from archfrag.study.files import PACKAGE
+from archfrag.study.digests import PACKAGE
 from archfrag.study.outcome import COLUMNS
 from archfrag.study.parts import read_part, write_part
 from archfrag.study.plan import DECIDING, Plan, chunks_of_batch, make_plan, run_table

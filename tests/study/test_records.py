@@ -8,7 +8,7 @@ import pytest
 from archfrag.errors import InputError, OutputError, RecordError, StudyError
 from archfrag.motions.measures import measure
 from archfrag.study.config import load_study
-from archfrag.study.files import sha256_of
+from archfrag.study.digests import sha256_of
 from archfrag.study.records import load_prepared, load_record, prepare_motions
 from tests.study.small import ROOT, TEXT, files, small_study, write_at2
 
@@ -52,9 +52,11 @@ def test_prepared_records_are_found_again_with_their_origin(tmp_path):
 def test_preparing_twice_gives_the_same_bytes(tmp_path):
     study = load_study(small_study(tmp_path))
     prepare_motions(study)
-    first = files(study.folder / "motions")
+    (folder,) = (study.work / "motions").iterdir()
+    first = files(folder)
     prepare_motions(study)
-    assert files(study.folder / "motions") == first
+    assert files(folder) == first
+    assert list((study.work / "motions").iterdir()) == [folder]
     assert set(first) == {"00000.npz", "00001.npz"}
 
 
@@ -178,7 +180,7 @@ def test_record_of_zeros_cannot_be_scaled(tmp_path):
     study = study_with(tmp_path, 'files: [{path: "records/*.AT2", accept: [pga]}]')
     with pytest.raises(RecordError, match="zero: PGA of the record is 0, so no factor can bring"):
         prepare_motions(study)
-    assert not (study.folder / "motions.json").exists()
+    assert not (study.work / "motions.json").exists()
 
 
 def test_what_a_study_accepts_is_stored_with_the_record(tmp_path):
@@ -205,7 +207,7 @@ def test_motions_that_are_not_prepared_or_for_other_levels(tmp_path):
     other = load_study(small_study(tmp_path), ["intensity.levels=[0.2]"])
     with pytest.raises(InputError, match="was made for other records or levels"):
         load_prepared(other)
-    (study.folder / "motions.json").write_text("{")
+    (study.work / "motions.json").write_text("{")
     with pytest.raises(InputError, match=r"motions\.json: is damaged"):
         load_prepared(study)
 
@@ -214,4 +216,4 @@ def test_disk_full_while_storing(tmp_path, full_disk):
     study = load_study(small_study(tmp_path))
     with full_disk(at=1), pytest.raises(OutputError, match=r"No space left on device"):
         prepare_motions(study)
-    assert not (study.folder / "motions.json").exists()
+    assert not (study.work / "motions.json").exists()

@@ -1,6 +1,7 @@
 """The command: quick to answer, one sentence and an exit code for what is wrong."""
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -10,6 +11,9 @@ import pytest
 from click.testing import CliRunner
 
 from archfrag.cli import main
+from archfrag.study.config import load_study
+from archfrag.study.plan import make_plan
+from archfrag.study.worker import run_chunk
 from tests.study.small import ROOT, TEXT, small_study, write_at2
 
 ARCH = ["--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoirs", "7",
@@ -183,6 +187,29 @@ class TestValidate:
         assert found == code
         assert sentence in text
 
+    def test_nothing_is_created(self, tmp_path):
+        path = small_study(tmp_path, TEXT.replace("output: out", "output: deep/out"))
+        before = sorted(tmp_path.rglob("*"))
+        assert call("validate", path).exit_code == 0
+        assert sorted(tmp_path.rglob("*")) == before
+
+    @pytest.mark.skipif(sys.platform != "linux", reason="file names are UTF-8 elsewhere")
+    def test_names_that_are_no_text_are_refused(self, tmp_path, monkeypatch):
+        path = small_study(tmp_path)
+        odd = os.fsencode(tmp_path) + b"/\xfe"
+        os.mkdir(odd)
+        monkeypatch.chdir(os.fsdecode(odd))
+        code, sentence = refused("validate", path, "--set", "output=here")
+        assert code == 2
+        assert sentence.startswith(f"{path}: output = {tmp_path}/\\udcfe/here must be a valid str")
+        os.rename(tmp_path / "records" / "wave1.AT2", os.fsencode(tmp_path) + b"/records/\xff.AT2")
+        code, sentence = refused("validate", path)
+        assert code == 2
+        assert sentence == (
+            f"'{tmp_path}/records/\\udcff.AT2': the name of a record file must be text in UTF-8; "
+            "rename it"
+        )
+
     def test_a_truncated_record(self, tmp_path):
         path = small_study(tmp_path)
         record = tmp_path / "records" / "wave1.AT2"
@@ -201,8 +228,8 @@ class TestSteps:
         assert log.read_text() == "archfrag: motions: 2 records x 3 levels ready\n"
         assert refused("cube", path, "--log", log) == (
             2,
-            f"{out / 'parts'}: 6 of 6 parts are missing or damaged; `archfrag run STUDY "
-            "--resume` with the file of study 'small' makes them and the cube",
+            f"{out / '.archfrag' / 'parts'}: 6 of 6 parts are missing or damaged; `archfrag run "
+            "STUDY --resume` with the file of study 'small' makes them and the cube",
         )
         assert log.read_text().endswith("makes them and the cube [exit code 2]\n")
         result = call("batch", path, "--workers", "1", "--quiet")
@@ -217,6 +244,42 @@ class TestSteps:
         assert "A small study" in (out / "report.html").read_text()
         fits = json.loads(call("fit", path, "--json").stdout)
         assert set(fits["fits"]) == {"ring", "slab"}
+        self.a_damaged_cube_is_refused_and_made_again(path, out)
+        self.what_is_not_of_the_study_goes(path, out)
+
+    def a_damaged_cube_is_refused_and_made_again(self, path, out):
+        whole = (out / "cube.nc").read_bytes()
+        middle = len(whole) // 2
+        flipped = b"\0" * 512 + whole[512:]
+        for damaged in (b"", whole[:middle], flipped, whole[:100]):
+            (out / "cube.nc").write_bytes(damaged)
+            code, sentence = refused("fit", path)
+            assert code == 2
+            assert sentence.startswith(f"{out / 'cube.nc'}: is missing, changed or damaged; `arch")
+            assert call("cube", path).exit_code == 0
+            assert (out / "cube.nc").read_bytes() == whole
+        (out / "cube.nc").write_bytes(b"a year of work")
+        assert refused("cube", path)[0] == 4
+        (out / "cube.nc").unlink()
+        assert call("cube", path).exit_code == 0
+
+    def what_is_not_of_the_study_goes(self, path, out):
+        (out / "curve-mine.svg").write_text("drawn by hand")
+        parts = set((out / ".archfrag" / "parts").iterdir())
+        path.write_text(path.read_text().replace("id: slab", "id: plate"))
+        plan = make_plan(load_study(path))
+        plan.save()
+        for chunk in range(plan.n_chunk):
+            run_chunk(str(plan.path), chunk)
+        assert parts < set((out / ".archfrag" / "parts").iterdir())
+        for command in ("cube", "fit", "report"):
+            assert call(command, path).exit_code == 0
+        assert {p.name for p in out.glob("curve-*")} == {
+            "curve-ring.svg", "curve-plate.svg", "curve-mine.svg"
+        }  # fmt: skip
+        left = set((out / ".archfrag" / "parts").iterdir())
+        assert len(left) == len(parts)
+        assert not left & parts
 
     @pytest.mark.parametrize(
         ("error", "sentence"),

@@ -4,31 +4,51 @@ import hashlib
 import json
 import os
 import random
+import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
+from types import MappingProxyType
 
+import numpy as np
 import psutil
 import pytest
+import xarray as xr
 
-from tests.study.small import TEXT, small_study
+from archfrag import kernel_cache
+from tests.study.small import TEXT, small_study, write_at2
 
 # Long enough to be killed in the middle, by making each chunk one run.
 SLOW = TEXT.replace("chunk: 2", "chunk: 1").replace("[0.1, 0.6, 1.2]", "[0.1, 0.3, 0.6, 0.9, 1.2]")
 
 
-def start(*arguments):
+# Breaks the step that prepares motions, as a mistake of ours would.
+BROKEN = """
+import sys
+if "motions" in sys.argv:
+    import archfrag.study.records
+
+    def broken(study):
+        raise ZeroDivisionError("a mistake of ours")
+
+    archfrag.study.records.prepare_motions = broken
+"""
+
+
+def start(*arguments, env=MappingProxyType({})):
     """`archfrag run` as a user starts it, in a process group of its own."""
     return subprocess.Popen(
         [sys.executable, "-m", "archfrag.cli", "run", *map(str, arguments)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        env={**os.environ, **env},
     )  # fmt: skip
 
 
-def run(*arguments):
-    process = start(*arguments)
-    stdout, stderr = process.communicate(timeout=170)
+def run(*arguments, env=MappingProxyType({})):
+    process = start(*arguments, env=env)
+    stdout, stderr = process.communicate(timeout=600)
     return process.returncode, stdout, stderr
 
 
@@ -70,28 +90,55 @@ def test_a_run_ends_with_a_report_and_a_line_for_each_step(finished):
     assert steps == ["motions", "batch", "cube", "fit", "fit", "report"]
     assert "simulations" in stderr
     assert "Building DAG" not in stderr
-    assert (out / ".snakemake").is_dir()
+    assert {entry.name for entry in out.iterdir()} == {
+        ".archfrag", "cube.nc", "curve-ring.svg", "curve-slab.svg", "fits.json", "report.html"
+    }  # fmt: skip
+    work = out / ".archfrag"
     for name in ("motions", "batch-0", "cube", "fit", "report"):
-        assert (out / "logs" / f"{name}.log").read_text().startswith("archfrag: ")
-        assert "max_rss" in (out / "benchmarks" / f"{name}.tsv").read_text()
-    entries = json.loads((out / "run_log.json").read_text())
+        assert (work / "logs" / f"{name}.log").read_text().startswith("archfrag: ")
+        assert "max_rss" in (work / "benchmarks" / f"{name}.tsv").read_text()
+    entries = json.loads((work / "run_log.json").read_text())
     assert entries[0]["runs"] == 20
     assert entries[0]["host"]
+
+
+NOTHING = "archfrag: nothing to do: all results are up to date\n"
 
 
 def test_what_is_done_is_not_done_again_and_edits_are_noticed(finished):
     path, _, _ = finished
     out = path.parent / "out"
     before = (out / "cube.nc").stat().st_mtime_ns
-    code, _, stderr = run(path)
-    assert (code, stderr) == (0, "")
+    started = time.perf_counter()
+    code, stdout, stderr = run(path)
+    took = time.perf_counter() - started
+    assert (code, stdout, stderr) == (0, f"report: {out / 'report.html'}\n", NOTHING)
+    assert took < 3.0
     assert (out / "cube.nc").stat().st_mtime_ns == before
     code, _, stderr = run(path, "--set", "title=Another title")
     assert code == 0
-    assert "20 of them kept from before" in stderr
+    assert "20 of them kept from before" not in stderr
+    assert "archfrag: cube:" in stderr
     assert "Another title" in (out / "report.html").read_text()
+    code, _, stderr = run(path, "--set", "title=Another title")
+    assert (code, stderr) == (0, NOTHING)
+
+
+def test_another_record_with_an_older_date_is_noticed_and_named(finished, tmp_path):
+    path = tmp_path / "copy" / finished[0].name
+    shutil.copytree(finished[0].parent, path.parent)
+    out, record = path.parent / "out", path.parent / "records" / "wave1.AT2"
+    before = sha256(out / "cube.nc")
+    time_ = np.arange(150) * 0.01
+    write_at2(record, 0.2 * np.sin(9.0 * time_) * np.sin(np.pi * time_ / 1.5), 0.01)
+    os.utime(record, (1.0e9, 1.0e9))
     code, _, stderr = run(path)
-    assert code == 0
+    assert code == 0, stderr
+    assert f"archfrag: record {record} has changed (sha256 " in stderr
+    assert sha256(out / "cube.nc") != before
+    with xr.open_dataset(out / "cube.nc") as cube:
+        assert cube["record_sha256"].sel(record="wave1").item() == sha256(record)
+        assert json.loads(cube.attrs["archfrag_inputs_sha256"])["wave1.AT2"] == sha256(record)
 
 
 def test_killed_three_times_and_resumed_gives_the_same_cube(finished, tmp_path):
@@ -105,7 +152,8 @@ def test_killed_three_times_and_resumed_gives_the_same_cube(finished, tmp_path):
         time.sleep(dice.uniform(1.5, 6.0))
         assert process.poll() is None, "it was done before it could be killed"
         kill_tree(process)
-        stages.append((len(list(out.glob("parts/0*.npz"))), (out / "motions.json").exists()))
+        work = out / ".archfrag"
+        stages.append((len(list(work.glob("parts/0*.npz"))), (work / "motions.json").exists()))
         resume = ["--resume"]
     assert stages[-1][1], "no run came so far that resuming meant anything"
     code, _, stderr = run(path, "--resume")
@@ -117,23 +165,59 @@ def test_killed_three_times_and_resumed_gives_the_same_cube(finished, tmp_path):
 def test_an_interrupted_run_says_what_to_type(tmp_path):
     path = small_study(tmp_path, SLOW)
     process = start(path)
-    locks = tmp_path / "out" / ".snakemake" / "locks"
-    while not (locks.is_dir() and any(locks.iterdir())):
+    steps = tmp_path / "out" / ".archfrag" / "steps"
+    while not (steps / "motions.json").is_file():
         assert process.poll() is None
         time.sleep(0.05)
+    who = f"process {process.pid} on {socket.gethostname()}"
     code, _, stderr = run(path)
     assert code == 4
     assert stderr == (
-        f"archfrag: error: {tmp_path / 'out'}: another run of study 'small' is at work here; wait "
-        "for it or stop it\n"
+        f"archfrag: error: {tmp_path / 'out'}: another run of study 'small' is at work here "
+        f"({who}); wait for it or stop it\n"
     )
     kill_tree(process)
-    code, _, stderr = run(path)
-    assert code == 4
-    assert stderr == (
-        f"archfrag: error: {tmp_path / 'out'}: an earlier run was stopped in the middle; type "
-        f"`archfrag run {path} --resume` to go on\n"
+    for _ in range(2):
+        code, _, stderr = run(path)
+        assert code == 4
+        assert stderr == (
+            f"archfrag: error: {tmp_path / 'out'}: an earlier run ({who}) was stopped in the "
+            f"middle; type `archfrag run {path} --resume` to go on\n"
+        )
+
+
+@pytest.mark.parametrize(
+    ("number", "whom"),
+    [(signal.SIGTERM, "parent"), (signal.SIGINT, "group"), (signal.SIGKILL, "parent")],
+)
+def test_a_stopped_run_takes_its_whole_tree_with_it(tmp_path, number, whom):
+    path = small_study(tmp_path, SLOW.replace("dt: 2.0e-3", "dt: 1.0e-5"))
+    process = start(path)
+    parts = tmp_path / "out" / ".archfrag" / "parts"
+    while not list(parts.glob("plan-*")):
+        assert process.poll() is None
+        time.sleep(0.05)
+    time.sleep(1.5)
+    members = [psutil.Process(process.pid)]
+    members += members[0].children(recursive=True)
+    assert len(members) > 3
+    stopped = time.monotonic()
+    (os.killpg if whom == "group" else os.kill)(process.pid, number)
+    _, alive = psutil.wait_procs(members, timeout=10.0)
+    took = time.monotonic() - stopped
+    _, stderr = process.communicate(timeout=10)
+    assert not alive
+    if number == signal.SIGKILL:
+        return
+    assert took < 5.0
+    assert process.returncode == 128 + number
+    assert stderr.count("--resume") == 1
+    assert stderr.endswith(
+        f"archfrag: stopped by {number.name}; what is finished is kept, `archfrag run {path} "
+        "--resume` goes on\n"
     )
+    holder = json.loads((tmp_path / "out" / ".archfrag" / "lock").read_text())
+    assert (holder["host"], holder["pid"]) == (socket.gethostname(), process.pid)
 
 
 def test_a_failing_step_is_told_once_with_its_exit_code(tmp_path):
@@ -155,6 +239,48 @@ def test_results_of_another_study_are_left_alone(finished, tmp_path):
     assert sha256(out / "cube.nc") == before
 
 
+def test_a_step_that_breaks_is_told_with_the_log_that_holds_it(tmp_path):
+    path = small_study(tmp_path)
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / "sitecustomize.py").write_text(BROKEN)
+    code, _, stderr = run(path, env={"PYTHONPATH": str(tmp_path / "broken")})
+    log = tmp_path / "out" / ".archfrag" / "logs" / "motions.log"
+    assert code == 1
+    assert stderr == (
+        "archfrag: error: step motions failed: ZeroDivisionError: a mistake of ours; all of it is "
+        f"in {log}\n"
+    )
+    assert "Traceback" in log.read_text()
+
+
+def test_what_snakemake_says_is_told_with_its_log(tmp_path):
+    path = small_study(tmp_path)
+    (tmp_path / "profile").mkdir()
+    (tmp_path / "profile" / "config.yaml").write_text("executor: no-such-cluster\ncores: 1\n")
+    code, _, stderr = run(path, "--profile", tmp_path / "profile")
+    log = tmp_path / "out" / ".archfrag" / "logs" / "snakemake.log"
+    assert code == 1
+    assert stderr.startswith("archfrag: error: Snakemake failed: ")
+    assert "no-such-cluster" in stderr
+    assert str(log) in stderr
+    assert "no-such-cluster" in log.read_text()
+
+
+def test_odd_names_and_a_home_that_cannot_be_written(tmp_path, monkeypatch):
+    folder = tmp_path / "a {b}\n'c'"
+    path = small_study(folder, TEXT.replace("output: out\n", ""))
+    for number, name in enumerate(("{x} $HOME.AT2", "two\nlines.AT2")):
+        os.rename(folder / "records" / f"wave{number}.AT2", folder / "records" / name)
+    monkeypatch.chdir(folder / "records")
+    code, _, stderr = run(
+        path, "--set", "motions.files=['*lines.AT2', none]", "--set",
+        "motions.files.1='{x} $HOME.AT2'",
+        env={"HOME": "/dev/null", "NUMBA_CACHE_DIR": str(kernel_cache._base())},
+    )  # fmt: skip
+    assert code == 0, stderr
+    assert (folder / "results" / "small" / "report.html").is_file()
+
+
 @pytest.mark.parametrize(
     ("override", "code", "sentence"),
     [
@@ -170,7 +296,7 @@ def test_bad_input_is_told_before_anything_runs(tmp_path, monkeypatch, override,
     assert found == code
     assert sentence in stderr
     assert stderr.count("\n") == 1
-    assert not (tmp_path / "out" / "motions.json").exists()
+    assert not list(tmp_path.rglob("motions.json"))
 
 
 def test_records_of_ones_own_by_one_command(tmp_path, monkeypatch):

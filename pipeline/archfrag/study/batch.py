@@ -1,23 +1,26 @@
 """The runs of a batch on dask workers: chunk by chunk, resumable, with bounded memory."""
 
 import contextlib
+import inspect
 import logging
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
+from typing import Any
 
 import dask
-from distributed import Client, Future, LocalCluster, wait
+from distributed import Client, Future, LocalCluster, Security, wait
 from distributed.scheduler import KilledWorker
 from tqdm import tqdm
 
 from archfrag.errors import ArchfragError, WorkerError
 from archfrag.study.checks import check_arches
 from archfrag.study.config import Study
-from archfrag.study.files import canonical_json, make_folder, write_text
+from archfrag.study.files import make_folder
 from archfrag.study.parts import read_part
-from archfrag.study.plan import Plan, batch_file, chunks_of_batch, make_plan, run_table
+from archfrag.study.plan import Plan, chunks_of_batch, make_plan, run_table
 from archfrag.study.provenance import add_to_log, available_cores, machine
 from archfrag.study.worker import run_chunk
 
@@ -27,7 +30,7 @@ IN_FLIGHT = 2
 LOSSES_ALLOWED = 3
 PATIENCE = 60.0
 ANSWER_WITHIN = 10.0
-_SETTINGS = {
+_SETTINGS: dict[str, Any] = {
     "distributed.scheduler.allowed-failures": LOSSES_ALLOWED,
     # A kernel holds its worker's only thread, and with it the heartbeat, for a whole run.
     "distributed.scheduler.worker-ttl": None,
@@ -37,6 +40,9 @@ _SETTINGS = {
     "distributed.worker.memory.terminate": 0.95,
     "distributed.admin.tick.limit": "1h",
     "distributed.comm.timeouts.connect": "30s",
+    # What is asked by HTTP has no credentials, so nothing answers there.
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
 }
 
 
@@ -80,8 +86,6 @@ def run_batch(
     WorkerError
         If workers are lost again and again, or no scheduler answers.
     """
-    from archfrag.simulate import warmup
-
     started = time.perf_counter()
     plan = make_plan(study)
     chunks = list(chunks_of_batch(plan, batch, study.execution.batches))
@@ -90,30 +94,34 @@ def run_batch(
     missing = [chunk for chunk in chunks if read_part(plan, chunk) is None]
     log = BatchLog(batch, runs=sum(len(plan.rows(c)) for c in chunks))
     log.kept = log.runs - sum(len(plan.rows(c)) for c in missing)
-    with _progress(log, quiet) as bar:
-        if missing:
-            plan.save()
-            bar.set_description("compiling kernels, once")
-            check_arches(study)
-            warmup(study.method.name)
-            bar.set_description("simulations")
-            count = min(workers or study.execution.workers or available_cores(), len(missing))
-            with _client(study, count) as client:
-                for done in _results(client, plan, longest_first(plan, missing)):
-                    bar.update(int(done["runs"]))
-                    log.kernel_time += done["kernel_time"]
-                    log.peak_memory[str(done["pid"])] = done["peak_memory"]
-            log.workers = count
+    if missing:
+        plan.save()
+        log.workers = min(workers or study.execution.workers or available_cores(), len(missing))
+        with _progress(log, quiet) as bar, contextlib.ExitStack() as stack:
+            with _ticking(bar):
+                check_arches(study)
+                _load_kernels(study, bar)
+                bar.set_description("starting workers")
+                client = stack.enter_context(_client(study, log.workers))
+            _start_clock(bar)
+            for done in _results(client, plan, longest_first(plan, missing)):
+                bar.update(int(done["runs"]))
+                log.kernel_time += done["kernel_time"]
+                log.peak_memory[str(done["pid"])] = done["peak_memory"]
     log.wall_time = time.perf_counter() - started
-    _note(study, plan, log)
+    add_to_log(study.work, {"step": "batch", **asdict(log), **machine()})
     return log
 
 
-def _note(study: Study, plan: Plan, log: BatchLog) -> None:
-    add_to_log(study.folder, {"step": "batch", **asdict(log), **machine()})
-    path = batch_file(study.folder, log.batch, study.execution.batches)
-    make_folder(path.parent)
-    write_text(path, canonical_json({"plan": plan.identity, "runs": log.runs}) + "\n")
+def _load_kernels(study: Study, bar: tqdm) -> None:
+    """Load the kernels of the study's method, or compile them, which the bar then says."""
+    from archfrag.simulate import warmup
+
+    bar.set_description("loading kernels")
+    options: dict[str, Any] = {}
+    if "progress" in inspect.signature(warmup).parameters:
+        options["progress"] = lambda *told: bar.set_description(" ".join(map(str, told)))
+    warmup(study.method.name, **options)
 
 
 def longest_first(plan: Plan, chunks: list[int]) -> list[int]:
@@ -139,13 +147,41 @@ def _progress(log: BatchLog, quiet: bool) -> Iterator[tqdm]:
 
 
 @contextlib.contextmanager
+def _ticking(bar: tqdm) -> Iterator[None]:
+    """Show the time that passes while nothing is done that the bar counts."""
+    over = threading.Event()
+
+    def tick() -> None:
+        while not over.wait(bar.mininterval):
+            bar.refresh()
+
+    ticker = threading.Thread(target=tick, daemon=True)
+    if not bar.disable:
+        ticker.start()
+    try:
+        yield
+    finally:
+        over.set()
+        if ticker.is_alive():
+            ticker.join()
+
+
+def _start_clock(bar: tqdm) -> None:
+    """Begin to measure the rate of runs: what the start took says nothing of what is left."""
+    bar.set_description("simulations", refresh=False)
+    if not bar.disable:
+        bar.start_t = bar.last_print_t = time.time()
+
+
+@contextlib.contextmanager
 def _client(study: Study, count: int) -> Iterator[Client]:
     """Client of the study's scheduler, or of a cluster of our own that ends with the block."""
     for name in ("distributed", "distributed.nanny", "distributed.scheduler"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     address = study.execution.scheduler
+    settings = {**_SETTINGS, "temporary-directory": str(study.work / "dask")}
     with contextlib.ExitStack() as stack:
-        stack.enter_context(dask.config.set(_SETTINGS))
+        stack.enter_context(dask.config.set(settings))
         try:
             if address is None:
                 target = stack.enter_context(
@@ -154,6 +190,9 @@ def _client(study: Study, count: int) -> Iterator[Client]:
                         threads_per_worker=1,
                         processes=True,
                         memory_limit=MEMORY_LIMIT,
+                        # Whoever reaches a scheduler may run code: these credentials are known
+                        # to the processes of this cluster only.
+                        security=Security.temporary(),
                         dashboard_address="127.0.0.1:0",  # any: two studies may run at once
                         silence_logs=logging.CRITICAL,
                     )

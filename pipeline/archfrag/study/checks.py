@@ -1,12 +1,15 @@
 """What can be known to be wrong with a study before anything is computed."""
 
+import errno
+import os
 from dataclasses import dataclass
+from pathlib import Path
 
 from archfrag.errors import OutputError, StabilityError, StudyError
 from archfrag.study.config import Study, load_study
 from archfrag.study.cube import refuse_foreign_cube
-from archfrag.study.files import make_folder
-from archfrag.study.records import read_sources, scale_factors
+from archfrag.study.files import cannot_write
+from archfrag.study.records import read_sources, scale_factors, study_inputs
 
 STUDY_FILE = "study.yaml"
 
@@ -30,16 +33,16 @@ def check_arches(study: Study) -> None:
 
 
 def check_output(study: Study) -> None:
-    """See that the output folder can be written and is no other study's.
+    """See that the output folder can be written and is no other study's; nothing is created.
 
     Raises
     ------
     OutputError
         Naming the folder, and the other study.
     """
+    _check_writable(study.folder)
     refuse_foreign_cube(study)
-    make_folder(study.folder)
-    resolved = study.folder / STUDY_FILE
+    resolved = study.work / STUDY_FILE
     if not resolved.exists():
         return
     try:
@@ -51,6 +54,20 @@ def check_output(study: Study) -> None:
             f"{study.folder}: holds results of study {owner!r}, in the way of study {study.id!r}; "
             "give the studies different output folders"
         )
+
+
+def _check_writable(folder: Path) -> None:
+    try:
+        place = next(path for path in (folder, *folder.parents) if path.exists())
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+    code = 0
+    if not place.is_dir():
+        code = errno.ENOTDIR
+    elif not os.access(place, os.W_OK | os.X_OK):
+        code = errno.EROFS if os.statvfs(place).f_flag & os.ST_RDONLY else errno.EACCES
+    if code:
+        raise cannot_write(folder, OSError(code, os.strerror(code)))
 
 
 @dataclass(frozen=True)
@@ -73,6 +90,7 @@ def check_study(study: Study) -> Summary:
         With the first thing that is wrong.
     """
     check_arches(study)
+    study_inputs(study)
     records = 0
     for motion in read_sources(study):
         scale_factors(motion, study)

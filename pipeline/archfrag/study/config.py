@@ -1,6 +1,5 @@
 """The study file: what is allowed in it, and one sentence for whatever is not."""
 
-import copy
 import json
 import os
 import re
@@ -22,6 +21,7 @@ from pydantic_core import PydanticCustomError
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import GeometryError, InputError, StudyError
 from archfrag.motions.plausible import Acceptable
+from archfrag.study import WORK
 from archfrag.study.arches import ArchEntry, Identifier, Section, refuse
 from archfrag.study.sentences import first_sentence
 from archfrag.study.yaml_file import DEEPEST, dump_yaml, parse_value, read_yaml
@@ -250,7 +250,9 @@ class Execution(Section):
     workers: Annotated[int, Field(ge=1)] | None = None
     """One-thread processes; as many as cores where not given."""
     scheduler: str | None = None
-    """Address of a running dask scheduler, in the place of own workers."""
+    """Address of a running dask scheduler, in the place of own workers. Whoever reaches it may run
+    code as its user: use tls:// with the certificates of dask's configuration, or a network that
+    nobody else is on."""
     chunk: Annotated[int, Field(ge=1)] | None = None
     """Runs in one part file; chosen by the number of runs where not given."""
     batches: Annotated[int, Field(ge=1, le=999)] = 1
@@ -266,8 +268,8 @@ class Study(Section):
     """Heading of the report."""
     institution: Annotated[str, Field(max_length=500)] = "not stated"
     """Who made the study, for the cube's attributes."""
-    output: PathText
-    """Folder of all results, relative to the study file."""
+    output: PathText = "results"
+    """Folder of the results, relative to the study file; results/ID beside it if not given."""
     arches: Annotated[
         tuple[ArchEntry, ...], Field(strict=False, max_length=MOST_ARCHES), AfterValidator(_sized)
     ]
@@ -291,8 +293,13 @@ class Study(Section):
 
     @property
     def folder(self) -> Path:
-        """Folder of the results."""
+        """Folder of the results: what is for people."""
         return Path(self.output)
+
+    @property
+    def work(self) -> Path:
+        """Folder of all that is for archfrag: motions, parts, logs and the state of the run."""
+        return self.folder / WORK
 
 
 def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
@@ -317,10 +324,11 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
         One sentence with the file, the key, its value and what is allowed.
     """
     path = Path(path)
-    given = read_yaml(path)
-    _anchor(given, path.resolve().parent)
+    folder = path.resolve().parent
+    given = _anchored(read_yaml(path), (), folder)
     for text in overrides:
         _override(given, text)
+    given.setdefault("output", str(folder / "results" / str(given.get("id"))))
     try:
         study = Study.model_validate(given)
     except ValidationError as error:
@@ -379,30 +387,28 @@ def _parameter_texts() -> dict[str, str]:
     }
 
 
-def _anchor(given: dict[str, Any], folder: Path) -> None:
-    """Make the paths of a raw study absolute."""
+# Keys whose values are paths; * is the number of an entry.
+_PATHS = {
+    ("output",),
+    ("motions", "index"),
+    ("motions", "files", "*"),
+    ("motions", "files", "*", "path"),
+    ("motions", "files", "*", "inventory"),
+}
 
-    def absolute(value: Any) -> Any:
-        if isinstance(value, str) and value:
-            expanded = os.path.expanduser(value)
-            return value if expanded.startswith("~") else os.path.abspath(folder / expanded)
+
+def _anchored(value: Any, key: tuple[str, ...], folder: Path) -> Any:
+    """The value of a key of a raw study with its paths made absolute."""
+    if not any(path[: len(key)] == key for path in _PATHS):
         return value
-
-    def file_set(value: Any) -> Any:
-        if isinstance(value, dict):
-            return value | {
-                key: absolute(value[key]) for key in ("path", "inventory") if key in value
-            }
-        return absolute(value)
-
-    if "output" in given:
-        given["output"] = absolute(given["output"])
-    motions = given.get("motions")
-    if isinstance(motions, dict):
-        if "index" in motions:
-            motions["index"] = absolute(motions["index"])
-        if isinstance(motions.get("files"), list):
-            motions["files"] = [file_set(value) for value in motions["files"]]
+    if isinstance(value, dict):
+        return {k: _anchored(entry, (*key, str(k)), folder) for k, entry in value.items()}
+    if isinstance(value, list):
+        return [_anchored(entry, (*key, "*"), folder) for entry in value]
+    if key in _PATHS and isinstance(value, str) and value:
+        expanded = os.path.expanduser(value)
+        return value if expanded.startswith("~") else os.path.abspath(folder / expanded)
+    return value
 
 
 def _override(given: dict[str, Any], text: str) -> None:
@@ -411,12 +417,8 @@ def _override(given: dict[str, Any], text: str) -> None:
     if not equals or not all(parts) or len(parts) > DEEPEST:
         raise StudyError(f"--set {text}: must be key=value, for example method.dt=0.0005")
     value = parse_value(value_text, f"--set {key}")
-    addition: Any = value
-    for part in reversed(parts):
-        addition = {part: addition}
-    _anchor(addition, Path.cwd())
-    for part in parts:
-        addition = addition[part]
+    below = tuple("*" if part.isdigit() else part for part in parts)
+    value = _anchored(value, below, Path.cwd())
     place: Any = given
     for i, part in enumerate(parts):
         last = i == len(parts) - 1
@@ -432,6 +434,6 @@ def _override(given: dict[str, Any], text: str) -> None:
         else:
             raise StudyError(f"--set {text}: {'.'.join(parts[:i])} has no keys")
         if last:
-            place[index] = copy.deepcopy(addition)
+            place[index] = value
         else:
             place = place.setdefault(index, {}) if isinstance(place, dict) else place[index]

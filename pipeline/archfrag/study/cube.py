@@ -15,6 +15,7 @@ from archfrag.study.outcome import COLUMNS, Column
 from archfrag.study.parts import read_part
 from archfrag.study.plan import Plan, make_plan, run_table
 from archfrag.study.provenance import attributes
+from archfrag.study.written import is_ours_damaged
 
 CUBE = "cube.nc"
 TIMINGS = "timings.csv"
@@ -24,7 +25,7 @@ _UDUNITS = {"m/s2": "m s-2", "m/s": "m s-1", "s": "s"}
 
 
 def refuse_foreign_cube(study: Study) -> None:
-    """See that no other study's cube stands where this study's is to be.
+    """See that no other study's cube stands where this study's is to be; ours may be damaged.
 
     Raises
     ------
@@ -38,6 +39,8 @@ def refuse_foreign_cube(study: Study) -> None:
         with netCDF4.Dataset(path) as cube:
             owner = cube.__dict__.get("archfrag_study")
     except OSError:
+        if is_ours_damaged(study, CUBE):
+            return
         owner = None
     if owner != study.id:
         whose = f"the cube of study {owner!r}" if owner else "a file that is no cube of archfrag"
@@ -128,7 +131,7 @@ def write_timings(study: Study) -> Path:
     names = ["run", "steps", "wall_time"]
     files = [plan.timing(chunk) for chunk in range(plan.n_chunk)]
     times = [pd.read_csv(file, names=names) for file in files if file.is_file()]
-    path = study.folder / TIMINGS
+    path = study.work / TIMINGS
     if times:
         table = table.merge(pd.concat(times), on="run", how="left")
     with replacing(path) as temporary:
@@ -280,3 +283,6 @@ def _record_facts(cube: Any, plan: Plan) -> None:
             "name of the record file", "record")  # fmt: skip
     _labels(cube, "record_sha256", "record", [r.sha256 for r in records],
             "SHA-256 of the record file", "record")  # fmt: skip
+    _labels(cube, "accepted", "record", [r.accepted for r in records],
+            "what is implausible in the record and was accepted by a key of the study",
+            "record")  # fmt: skip

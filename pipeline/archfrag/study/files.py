@@ -1,21 +1,16 @@
 """Files that are written whole or not at all."""
 
 import contextlib
-import hashlib
-import json
 import os
 import re
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-import archfrag
 from archfrag.errors import OutputError
 
 # Temporary names: a dot, the name that the file was to have, and random characters.
 _LEFT_OVER = re.compile(r"\..+\.(npz|json|csv|nc|html|svg|yaml)\.[A-Za-z0-9_]+(\.tmp)?")
-PACKAGE = Path(archfrag.__file__).resolve().parent
 
 
 def cannot_write(path: Path, error: OSError) -> OutputError:
@@ -92,25 +87,3 @@ def write_text(path: Path, text: str) -> None:
             return
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
-
-
-def canonical_json(value: Any) -> str:
-    """One text for one value: sorted keys, no spaces, floats to their last bit."""
-    return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
-
-
-def sha256_of(path: Path) -> str:
-    """SHA-256 of a file, 64 hexadecimal digits."""
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def source_hash(*names: str) -> str:
-    """Hash of some of the package's files and folders: an edit makes results out of date."""
-    digest = hashlib.sha256()
-    for name in names:
-        place = PACKAGE / name
-        for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
-            digest.update(str(path.relative_to(PACKAGE)).encode())
-            digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]

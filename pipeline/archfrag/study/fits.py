@@ -22,7 +22,7 @@ def open_cube(study: Study) -> xr.Dataset:
     Raises
     ------
     InputError
-        If there is none yet.
+        If there is none yet, or it is damaged.
     OutputError
         If it is another study's.
     """
@@ -30,7 +30,10 @@ def open_cube(study: Study) -> xr.Dataset:
     if not path.is_file():
         raise InputError(f"{path}: there is no cube yet; `archfrag cube` on the study makes it")
     refuse_foreign_cube(study)
-    return xr.open_dataset(path)
+    try:
+        return xr.open_dataset(path)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: is damaged; `archfrag cube` makes it anew") from error
 
 
 def fit_cube(study: Study) -> dict[str, Fragility | str]:

@@ -6,7 +6,8 @@ import zipfile
 import numpy as np
 from numpy.typing import NDArray
 
-from archfrag.study.files import canonical_json, replacing
+from archfrag.study.digests import canonical_json
+from archfrag.study.files import replacing
 from archfrag.study.outcome import COLUMNS
 from archfrag.study.plan import Plan
 
@@ -45,3 +46,11 @@ def read_part(plan: Plan, chunk: int) -> dict[str, NDArray] | None:
     fits = all(table[c.name].shape == (n,) and table[c.name].dtype == c.dtype for c in COLUMNS)
     fits = fits and table["model_time"].shape == (n, table["model"].size)
     return table if fits else None
+
+
+def forget_other_plans(plan: Plan) -> None:
+    """Remove parts, wall times and plans that are not of this plan but of older ones."""
+    for folder in (plan.part(0).parent, plan.timing(0).parent):
+        for path in folder.glob("*-*.*"):
+            if path.stem.split("-")[-1] != plan.identity[:12]:
+                path.unlink(missing_ok=True)

@@ -1,6 +1,5 @@
 """The run table of a study: arch x record x level in a fixed order, cut into chunks."""
 
-import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -11,7 +10,8 @@ from archfrag import __version__
 from archfrag.errors import InputError
 from archfrag.kernel_cache import kernel_hash
 from archfrag.study.config import Study
-from archfrag.study.files import canonical_json, source_hash, write_text
+from archfrag.study.digests import canonical_json, digest_of, source_hash
+from archfrag.study.files import write_text
 from archfrag.study.records import PreparedRecord, load_prepared
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ class Plan:
     """
 
     study: str
-    folder: str
+    folder: str  # of work
     arches: tuple[dict[str, Any], ...]
     records: tuple[PreparedRecord, ...]
     levels: tuple[float, ...]  # (n_level,) in the SI unit of the measure
@@ -123,13 +123,13 @@ def make_plan(study: Study) -> Plan:
     }
     return Plan(
         study=study.id,
-        folder=str(study.folder),
+        folder=str(study.work),
         arches=tuple(arches),
         records=tuple(records),
         levels=levels,
         method=study.method.model_dump(),
         chunk=chunk,
-        identity=hashlib.sha256(canonical_json(decides).encode()).hexdigest(),
+        identity=digest_of(decides),
     )
 
 
@@ -172,8 +172,3 @@ def chunks_of_batch(plan: Plan, batch: int, batches: int) -> range:
     if not 0 <= batch < batches:
         raise InputError(f"--batch {batch}: must be from 0 to {batches - 1}")
     return range(batch, plan.n_chunk, batches)
-
-
-def batch_file(folder: Path, batch: int | str, batches: int) -> Path:
-    """File that tells that a batch is complete."""
-    return folder / "batches" / f"{batch}of{batches}.json"

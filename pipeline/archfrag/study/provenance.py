@@ -13,8 +13,11 @@ from typing import Any
 
 import archfrag
 from archfrag.study.config import Study
-from archfrag.study.files import PACKAGE, write_text
+from archfrag.study.digests import PACKAGE
+from archfrag.study.files import write_text
+from archfrag.study.inputs import by_name
 from archfrag.study.plan import Plan
+from archfrag.study.records import read_manifest
 
 _PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "obspy", "netCDF4")
 
@@ -70,11 +73,13 @@ def attributes(study: Study, plan: Plan) -> dict[str, str]:
     dict
         Mappings as strict JSON texts.
     """
-    inputs = {record.source: record.sha256 for record in plan.records}
+    inputs = read_manifest(study)["inputs"]
     return {
         "archfrag_study": study.id,
         "archfrag_config": strict_json(portable_config(study)),
-        "archfrag_inputs_sha256": strict_json(inputs),
+        "archfrag_inputs_sha256": strict_json(by_name(inputs["record"])),
+        "archfrag_index_sha256": strict_json(by_name(inputs["index"])),
+        "archfrag_inventories_sha256": strict_json(by_name(inputs["inventory"])),
         "archfrag_versions": strict_json(versions()),
         "archfrag_commit": commit(),
         "archfrag_machine": platform.machine(),
@@ -115,7 +120,7 @@ def machine() -> dict[str, Any]:
 
 
 def add_to_log(folder: Path, entry: dict[str, Any]) -> None:
-    """Add an entry to ``run_log.json`` in an output folder.
+    """Add an entry to ``run_log.json`` in a folder.
 
     Raises
     ------

@@ -5,6 +5,8 @@ import glob
 import json
 import os
 import re
+import shutil
+import tempfile
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
@@ -15,12 +17,15 @@ from archfrag.errors import InputError, RecordError, StudyError
 from archfrag.motions.index import IndexEntry, find_entry, load_index
 from archfrag.motions.plausible import check_name
 from archfrag.study.config import FileSet, Study
-from archfrag.study.files import canonical_json, make_folder, sha256_of, write_text
+from archfrag.study.digests import canonical_json, digest_of, sha256_if_there, sha256_of
+from archfrag.study.files import cannot_write, make_folder, write_text
+from archfrag.study.inputs import Inputs, read_inputs
 
 if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
 
 MANIFEST = "motions.json"
+_AGAIN = "`archfrag motions` on the study file makes it"
 
 
 @dataclass(frozen=True)
@@ -40,7 +45,7 @@ class PreparedRecord:
     """One stored motion and what results say of it."""
 
     id: str
-    file: str  # of the stored motion, in the output folder
+    file: str  # of the stored motion, in the study's folder of work
     source: str  # name of the record file
     sha256: str  # of the record file
     prepared: str  # SHA-256 of the stored motion
@@ -49,6 +54,7 @@ class PreparedRecord:
     magnitude: float | None
     distance: float | None  # [km]
     factors: tuple[float, ...]  # (n_level,) [1]
+    accepted: str = ""  # what is implausible and was accepted by a key of the study
 
 
 def find_sources(study: Study) -> list[Source]:
@@ -226,8 +232,15 @@ def scale_factors(motion: "Motion", study: Study) -> tuple[float, ...]:
     return tuple(first * (level / levels[0]) ** power for level in levels)
 
 
+def study_inputs(study: Study) -> Inputs:
+    """What the motions of a study follow from, by content; errors are those of `find_sources`."""
+    return read_inputs(study.motions.index, find_sources(study))
+
+
 def prepare_motions(study: Study, progress: Any = None) -> list[PreparedRecord]:
     """Store the motions of a study, one file each, with a manifest.
+
+    They take the place of older ones together, when the last is stored, or not at all.
 
     Parameters
     ----------
@@ -242,9 +255,35 @@ def prepare_motions(study: Study, progress: Any = None) -> list[PreparedRecord]:
     OutputError
         If the output folder cannot be written.
     """
+    inputs = study_inputs(study)
+    folder = make_folder(study.work / "motions")
+    try:
+        with tempfile.TemporaryDirectory(
+            dir=folder, prefix=".new-", ignore_cleanup_errors=True
+        ) as new:
+            records = _store(study, Path(new), progress)
+            name = digest_of([record.prepared for record in records])[:12]
+            records = [replace(r, file=f"motions/{name}/{r.file}") for r in records]
+            _take_place(Path(new), folder / name)
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+    manifest = {
+        "study": study.id,
+        "key": motions_key(study),
+        "inputs": inputs,
+        "records": [asdict(record) for record in records],
+    }
+    write_text(study.work / MANIFEST, canonical_json(manifest) + "\n")
+    for old in folder.iterdir():
+        if old.name != name:
+            shutil.rmtree(old, ignore_errors=True)
+    return records
+
+
+def _store(study: Study, folder: Path, progress: Any) -> list[PreparedRecord]:
+    """Store all motions in a folder, and tell of each in the order of the study."""
     from archfrag.motions.store import save_motions
 
-    folder = make_folder(study.folder / "motions")
     records: list[PreparedRecord] = []
     for motion in read_sources(study):
         path = folder / f"{len(records):05d}.npz"
@@ -253,7 +292,7 @@ def prepare_motions(study: Study, progress: Any = None) -> list[PreparedRecord]:
         records.append(
             PreparedRecord(
                 id=motion.id,
-                file=f"motions/{path.name}",
+                file=path.name,
                 source=motion.metadata["file"],
                 sha256=motion.metadata["file_sha256"],
                 prepared=sha256_of(path),
@@ -262,6 +301,7 @@ def prepare_motions(study: Study, progress: Any = None) -> list[PreparedRecord]:
                 magnitude=_number(motion.metadata.get("Mw")),
                 distance=_number(motion.metadata.get("distance_km")),
                 factors=factors,
+                accepted=str(motion.metadata.get("accepted") or ""),
             )
         )
         if progress is not None:
@@ -271,46 +311,95 @@ def prepare_motions(study: Study, progress: Any = None) -> list[PreparedRecord]:
     if study.motions.select is not None:
         order = {name: i for i, name in enumerate(study.motions.select)}
         records.sort(key=lambda record: order[record.id])
-    manifest = {"study": study.id, "key": _key(study), "records": [asdict(r) for r in records]}
-    write_text(study.folder / MANIFEST, canonical_json(manifest) + "\n")
     return records
 
 
-def load_prepared(study: Study) -> list[PreparedRecord]:
-    """Records that `prepare_motions` stored.
+def _take_place(new: Path, place: Path) -> None:
+    """Give a folder of motions its name, which is that of its content."""
+    if place.is_dir():
+        if all(sha256_if_there(place / path.name) == sha256_of(path) for path in new.iterdir()):
+            return
+        shutil.rmtree(place)
+    for path in new.iterdir():
+        with open(path, "rb+") as file:
+            os.fsync(file.fileno())
+    new.chmod(0o755)
+    os.rename(new, place)
+
+
+def read_manifest(study: Study) -> dict[str, Any]:
+    """What `prepare_motions` wrote of its work.
 
     Raises
     ------
     InputError
-        If there are none yet, or they belong to other levels or another study.
+        If there is nothing, or it is damaged.
     """
-    path = study.folder / MANIFEST
-    again = "`archfrag motions` on the study file makes it"
+    path = study.work / MANIFEST
     try:
         manifest = json.loads(path.read_text(encoding="utf-8"))
+        return {name: manifest[name] for name in ("key", "inputs", "records")}
+    except FileNotFoundError:
+        raise InputError(f"{path}: the motions are not prepared yet; {_AGAIN}") from None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: is damaged ({error}); {_AGAIN} anew") from None
+
+
+def load_prepared(study: Study) -> list[PreparedRecord]:
+    """Records that `prepare_motions` stored, each as it was stored.
+
+    Raises
+    ------
+    InputError
+        If there are none yet, they belong to other levels or another study, or a stored motion
+        is not the one that was prepared.
+    """
+    manifest, path = read_manifest(study), study.work / MANIFEST
+    if manifest["key"] != motions_key(study):
+        raise InputError(
+            f"{path}: was made for other records or levels than the study now has; {_AGAIN} anew"
+        )
+    try:
         records = [
             PreparedRecord(**(entry | {"factors": tuple(entry["factors"])}))
             for entry in manifest["records"]
         ]
-    except FileNotFoundError:
-        raise InputError(f"{path}: the motions are not prepared yet; {again}") from None
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: is damaged ({error}); {again} anew") from None
-    if manifest["key"] != _key(study):
-        raise InputError(
-            f"{path}: was made for other records or levels than the study now has; {again} anew"
-        )
+    except (KeyError, TypeError) as error:
+        raise InputError(f"{path}: is damaged ({error}); {_AGAIN} anew") from None
+    for record in records:
+        if sha256_if_there(study.work / record.file) != record.prepared:
+            raise InputError(
+                f"{study.work / record.file}: is not the motion that was prepared of record "
+                f"{record.id!r}, but missing, changed or damaged; {_AGAIN} anew"
+            )
     return records
 
 
 def load_record(study: Study, record: PreparedRecord) -> "Motion":
-    """The stored motion of a record."""
+    """The stored motion of a record; see `load_stored`."""
+    return load_stored(study.work / record.file, record.prepared)
+
+
+def load_stored(path: Path, prepared: str) -> "Motion":
+    """A stored motion, if it is still the one that was prepared.
+
+    Raises
+    ------
+    InputError
+        If it is not, by its SHA-256.
+    """
     from archfrag.motions.store import load_motions
 
-    return load_motions(study.folder / record.file)[0]
+    if sha256_if_there(path) != prepared:
+        raise InputError(
+            f"{path}: is not the motion that was prepared, but missing, changed or damaged; "
+            f"{_AGAIN} anew"
+        )
+    return load_motions(path)[0]
 
 
-def _key(study: Study) -> dict[str, Any]:
+def motions_key(study: Study) -> dict[str, Any]:
+    """What a study says of its motions and levels."""
     return {
         "motions": study.motions.model_dump(mode="json"),
         "measure": study.intensity.measure,

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 
 from pydantic import TypeAdapter
 
-from archfrag.motions.store import load_motions
 from archfrag.study.arches import ArchEntry
 from archfrag.study.case import simulate_case
 from archfrag.study.files import replacing
 from archfrag.study.outcome import table_of
 from archfrag.study.parts import write_part
 from archfrag.study.plan import Plan
+from archfrag.study.records import load_stored
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
@@ -37,8 +37,8 @@ def _arch(path: str, modified: int, number: int) -> "Arch":
 
 
 @lru_cache(maxsize=4)
-def _motion(path: str, modified: int) -> "Motion":
-    return load_motions(path)[0]
+def _motion(path: str, prepared: str) -> "Motion":
+    return load_stored(Path(path), prepared)
 
 
 def _modified(path: Path) -> int:
@@ -60,11 +60,10 @@ def run_case(plan: Plan, run: int) -> "Response":
     """One run of a plan."""
     a, r, level = plan.case(run)
     record = plan.records[r]
-    stored = Path(plan.folder) / record.file
     return simulate_case(
         plan.method,
         _arch(str(plan.path), _modified(plan.path), a),
-        _motion(str(stored), _modified(stored)),
+        _motion(str(Path(plan.folder) / record.file), record.prepared),
         record.factors[level],
     )
 

@@ -1,27 +1,33 @@
-"""One command for a whole study: Snakemake, started, resumed and translated."""
+"""One command for a whole study: Snakemake, started, stopped, resumed and translated."""
 
 import contextlib
-import fcntl
+import json
 import os
 import re
+import shutil
 import subprocess
 import sys
-import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
 
 from archfrag.errors import ArchfragError, OutputError
+from archfrag.study import tree
 from archfrag.study.checks import STUDY_FILE, check_output
 from archfrag.study.config import Study, dump_study
-from archfrag.study.files import PACKAGE, cannot_write, make_folder, sweep, write_text
+from archfrag.study.digests import PACKAGE
+from archfrag.study.files import make_folder, sweep, write_text
+from archfrag.study.lock import Lock, only_run
 from archfrag.study.provenance import available_cores
-from archfrag.study.records import find_sources
+from archfrag.study.steps import forget_stale, stale_steps
 
 LOGS = "logs"
-_INSIDE = "ARCHFRAG_INSIDE_RUN"
-_EXIT = re.compile(r"^archfrag: error: (?P<sentence>.*) \[exit code (?P<code>\d+)\]$", re.M)
+SNAKEMAKE_LOG = "snakemake.log"
+_EXIT = re.compile(
+    r"^archfrag: error: (?P<sentence>.*?) \[exit code (?P<code>\d+)\]$", re.M | re.S
+)
+_MOST_LINES = 8
 
 
 def snakefile() -> Path:
@@ -48,9 +54,10 @@ def step_log(path: Path | None) -> Iterator[Callable[[str], None]]:
         Takes one line of text.
     """
     lines: list[str] = []
+    inside = tree.INSIDE in os.environ and path is not None
 
     def say(text: str) -> None:
-        if os.environ.get(_INSIDE) != "quiet":
+        if os.environ.get(tree.INSIDE) != "quiet":
             print(f"archfrag: {text}", file=sys.stderr, flush=True)
         lines.append(f"archfrag: {text}\n")
 
@@ -59,47 +66,59 @@ def step_log(path: Path | None) -> Iterator[Callable[[str], None]]:
     except ArchfragError as error:
         lines.append(f"archfrag: error: {error} [exit code {error.exit_code}]\n")
         # The run above tells what this log says, once.
-        setattr(error, "told", _INSIDE in os.environ and path is not None)  # noqa: B010
+        setattr(error, "told", inside)  # noqa: B010
         raise
-    except BaseException:
+    except BaseException as error:
         lines.append(traceback.format_exc())
+        if inside and isinstance(error, Exception):
+            sys.exit(1)
         raise
     finally:
         if path is not None:
             with contextlib.suppress(OSError):
                 path.parent.mkdir(parents=True, exist_ok=True)
-                path.write_text("".join(lines), encoding="utf-8")
+                path.write_text("".join(lines), encoding="utf-8", errors="backslashreplace")
 
 
-def run_study(
-    study: Study,
-    *,
-    resume: bool = False,
-    cores: int | None = None,
-    profile: Path | None = None,
-    quiet: bool = False,
-    typed: str = "archfrag run STUDY",
-) -> Path:
-    """Bring all results of a study up to date.
+@dataclass(frozen=True)
+class RunOptions:
+    """How a study is run.
 
-    Parameters
+    Attributes
     ----------
-    study : Study
     resume : bool
-        Go on where a killed run stopped.
-    cores : int, optional
-        All that this process may use if not given.
-    profile : Path, optional
+        Go on where a run was stopped.
+    cores : int or None
+        All that this process may use if None.
+    profile : Path or None
         Snakemake profile, such as ``configs/profiles/slurm``; then `cores` is its business.
     quiet : bool
         Nothing but errors.
     typed : str
         The command, for the sentence that says what to type.
+    """
+
+    resume: bool = False
+    cores: int | None = None
+    profile: Path | None = None
+    quiet: bool = False
+    typed: str = "archfrag run STUDY"
+
+
+def run_study(study: Study, options: RunOptions, stop: tree.Stop) -> bool:
+    """Bring all results of a study up to date.
+
+    Parameters
+    ----------
+    study : Study
+    options : RunOptions
+    stop : Stop
+        Of `archfrag.study.tree.stoppable`.
 
     Returns
     -------
-    Path
-        The report.
+    bool
+        Whether there was anything to do.
 
     Raises
     ------
@@ -107,90 +126,113 @@ def run_study(
         If records are missing.
     OutputError
         If the output cannot be written or is another study's, another run is at work in it, or
-        an earlier run was killed and `resume` is not given.
+        an earlier run was stopped and `options.resume` is not set.
+    Stopped
+        By a signal; then all processes of the run are gone.
     ArchfragError
         What stopped a step, with its exit code.
     """
     check_output(study)
-    find_sources(study)
-    make_folder(study.folder / LOGS)
-    with _only_run(study) as lock:
-        if _was_killed(study.folder):
-            if not resume:
+    make_folder(study.work)
+    with only_run(study) as lock:
+        if lock.stopped:
+            if not options.resume:
+                lock.left = True
                 raise OutputError(
-                    f"{study.folder}: an earlier run was stopped in the middle; type "
-                    f"`{typed} --resume` to go on"
+                    f"{study.folder}: an earlier run ({lock.stopped}) was stopped in the middle; "
+                    f"type `{options.typed} --resume` to go on"
                 )
-            _snakemake(study, ["--cores", "1", "--unlock"], lock, quiet=True)
+            sweep(study.work)
             sweep(study.folder)
-        write_text(study.folder / STUDY_FILE, dump_study(study))
-        share = ["--profile", str(profile.resolve())] if profile is not None else []
-        if cores is not None or profile is None:
-            share += ["--cores", str(cores or available_cores())]
-        started = time.time()
-        code = _snakemake(study, [*share, "--rerun-incomplete"], lock, quiet)
-        if code != 0:
-            raise _failure(study.folder, started)
-    return study.folder / "report.html"
+        stale, changed = forget_stale(study)
+        if not stale:
+            return False
+        if changed and not options.quiet:
+            _say_changes(changed)
+        write_text(study.work / STUDY_FILE, dump_study(study))
+        shutil.rmtree(study.work / LOGS, ignore_errors=True)
+        make_folder(study.work / LOGS)
+        if _snakemake(study, options, lock, stop) != 0:
+            raise _failure(study.work / LOGS)
+        stale, changed = stale_steps(study)
+        if stale:
+            raise ArchfragError(
+                f"{study.folder}: {(changed or stale)[0]}, while the run was at work; the same "
+                "command makes it again"
+            )
+    return True
 
 
-@contextlib.contextmanager
-def _only_run(study: Study) -> Iterator[IO[str]]:
-    """Lock of the output folder, held until the last of the run's processes is gone."""
-    path = study.folder / ".archfrag.lock"
-    try:
-        lock = open(path, "a")  # noqa: SIM115
-    except OSError as error:
-        raise cannot_write(path, error) from error
-    with lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise OutputError(
-                f"{study.folder}: another run of study {study.id!r} is at work here; wait for it "
-                "or stop it"
-            ) from None
-        yield lock
+def _say_changes(changed: Sequence[str]) -> None:
+    for line in changed[:_MOST_LINES]:
+        print(f"archfrag: {line}", file=sys.stderr)
+    if len(changed) > _MOST_LINES:
+        print(f"archfrag: … and {len(changed) - _MOST_LINES} more", file=sys.stderr)
+    print("archfrag: what follows from it is made again", file=sys.stderr, flush=True)
 
 
-def _was_killed(folder: Path) -> bool:
-    state = folder / ".snakemake"
-    return any(
-        any((state / name).iterdir())
-        for name in ("locks", "incomplete")
-        if (state / name).is_dir()
-    )
-
-
-def _snakemake(study: Study, options: Sequence[str], lock: IO[str], quiet: bool) -> int:
+def _snakemake(study: Study, options: RunOptions, lock: Lock, stop: tree.Stop) -> int:
     command = [
         sys.executable, "-m", "snakemake", "--snakefile", str(snakefile()),
-        "--directory", str(study.folder), "--quiet", "all", "--nocolor",
-        "--config", f"study={STUDY_FILE}", f"quiet={int(quiet)}", *options,
+        "--directory", str(study.work), "--nocolor", "--nolock", "--rerun-incomplete",
+        "--config", f"study={STUDY_FILE}", f"quiet={int(options.quiet)}",
     ]  # fmt: skip
-    # Rules say `archfrag …`, also where the environment of this Python is not activated.
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
-    log = study.folder / LOGS / "snakemake.log"
-    with open(log, "a", encoding="utf-8") as file:
-        return subprocess.run(
-            command,
-            env={**os.environ, "PATH": path, _INSIDE: "quiet" if quiet else "told"},
-            pass_fds=[lock.fileno()],
-            stdin=subprocess.DEVNULL,
-            stdout=file,
-        ).returncode
+    if options.profile is not None:
+        command += ["--profile", str(options.profile.resolve())]
+    if options.cores is not None or options.profile is None:
+        command += ["--cores", str(options.cores or available_cores())]
+    environment = {
+        **os.environ,
+        # Rules say `archfrag …`, also where the environment of this Python is not activated.
+        "PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]),
+        tree.INSIDE: "quiet" if options.quiet else "told",
+        tree.RUN: json.dumps(tree.identity()),
+        # Snakemake keeps things in the user's cache, which need not be writable.
+        "XDG_CACHE_HOME": str(study.work / "cache"),
+        tree.CACHE_HOME: os.environ.get("XDG_CACHE_HOME", ""),
+    }
+    with open(study.work / LOGS / SNAKEMAKE_LOG, "w", encoding="utf-8") as log:
+        # Steps speak on their standard output (rules say 2>&1), Snakemake into its log.
+        process = tree.start(
+            command, env=environment, stdin=subprocess.DEVNULL, stdout=2, stderr=log
+        )
+        try:
+            while process.poll() is None:
+                stop.check()
+                lock.beat()
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    process.wait(timeout=0.2)
+        finally:
+            tree.end(process)
+    return int(process.returncode)
 
 
-def _failure(folder: Path, started: float) -> ArchfragError:
-    """What the step that failed had to say, by its log."""
-    for path in sorted((folder / LOGS).glob("*.log")):
-        if path.stat().st_mtime >= started - 1.0:
-            found = _EXIT.search(path.read_text(encoding="utf-8", errors="replace"))
-            if found:
-                error = ArchfragError(found["sentence"])
-                error.exit_code = int(found["code"])
-                return error
-    return ArchfragError(
-        f"{folder}: a step failed; its log is in {folder / LOGS}, Snakemake's in "
-        f"{folder / '.snakemake' / 'log'}"
-    )
+def _failure(logs: Path) -> ArchfragError:
+    """What the step that failed had to say, by its log; or else Snakemake, by its own."""
+    texts = {
+        path: path.read_text(encoding="utf-8", errors="replace")
+        for path in sorted(logs.glob("*.log"))
+    }
+    for text in texts.values():
+        found = _EXIT.search(text)
+        if found:
+            error = ArchfragError(found["sentence"])
+            error.exit_code = int(found["code"])
+            return error
+    for path, text in texts.items():
+        if path.name != SNAKEMAKE_LOG and "Traceback (most recent call last)" in text:
+            last = text.rstrip().splitlines()[-1]
+            return ArchfragError(f"step {path.stem} failed: {last}; all of it is in {path}")
+    path = logs / SNAKEMAKE_LOG
+    reason = _reason(texts.get(path, ""))
+    return ArchfragError(f"Snakemake failed: {reason}; all it said is in {path}")
+
+
+def _reason(text: str) -> str:
+    """The line of Snakemake's log that says what is wrong."""
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    for pattern in (r"\w*(Error|Exception)\b", r"(Error|Failed|Exiting)\b", r"(?i).*\berror\b"):
+        for number, line in enumerate(lines):
+            if re.match(pattern, line):
+                return " ".join(lines[number : number + 2])[:500]
+    return lines[-1][:500] if lines else "it said nothing"

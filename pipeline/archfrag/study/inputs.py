@@ -1,0 +1,86 @@
+"""What a study reads, by content: records, index and inventories with their SHA-256."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from archfrag.errors import RecordError
+from archfrag.motions.index import INDEX_NAME
+from archfrag.study.digests import sha256_if_there
+
+if TYPE_CHECKING:
+    from archfrag.study.records import Source
+
+Inputs = dict[str, dict[str, str]]
+KINDS = ("record", "index", "inventory")
+
+
+def read_inputs(index: str | None, sources: Sequence["Source"]) -> Inputs:
+    """SHA-256 of all files that the motions of a study follow from, by kind and path.
+
+    Parameters
+    ----------
+    index : str or None
+        Of the study.
+    sources : sequence of Source
+        The study's record files. A table of records beside or above one is among the inputs, and
+        each StationXML beside it that may be its own, because reading takes both where they are.
+
+    Raises
+    ------
+    RecordError
+        If the name of a record cannot be written down.
+    """
+    records = [source.path for source in sources]
+    for path in records:
+        try:
+            str(path).encode("utf-8")
+        except UnicodeEncodeError:
+            raise RecordError(
+                f"{str(path)!a}: the name of a record file must be text in UTF-8; rename it"
+            ) from None
+    folders = list(dict.fromkeys(path.parent for path in records))
+    indices = [folder / INDEX_NAME for each in folders for folder in (each, each.parent)]
+    if index is not None:
+        given = Path(index)
+        indices.insert(0, given / INDEX_NAME if given.is_dir() else given)
+    names = {name for path in records for name in (path.stem, path.name)}
+    inventories = [Path(s.inventory) for s in sources if s.inventory is not None]
+    for folder in folders:
+        beside = sorted(folder.glob("*.xml"))
+        # NAME.xml, or NET.STA.xml with codes that only the record's content says.
+        inventories += [p for p in beside if p.stem in names or p.stem.count(".") == 1]
+    found: Inputs = {}
+    for kind, paths in zip(KINDS, (records, indices, inventories)):
+        digests = {str(path): sha256_if_there(path) for path in dict.fromkeys(paths)}
+        found[kind] = {path: digest for path, digest in digests.items() if digest is not None}
+    return found
+
+
+def changes(before: Inputs, now: Inputs) -> list[str]:
+    """What changed from one state of the inputs to another, a line for each file."""
+    lines = []
+    for kind in KINDS:
+        old, new = before.get(kind, {}), now.get(kind, {})
+        for path in sorted(set(old) | set(new)):
+            if old.get(path) == new.get(path):
+                continue
+            if path not in new:
+                lines.append(f"{kind} {path} is gone")
+            elif path not in old:
+                lines.append(f"{kind} {path} is new")
+            else:
+                lines.append(
+                    f"{kind} {path} has changed (sha256 {old[path][:12]}, now {new[path][:12]})"
+                )
+    return lines
+
+
+def by_name(digests: dict[str, str]) -> dict[str, str]:
+    """Digests by the shortest ends of their paths that tell all apart: no place, only names."""
+    paths = [Path(path).parts for path in digests]
+    for size in range(1, max(map(len, paths), default=1) + 1):
+        ends = ["/".join(parts[-size:]) for parts in paths]
+        if len(set(ends)) == len(ends):
+            break
+    return dict(zip(ends, digests.values()))

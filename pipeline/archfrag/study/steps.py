@@ -1,0 +1,180 @@
+"""The steps of a study, and by content which of them are up to date.
+
+A step that is done leaves a stamp: a digest of what it was made from, and the SHA-256 of what it
+made. Stamps of steps that are out of date are removed, and Snakemake makes what has no stamp:
+times of modification decide nothing.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from archfrag.errors import InputError
+from archfrag.study.config import Study
+from archfrag.study.digests import canonical_json, digest_of, sha256_if_there, source_hash
+from archfrag.study.files import make_folder, write_text
+from archfrag.study.inputs import changes
+from archfrag.study.parts import read_part
+from archfrag.study.plan import Plan, chunks_of_batch, make_plan
+from archfrag.study.records import MANIFEST, motions_key, read_manifest, study_inputs
+from archfrag.study.written import remember
+
+STEPS = "steps"
+_COMMAND = {"cube": "archfrag cube", "fit": "archfrag fit"}
+
+
+def batch_step(batch: int | str, batches: int) -> str:
+    """Name of the step that is one of several batches."""
+    return f"batch-{batch}of{batches}"
+
+
+def step_names(study: Study) -> list[str]:
+    """All steps of a study in their order."""
+    count = study.execution.batches
+    return ["motions", *(batch_step(i, count) for i in range(count)), "cube", "fit", "report"]
+
+
+def stamp_file(study: Study, step: str) -> Path:
+    """File that tells that a step is done."""
+    return study.work / STEPS / f"{step}.json"
+
+
+def products(study: Study, step: str) -> list[Path]:
+    """Files that a step makes; parts of batches have checks of their own."""
+    curves = [study.folder / f"curve-{entry.id}.svg" for entry in study.arches]
+    made = {
+        "motions": [study.work / MANIFEST],
+        "cube": [study.folder / "cube.nc", study.work / "timings.csv"],
+        "fit": [study.folder / "fits.json"],
+        "report": [study.folder / "report.html", *curves],
+    }
+    return made.get(step, [])
+
+
+def finish(study: Study, step: str) -> None:
+    """Note that a step is done.
+
+    Raises
+    ------
+    OutputError
+        If that cannot be written.
+    """
+    files = [path for path in products(study, step) if path.is_file()]
+    stamp = {
+        "from": _made_from(study, step),
+        "files": {_name(study, path): sha256_if_there(path) for path in files},
+    }
+    remember(study, [path.name for path in files if path.parent == study.folder], step)
+    make_folder(study.work / STEPS)
+    write_text(stamp_file(study, step), canonical_json(stamp) + "\n")
+
+
+def require(study: Study, step: str) -> None:
+    """See that the results of a step are those of the study as it is.
+
+    Raises
+    ------
+    InputError
+        Saying which file is not.
+    """
+    wrong = _wrong(study, step)
+    if wrong:
+        raise InputError(f"{wrong}; `{_COMMAND[step]}` on the study file makes it anew")
+
+
+def stale_steps(study: Study) -> tuple[list[str], list[str]]:
+    """Steps to be done, and what has changed since they were done last.
+
+    Raises
+    ------
+    StudyError, RecordError
+        If records are missing.
+    """
+    names = step_names(study)
+    changed = _changed_motions(study)
+    if changed is not None:
+        return names, changed
+    plan = make_plan(study)
+    gathered = not _wrong(study, "cube", plan)
+    for i, step in enumerate(names):
+        wrong = _wrong(study, step, plan)
+        if step.startswith("batch") and not wrong and not gathered:
+            chunks = chunks_of_batch(plan, names.index(step) - 1, study.execution.batches)
+            if any(read_part(plan, chunk) is None for chunk in chunks):
+                wrong = f"parts in {plan.part(0).parent} are missing or damaged"
+        if wrong:
+            return names[i:], [wrong] if stamp_file(study, step).is_file() else []
+    return [], []
+
+
+def forget_stale(study: Study) -> tuple[list[str], list[str]]:
+    """Remove the stamps of steps that are out of date; `stale_steps` tells what is returned."""
+    stale, changed = stale_steps(study)
+    good = {f"{step}.json" for step in step_names(study) if step not in stale}
+    for path in (study.work / STEPS).glob("*.json"):
+        if path.name not in good:
+            path.unlink(missing_ok=True)
+    return stale, changed
+
+
+def _changed_motions(study: Study) -> list[str] | None:
+    """What has changed since the motions were prepared; None if nothing has."""
+    inputs = study_inputs(study)
+    try:
+        manifest = read_manifest(study)
+    except InputError as error:
+        there = (study.work / MANIFEST).exists()
+        return [str(error)] if there else []
+    changed = changes(manifest["inputs"], inputs)
+    if manifest["key"] != motions_key(study):
+        changed.append("the study asks for other records or levels")
+    if changed:
+        return changed
+    try:
+        make_plan(study)
+    except InputError as error:
+        return [str(error)]
+    wrong = _wrong(study, "motions")
+    return ([wrong] if stamp_file(study, "motions").is_file() else []) if wrong else None
+
+
+def _wrong(study: Study, step: str, plan: Plan | None = None) -> str:
+    """Why the results of a step are not those of the study as it is; empty if they are."""
+    main = next(iter(products(study, step)), study.work / "parts")
+    try:
+        stamp = json.loads(stamp_file(study, step).read_text(encoding="utf-8"))
+        made_from, files = stamp["from"], stamp["files"].items()
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return f"{main}: is missing, or no step of this study made it"
+    for name, digest in files:
+        if sha256_if_there(study.folder / name) != digest:
+            return f"{study.folder / name}: is missing, changed or damaged"
+    if made_from != _made_from(study, step, plan):
+        return f"{main}: was made before the study, what it follows from or archfrag changed"
+    return ""
+
+
+def _made_from(study: Study, step: str, plan: Plan | None = None) -> str:
+    """Digest of all that the results of a step follow from."""
+    decides: list[Any] = [step]
+    if step == "motions":
+        manifest = read_manifest(study)
+        decides += [manifest["key"], manifest["inputs"]]
+        decides += [source_hash("motions", "study/records.py", "study/inputs.py")]
+        return digest_of(decides)
+    if step.startswith("batch") or step == "cube":
+        decides.append((plan or make_plan(study)).identity)
+    if step == "cube":
+        decides += [study.title, study.institution, source_hash("study")]
+        decides.append(sha256_if_there(study.work / MANIFEST))
+    if step in ("fit", "report"):
+        decides += [sha256_if_there(path) for path in products(study, "cube")]
+        decides.append(source_hash("fragility", "study/fits.py"))
+    if step == "report":
+        decides += [sha256_if_there(path) for path in products(study, "fit")]
+        decides += [sha256_if_there(study.work / MANIFEST), study.title, source_hash("report")]
+    return digest_of(decides)
+
+
+def _name(study: Study, path: Path) -> str:
+    return path.relative_to(study.folder).as_posix()

@@ -1,0 +1,158 @@
+"""The processes of a run: ended together, and not outliving the run that started them."""
+
+import contextlib
+import ctypes
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from types import FrameType
+
+import psutil
+
+INSIDE = "ARCHFRAG_INSIDE_RUN"  # how a step in a run speaks: told or quiet
+RUN = "ARCHFRAG_RUN"  # the process of the run, as `identity` gives it, in JSON
+CACHE_HOME = "ARCHFRAG_CACHE_HOME"  # XDG_CACHE_HOME as it is outside Snakemake
+_SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+_PATIENCE = 2.0  # between asking processes to end and ending them [s]
+_AT_MOST = 4.5  # [s]
+_PR_SET_PDEATHSIG = 1
+
+
+class Stopped(BaseException):
+    """The run was told to stop by a signal."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+        super().__init__(f"stopped by {signal.Signals(number).name}")
+
+
+class Stop:
+    """Whether a signal came; raised again where an exception in a signal handler got lost."""
+
+    number: int | None = None
+
+    def check(self) -> None:
+        """Raise `Stopped` if a signal came."""
+        if self.number is not None:
+            raise Stopped(self.number)
+
+
+@contextlib.contextmanager
+def stoppable() -> Iterator[Stop]:
+    """Let SIGTERM, SIGINT and SIGHUP raise `Stopped` once; what follows the first is ignored."""
+    stop = Stop()
+    before = {number: signal.getsignal(number) for number in _SIGNALS}
+
+    def note(number: int, frame: FrameType | None) -> None:
+        for each in _SIGNALS:
+            signal.signal(each, signal.SIG_IGN)
+        stop.number = number
+        stop.check()
+
+    for number in _SIGNALS:
+        if before[number] != signal.SIG_IGN:  # under nohup a hang-up does not matter
+            signal.signal(number, note)
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def identity() -> dict[str, object]:
+    """This process, so that another can tell whether it is still there."""
+    return {
+        "host": socket.gethostname(),
+        "pid": os.getpid(),
+        "started": psutil.Process().create_time(),
+    }
+
+
+def is_alive(pid: int, started: float) -> bool:
+    """Whether a process of this host is still the one that was started then [s since 1970]."""
+    try:
+        # The time of start is told by the time of boot, which is known to a second.
+        return abs(psutil.Process(pid).create_time() - started) < 2.0
+    except psutil.Error:
+        return False
+
+
+def start(command: list[str], **options: object) -> subprocess.Popen:
+    """Start a process in a session of its own, that is killed if this process is."""
+
+    def die_with_parent() -> None:
+        if sys.platform == "linux":
+            ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+
+    return subprocess.Popen(  # type: ignore[call-overload,no-any-return]
+        command, start_new_session=True, preexec_fn=die_with_parent, **options
+    )
+
+
+def end(leader: subprocess.Popen) -> None:
+    """End a process that `start` started with all that it started: first asked, then killed.
+
+    The leader gets SIGINT, at which Snakemake cancels what it has handed to a cluster.
+    """
+    started = time.monotonic()
+    for member in _session(leader.pid):
+        _send(member, signal.SIGINT if member == leader.pid else signal.SIGTERM)
+    while leader.poll() is None or _session(leader.pid):
+        elapsed = time.monotonic() - started
+        if elapsed > _AT_MOST:
+            return
+        if elapsed > _PATIENCE:
+            for member in _session(leader.pid):
+                _send(member, signal.SIGKILL)
+        time.sleep(0.05)
+
+
+def _send(pid: int, number: int) -> None:
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(pid, number)
+
+
+def _session(leader: int) -> list[int]:
+    """Living processes of a session; those whose parent is gone belong to it too."""
+    members = []
+    for process in psutil.process_iter():
+        with contextlib.suppress(psutil.Error, OSError):
+            if os.getsid(process.pid) == leader and process.status() != psutil.STATUS_ZOMBIE:
+                members.append(process.pid)
+    return members
+
+
+def follow_run() -> None:
+    """End this process and its children when the run that it is a step of is gone.
+
+    Nothing happens outside a run, and on another host than the run's.
+    """
+    run = json.loads(os.environ.get(RUN, "{}"))
+    if run.get("host") != socket.gethostname():
+        return
+
+    def watch() -> None:
+        while is_alive(run["pid"], run["started"]):
+            time.sleep(0.5)
+        for child in psutil.Process().children(recursive=True):
+            with contextlib.suppress(psutil.Error):
+                child.kill()
+        os._exit(128 + signal.SIGTERM)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def leave_snakemakes_cache() -> None:
+    """Give the steps of a run the user's cache again; called when Snakemake has its own."""
+    if CACHE_HOME in os.environ:
+        before = os.environ.pop(CACHE_HOME)
+        if before:
+            os.environ["XDG_CACHE_HOME"] = before
+        else:
+            os.environ.pop("XDG_CACHE_HOME", None)
