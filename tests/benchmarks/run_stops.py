@@ -57,8 +57,12 @@ class Stop:
         """Whether nothing was left, and what is to be said was said once."""
         if self.number == signal.SIGKILL:
             return self.whom == "parent" or self.left == 0
-        # A signal to all processes may meet the run when it has just noticed that a step died.
-        return self.left == 0 and self.said == 1 and self.code == 128 + self.number
+        return (
+            self.left == 0
+            and self.took < LIMIT
+            and self.said == 1
+            and self.code == 128 + self.number
+        )
 
 
 def start(path: Path, *options: str) -> subprocess.Popen:
@@ -81,19 +85,20 @@ def stop_in(stop: Stop, path: Path, options: list[str], dice: random.Random) -> 
         if process.returncode != 0:
             raise SystemExit(process.communicate()[1])
         return False
-    tree = [psutil.Process(process.pid)]
-    tree += tree[0].children(recursive=True)
-    stop.processes = len(tree)
+    children = psutil.Process(process.pid).children(recursive=True)
+    stop.processes = 1 + len(children)
     began = time.monotonic()
     if stop.whom == "group":
         os.killpg(process.pid, stop.number)
-    for member in tree if stop.whom == "tree" else tree[:1] if stop.whom == "parent" else ():
+    else:
+        process.send_signal(stop.number)
+    for child in children if stop.whom == "tree" else ():
         with contextlib.suppress(psutil.NoSuchProcess):
-            member.send_signal(stop.number)
-    _, alive = psutil.wait_procs(tree, timeout=LIMIT)
+            child.send_signal(stop.number)
+    said = process.communicate(timeout=60)[1]
+    _, alive = psutil.wait_procs(children, timeout=max(0.0, LIMIT - time.monotonic() + began))
     stop.took, stop.left = time.monotonic() - began, len(alive)
     psutil.wait_procs(alive, timeout=30.0)
-    said = process.communicate(timeout=30)[1]
     stop.said, stop.code = said.count("--resume"), process.returncode
     return True
 

@@ -24,6 +24,7 @@ from tests.study.small import TEXT, small_study, write_at2
 SLOW = TEXT.replace("chunk: 2", "chunk: 1").replace("[0.1, 0.6, 1.2]", "[0.1, 0.3, 0.6, 0.9, 1.2]")
 
 
+STARTED: list[subprocess.Popen] = []
 # Breaks the step that prepares motions, as a mistake of ours would.
 BROKEN = """
 import sys
@@ -39,11 +40,23 @@ if "motions" in sys.argv:
 
 def start(*arguments, env=MappingProxyType({})):
     """`archfrag run` as a user starts it, in a process group of its own."""
-    return subprocess.Popen(
+    process = subprocess.Popen(
         [sys.executable, "-m", "archfrag.cli", "run", *map(str, arguments)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
         env={**os.environ, **env},
     )  # fmt: skip
+    STARTED.append(process)
+    return process
+
+
+@pytest.fixture(autouse=True)
+def _nothing_goes_on():
+    """End what a failed test left."""
+    yield
+    while STARTED:
+        process = STARTED.pop()
+        if process.poll() is None:
+            kill_tree(process)
 
 
 def run(*arguments, env=MappingProxyType({})):
@@ -197,15 +210,16 @@ def test_a_stopped_run_takes_its_whole_tree_with_it(tmp_path, number, whom):
     while not list(parts.glob("plan-*")):
         assert process.poll() is None
         time.sleep(0.05)
-    time.sleep(1.5)
-    members = [psutil.Process(process.pid)]
-    members += members[0].children(recursive=True)
-    assert len(members) > 3
+    children = []
+    while len(children) < 5:  # Snakemake, its shell, the batch, a worker and what tracks them
+        assert process.poll() is None
+        time.sleep(0.2)
+        children = psutil.Process(process.pid).children(recursive=True)
     stopped = time.monotonic()
     (os.killpg if whom == "group" else os.kill)(process.pid, number)
-    _, alive = psutil.wait_procs(members, timeout=10.0)
+    _, stderr = process.communicate(timeout=30)
+    _, alive = psutil.wait_procs(children, timeout=5.0)
     took = time.monotonic() - stopped
-    _, stderr = process.communicate(timeout=10)
     assert not alive
     if number == signal.SIGKILL:
         return
