@@ -240,12 +240,6 @@ def impulsive_normal_law(n_n, velocity_after, impulse):
 
 
 @kernel
-def impulsive_tangential_law(n_t, velocity_after, normal, tangential, friction):
-    """Tangential law of an impact (Eq 9): residual, and work of the tangential impulse."""
-    return tangential_law(n_t, velocity_after, normal, tangential, friction)
-
-
-@kernel
 def balance(acceleration, active, psi_t, psi_n):
     """u" - S - Psi_t - Psi_n, what is missing from the dynamic balance (Eqs 10, 15)."""
     return combine(
@@ -254,34 +248,9 @@ def balance(acceleration, active, psi_t, psi_n):
 
 
 @kernel
-def virtual_power_balance(acceleration, active, psi_t, psi_n, virtual):
-    """Eq 10: virtual power of what is missing from the balance [W]; zero for every velocity."""
-    return dot(balance(acceleration, active, psi_t, psi_n), virtual)
-
-
-@kernel
 def impulsive_balance(before, after, xi_t, xi_n, virtual):
     """Eq 11: virtual work of what is missing from the balance of an impact [J]."""
     return dot(balance(combine(1.0, after, -1.0, before), (0.0, 0.0, 0.0), xi_t, xi_n), virtual)
-
-
-@kernel
-def active_power(active, mechanism):
-    """S u', power of the active force in an admissible mechanism (Eq 12) [W].
-
-    Motion in the mechanism needs it not to be negative, since reactions give no power.
-    """
-    return dot(active, mechanism)
-
-
-@kernel
-def tipping_acceleration(block, side, ground_y):
-    """k_s at which the active force has no power in rocking about a corner (Eq 13) [1].
-
-    The smallest horizontal ground acceleration, over g, that can start to tip the block; b/h for
-    a uniform rectangle without vertical motion. Positive for corner A, negative for B.
-    """
-    return -side * (1.0 + ground_y) * reach(block, side) / block.rise
 
 
 @kernel

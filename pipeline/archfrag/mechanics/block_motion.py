@@ -185,7 +185,7 @@ def base_problem(block, active, friction, slip):
     active : (float, float, float)
         S: generalised force, or velocity before an impact (Eq 21).
     friction : float
-        Coulomb coefficient; inf: no sliding.
+        Coulomb coefficient; inf: the limit of large friction.
     slip : float
         Slip velocity under way, along t [m/s]; 0 if there is none, and for an impact.
 
@@ -228,9 +228,9 @@ def corner_problem(block, side, rotation, active, on_t, on_n, friction, slip):
     active : (float, float, float)
         S: generalised force, or velocity before an impact (Eq 21).
     on_t, on_n : float
-        From `archfrag.mechanics.block.centripetal_projections`; zero for an impact.
+        From `archfrag.mechanics.block_plane.centripetal_projections`; zero for an impact.
     friction : float
-        Coulomb coefficient; inf: no sliding.
+        Coulomb coefficient; inf: the limit of large friction.
     slip : float
         Slip velocity under way, along t [m/s]; 0 if there is none, and for an impact.
 
@@ -264,7 +264,7 @@ def starting_motion(block, ground_x, ground_y, friction, gravity):
     ground_x, ground_y : float
         Ground acceleration over g: k_s towards +t and k_v upwards [1].
     friction : float
-        Coulomb coefficient; inf: no sliding.
+        Coulomb coefficient; inf: the limit of large friction.
     gravity : float [m/s2]
 
     Returns
@@ -363,7 +363,7 @@ def base_impact(block, x, y, angular_velocity, friction):
     angular_velocity : float
         Before the impact [rad/s].
     friction : float
-        Coulomb coefficient; inf: no sliding.
+        Coulomb coefficient; inf: the limit of large friction.
 
     Returns
     -------

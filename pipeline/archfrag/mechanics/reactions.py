@@ -40,21 +40,6 @@ def _hinge(contacts, j, mode):
     return contacts.point[j, c, 0], contacts.point[j, c, 1]
 
 
-@kernel
-def rotation_centre(ax, ay, px, py, bx, by, qx, qy):
-    """Where the line through `a` along `p` meets that through `b` along `q`.
-
-    Returns
-    -------
-    (float, float)
-        The rotation centre C2 of the middle body, for a = C12, p = C12 - C1, b = C23,
-        q = C23 - C3; inf where the lines are parallel (the body translates).
-    """
-    sine = cross(px, py, qx, qy)
-    along = cross(bx - ax, by - ay, qx, qy) / sine
-    return ax + along * px, ay + along * py
-
-
 @inlined
 def _driven(contacts, k, c1x, c1y, c12x, c12y, c3x, c3y, px, py, u1, u2, u3, a1, a3, w1, w2, w3):
     """Arm of a body from the hinge it turns about, its rates, and those of that hinge."""

@@ -21,7 +21,7 @@ class Chain(NamedTuple):
     centroid: np.ndarray  # (n_body, 2) at rest, ground frame [m]
     face_before: np.ndarray  # (n_joint, 2, 2) corner, xy: face on body j - 1 [m]
     face_after: np.ndarray  # (n_joint, 2, 2) corner, xy: face on body j [m]
-    friction: np.ndarray  # (n_joint,) Coulomb coefficient; inf: no sliding [1]
+    friction: np.ndarray  # (n_joint,) Coulomb coefficient; inf: the limit of large friction [1]
     gravity: float  # [m/s2]
 
 

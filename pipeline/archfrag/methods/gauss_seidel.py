@@ -58,7 +58,7 @@ def solve_corner(w_nn, w_nt, w_tt, free_n, free_t, friction):
     free_n, free_t : float
         Velocity, bias included, without the impulse of this contact [m/s].
     friction : float
-        inf: no sliding.
+        inf: the limit of large friction.
 
     Returns
     -------
