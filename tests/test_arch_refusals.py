@@ -47,7 +47,8 @@ TURN = f"{POSITIVE} degrees and less than 360 degrees"
 SIZE = "it must be between 1e-06 m and 1e+06 m"
 WHOLE = "it must be a whole number of at least 2 (a single body is a Block)"
 FRICTION = (
-    "it must be one number or one for each of the 8 joints, all at least 0 (inf: no sliding)"
+    "it must be one number or one for each of the 8 joints, all at least 0 (inf: the limit of "
+    "large friction)"
 )
 LOAD = "it must be one number or one for each of the 7 voussoirs, all at least 0 N and finite"
 ANGLES = (
@@ -178,7 +179,7 @@ class TestNumbers:
                 "friction",
                 -1,
                 "friction = -1.0 is impossible; it must be one number or one for each of the 1 "
-                "joints, all at least 0 (inf: no sliding)",
+                "joints, all at least 0 (inf: the limit of large friction)",
             ),
         ],
     )
@@ -378,7 +379,7 @@ TABLES = [
         ABOVE,
         {"free_end": True, "friction": [0.7] * 4},
         "friction has shape (4,), not (3,); it must be one number or one for each of the 3 "
-        "joints, all at least 0 (inf: no sliding)",
+        "joints, all at least 0 (inf: the limit of large friction)",
     ),
 ]
 

@@ -10,7 +10,6 @@ import pytest
 import archfrag as af
 
 FUNCTIONS = ("Block", "Motion", "fit_ida", "fit_stripes", "onset", "read_motion", "simulate")
-# To be mended with the next change of the kernels: any edit there compiles all of them anew.
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)

@@ -349,38 +349,35 @@ def run(study_file: Path, overrides: tuple[str, ...], quiet: bool, **options: An
     typed = shlex.join(["archfrag", "run", str(study_file), *(f"--set={o}" for o in overrides)])
     try:
         with stoppable() as stop:
-            found, cautions = _run(study_file, overrides, stop, typed, quiet, options)
+            found, anything = _run(study_file, overrides, stop, typed, quiet, options)
     except Stopped as stopped:
         click.echo(
             f"archfrag: {stopped}; what is finished is kept, `{typed} --resume` goes on", err=True
         )
         click.get_current_context().exit(128 + stopped.number)
     if not quiet:
-        if cautions is None:
+        if not anything:
             click.echo("archfrag: nothing to do: all results are up to date", err=True)
         click.echo(f"report: {found}")
-        for caution in cautions or ():
-            click.echo(f"caution: {caution}", err=True)
 
 
 def _run(
     study_file: Path, overrides: tuple[str, ...], stop: Any, typed: str, quiet: bool, options: Any
-) -> tuple[Path, list[str] | None]:
-    """The report of a study, up to date, and what is doubtful in it; None if nothing was to do."""
+) -> tuple[Path, bool]:
+    """The report of a study, up to date, and whether there was anything to do."""
     from archfrag.study.uptodate import finished_report, note_finished, request_of
 
     request = request_of(study_file, overrides)
     report_file = finished_report(study_file, request)
     if report_file is not None:
-        return report_file, None
-    from archfrag.study.cautions import study_cautions
+        return report_file, False
     from archfrag.study.config import load_study
     from archfrag.study.workflow import RunOptions, run_study
 
     study = load_study(study_file, overrides)
     anything = run_study(study, RunOptions(typed=typed, quiet=quiet, **options), stop)
     note_finished(study, request)
-    return study.folder / "report.html", study_cautions(study) if anything else None
+    return study.folder / "report.html", anything
 
 
 @_step

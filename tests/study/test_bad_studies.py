@@ -114,7 +114,7 @@ BAD |= {
     "a number as key": (everything("3: a\n"), "3 is no known key"),
     "a long key": (everything(f"{'k' * 100}: a\n"), "is no known key"),
     "nothing as key": (everything("~: a\n"), "None is no known key"),
-    "all keys missing": (everything("id: a\n"), "title is missing (4 more keys are wrong too)"),
+    "all keys missing": (everything("id: a\n"), "title is missing (3 more keys are wrong too)"),
     "NUL in output": (output(r'"a\0b"'), "line 3: text must hold no control characters"),
     "output of 300 characters": (output("o" * 300), "must have names of at most 255 bytes"),
     "output of 300 bytes": (output("ö" * 150), "must have names of at most 255 bytes"),

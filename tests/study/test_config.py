@@ -37,7 +37,7 @@ BAD = {
     ),
     "key from elsewhere": (
         ("dt: 2.0e-3", "colour: 1"),
-        "method.colour is no known key; allowed are name, dt, rtol, follow, settings",
+        "method.colour is no known key; allowed are name, dt, rtol, follow, loss_limit, settings",
     ),
     "unknown method": (
         ("name: time_stepping", "name: euler"),
@@ -68,7 +68,7 @@ BAD = {
     "NaN friction": (
         ("friction: 0.7", "friction: .nan"),
         "arches[0] (ring): friction = nan is impossible; it must be one number or one for each "
-        "of the 8 joints, all at least 0 (inf: no sliding)",
+        "of the 8 joints, all at least 0 (inf: the limit of large friction)",
     ),
     "text for a number": ((RING, "radius: ten"), "arches[0].radius = ten must be a number"),
     "half a voussoir": (

@@ -201,13 +201,13 @@ class TestValidate:
         monkeypatch.chdir(os.fsdecode(odd))
         code, sentence = refused("validate", path, "--set", "output=here")
         assert code == 2
-        assert sentence.startswith(f"{path}: output = {tmp_path}/\\udcfe/here must be a valid str")
+        assert "must be text in UTF-8" in sentence
+        assert sentence.startswith(f"{path}: output = {tmp_path}/\\udcfe/here ")
         os.rename(tmp_path / "records" / "wave1.AT2", os.fsencode(tmp_path) + b"/records/\xff.AT2")
         code, sentence = refused("validate", path)
         assert code == 2
-        assert sentence == (
-            f"'{tmp_path}/records/\\udcff.AT2': the name of a record file must be text in UTF-8; "
-            "rename it"
+        assert sentence.startswith(
+            f"{tmp_path}/records/\\xff.AT2: the name of the file is not in "
         )
 
     def test_a_truncated_record(self, tmp_path):

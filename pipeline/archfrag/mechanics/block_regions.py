@@ -134,8 +134,8 @@ def sliding_load(block, side, friction):
 def painleve_friction(block, side, rotation):
     """Least friction coefficient for Painleve's paradox at a corner; inf if there is none.
 
-    Where `archfrag.mechanics.block_plane.sliding_stiffness` vanishes for one sense of slip. At least
-    4/3 for a uniform rectangle, whatever its sides and its rotation.
+    Where `archfrag.mechanics.block_plane.sliding_stiffness` vanishes for one sense of slip. At
+    least 4/3 for a uniform rectangle, whatever its sides and its rotation.
     """
     arm = corner_arm(block, side, rotation)
     n_t, n_n = tangential_gradient(block, arm), normal_gradient(block, arm)

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from archfrag.errors import RecordError
 from archfrag.motions.index import INDEX_NAME
 from archfrag.study.digests import sha256_if_there
 
@@ -25,20 +24,8 @@ def read_inputs(index: str | None, sources: Sequence["Source"]) -> Inputs:
     sources : sequence of Source
         The study's record files. A table of records beside or above one is among the inputs, and
         each StationXML beside it that may be its own, because reading takes both where they are.
-
-    Raises
-    ------
-    RecordError
-        If the name of a record cannot be written down.
     """
     records = [source.path for source in sources]
-    for path in records:
-        try:
-            str(path).encode("utf-8")
-        except UnicodeEncodeError:
-            raise RecordError(
-                f"{str(path)!a}: the name of a record file must be text in UTF-8; rename it"
-            ) from None
     folders = list(dict.fromkeys(path.parent for path in records))
     indices = [folder / INDEX_NAME for each in folders for folder in (each, each.parent)]
     if index is not None:

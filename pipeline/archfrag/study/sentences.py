@@ -10,6 +10,7 @@ from pydantic import ValidationError
 # Kind of error in pydantic's list to our words; {} is filled from the error's context.
 _KINDS = {
     "extra_forbidden": "is no known key",
+    "string_unicode": "must be text in UTF-8",
     "greater_than": "must be greater than {gt:g}",
     "greater_than_equal": "must be greater than or equal to {ge:g}",
     "less_than": "must be less than {lt:g}",
@@ -110,13 +111,15 @@ def _sentence(problem: Any, given: Any) -> str:
 
 
 def _shown(value: Any) -> str:
+    if isinstance(value, str) and not value.isprintable():
+        return reprlib.repr(value)
     if isinstance(value, str):
         return value if len(value) <= _SHOWN else f"{value[:_SHOWN]}…"
     return "empty" if value is None else reprlib.repr(value)
 
 
 def _unknown(path: str, key: str, allowed: list[str]) -> str:
-    if len(key) > _SHOWN:
+    if len(key) > _SHOWN or not key.isprintable():
         return f"{path[: -len(key)]}{_shown(key)} is no known key"
     close = difflib.get_close_matches(key, allowed, n=1, cutoff=0.6)
     hint = f"did you mean {close[0]}?" if close else f"allowed are {', '.join(allowed)}"
