@@ -16,7 +16,6 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from inspect import signature
 from pathlib import Path
 from typing import NamedTuple
 
@@ -96,9 +95,6 @@ def hop() -> tuple[af.Arch, af.Motion]:
 
 def simulate(arch: af.Arch, motion: af.Motion, loss_limit: float, **options) -> af.Response:
     """One run that ends as a collapse once both corners of a joint gape by `loss_limit` [1]."""
-    if "loss_limit" not in signature(af.simulate).parameters:
-        sys.modules["archfrag.simulate"].LOSS_LIMIT = loss_limit
-        return af.simulate(arch, motion, **options)
     return af.simulate(arch, motion, loss_limit=loss_limit, **options)
 
 
