@@ -5,15 +5,19 @@ to each other, with four hinges in closed form; all voussoirs where events follo
 closely that locating each costs more than stepping over them. The second level certifies every
 step down, an event causes every step up, and the mechanism log says which. Where the tolerance is
 coarse no event is worth locating, and all voussoirs are stepped from onset on. A run that is not
-as accurate as its tolerance asks, by its own measures, is made again with a tighter one.
+as accurate as its tolerance asks, by its own measures, is made again with a tighter one, and where
+that does not help by steps alone; then it is refused.
 """
 
+import numpy as np
+
+from archfrag.mechanics.collapse import NO_MODE
+from archfrag.mechanics.kinematics import joint_lengths
 from archfrag.mechanics.status import Count, Status
 from archfrag.methods import event_driven, time_stepping
 
-# A run that is refused is made again, at most so often, with a tolerance smaller by this factor
-# and a step that goes with it.
-ATTEMPTS = 3
+# A run that is not accurate is made again with a tolerance smaller by this factor, and with the
+# step that goes with it.
 TIGHTER = 0.1
 STEP_POWER = 0.6
 
@@ -34,23 +38,32 @@ def run(
     -------
     archfrag.mechanics.types.Outcome
     """
-    if options.tolerance > coarse:
-        return time_stepping.run(
-            chain, ground, position, velocity, from_rest, options, frames, log
-        )
     start = position.copy(), velocity.copy()
-    for attempt in range(ATTEMPTS):
+
+    def attempt(method, factor):
         position[:], velocity[:] = start
-        factor = TIGHTER**attempt
-        tried = options._replace(
-            tolerance=factor * options.tolerance,
-            time_step=factor**STEP_POWER * options.time_step,
-            crowding=hand_over * factor**STEP_POWER * options.time_step,
+        step = factor**STEP_POWER * options.time_step
+        given = options._replace(
+            tolerance=factor * options.tolerance, time_step=step, crowding=hand_over * step
         )
-        outcome = event_driven.run(
-            chain, ground, position, velocity, from_rest, tried, frames, log
-        )
+        return method.run(chain, ground, position, velocity, from_rest, given, frames, log)
+
+    if options.tolerance > coarse:
+        return attempt(time_stepping, 1.0)
+    lengths = joint_lengths(chain)
+    for number, (method, factor) in enumerate(
+        ((event_driven, 1.0), (event_driven, TIGHTER), (time_stepping, TIGHTER))
+    ):
+        outcome = attempt(method, factor)
+        outcome.ledger.count[Count.REFINED] = number
+        ended = outcome.status in (Status.STANDING, Status.COLLAPSED)
+        if ended and not event_driven.is_accurate(chain, lengths, options, outcome.ledger):
+            outcome = outcome._replace(
+                status=int(Status.INACCURATE),
+                collapse_time=np.nan,
+                collapse_joint=-1,
+                collapse_mode=NO_MODE,
+            )
         if outcome.status != Status.INACCURATE:
             break
-    outcome.ledger.count[Count.REFINED] = attempt
     return outcome

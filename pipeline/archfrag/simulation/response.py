@@ -89,7 +89,7 @@ class Response:
         the levels left to the general solver; "sweeps", passes of gauss_seidel over all
         contacts; "unconverged", steps that a baseline took though its solver had not met its
         tolerance; "refused", states that would have had to be moved to bear as they should;
-        "refined", times that auto made a run again with a tighter tolerance.
+        "refined", times that auto made a run again: with a tighter tolerance, then by steps alone.
     wall_time : float
         Time it took, compilation included if there was any [s].
     end_time : float
