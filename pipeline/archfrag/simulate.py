@@ -153,9 +153,7 @@ def simulate(
     )
 
 
-def warmup(
-    method: str | None = None, progress: Callable[[str], object] | None = None
-) -> float:
+def warmup(method: str | None = None, progress: Callable[[str], object] | None = None) -> float:
     """Compile the kernels, or load them from the cache, once for this machine.
 
     Two processes share the work where there are two cores.

@@ -1,8 +1,9 @@
 """How kernels are compiled: IEEE division, no reordering of sums, each once, kept on disk.
 
-A kernel is compiled for the kernels that call it without what only a call from Python needs (the
-wrapper that unpacks its arguments, hundreds of them for a whole chain); a call from Python has it
-compiled with that. Numbers written out in a call make no version of their own.
+A kernel is compiled for the kernels that call it without what only a call from Python needs: the
+wrapper that unpacks its arguments, hundreds of them for a whole chain, and machine code of its
+own beside the copy in its caller. A call from Python has it compiled with both. Numbers written
+out in a call make no version of their own.
 """
 
 import contextlib
@@ -16,10 +17,12 @@ import uuid
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
+import llvmlite.binding as llvm
 from numba.core import compiler, config
 from numba.core.caching import NullCache
+from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps, loads
@@ -42,6 +45,7 @@ class KernelCache(NullCache):
     def __init__(self, py_func: Callable, options: dict[str, Any]) -> None:
         file = Path(inspect.getfile(py_func)).resolve()
         self._folder = use_kernel_cache()
+        self._paths: dict[Any, Path | None] = {}
         self._name = f"{file.stem}.{py_func.__qualname__}".replace("<locals>", "_")
         if not file.is_file() or py_func.__closure__:
             self._folder = None
@@ -57,27 +61,22 @@ class KernelCache(NullCache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Compiled version for a signature; None if there is none."""
         target_context.refresh()
-        path = self._path(sig, target_context.codegen())
-        if path is None:
+        path = self.path(sig, target_context)
+        content = None if path is None else read_version(path)
+        if content is None:
             return None
-        try:
-            whole = path.read_bytes()
-        except OSError:
-            return None
-        digest, data = whole[:32], whole[32:]
-        if hashlib.sha256(data).digest() != digest:
-            return None
-        what, signature, reduced = loads(data)
+        what, signature, _, reduced = content
         if what != self._what or signature != sig:
             return None
         return compiler.CompileResult._rebuild(target_context, *reduced)
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep a compiled version."""
-        path = self._path(sig, data.codegen)
+        path = self.path(sig, data.target_context)
         if path is None or data.library.has_dynamic_globals:
             return
-        content = dumps((self._what, sig, data._reduce()))
+        called = sorted(_Compiled.under_way[-1])
+        content = dumps((self._what, sig, called, data._reduce()))
         temporary = path.with_name(f"{path.name}.{uuid.uuid4().hex[:8]}.tmp")
         try:
             temporary.write_bytes(hashlib.sha256(content).digest() + content)
@@ -90,7 +89,7 @@ class KernelCache(NullCache):
     @contextlib.contextmanager
     def claim(self, sig: Any, target_context: Any) -> Iterator[None]:
         """Keep other processes from compiling the same version meanwhile; wait if one does."""
-        path = self._path(sig, target_context.codegen())
+        path = self.path(sig, target_context)
         if path is None or path.exists():
             yield
             return
@@ -111,13 +110,39 @@ class KernelCache(NullCache):
                 fcntl.flock(file, fcntl.LOCK_UN)
             os.close(file)
 
-    def _path(self, sig: Any, codegen: Any) -> Path | None:
-        text = str(sig)
-        # A function among the arguments is named by its address, which the next process reuses.
-        if self._folder is None or " at 0x" in text:
-            return None
-        key = f"{self._what} {text} {codegen.magic_tuple()}"
-        return self._folder / f"{self._name}-{hashlib.sha256(key.encode()).hexdigest()[:20]}.kernel"
+    def path(self, sig: Any, target_context: Any) -> Path | None:
+        """File of the version for a signature; None if it cannot be kept."""
+        if sig not in self._paths:
+            text = str(sig)
+            # A function among the arguments is named by its address, which others have later.
+            if self._folder is None or " at 0x" in text:
+                self._paths[sig] = None
+            else:
+                key = f"{self._what} {text} {target_context.codegen().magic_tuple()}".encode()
+                name = f"{self._name}-{hashlib.sha256(key).hexdigest()[:20]}.kernel"
+                self._paths[sig] = self._folder / name
+        return self._paths[sig]
+
+
+def read_version(path: Path) -> tuple[str, Any, list[str], Any] | None:
+    """What the file of a compiled version holds.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    tuple or None
+        Which kernel with which options, types of the arguments, names of the files of the
+        versions that it calls, and numba's result; None if there is no such file or it is damaged.
+    """
+    try:
+        whole = path.read_bytes()
+    except OSError:
+        return None
+    digest, content = whole[:32], whole[32:]
+    return loads(content) if hashlib.sha256(content).digest() == digest else None
 
 
 @functools.cache
@@ -143,27 +168,68 @@ def _wait_for(file: int, made: Path) -> None:
             return
 
 
+class _ForLinking(JITCodeLibrary):
+    """Code of a kernel that is only linked into its callers: optimised, not made machine code.
+
+    What is made machine code in its place are the variables in which numba keeps what belongs to
+    a function; a caller's copy shares them.
+    """
+
+    def _finalize_final_module(self) -> None:
+        whole = self._final_module
+        self._finalize_dynamic_globals()
+        self._verify_declare_only_symbols()
+        names = [v.name for v in whole.global_variables if v.name.startswith("_ZN08NumbaEnv")]
+        lines = [f'@"{name}" = common global ptr null' for name in names]
+        self._final_module = llvm.parse_assembly("\n".join(lines))
+        self._final_module.name = whole.name
+        self._final_module.triple = whole.triple
+        self._final_module.data_layout = whole.data_layout
+        super()._finalize_final_module()
+        self._final_module = whole
+
+
+class _CompilerForLinking(compiler.Compiler):
+    def __init__(self, typingctx: Any, targetctx: Any, library: Any, *others: Any) -> None:
+        if library is None:
+            library = _ForLinking(targetctx.codegen(), "kernel")
+            library.enable_object_caching()
+        super().__init__(typingctx, targetctx, library, *others)
+
+
 class _Compiled(CPUDispatcher):
     """A numba function with our cache."""
+
+    # Names of the versions that those being compiled now have called so far, the innermost last.
+    under_way: ClassVar[list[set[str]]] = []
 
     def enable_caching(self) -> None:
         self._cache = KernelCache(self.py_func, self.targetoptions)
 
     def compile(self, sig: Any) -> Any:
         """Compile a version, or take it from the cache, or from whoever compiles it now."""
-        if isinstance(sig, tuple) and sig in self.overloads:
-            return self.overloads[sig].entry_point
-        with global_compiler_lock, self._cache.claim(sig, self.targetctx):
-            return super().compile(sig)
+        with global_compiler_lock:
+            path = self._cache.path(sig, self.targetctx)
+            if path is not None and self.under_way:
+                self.under_way[-1].add(path.name)
+            if sig in self.overloads:
+                return super().compile(sig)
+            self.under_way.append(set())
+            try:
+                with self._cache.claim(sig, self.targetctx):
+                    return super().compile(sig)
+            finally:
+                self.under_way.pop()
 
 
 class Kernel(_Compiled):
     """A kernel: called from Python it has a wrapper, called from other kernels it has none."""
 
     @functools.cached_property
-    def inner(self) -> _Compiled:
+    def inner(self) -> Any:
         """What other kernels call."""
-        return _made(_Compiled, self.py_func, {**self.targetoptions, "no_cpython_wrapper": True})
+        options = {**self.targetoptions, "no_cpython_wrapper": True}
+        return _made(_Compiled, self.py_func, options, _CompilerForLinking)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """How another kernel calls this one; for any number of a type the version is the same."""
@@ -175,8 +241,13 @@ class Kernel(_Compiled):
         return self.inner.get_overload(sig)
 
 
-def _made(kind: type[_Compiled], py_func: Callable, options: dict[str, Any]) -> Any:
-    made = kind(py_func=py_func, targetoptions=options)
+def _made(
+    kind: type[_Compiled],
+    py_func: Callable,
+    options: dict[str, Any],
+    pipeline: type[compiler.CompilerBase] = compiler.Compiler,
+) -> Any:
+    made = kind(py_func=py_func, targetoptions=options, pipeline_class=pipeline)
     made.enable_caching()
     return made
 
@@ -185,7 +256,7 @@ def _decorator(**options: Any) -> Callable[[Callable], Any]:
     shared = {"nopython": True, "boundscheck": None, "error_model": "numpy"}
 
     def decorate(py_func: Callable) -> Any:
-        if config.DISABLE_JIT:
+        if config.DISABLE_JIT:  # type: ignore[attr-defined]
             return py_func
         return _made(Kernel, py_func, {**shared, "no_cfunc_wrapper": True, **options})
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import llvmlite.binding
-import numba
+from numba.core import config
 
 from archfrag.kernel_cache import use_kernel_cache
 
@@ -71,7 +71,7 @@ def compiling(
         Called with a message at once and then about every second, from another thread.
     """
     started = time.perf_counter()
-    compiled = are_compiled(methods) or bool(numba.config.DISABLE_JIT)
+    compiled = are_compiled(methods) or bool(config.DISABLE_JIT)  # type: ignore[attr-defined]
     with contextlib.ExitStack() as stack:
         if progress is not None:
             stack.enter_context(_told(progress, None if compiled else expected_time(methods)))
@@ -117,20 +117,14 @@ def _told(progress: Callable[[str], Any], expected: float | None) -> Iterator[No
         ticker.join()
 
 
-def available_cores() -> int:
-    """Cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
 @contextlib.contextmanager
 def _helper(methods: Sequence[str]) -> Iterator[None]:
     """A second process that compiles what the first needs late; none on one core.
 
     It only fills the cache: what it does not do, or does not end, the first process does.
     """
-    if available_cores() < 2 or use_kernel_cache() is None or not sys.executable:
+    cores = config.NUMBA_DEFAULT_NUM_THREADS  # type: ignore[attr-defined]
+    if cores < 2 or use_kernel_cache() is None or not sys.executable:
         yield
         return
     package = str(Path(__file__).resolve().parents[2])
