@@ -305,14 +305,21 @@ class TestPrivate:
 
 
 class TestFiles:
-    def test_damaged_ones_are_made_again(self, compiled, tmp_path):
-        base = tmp_path / "base"
-        for damage in (lambda b: b[:100], lambda b: b"", lambda b: b[:-1] + bytes([b[-1] ^ 1])):
-            shutil.copytree(compiled, base, dirs_exist_ok=True)
-            (kernel,) = base.rglob("*.kernel")
-            kernel.write_bytes(damage(kernel.read_bytes()))
-            assert energy(NUMBA_CACHE_DIR=base)[0] == 0
-            assert energy(NUMBA_CACHE_DIR=base)[0] == 1
+    def test_damaged_ones_count_as_missing(self, compiled, tmp_path):
+        shutil.copytree(compiled, tmp_path / "base")
+        code = (
+            "import glob, os, numpy as np, archfrag.mechanics.energy as e\n"
+            "(file,) = glob.glob(os.environ['NUMBA_CACHE_DIR'] + '/*/*.kernel')\n"
+            "whole = open(file, 'rb').read()\n"
+            "print(e.kinetic_energy(np.ones(1), np.ones(1), np.ones((1, 3))))\n"
+            "cache, context = e.kinetic_energy._cache, e.kinetic_energy.targetctx\n"
+            "(sig,) = e.kinetic_energy.overloads\n"
+            "for text in (whole[:100], b'', whole[:-1] + bytes([whole[-1] ^ 1]), whole):\n"
+            "    open(file, 'wb').write(text)\n"
+            "    print(cache.load_overload(sig, context) is not None)\n"
+        )
+        told = python(code, NUMBA_CACHE_DIR=tmp_path / "base").split()
+        assert told == ["1.5", "False", "False", "False", "True"]
 
     def test_processes_that_compile_at_once(self, tmp_path):
         # Two versions of one kernel by each of four processes, each version by two of them.

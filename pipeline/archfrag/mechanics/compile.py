@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import llvmlite.binding as llvm
+from llvmlite import ir
 from numba.core import compiler, config
 from numba.core.caching import NullCache
 from numba.core.codegen import JITCodeLibrary
@@ -179,12 +180,15 @@ class _ForLinking(JITCodeLibrary):
         whole = self._final_module
         self._finalize_dynamic_globals()
         self._verify_declare_only_symbols()
-        names = [v.name for v in whole.global_variables if v.name.startswith("_ZN08NumbaEnv")]
-        lines = [f'@"{name}" = common global ptr null' for name in names]
-        self._final_module = llvm.parse_assembly("\n".join(lines))
-        self._final_module.name = whole.name
-        self._final_module.triple = whole.triple
-        self._final_module.data_layout = whole.data_layout
+        module = ir.Module(whole.name)
+        module.triple, module.data_layout = whole.triple, whole.data_layout
+        for variable in whole.global_variables:
+            if variable.name.startswith("_ZN08NumbaEnv"):
+                pointer = ir.IntType(8).as_pointer()
+                shared = ir.GlobalVariable(module, pointer, variable.name)
+                shared.linkage = "common"
+                shared.initializer = ir.Constant(pointer, None)
+        self._final_module = llvm.parse_assembly(str(module))
         super()._finalize_final_module()
         self._final_module = whole
 
