@@ -1,10 +1,16 @@
-"""Compiled kernels follow their source: an edited helper never leaves an old kernel in use."""
+"""Compiled kernels follow their source, are made once, and nobody else can plant any."""
 
+import hashlib
 import os
+import pickle
 import shutil
+import stat
 import subprocess
 import sys
+import time
 from pathlib import Path
+
+import pytest
 
 import archfrag
 
@@ -81,7 +87,8 @@ def test_a_cache_that_cannot_be_written_is_replaced(tmp_path):
         text=True,
         check=True,
     )  # fmt: skip
-    assert done.stdout.startswith(str(tmp_path / "archfrag-"))
+    assert done.stdout.startswith(str(tmp_path / f"archfrag-{os.getuid()}"))
+    assert stat.S_IMODE((tmp_path / f"archfrag-{os.getuid()}").stat().st_mode) == 0o700
 
 
 def test_only_what_kernels_are_made_of_counts(tmp_path):
@@ -126,3 +133,232 @@ def test_a_second_clone_compiles_nothing(tmp_path):
         )
         hits.append(done.stdout.strip())
     assert hits == ["0", "1"]
+
+
+ENERGY = (
+    "import archfrag.mechanics.energy as e, numpy as np;"
+    "print(e.kinetic_energy(np.ones(1), np.ones(1), np.ones((1, 3))),"
+    "sum(e.kinetic_energy.stats.cache_hits.values()), e.kinetic_energy.stats.cache_path)"
+)
+
+
+def python(code, umask=-1, **environment):
+    """What a process of its own prints."""
+    inherited = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
+    return subprocess.run(
+        [sys.executable, "-c", code],
+        env={**inherited, **{k: str(v) for k, v in environment.items()}},
+        capture_output=True,
+        text=True,
+        check=True,
+        umask=umask,
+    ).stdout
+
+
+def energy(**environment):
+    """Number of kernels found, and the folder, where a process computes an energy."""
+    value, found, folder = python(ENERGY, **environment).split()
+    assert float(value) == 1.5
+    return int(found), Path(folder)
+
+
+def chosen(umask=-1, **environment):
+    """Folder that a process would use."""
+    code = "from archfrag.kernel_cache import use_kernel_cache; print(use_kernel_cache())"
+    return Path(python(code, umask, **environment).strip())
+
+
+class Planted:
+    """A pickle that makes a file when it is read."""
+
+    def __init__(self, marker):
+        self.marker = marker
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.marker),)
+
+
+def plant(folder, marker):
+    """Put code in the place of every compiled kernel of a folder."""
+    planted = pickle.dumps(Planted(marker))
+    kernels = [path for path in folder.rglob("*") if path.is_file()]
+    assert kernels
+    for path in kernels:
+        path.write_bytes(hashlib.sha256(planted).digest() + planted)
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory):
+    base = tmp_path_factory.mktemp("compiled")
+    energy(NUMBA_CACHE_DIR=base)
+    return base
+
+
+@pytest.fixture
+def shared(tmp_path):
+    """A directory like /tmp: everybody writes, nobody touches the files of others."""
+    place = tmp_path / "shared"
+    place.mkdir()
+    place.chmod(0o1777)
+    return place
+
+
+def own(path, uid):
+    for place in (path, *path.rglob("*")):
+        os.chown(place, uid, uid)
+
+
+HOMELESS = {"HOME": "/dev/null", "XDG_CACHE_HOME": ""}
+as_root = pytest.mark.skipif(
+    os.getuid() != 0, reason="only root can make files of another user"
+)  # fmt: skip
+
+
+class TestOthers:
+    """A folder that someone else made or can write to is not used."""
+
+    def test_planted_code_runs_where_the_folder_is_ours(self, compiled, tmp_path):
+        # What the next test plants does run when it is trusted.
+        base = tmp_path / "base"
+        shutil.copytree(compiled, base)
+        plant(base, tmp_path / "ran")
+        with pytest.raises(subprocess.CalledProcessError):
+            energy(NUMBA_CACHE_DIR=base)
+        assert (tmp_path / "ran").exists()
+
+    @as_root
+    def test_planted_by_another_user(self, compiled, tmp_path, shared):
+        base = shared / f"archfrag-{os.getuid()}"
+        shutil.copytree(compiled, base)
+        plant(base, tmp_path / "ran")
+        own(base, 61002)
+        found, folder = energy(**HOMELESS, TMPDIR=shared)
+        assert found == 0
+        assert not (tmp_path / "ran").exists()
+        assert folder.is_relative_to(shared)
+        assert not folder.is_relative_to(base)
+        assert not folder.exists()  # a temporary one, removed at the end
+
+    @as_root
+    @pytest.mark.parametrize("whose", ["base", "folder", "file"])
+    def test_partly_of_another_user(self, compiled, tmp_path, shared, whose):
+        base = tmp_path / "base"
+        shutil.copytree(compiled, base)
+        (folder,) = base.glob("k-*")
+        (file,) = folder.iterdir()
+        folder.chmod(0o777)
+        os.chown({"base": base, "folder": folder, "file": file}[whose], 61002, 61002)
+        assert chosen(NUMBA_CACHE_DIR=base, TMPDIR=shared).is_relative_to(shared)
+
+    def test_a_place_where_everybody_writes(self, tmp_path, shared):
+        place = tmp_path / "open"
+        place.mkdir()
+        place.chmod(0o777)
+        assert chosen(NUMBA_CACHE_DIR=place / "base", TMPDIR=shared).is_relative_to(shared)
+        assert chosen(NUMBA_CACHE_DIR=place, TMPDIR=shared).is_relative_to(shared)
+
+    def test_a_link_in_the_temporary_directory(self, tmp_path, shared):
+        (tmp_path / "base").mkdir(mode=0o700)
+        (shared / f"archfrag-{os.getuid()}").symlink_to(tmp_path / "base")
+        folder = chosen(**HOMELESS, TMPDIR=shared)
+        assert folder.is_relative_to(shared)
+        assert not list((tmp_path / "base").iterdir())
+
+    def test_no_safe_place_at_all(self, tmp_path):
+        place = tmp_path / "open"
+        place.mkdir()
+        place.chmod(0o777)
+        assert energy(**HOMELESS, TMPDIR=place) == (0, Path("None"))
+        assert not list(place.iterdir())
+
+
+class TestPrivate:
+    def test_whatever_the_umask(self, tmp_path):
+        chosen(umask=0, NUMBA_CACHE_DIR=tmp_path / "a" / "b")
+        for folder in (p for p in tmp_path.rglob("*") if p.is_dir()):
+            assert stat.S_IMODE(folder.stat().st_mode) == 0o700, folder
+
+    def test_a_folder_of_ours_that_a_group_may_write_is_closed(self, compiled, tmp_path):
+        base = tmp_path / "base"
+        shutil.copytree(compiled, base)
+        (folder,) = base.glob("k-*")
+        for place in (base, folder):
+            place.chmod(0o775)
+        assert chosen(NUMBA_CACHE_DIR=base) == folder
+        assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+        assert list(folder.iterdir())
+
+    def test_a_home_that_is_a_link(self, tmp_path):
+        (tmp_path / "real").mkdir()
+        (tmp_path / "link").symlink_to(tmp_path / "real")
+        folder = chosen(NUMBA_CACHE_DIR=tmp_path / "link" / "cache")
+        assert folder.is_relative_to(tmp_path / "real" / "cache")
+
+    def test_children_use_the_temporary_folder_of_their_parent(self, shared):
+        (shared / f"archfrag-{os.getuid()}").write_text("in the way")
+        ask = "from archfrag.kernel_cache import use_kernel_cache as f; print(f(), flush=True)"
+        code = f"{ask}; import subprocess, sys; subprocess.run([sys.executable, '-c', {ask!r}])"
+        parent, child = python(code, **HOMELESS, TMPDIR=shared).split()
+        assert parent == child
+        assert Path(parent).is_relative_to(shared)
+        assert not Path(parent).parent.exists()
+
+
+class TestFiles:
+    def test_damaged_ones_count_as_missing(self, compiled, tmp_path):
+        shutil.copytree(compiled, tmp_path / "base")
+        code = (
+            "import glob, os, numpy as np, archfrag.mechanics.energy as e\n"
+            "(file,) = glob.glob(os.environ['NUMBA_CACHE_DIR'] + '/*/*.kernel')\n"
+            "whole = open(file, 'rb').read()\n"
+            "print(e.kinetic_energy(np.ones(1), np.ones(1), np.ones((1, 3))))\n"
+            "cache, context = e.kinetic_energy._cache, e.kinetic_energy.targetctx\n"
+            "(sig,) = e.kinetic_energy.overloads\n"
+            "for text in (whole[:100], b'', whole[:-1] + bytes([whole[-1] ^ 1]), whole):\n"
+            "    open(file, 'wb').write(text)\n"
+            "    print(cache.load_overload(sig, context) is not None)\n"
+        )
+        told = python(code, NUMBA_CACHE_DIR=tmp_path / "base").split()
+        assert told == ["1.5", "False", "False", "False", "True"]
+
+    def test_processes_that_compile_at_once(self, tmp_path):
+        # Two versions of one kernel by each of four processes, each version by two of them.
+        code = (
+            "import sys, time, numpy as np, archfrag.mechanics.energy as e\n"
+            "while time.time() < float(sys.argv[1]): time.sleep(0.001)\n"
+            "for kind in sys.argv[2:]:\n"
+            "    print(kind, e.potential_energy(np.full(2, 1, kind), 2.0, np.ones((2, 3))))\n"
+            "print(len(e.potential_energy.stats.cache_hits), len(e.potential_energy.overloads))"
+        )
+        start = str(time.time() + 3.0)
+        pairs = (["f8", "f4"], ["f4", "f8"], ["i8", "f8"], ["f4", "i8"])
+        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+        running = [
+            subprocess.Popen([sys.executable, "-c", code, start, *kinds], env=environment,
+                             stdout=subprocess.PIPE, text=True)
+            for kinds in pairs
+        ]  # fmt: skip
+        told = [process.communicate(timeout=120)[0].split() for process in running]
+        for words, kinds in zip(told, pairs):
+            assert words[:4] == [kinds[0], "4.0", kinds[1], "4.0"]
+        # Each version was compiled by one process; the others waited for it.
+        assert sum(int(words[-2]) for words in told) == 5
+        assert len(list(tmp_path.rglob("*.kernel"))) == 3
+        assert not [p for p in tmp_path.rglob("*") if p.suffix in (".lock", ".tmp")]
+
+    def test_a_full_disk_stops_nothing(self, tmp_path):
+        code = (
+            "import resource, warnings, numpy as np, archfrag.mechanics.energy as e\n"
+            "resource.setrlimit(resource.RLIMIT_FSIZE, (10, 10))\n"
+            "with warnings.catch_warnings(record=True) as caught:\n"
+            "    print(e.kinetic_energy(np.ones(1), np.ones(1), np.ones((1, 3))))\n"
+            "print(*(w.message for w in caught))"
+        )
+        done = subprocess.run(
+            [sys.executable, "-c", code], env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
+            capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        first, second = done.stdout.splitlines()
+        assert first == "1.5"
+        assert second.startswith("compiled kernels cannot be kept in")
+        assert not [p for p in tmp_path.rglob("*") if p.is_file()]

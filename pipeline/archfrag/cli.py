@@ -327,11 +327,22 @@ def validate(study_file: Path, overrides: tuple[str, ...], as_json: bool) -> Non
 
 
 @main.command()
-def warmup() -> None:
+@click.option("--method", help="Only the kernels of this method; all methods if not given.")
+def warmup(method: str | None) -> None:
     """Compile the kernels now, so that nothing waits for it later."""
     from archfrag.simulate import warmup as compile_kernels
 
-    click.echo(f"kernels ready after {compile_kernels():.1f} s")
+    def show(message: str) -> None:
+        if sys.stderr.isatty():
+            click.echo(f"\r{message}\033[K", err=True, nl=False)
+        elif not said:
+            click.echo(message, err=True)
+        said.append(message)
+
+    said: list[str] = []
+    seconds = compile_kernels(method, show)
+    click.echo("\r\033[K" if sys.stderr.isatty() else "", err=True, nl=False)
+    click.echo(f"kernels ready after {seconds:.1f} s")
 
 
 @main.command()

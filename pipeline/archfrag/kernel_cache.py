@@ -1,26 +1,34 @@
-"""Where compiled kernels are kept: one folder for each state of the kernels' source.
+"""Where compiled kernels are kept: one private folder for each state of the kernels' source.
 
-Numba's disk cache looks at the file in which a kernel is defined, not at the helpers it calls
-from other files, so that an edited helper would leave old machine code in use. The folder's
-name is therefore a hash of all of `mechanics` and `methods` and of the versions of Python,
-numba and llvmlite. Inside it a kernel is found by the place of its file in the package, not on
-the disk, so that every clone and environment of a machine uses the same compiled code.
+The folder's name is a hash of all of `mechanics` and `methods` and of the versions of Python,
+numba and llvmlite, so that an edited helper never leaves old machine code in use, and every clone
+and environment of a machine uses the same compiled code (`archfrag.mechanics.compile`).
+
+What is loaded from the folder runs as machine code. It is therefore used only if nobody else can
+write to it: it is ours, private, and no directory above it lets others replace it. Where the
+user's cache does not fulfil that, or cannot be written, a private folder in the system's
+temporary directory takes its place, and where that is not safe either, nothing is kept.
 """
 
+import atexit
+import contextlib
+import functools
 import hashlib
 import os
 import platform
 import shutil
+import stat
 import tempfile
 import time
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 KERNEL_FOLDERS = ("mechanics", "methods")
 HOLDS_NO_KERNEL = ("registry.py",)
 KEPT = 8
 KEPT_FOR_SURE = 30 * 86400.0
+# Names the temporary cache of this process to the processes that it starts.
+INHERITED = "ARCHFRAG_KERNEL_CACHE"
 
 
 def kernel_hash() -> str:
@@ -51,65 +59,144 @@ def kernel_hash() -> str:
     return digest.hexdigest()[:40]
 
 
+@functools.cache
+def use_kernel_cache() -> Path | None:
+    """Choose and make the folder for the compiled kernels as they are now, once a process.
+
+    The first of these that can be made, is ours and can be written by nobody else:
+    ``NUMBA_CACHE_DIR`` if that is set, else the user's cache directory; ``archfrag-UID`` in the
+    temporary directory; a new temporary folder, which is removed when the process ends.
+
+    Returns
+    -------
+    Path or None
+        None if there is no safe place: kernels are then compiled again in every process.
+    """
+    name = f"k-{kernel_hash()}"
+    temporary = _temporary()
+    places = [(_base(), False)]
+    if temporary is not None:
+        places.append((temporary / f"archfrag-{os.getuid()}", True))
+    if INHERITED in os.environ:
+        places.insert(0, (Path(os.environ[INHERITED]), True))
+    for base, ours in places:
+        with contextlib.suppress(OSError):
+            return _prepared(base, name, ours)
+    if temporary is None:
+        return None
+    with contextlib.suppress(OSError):
+        base = Path(tempfile.mkdtemp(prefix="archfrag-", dir=temporary))
+        atexit.register(_remove, base, os.getpid())
+        os.environ[INHERITED] = str(base)
+        return _prepared(base, name, True)
+    return None
+
+
 def _base() -> Path:
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     if chosen:
-        return Path(chosen)
+        return Path(chosen).absolute()
     from platformdirs import user_cache_path
 
     return user_cache_path("archfrag") / "kernels"
 
 
+def _temporary() -> Path | None:
+    """The system's temporary directory; None if there is none where others keep off our files."""
+    with contextlib.suppress(OSError):
+        path = Path(tempfile.gettempdir()).resolve()
+        for place in (path, *path.parents):
+            mode = place.stat().st_mode
+            if mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
+                return None
+        return path
+    return None
+
+
+def _prepared(base: Path, name: str, ours: bool) -> Path:
+    """Folder `name` in `base`, private; `ours` if `base` itself is to be private too.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made or written, or if others can write to it or replace it.
+    """
+    if ours:
+        _make_private(base)
+    base = _kept_from_others(base)
+    _make_folders(base)
+    _make_private(base / name)
+    tempfile.TemporaryFile(dir=base / name).close()
+    os.utime(base / name)
+    _forget_old(base)
+    return base / name
+
+
+def _kept_from_others(path: Path) -> Path:
+    """A path without symbolic links, after a look at all that is above it.
+
+    Only root and we may own its directories and links. Others may write to a directory on the
+    way if it has the sticky bit, as the temporary directory has. Members of a group that may
+    write are trusted: where each user has a group of their own, this is the usual umask.
+
+    Raises
+    ------
+    PermissionError
+    """
+    resolved = Path(os.path.realpath(path))
+    for place in (path, *path.parents, resolved, *resolved.parents):
+        try:
+            found = os.lstat(place)
+        except FileNotFoundError:
+            continue
+        if found.st_uid not in (0, os.getuid()):
+            raise PermissionError(f"{place} belongs to another user")
+        if stat.S_ISLNK(found.st_mode):
+            continue
+        if found.st_mode & stat.S_IWOTH and not found.st_mode & stat.S_ISVTX:
+            raise PermissionError(f"{place} can be written by every user")
+    return resolved
+
+
+def _make_folders(path: Path) -> None:
+    """Make a folder and what is missing above it, private whatever the umask."""
+    for place in (*reversed(path.parents), path):
+        with contextlib.suppress(FileExistsError):
+            place.mkdir(mode=0o700)
+
+
+def _make_private(folder: Path) -> None:
+    """Make a folder that only we can enter; one that exists has to be ours with all in it.
+
+    Raises
+    ------
+    OSError
+        If it is a link or no directory, or if it or what is in it belongs to someone else.
+    """
+    _make_folders(folder)
+    found = os.lstat(folder)
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():
+        raise PermissionError(f"{folder} is not a directory of our own")
+    if not found.st_mode & 0o077:
+        return
+    # Others had access: keep them off first, then see that they left nothing.
+    folder.chmod(0o700)
+    for place, folders, files in os.walk(folder):
+        for entry in (*folders, *files):
+            inside = os.lstat(os.path.join(place, entry))
+            if inside.st_uid != os.getuid() or stat.S_ISLNK(inside.st_mode):
+                raise PermissionError(f"{folder} holds what is not ours: {entry}")
+
+
 def _forget_old(base: Path) -> None:
-    folders = [p for p in base.iterdir() if p.is_dir() and p.name.startswith("k-")]
+    folders = [p for p in base.glob("k-*") if p.is_dir() and p.lstat().st_uid == os.getuid()]
     folders.sort(key=lambda p: p.stat().st_mtime, reverse=True)
     recent = time.time() - KEPT_FOR_SURE
     for folder in folders[KEPT:]:
-        if folder.stat().st_mtime > recent:
-            continue
+        if folder.stat().st_mtime <= recent:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _remove(folder: Path, pid: int) -> None:
+    if os.getpid() == pid:
         shutil.rmtree(folder, ignore_errors=True)
-
-
-def use_kernel_cache() -> Path:
-    """Keep the compiled kernels of this package in the folder for the kernels as they are now.
-
-    Called when `archfrag.mechanics` is imported, before any kernel is declared. Numba functions
-    outside this package are cached where numba would put them anyway.
-
-    Returns
-    -------
-    Path
-        The folder; one under the system's temporary folder if the user's cache cannot be
-        written.
-    """
-    from numba.core import caching
-
-    base = _base()
-    folder = base / f"k-{kernel_hash()}"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        os.utime(folder)
-        _forget_old(base)
-    except OSError:
-        base = Path(tempfile.gettempdir()) / f"archfrag-{os.getuid()}"
-        folder = base / folder.name
-        folder.mkdir(parents=True, exist_ok=True)
-    home = Path(__file__).resolve().parent
-
-    class KernelLocator(caching.InTreeCacheLocator):
-        """Finds a kernel of this package by its file's place in the package."""
-
-        def __init__(self, py_func: Any, py_file: str) -> None:
-            self._py_file = py_file
-            self._lineno = py_func.__code__.co_firstlineno
-            place = Path(py_file).resolve().parent.relative_to(home)
-            self._cache_path = str(folder / place)
-
-        @classmethod
-        def from_function(cls, py_func: Any, py_file: str) -> Any:
-            if not Path(py_file).resolve().is_relative_to(home):
-                return None
-            return super().from_function(py_func, py_file)
-
-    caching.CacheImpl._locator_classes.insert(0, KernelLocator)
-    return folder

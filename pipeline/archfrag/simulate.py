@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -17,7 +17,7 @@ from archfrag.mechanics.status import Count
 from archfrag.mechanics.types import Frames, GroundMotion, MechanismLog, Options, Outcome
 from archfrag.methods.registry import AUTO, OWN_STEP
 from archfrag.motions.motion import Motion
-from archfrag.simulation import checks
+from archfrag.simulation import checks, warm
 from archfrag.simulation.history import empty_frames, history_of
 from archfrag.simulation.mechanism import (
     LARGEST_ROOM,
@@ -29,12 +29,17 @@ from archfrag.simulation.mechanism import (
 from archfrag.simulation.response import Response, response_of
 from archfrag.simulation.rest import Hinge, Onset, check_stands, onset
 
-__all__ = ["Hinge", "MechanismChange", "Onset", "Response", "onset", "simulate", "warmup"]
+__all__ = [
+    "Hinge", "MechanismChange", "Onset", "Response", "expected_compile_time",
+    "kernels_are_compiled", "onset", "simulate", "warmup",
+]  # fmt: skip
 
 LOSS_LIMIT = 0.5
 CHECK_INTERVAL = 64
 # Frames of a history are as fine as the record, or this where the record is coarser [s].
 COARSEST_FRAMES = 0.01
+# Methods that also step over all voussoirs.
+STEPS_TOO = ("auto", "event_driven")
 
 
 def simulate(
@@ -158,18 +163,28 @@ def simulate(
     )
 
 
-def warmup(method: str | None = None) -> float:
+def warmup(method: str | None = None, progress: Callable[[str], object] | None = None) -> float:
     """Compile the kernels, or load them from the cache, once for this machine.
+
+    Two processes share the work where there are two cores.
 
     Parameters
     ----------
     method : str, optional
         The one whose kernels are wanted; all methods that are installed if not given.
+    progress : callable, optional
+        Called with a message such as "loading kernels" or "compiling kernels, once: 12 s of
+        about 150 s", at once and while it compiles about every second, from another thread.
 
     Returns
     -------
     float
         Seconds it took.
+
+    Raises
+    ------
+    InputError
+        If there is no such method.
 
     Examples
     --------
@@ -178,12 +193,85 @@ def warmup(method: str | None = None) -> float:
     True
     """
     started = time.perf_counter()
-    arch = Arch.circular(10.0, 1.5, 157.5, voussoirs=3, friction=0.7)
-    onset(arch)
-    motion = Motion(np.zeros(3), dt=0.01)
-    for name in checks.available_methods() if method is None else (method,):
-        simulate(arch, motion, method=name)
+    names = _methods_of(method)
+    with warm.compiling(names, progress):
+        for name in names:
+            _move_once(name)
+        check_stands(_smallest_arch())
+        onset(_smallest_arch())
     return time.perf_counter() - started
+
+
+def kernels_are_compiled(method: str | None = None) -> bool:
+    """Whether `warmup` has only to load kernels.
+
+    Parameters
+    ----------
+    method : str, optional
+        As for `warmup`.
+
+    Examples
+    --------
+    >>> from archfrag.simulate import kernels_are_compiled, warmup
+    >>> seconds = warmup("time_stepping")
+    >>> kernels_are_compiled("time_stepping")
+    True
+    """
+    return warm.are_compiled(_methods_of(method))
+
+
+def expected_compile_time(method: str | None = None) -> float:
+    """How long `warmup` takes if it has to compile.
+
+    Parameters
+    ----------
+    method : str, optional
+        As for `warmup`.
+
+    Returns
+    -------
+    float
+        As long as the last time on this machine, or a usual time if there was none [s].
+
+    Examples
+    --------
+    >>> from archfrag.simulate import expected_compile_time
+    >>> expected_compile_time("auto") > 0.0
+    True
+    """
+    return warm.expected_time(_methods_of(method))
+
+
+def compile_beside(methods: Sequence[str]) -> None:
+    """What the second process of a warm-up compiles: what the first needs late.
+
+    Parameters
+    ----------
+    methods : sequence of str
+        Those that the first process compiles, in its order.
+    """
+    warm.end_with_parent()
+    check_stands(_smallest_arch())
+    if len(methods) == 1:
+        methods = ["time_stepping"] if methods[0] in STEPS_TOO else []
+    for name in reversed(methods):
+        _move_once(name)
+    onset(_smallest_arch())
+
+
+def _methods_of(method: str | None) -> tuple[str, ...]:
+    return checks.available_methods() if method is None else (checks.check_method(method).name,)
+
+
+def _smallest_arch() -> Arch:
+    return Arch.circular(10.0, 1.5, 157.5, voussoirs=3, friction=0.7)
+
+
+def _move_once(method: str) -> None:
+    arch = _smallest_arch()
+    # With an initial state the kernels that see whether an arch stands are not needed first.
+    at_rest = np.zeros((arch.n_voussoir, 3))
+    simulate(arch, Motion(np.zeros(3), dt=0.01), method=method, initial=(at_rest, at_rest))
 
 
 def _check_numbers(scale: float, rtol: float, follow: float, dt: float, loss_limit: float) -> None:

@@ -1,11 +1,274 @@
-"""How kernels are compiled: cached on disk, IEEE division, no reordering of sums."""
+"""How kernels are compiled: IEEE division, no reordering of sums, each once, kept on disk.
 
-from numba import njit
+A kernel is compiled for the kernels that call it without what only a call from Python needs: the
+wrapper that unpacks its arguments, hundreds of them for a whole chain, and machine code of its
+own beside the copy in its caller. A call from Python has it compiled with both. Numbers written
+out in a call make no version of their own.
+"""
 
-allocating = njit(cache=True, error_model="numpy")
+import contextlib
+import fcntl
+import functools
+import hashlib
+import inspect
+import os
+import time
+import uuid
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, ClassVar
+
+import llvmlite.binding as llvm
+from llvmlite import ir
+from numba.core import compiler, config
+from numba.core.caching import NullCache
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.registry import CPUDispatcher
+from numba.core.serialize import dumps, loads
+from numba.core.types import unliteral
+
+from archfrag.kernel_cache import use_kernel_cache
+
+HOME = Path(__file__).resolve().parent.parent
+# After this a kernel that another process has begun to compile is compiled here too [s].
+PATIENCE = 600.0
+
+
+class KernelCache(NullCache):
+    """Compiled versions of one kernel: a file for each, named after the types of its arguments.
+
+    Each file appears whole or not at all and names no other file, so that processes may write at
+    the same time. A file that is damaged, or is of something else, counts as missing.
+    """
+
+    def __init__(self, py_func: Callable, options: dict[str, Any]) -> None:
+        file = Path(inspect.getfile(py_func)).resolve()
+        self._folder = use_kernel_cache()
+        self._paths: dict[Any, Path | None] = {}
+        self._name = f"{file.stem}.{py_func.__qualname__}".replace("<locals>", "_")
+        if not file.is_file() or py_func.__closure__:
+            self._folder = None
+            return
+        place = file.relative_to(HOME) if file.is_relative_to(HOME) else file
+        line = py_func.__code__.co_firstlineno
+        self._what = f"{place}:{line} {sorted(options.items())} {_digest_of_file(file)}"
+
+    @property
+    def cache_path(self) -> str | None:
+        return None if self._folder is None else str(self._folder)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Compiled version for a signature; None if there is none."""
+        target_context.refresh()
+        path = self.path(sig, target_context)
+        content = None if path is None else read_version(path)
+        if content is None:
+            return None
+        what, signature, _, reduced = content
+        if what != self._what or signature != sig:
+            return None
+        return compiler.CompileResult._rebuild(target_context, *reduced)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep a compiled version."""
+        path = self.path(sig, data.target_context)
+        if path is None or data.library.has_dynamic_globals:
+            return
+        called = sorted(_Compiled.under_way[-1])
+        content = dumps((self._what, sig, called, data._reduce()))
+        temporary = path.with_name(f"{path.name}.{uuid.uuid4().hex[:8]}.tmp")
+        try:
+            temporary.write_bytes(hashlib.sha256(content).digest() + content)
+            os.replace(temporary, path)
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                temporary.unlink()
+            _warn_once(f"compiled kernels cannot be kept in {self._folder}: {error.strerror}")
+
+    @contextlib.contextmanager
+    def claim(self, sig: Any, target_context: Any) -> Iterator[None]:
+        """Keep other processes from compiling the same version meanwhile; wait if one does."""
+        path = self.path(sig, target_context)
+        if path is None or path.exists():
+            yield
+            return
+        lock = path.with_suffix(".lock")
+        try:
+            file = os.open(lock, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
+        except OSError:  # no room or no right: saving will say so
+            yield
+            return
+        try:
+            _wait_for(file, path)
+            yield
+        finally:
+            with contextlib.suppress(OSError):
+                lock.unlink()
+            # Not by closing it alone: a process forked meanwhile has it open too.
+            with contextlib.suppress(OSError):
+                fcntl.flock(file, fcntl.LOCK_UN)
+            os.close(file)
+
+    def path(self, sig: Any, target_context: Any) -> Path | None:
+        """File of the version for a signature; None if it cannot be kept."""
+        if sig not in self._paths:
+            text = str(sig)
+            # A function among the arguments is named by its address, which others have later.
+            if self._folder is None or " at 0x" in text:
+                self._paths[sig] = None
+            else:
+                key = f"{self._what} {text} {target_context.codegen().magic_tuple()}".encode()
+                name = f"{self._name}-{hashlib.sha256(key).hexdigest()[:20]}.kernel"
+                self._paths[sig] = self._folder / name
+        return self._paths[sig]
+
+
+def read_version(path: Path) -> tuple[str, Any, list[str], Any] | None:
+    """What the file of a compiled version holds.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    tuple or None
+        Which kernel with which options, types of the arguments, names of the files of the
+        versions that it calls, and numba's result; None if there is no such file or it is damaged.
+    """
+    try:
+        whole = path.read_bytes()
+    except OSError:
+        return None
+    digest, content = whole[:32], whole[32:]
+    return loads(content) if hashlib.sha256(content).digest() == digest else None
+
+
+@functools.cache
+def _digest_of_file(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+@functools.cache
+def _warn_once(message: str) -> None:
+    warnings.warn(message, RuntimeWarning, stacklevel=2)
+
+
+def _wait_for(file: int, made: Path) -> None:
+    """Lock a file, or wait until its present holder has made what it is about."""
+    until = time.monotonic() + PATIENCE
+    while not made.exists() and time.monotonic() < until:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return
+        except BlockingIOError:
+            time.sleep(0.02)
+        except OSError:  # a file system without locks: at worst it is compiled twice
+            return
+
+
+class _ForLinking(JITCodeLibrary):
+    """Code of a kernel that is only linked into its callers: optimised, not made machine code.
+
+    What is made machine code in its place are the variables in which numba keeps what belongs to
+    a function; a caller's copy shares them.
+    """
+
+    def _finalize_final_module(self) -> None:
+        whole = self._final_module
+        self._finalize_dynamic_globals()
+        self._verify_declare_only_symbols()
+        module = ir.Module(whole.name)
+        module.triple, module.data_layout = whole.triple, whole.data_layout
+        for variable in whole.global_variables:
+            if variable.name.startswith("_ZN08NumbaEnv"):
+                pointer = ir.IntType(8).as_pointer()
+                shared = ir.GlobalVariable(module, pointer, variable.name)
+                shared.linkage = "common"
+                shared.initializer = ir.Constant(pointer, None)
+        self._final_module = llvm.parse_assembly(str(module))
+        super()._finalize_final_module()
+        self._final_module = whole
+
+
+class _CompilerForLinking(compiler.Compiler):
+    def __init__(self, typingctx: Any, targetctx: Any, library: Any, *others: Any) -> None:
+        if library is None:
+            library = _ForLinking(targetctx.codegen(), "kernel")
+            library.enable_object_caching()
+        super().__init__(typingctx, targetctx, library, *others)
+
+
+class _Compiled(CPUDispatcher):
+    """A numba function with our cache."""
+
+    # Names of the versions that those being compiled now have called so far, the innermost last.
+    under_way: ClassVar[list[set[str]]] = []
+
+    def enable_caching(self) -> None:
+        self._cache = KernelCache(self.py_func, self.targetoptions)
+
+    def compile(self, sig: Any) -> Any:
+        """Compile a version, or take it from the cache, or from whoever compiles it now."""
+        with global_compiler_lock:
+            path = self._cache.path(sig, self.targetctx)
+            if path is not None and self.under_way:
+                self.under_way[-1].add(path.name)
+            if sig in self.overloads:
+                return super().compile(sig)
+            self.under_way.append(set())
+            try:
+                with self._cache.claim(sig, self.targetctx):
+                    return super().compile(sig)
+            finally:
+                self.under_way.pop()
+
+
+class Kernel(_Compiled):
+    """A kernel: called from Python it has a wrapper, called from other kernels it has none."""
+
+    @functools.cached_property
+    def inner(self) -> Any:
+        """What other kernels call."""
+        options = {**self.targetoptions, "no_cpython_wrapper": True}
+        return _made(_Compiled, self.py_func, options, _CompilerForLinking)
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """How another kernel calls this one; for any number of a type the version is the same."""
+        args = [unliteral(given) for given in args]
+        return self.inner.get_call_template(args, {k: unliteral(v) for k, v in kws.items()})
+
+    def get_overload(self, sig: Any) -> Any:
+        """What the call of another kernel ends in."""
+        return self.inner.get_overload(sig)
+
+
+def _made(
+    kind: type[_Compiled],
+    py_func: Callable,
+    options: dict[str, Any],
+    pipeline: type[compiler.CompilerBase] = compiler.Compiler,
+) -> Any:
+    made = kind(py_func=py_func, targetoptions=options, pipeline_class=pipeline)
+    made.enable_caching()
+    return made
+
+
+def _decorator(**options: Any) -> Callable[[Callable], Any]:
+    shared = {"nopython": True, "boundscheck": None, "error_model": "numpy"}
+
+    def decorate(py_func: Callable) -> Any:
+        if config.DISABLE_JIT:  # type: ignore[attr-defined]
+            return py_func
+        return _made(Kernel, py_func, {**shared, "no_cfunc_wrapper": True, **options})
+
+    return decorate
+
+
+allocating = _decorator()
 # Kernels that make no arrays of their own do without numba's reference counts, which cost more
 # than the arithmetic of a short chain: every call counts each array of its arguments up and down.
-kernel = njit(cache=True, error_model="numpy", _nrt=False)  # type: ignore[call-overload]
-inlined = njit(  # type: ignore[call-overload]
-    cache=True, error_model="numpy", _nrt=False, inline="always"
-)
+kernel = _decorator(_nrt=False)
+inlined = _decorator(_nrt=False, inline="always")

@@ -1,0 +1,157 @@
+"""Compiling ahead of a study: on a second core, with a message that says how long it takes."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import llvmlite.binding
+from numba.core import config
+
+from archfrag.kernel_cache import use_kernel_cache
+
+# What the compilation of a method takes where none was measured before [s].
+EXPECTED = 150.0
+TICK = 1.0
+_HELPER = """
+import sys
+from archfrag.simulate import compile_beside
+compile_beside(sys.argv[1:])
+"""
+
+
+def _stamp(folder: Path, method: str) -> Path:
+    # Machine code is for one kind of processor; a home folder may serve several.
+    return folder / f"compiled-{method}-{llvmlite.binding.get_host_cpu_name()}.json"
+
+
+def are_compiled(methods: Sequence[str]) -> bool:
+    """Whether a complete warm-up of each method has been made with the kernels as they are."""
+    folder = use_kernel_cache()
+    return folder is not None and all(_stamp(folder, name).is_file() for name in methods)
+
+
+def expected_time(methods: Sequence[str]) -> float:
+    """What compiling takes here, by the last warm-up of these methods for any kernels [s]."""
+    folder = use_kernel_cache()
+    if folder is None:
+        return EXPECTED * len(methods)
+    return sum(_last_time(folder.parent, name) for name in methods)
+
+
+def _last_time(base: Path, method: str) -> float:
+    def made(path: Path) -> float:
+        return path.stat().st_mtime
+
+    stamps = [_stamp(folder, method) for folder in base.glob("k-*")]
+    for stamp in sorted((s for s in stamps if s.is_file()), key=made, reverse=True):
+        with contextlib.suppress(ValueError, KeyError, TypeError, OSError):
+            return float(json.loads(stamp.read_text(encoding="utf-8"))["seconds"])
+    return EXPECTED
+
+
+@contextlib.contextmanager
+def compiling(
+    methods: Sequence[str], progress: Callable[[str], Any] | None = None
+) -> Iterator[None]:
+    """Around what compiles the kernels of some methods: help, messages, and a note at the end.
+
+    Parameters
+    ----------
+    methods : sequence of str
+    progress : callable, optional
+        Called with a message at once and then about every second, from another thread.
+    """
+    started = time.perf_counter()
+    compiled = are_compiled(methods) or bool(config.DISABLE_JIT)  # type: ignore[attr-defined]
+    with contextlib.ExitStack() as stack:
+        if progress is not None:
+            stack.enter_context(_told(progress, None if compiled else expected_time(methods)))
+        if not compiled:
+            stack.enter_context(_helper(methods))
+        yield
+    folder = use_kernel_cache()
+    if compiled or folder is None:
+        return
+    seconds = round(time.perf_counter() - started, 1)
+    for name in methods:
+        stamp = _stamp(folder, name)
+        if not stamp.is_file():
+            with contextlib.suppress(OSError):  # only the next message depends on it
+                text = json.dumps({"seconds": round(seconds / len(methods), 1)})
+                stamp.write_text(text, encoding="utf-8")
+
+
+@contextlib.contextmanager
+def _told(progress: Callable[[str], Any], expected: float | None) -> Iterator[None]:
+    if expected is None:
+        progress("loading kernels")
+        yield
+        return
+    ended = threading.Event()
+    started = time.perf_counter()
+
+    def tell() -> None:
+        passed = time.perf_counter() - started
+        progress(f"compiling kernels, once: {passed:.0f} s of about {expected:.0f} s")
+
+    def tick() -> None:
+        while not ended.wait(TICK):
+            tell()
+
+    tell()
+    ticker = threading.Thread(target=tick, daemon=True)
+    ticker.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        ticker.join()
+
+
+@contextlib.contextmanager
+def _helper(methods: Sequence[str]) -> Iterator[None]:
+    """A second process that compiles what the first needs late; none on one core.
+
+    It only fills the cache: what it does not do, or does not end, the first process does.
+    """
+    cores = config.NUMBA_DEFAULT_NUM_THREADS  # type: ignore[attr-defined]
+    if cores < 2 or use_kernel_cache() is None or not sys.executable:
+        yield
+        return
+    package = str(Path(__file__).resolve().parents[2])
+    found = [package, *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]
+    try:
+        process = subprocess.Popen(
+            [sys.executable, "-P", "-c", _HELPER, *methods],
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(found)},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+    except OSError:
+        yield
+        return
+    try:
+        yield
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def end_with_parent() -> None:
+    """End this process when the other end of its standard input is closed, by whatever end."""
+
+    def watch() -> None:
+        sys.stdin.buffer.read()
+        os._exit(0)
+
+    threading.Thread(target=watch, daemon=True).start()

@@ -1,0 +1,196 @@
+"""Compiling ahead: each kernel once, in two processes, and never again."""
+
+import collections
+import json
+import os
+import subprocess
+import sys
+import time
+
+import psutil
+import pytest
+from click.testing import CliRunner
+
+from archfrag.cli import main
+from archfrag.errors import InputError
+from archfrag.simulate import expected_compile_time, kernels_are_compiled, warmup
+from archfrag.simulation import warm
+
+# Kernels of `auto` that other kernels call with more than one set of argument types.
+SEVERAL = {
+    # Of the last argument one caller takes the default.
+    "mechanics/contact.py:path_contact": 2,
+    # Modes are kept as int8, computed as int64.
+    "mechanics/laws.py:corner_mode": 2,
+    "mechanics/laws.py:slip_of": 2,
+    "mechanics/laws.py:touches": 2,
+}
+COUNT = """
+import json, sys
+from numba.core import event
+compiled = []
+class Listener(event.Listener):
+    def on_start(self, e):
+        compiled.append(e.data["dispatcher"].py_func.__qualname__)
+    def on_end(self, e):
+        pass
+event.register("numba:compile", Listener())
+from archfrag.simulate import warmup
+from archfrag.mechanics.compile import read_version
+from archfrag.kernel_cache import use_kernel_cache
+said = []
+warmup("auto", said.append)
+from archfrag.mechanics import contact, onset
+from archfrag.methods import event_driven
+tops = (event_driven.run, contact.solve_contact, onset.rest_limit)
+waiting = [name for top in tops for sig in top.overloads
+           for name in read_version(top._cache.path(sig, top.targetctx))[2]]
+versions = {}
+while waiting:
+    name = waiting.pop()
+    if name not in versions:
+        where, _, called, _ = read_version(use_kernel_cache() / name)
+        versions[name] = where.split(":")[0] + ":" + name.split(".")[1].rsplit("-", 1)[0]
+        waiting += called
+print(json.dumps([compiled, said, sorted(versions.values())]))
+"""
+
+
+def python(code, **environment):
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def second():
+    """What a second process compiles and says, and the versions that `auto` consists of."""
+    warmup("auto")
+    return json.loads(python(COUNT))
+
+
+class TestOnce:
+    def test_a_second_process_compiles_nothing(self, second):
+        compiled, said, _ = second
+        assert compiled == []
+        assert said == ["loading kernels"]
+
+    def test_each_kernel_in_one_version(self, second):
+        count = collections.Counter(second[2])
+        assert len(count) > 100
+        assert {kernel: n for kernel, n in count.items() if n > 1} == SEVERAL
+
+    def test_it_is_known(self, second):
+        assert kernels_are_compiled("auto")
+        assert 0.0 < expected_compile_time("auto") < 3600.0
+
+
+@pytest.fixture
+def empty(tmp_path, monkeypatch):
+    """A cache in which nothing is compiled yet, and no second process."""
+    folder = tmp_path / "k-now"
+    folder.mkdir()
+    monkeypatch.setattr(warm, "use_kernel_cache", lambda: folder)
+    monkeypatch.setattr(warm, "TICK", 0.02)
+    monkeypatch.setattr(warm, "_HELPER", "raise SystemExit('fails')")
+    return folder
+
+
+class TestMessages:
+    def test_compiling_then_loading(self, empty):
+        said = []
+        with warm.compiling(["auto"], said.append):
+            time.sleep(0.2)
+        assert len(said) > 3
+        assert set(said) == {"compiling kernels, once: 0 s of about 150 s"}
+        assert warm.are_compiled(["auto"])
+        assert not warm.are_compiled(["auto", "penalty"])
+        said.clear()
+        with warm.compiling(["auto"], said.append):
+            time.sleep(0.1)
+        assert said == ["loading kernels"]
+
+    def test_the_next_kernels_take_as_long_as_the_last(self, empty, monkeypatch):
+        with warm.compiling(["auto"]):
+            time.sleep(0.3)
+        later = empty.with_name("k-later")
+        later.mkdir()
+        monkeypatch.setattr(warm, "use_kernel_cache", lambda: later)
+        assert not warm.are_compiled(["auto"])
+        assert 0.3 <= warm.expected_time(["auto"]) < 30.0
+        assert warm.expected_time(["auto", "penalty"]) > warm.EXPECTED
+
+    def test_what_failed_is_not_noted(self, empty):
+        with pytest.raises(ZeroDivisionError), warm.compiling(["auto"]):
+            raise ZeroDivisionError
+        assert not warm.are_compiled(["auto"])
+
+    def test_nothing_is_kept(self, monkeypatch):
+        monkeypatch.setattr(warm, "use_kernel_cache", lambda: None)
+        said = []
+        with warm.compiling(["auto"], said.append):
+            pass
+        assert said[0] == "compiling kernels, once: 0 s of about 150 s"
+
+
+class TestSecondProcess:
+    @pytest.mark.parametrize(("cores", "expected"), [(1, 0), (2, 1)])
+    def test_none_on_one_core(self, empty, monkeypatch, cores, expected):
+        started = []
+        popen = subprocess.Popen
+        monkeypatch.setattr(warm.config, "NUMBA_DEFAULT_NUM_THREADS", cores)
+        monkeypatch.setattr(
+            subprocess, "Popen", lambda *a, **k: started.append(a) or popen(*a, **k)
+        )
+        with warm.compiling(["auto"]):
+            pass
+        assert len(started) == expected
+
+    @pytest.mark.skipif(
+        warm.config.NUMBA_DEFAULT_NUM_THREADS < 2, reason="on one core there is no second process"
+    )
+    def test_ends_with_a_first_one_that_is_killed(self, tmp_path):
+        first = subprocess.Popen(
+            [sys.executable, "-c", "from archfrag.simulate import warmup; warmup('auto')"],
+            env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
+        )
+        try:
+            helpers = []
+            until = time.monotonic() + 60.0
+            while not list(tmp_path.rglob("*.lock")) or not helpers:
+                assert time.monotonic() < until
+                helpers = psutil.Process(first.pid).children()
+                time.sleep(0.05)
+        finally:
+            first.kill()
+            first.wait()
+        _, alive = psutil.wait_procs(helpers, timeout=20.0)
+        assert not alive
+
+    def test_interpreted_nothing_is_compiled(self, tmp_path):
+        code = (
+            "from archfrag.simulate import warmup; said = [];"
+            "warmup('time_stepping', said.append); print(said)"
+        )
+        told = python(code, NUMBA_DISABLE_JIT="1", NUMBA_CACHE_DIR=str(tmp_path))
+        assert told.strip() == "['loading kernels']"
+        assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+class TestCommand:
+    def test_one_method(self):
+        done = CliRunner().invoke(main, ["warmup", "--method", "auto"])
+        assert done.exit_code == 0
+        assert done.stdout.startswith("kernels ready after ")
+
+    def test_unknown_method(self):
+        done = CliRunner().invoke(main, ["warmup", "--method", "newmark"])
+        assert done.exit_code != 0
+        assert "method is 'newmark'; allowed are" in done.output
+        with pytest.raises(InputError):
+            warmup("newmark")
