@@ -78,6 +78,13 @@ def test_a_record_more_or_less(tmp_path):
     assert stale_steps(study)[1] == [f"record {tmp_path / 'records' / 'wave0.AT2'} is gone"]
 
 
+def test_records_that_are_only_elsewhere(tmp_path):
+    study = prepared(tmp_path)
+    os.rename(tmp_path / "records", tmp_path / "moved")
+    study = load_study(tmp_path / "small.yaml", [f"motions.files=['{tmp_path}/moved/*.AT2']"])
+    assert stale_steps(study)[1] == ["the study asks for other records or levels"]
+
+
 def test_the_unit_in_the_index(tmp_path):
     path = small_study(
         tmp_path, TEXT.replace('files: ["records/*.AT2"]', "index: records/index.csv")

@@ -99,8 +99,8 @@ def run_batch(
         log.workers = min(workers or study.execution.workers or available_cores(), len(missing))
         with _progress(log, quiet) as bar, contextlib.ExitStack() as stack:
             with _ticking(bar):
-                check_arches(study)
                 _load_kernels(study, bar)
+                check_arches(study)
                 bar.set_description("starting workers")
                 client = stack.enter_context(_client(study, log.workers))
             _start_clock(bar)
@@ -120,7 +120,7 @@ def _load_kernels(study: Study, bar: tqdm) -> None:
     bar.set_description("loading kernels")
     options: dict[str, Any] = {}
     if "progress" in inspect.signature(warmup).parameters:
-        options["progress"] = lambda *told: bar.set_description(" ".join(map(str, told)))
+        options["progress"] = bar.set_description
     warmup(study.method.name, **options)
 
 

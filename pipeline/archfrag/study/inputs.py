@@ -26,15 +26,15 @@ def read_inputs(index: str | None, sources: Sequence["Source"]) -> Inputs:
         each StationXML beside it that may be its own, because reading takes both where they are.
     """
     records = [source.path for source in sources]
-    folders = list(dict.fromkeys(path.parent for path in records))
-    indices = [folder / INDEX_NAME for each in folders for folder in (each, each.parent)]
+    places = list(dict.fromkeys(path.parent for path in records))
+    indices = [place / INDEX_NAME for each in places for place in (each, each.parent)]
     if index is not None:
         given = Path(index)
         indices.insert(0, given / INDEX_NAME if given.is_dir() else given)
     names = {name for path in records for name in (path.stem, path.name)}
     inventories = [Path(s.inventory) for s in sources if s.inventory is not None]
-    for folder in folders:
-        beside = sorted(folder.glob("*.xml"))
+    for place in places:
+        beside = sorted(place.glob("*.xml"))
         # NAME.xml, or NET.STA.xml with codes that only the record's content says.
         inventories += [p for p in beside if p.stem in names or p.stem.count(".") == 1]
     found: Inputs = {}
@@ -45,22 +45,30 @@ def read_inputs(index: str | None, sources: Sequence["Source"]) -> Inputs:
 
 
 def changes(before: Inputs, now: Inputs) -> list[str]:
-    """What changed from one state of the inputs to another, a line for each file."""
+    """What changed from one state of the inputs to another, a line for each file.
+
+    Nothing has where files of the same names hold the same, in whatever folders.
+    """
     lines = []
     for kind in KINDS:
         old, new = before.get(kind, {}), now.get(kind, {})
+        if _contents(old) == _contents(new):
+            continue
         for path in sorted(set(old) | set(new)):
             if old.get(path) == new.get(path):
                 continue
+            what = f"{kind} {path}"
             if path not in new:
-                lines.append(f"{kind} {path} is gone")
+                lines.append(f"{what} is gone")
             elif path not in old:
-                lines.append(f"{kind} {path} is new")
+                lines.append(f"{what} is new")
             else:
-                lines.append(
-                    f"{kind} {path} has changed (sha256 {old[path][:12]}, now {new[path][:12]})"
-                )
+                lines.append(f"{what} has changed (sha256 {old[path][:12]}, now {new[path][:12]})")
     return lines
+
+
+def _contents(digests: dict[str, str]) -> list[tuple[str, str]]:
+    return sorted((Path(path).name, digest) for path, digest in digests.items())
 
 
 def by_name(digests: dict[str, str]) -> dict[str, str]:
