@@ -66,10 +66,11 @@ class Stop:
 
 
 def start(path: Path, *options: str) -> subprocess.Popen:
-    """`archfrag run` in a group of its own."""
+    """`archfrag run` in a group of its own, that hears SIGINT though this runs behind a script."""
     return subprocess.Popen(
         [sys.executable, "-m", "archfrag.cli", "run", str(path), "--quiet", *options],
         stderr=subprocess.PIPE, text=True, start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
 
 
