@@ -102,6 +102,19 @@ def test_a_process_ends_with_the_one_that_started_it():
         psutil.Process(int(found.stdout)).wait(5.0)
 
 
+def test_a_process_that_ended_but_was_not_waited_for_is_gone():
+    process = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    started = psutil.Process(process.pid).create_time()
+    assert tree.is_alive(process.pid, started)
+    assert not tree.is_alive(process.pid, started - 60.0)
+    process.kill()
+    deadline = time.monotonic() + 5.0
+    while tree.is_alive(process.pid, started):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    process.communicate()
+
+
 class TestLock:
     def test_it_names_who_holds_it_and_is_empty_after(self, study):
         with only_run(study):

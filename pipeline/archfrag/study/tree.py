@@ -91,8 +91,10 @@ def identity() -> dict[str, object]:
 def is_alive(pid: int, started: float) -> bool:
     """Whether a process of this host is still the one that was started then [s since 1970]."""
     try:
+        process = psutil.Process(pid)
         # The time of start is told by the time of boot, which is known to a second.
-        return abs(psutil.Process(pid).create_time() - started) < 2.0
+        same = abs(process.create_time() - started) < 2.0
+        return same and process.status() != psutil.STATUS_ZOMBIE
     except psutil.Error:
         return False
 
