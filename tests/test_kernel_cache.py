@@ -222,8 +222,7 @@ class TestOthers:
         base = tmp_path / "base"
         shutil.copytree(compiled, base)
         plant(base, tmp_path / "ran")
-        with pytest.raises(subprocess.CalledProcessError):
-            energy(NUMBA_CACHE_DIR=base)
+        energy(NUMBA_CACHE_DIR=base)
         assert (tmp_path / "ran").exists()
 
     @as_root

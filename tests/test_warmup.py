@@ -16,7 +16,8 @@ from archfrag.errors import InputError
 from archfrag.simulate import expected_compile_time, kernels_are_compiled, warmup
 from archfrag.simulation import warm
 
-# Kernels of `auto` that other kernels call with more than one set of argument types.
+# Kernels of `auto` that other kernels call with several sets of argument types, and how many:
+# each is compiled once more, into its callers too.
 SEVERAL = {
     # Of the last argument one caller takes the default.
     "mechanics/contact.py:path_contact": 2,
@@ -83,7 +84,7 @@ class TestOnce:
     def test_each_kernel_in_one_version(self, second):
         count = collections.Counter(second[2])
         assert len(count) > 100
-        assert {kernel: n for kernel, n in count.items() if n > 1} == SEVERAL
+        assert {kernel: n for kernel, n in count.items() if n > SEVERAL.get(kernel, 1)} == {}
 
     def test_it_is_known(self, second):
         assert kernels_are_compiled("auto")

@@ -66,10 +66,11 @@ class Stop:
 
 
 def start(path: Path, *options: str) -> subprocess.Popen:
-    """`archfrag run` in a group of its own."""
+    """`archfrag run` in a group of its own, that hears SIGINT though this runs behind a script."""
     return subprocess.Popen(
         [sys.executable, "-m", "archfrag.cli", "run", str(path), "--quiet", *options],
         stderr=subprocess.PIPE, text=True, start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
 
 
@@ -95,12 +96,19 @@ def stop_in(stop: Stop, path: Path, options: list[str], dice: random.Random) -> 
     for child in children if stop.whom == "tree" else ():
         with contextlib.suppress(psutil.NoSuchProcess):
             child.send_signal(stop.number)
-    said = process.communicate(timeout=60)[1]
+    try:
+        said = process.communicate(timeout=60)[1]
+    except subprocess.TimeoutExpired:
+        raise SystemExit(f"{stop}: of {children} there are still {_alive(children)}") from None
     _, alive = psutil.wait_procs(children, timeout=max(0.0, LIMIT - time.monotonic() + began))
     stop.took, stop.left = time.monotonic() - began, len(alive)
     psutil.wait_procs(alive, timeout=30.0)
     stop.said, stop.code = said.count("--resume"), process.returncode
     return True
+
+
+def _alive(processes: list[psutil.Process]) -> list[psutil.Process]:
+    return [process for process in processes if process.is_running()]
 
 
 def sha256(path: Path) -> str:

@@ -43,6 +43,8 @@ def start(*arguments, env=MappingProxyType({})):
         [sys.executable, "-m", "archfrag.cli", "run", *map(str, arguments)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
         env={**os.environ, **env},
+        # What runs behind a script is deaf to SIGINT; a user's command is not.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
     STARTED.append(process)
     return process

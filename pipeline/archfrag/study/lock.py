@@ -90,13 +90,6 @@ def _may_live(holder: dict[str, Any], path: Path, known: bool) -> bool:
     return time.time() - path.stat().st_mtime < _SILENT
 
 
-def was_stopped(work: Path) -> bool:
-    """Whether the last run in a folder of work was stopped, or is still there."""
-    with contextlib.suppress(OSError):
-        return (work / LOCK).stat().st_size > 0
-    return False
-
-
 def _take(file: IO[str]) -> bool | None:
     """Whether the system gives this process the lock; None if it has no locks here."""
     try:

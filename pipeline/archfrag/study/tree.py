@@ -35,12 +35,23 @@ class Stopped(BaseException):
 class Stop:
     """Whether a signal came; raised again where an exception in a signal handler got lost."""
 
-    number: int | None = None
+    def __init__(self) -> None:
+        self.number: int | None = None
+        self._held = False
 
     def check(self) -> None:
-        """Raise `Stopped` if a signal came."""
-        if self.number is not None:
+        """Raise `Stopped` if a signal came, and is not held back."""
+        if self.number is not None and not self._held:
             raise Stopped(self.number)
+
+    @contextlib.contextmanager
+    def held(self) -> Iterator[None]:
+        """Hold signals back while a process is made: it must be known to be ended."""
+        self._held = True
+        try:
+            yield
+        finally:
+            self._held = False
 
 
 @contextlib.contextmanager
@@ -60,6 +71,9 @@ def stoppable() -> Iterator[Stop]:
             signal.signal(number, note)
     try:
         yield stop
+    except Exception:
+        stop.check()  # what became of it where code in C reports errors of its own
+        raise
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -77,8 +91,10 @@ def identity() -> dict[str, object]:
 def is_alive(pid: int, started: float) -> bool:
     """Whether a process of this host is still the one that was started then [s since 1970]."""
     try:
+        process = psutil.Process(pid)
         # The time of start is told by the time of boot, which is known to a second.
-        return abs(psutil.Process(pid).create_time() - started) < 2.0
+        same = abs(process.create_time() - started) < 2.0
+        return same and process.status() != psutil.STATUS_ZOMBIE
     except psutil.Error:
         return False
 
@@ -86,9 +102,13 @@ def is_alive(pid: int, started: float) -> bool:
 def start(command: list[str], **options: object) -> subprocess.Popen:
     """Start a process in a session of its own, that is killed if this process is."""
 
+    parent, libc = os.getpid(), ctypes.CDLL(None)
+
     def die_with_parent() -> None:
         if sys.platform == "linux":
-            ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+            libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+            if os.getppid() != parent:
+                os._exit(128 + signal.SIGKILL)
 
     return subprocess.Popen(  # type: ignore[call-overload,no-any-return]
         command, start_new_session=True, preexec_fn=die_with_parent, **options

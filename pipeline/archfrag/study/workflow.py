@@ -193,9 +193,10 @@ def _snakemake(study: Study, options: RunOptions, lock: Lock, stop: tree.Stop) -
     }
     with open(study.work / LOGS / SNAKEMAKE_LOG, "w", encoding="utf-8") as log:
         # Steps speak on their standard output (rules say 2>&1), Snakemake into its log.
-        process = tree.start(
-            command, env=environment, stdin=subprocess.DEVNULL, stdout=2, stderr=log
-        )
+        with stop.held():
+            process = tree.start(
+                command, env=environment, stdin=subprocess.DEVNULL, stdout=2, stderr=log
+            )
         try:
             while process.poll() is None:
                 stop.check()
