@@ -273,7 +273,7 @@ def is_accurate(chain, length, options, ledger):
     """
     energy = ledger.energy
     allowed = max(ENERGY_ALLOWED * options.accuracy, LEAST_ENERGY)
-    allowed *= energy[Energy.LARGEST_KINETIC]
+    allowed *= max(energy[Energy.LARGEST_KINETIC], energy[Energy.START_KINETIC])
     allowed += ROUNDING * chain.gravity * np.sum(chain.mass) * np.max(length)
     if not energy[Energy.STRAY_PEAK] <= allowed:
         return False
