@@ -4,7 +4,8 @@
 
 Each run of a small study is stopped several times, in later and later steps, by SIGTERM, SIGINT or
 SIGKILL of the parent, its group or the whole tree, and then resumed to its end. Said are how long
-the last process took to end, and whether the cube is the undisturbed run's to the last bit.
+the last process took to end, and whether the cube is the undisturbed run's to the last bit (which
+names the state of the checkout: leave that alone meanwhile).
 """
 
 import argparse

@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import time
+from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
@@ -17,6 +18,7 @@ import pytest
 import xarray as xr
 
 from archfrag import kernel_cache
+from archfrag.study.workflow import snakefile
 from tests.study.small import TEXT, small_study, write_at2
 
 # Long enough to be killed in the middle, by making each chunk one run.
@@ -137,6 +139,24 @@ def test_what_is_done_is_not_done_again_and_edits_are_noticed(finished):
     assert "Another title" in (out / "report.html").read_text()
     code, _, stderr = run(path, "--set", "title=Another title")
     assert (code, stderr) == (0, NOTHING)
+    assert run(path)[0] == 0
+
+
+def test_by_hand_snakemake_does_the_same(finished, tmp_path):
+    path = finished[0]
+    (path.parent / "out" / "cube.nc").write_bytes(b"")
+    command = ["--cores", "1", "--config", f"study={os.path.relpath(path, tmp_path)}"]
+    done = subprocess.run(
+        [sys.executable, "-m", "snakemake", "--snakefile", snakefile(), *command], cwd=tmp_path,
+        capture_output=True, text=True, timeout=600,
+        env={**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "archfrag: cube: " in done.stdout
+    assert "archfrag: motions: " not in done.stdout
+    assert sha256(path.parent / "out" / "cube.nc") == finished[3]
+    assert list(tmp_path.iterdir()) == []
+    assert run(path)[2] == NOTHING
 
 
 def test_another_record_with_an_older_date_is_noticed_and_named(finished):
