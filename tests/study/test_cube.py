@@ -10,7 +10,8 @@ import pytest
 import xarray as xr
 
 from archfrag.errors import InputError, OutputError
-from archfrag.study.cube import gather, write_cube, write_timings
+from archfrag.fragility.counts import Verdict
+from archfrag.study.cube import _write, gather, write_cube, write_timings
 from archfrag.study.fits import fit_cube, fit_sentence, load_fits
 from archfrag.study.outcome import COLUMNS
 from archfrag.study.parts import read_part, write_part
@@ -45,6 +46,18 @@ class TestContent:
             np.testing.assert_array_equal(
                 cube["model_time"].isel(place).values, part["model_time"][row]
             )
+
+    def test_runs_that_lost_contact_and_stand_are_counted(self, done, tmp_path):
+        table = gather(done.plan)
+        shape = (2, 2, 3)
+        table["verdict"][:] = Verdict.STANDING
+        table["verdict"].reshape(shape)[1, 0, 2] = Verdict.COLLAPSED
+        table["lost_contact_time"][:] = np.nan
+        table["lost_contact_time"].reshape(shape)[1, :, 1:] = 0.5
+        with netCDF4.Dataset(str(tmp_path / "cube.nc"), "w") as cube:
+            _write(cube, done.study, done.plan, table)
+            assert cube["lost_contact_and_stand"][:].tolist() == [[0, 0, 0], [0, 2, 1]]
+            assert cube.loss_limit == "0.5"
 
     def test_models_are_those_of_the_ladder_and_add_up(self, cube):
         assert [str(name) for name in cube["model"].values] == [

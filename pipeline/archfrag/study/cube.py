@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.errors import InputError, OutputError
+from archfrag.fragility.counts import Verdict
 from archfrag.study.config import Study
 from archfrag.study.files import make_folder, replacing
 from archfrag.study.outcome import COLUMNS, Column
@@ -156,6 +157,13 @@ def _write(cube: Any, study: Study, plan: Plan, table: dict[str, NDArray]) -> No
         variable = _create(cube, column, _RUN)
         variable[:] = table[column.name].reshape(shape)
     column = Column(
+        "lost_contact_and_stand", "i4", "1",
+        "number of runs of all records that lost contact at a joint and stand",
+    )  # fmt: skip
+    regained = np.isfinite(table["lost_contact_time"]) & (table["verdict"] == Verdict.STANDING)
+    variable = _create(cube, column, (_RUN[0], _RUN[2]), "arch intensity")
+    variable[:] = regained.reshape(shape).sum(axis=1)
+    column = Column(
         "model_time", "f8", "s", "simulated time in each model",
         comment="The models add up to end_time: from rest through few bodies to all voussoirs.",
     )  # fmt: skip
@@ -184,6 +192,7 @@ def _global_attributes(study: Study, plan: Plan) -> dict[str, str]:
             f"Arches {names} under {len(plan.records)} records at {len(plan.levels)} levels of "
             f"{study.intensity.measure}. Wall times and machine are in a log beside this file."
         ),
+        "loss_limit": f"{study.method.loss_limit:g}",
         **attributes(study, plan),
     }
 
