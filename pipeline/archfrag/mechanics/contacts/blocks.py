@@ -1,0 +1,285 @@
+"""The contact problem for given modes: rows in each joint's own directions, one block sweep.
+
+A closed joint has three rows: its normal at both corners, and its tangent at the pivot where it
+sticks. A joint that touches at one corner has the normal there, and the tangent where it sticks.
+What a joint does not have is a row of zeros with a one on the diagonal, so that all blocks are
+3 x 3 and only neighbours couple: a block-tridiagonal problem, eliminated from the first joint to
+the last and substituted back.
+
+The three reactions of a closed joint are not unique in an arch that is closed everywhere. A
+relative compliance of `COMPLIANCE` on each row picks those of joints that are equal springs in
+the limit of infinite stiffness.
+"""
+
+from archfrag.mechanics.compile import inlined, kernel
+from archfrag.mechanics.contacts.placing import MINUS, PLUS, relative_velocity
+from archfrag.mechanics.numbers import dot, fused, larger, opposite, select, some
+
+COMPLIANCE = 1e-10
+MOST_CORRECTIONS = 6
+# Velocity along the constrained directions, over the scale of velocities, that is no motion.
+TOLERANCE = 1e-9
+
+
+@inlined
+def _set_row(work, j, k, px, py, dx, dy, position, out):
+    """One direction at a point of joint j, with its arms on the bodies after and before."""
+    out[j, k, 0], out[j, k, 1] = dx, dy
+    out[j, k, 2] = (px - position[j + 1, 0]) * dy - (py - position[j + 1, 1]) * dx
+    out[j, k, 3] = (px - position[j, 0]) * dy - (py - position[j, 1]) * dx
+
+
+@kernel
+def set_rows(model, position, work):
+    """Constrained and reaction directions of all joints in their present modes."""
+    touch, slide = work.touch, work.slide
+    point, side = work.point, work.side_normal
+    for j in range(slide.shape[0]):
+        at_0, at_1 = touch[j, 0] > 0.5, touch[j, 1] > 0.5
+        closed, none = at_0 & at_1, opposite(at_0 | at_1)
+        second = at_1 & opposite(at_0)
+        backwards, sticks = slide[j] < 0.0, slide[j] == 0.0
+        nx = select(backwards, side[j, 0, MINUS, 0], side[j, 0, PLUS, 0])
+        ny = select(backwards, side[j, 0, MINUS, 1], side[j, 0, PLUS, 1])
+        nx = select(second, select(backwards, side[j, 1, MINUS, 0], side[j, 1, PLUS, 0]), nx)
+        ny = select(second, select(backwards, side[j, 1, MINUS, 1], side[j, 1, PLUS, 1]), ny)
+        nx = select(none, 0.0, select(closed, work.normal[j, 0], nx))
+        ny = select(none, 0.0, select(closed, work.normal[j, 1], ny))
+        # Friction on the cone (Eqs 6, 20); a rough joint's reaction lies in the tangent.
+        along = slide[j] * model.ray[j, 1]
+        across = select(sticks, 1.0, model.ray[j, 0])
+        fx, fy = across * nx - along * ny, across * ny + along * nx
+        px = select(second, point[j, 1, 0], point[j, 0, 0])
+        py = select(second, point[j, 1, 1], point[j, 0, 1])
+        _set_row(work, j, 0, px, py, nx, ny, position, work.row)
+        _set_row(work, j, 0, px, py, fx, fy, position, work.column)
+        # The normal at corner 1 of a closed joint, or the tangent at a corner that sticks.
+        tangent = sticks & opposite(closed)
+        has = select(closed | tangent, 1.0, 0.0)
+        px, py = select(closed, point[j, 1, 0], px), select(closed, point[j, 1, 1], py)
+        dx, dy = select(tangent, -ny, has * nx), select(tangent, nx, has * ny)
+        _set_row(work, j, 1, px, py, dx, dy, position, work.row)
+        dx, dy = select(tangent, -ny, has * fx), select(tangent, nx, has * fy)
+        _set_row(work, j, 1, px, py, dx, dy, position, work.column)
+        has = select(closed & sticks, 1.0, 0.0)
+        px, py = work.pivot[j, 0], work.pivot[j, 1]
+        _set_row(work, j, 2, px, py, -has * ny, has * nx, position, work.row)
+        _set_row(work, j, 2, px, py, -has * ny, has * nx, position, work.column)
+
+
+@inlined
+def _solve_block(f, x, y, z):
+    """Solve an eliminated 3 x 3 block, given by rows with reciprocals on its diagonal."""
+    y = fused(-f[3], x, y)
+    z = fused(-f[7], y, fused(-f[6], x, z)) * f[8]
+    y = fused(-f[5], z, y) * f[4]
+    x = fused(-f[2], z, fused(-f[1], y, x)) * f[0]
+    return x, y, z
+
+
+@inlined
+def _block(f, j):
+    """An eliminated block as nine numbers."""
+    return (
+        f[j, 0, 0], f[j, 0, 1], f[j, 0, 2],
+        f[j, 1, 0], f[j, 1, 1], f[j, 1, 2],
+        f[j, 2, 0], f[j, 2, 1], f[j, 2, 2],
+    )  # fmt: skip
+
+
+@inlined
+def _weighted(row, j, a, mass, inertia, arm):
+    """Velocity that a unit impulse along a row gives a body, by its inverse inertia."""
+    return mass * row[j, a, 0], mass * row[j, a, 1], inertia * row[j, a, arm]
+
+
+@inlined
+def _on(column, j, a, arm):
+    return column[j, a, 0], column[j, a, 1], column[j, a, arm]
+
+
+@inlined
+def _set_diagonal(model, work, j):
+    """Block of a joint with itself, by what its reactions do to the bodies on either side."""
+    row, column, f = work.row, work.column, work.block
+    both = model.inverse_mass[j + 1] + model.inverse_mass[j]
+    after, before = model.inverse_inertia[j + 1], model.inverse_inertia[j]
+    for a in range(3):
+        moved = _weighted(row, j, a, both, after, 2)
+        turned = before * row[j, a, 3]
+        for b in range(3):
+            f[j, a, b] = fused(turned, column[j, b, 3], dot(moved, _on(column, j, b, 2)))
+        own = f[j, a, a]
+        f[j, a, a] = select(own == 0.0, 1.0, fused(COMPLIANCE, abs(own), own))
+
+
+@inlined
+def _eliminate(model, work, j):
+    """Take what the joint before has eliminated out of the block of joint j."""
+    row, column, f, lower, upper = work.row, work.column, work.block, work.lower, work.upper
+    mass, inertia = model.inverse_mass[j], model.inverse_inertia[j]
+    for a in range(3):
+        moved = _weighted(row, j, a, -mass, -inertia, 3)
+        x = dot(moved, _on(column, j - 1, 0, 2))
+        y = dot(moved, _on(column, j - 1, 1, 2))
+        z = dot(moved, _on(column, j - 1, 2, 2))
+        lower[j, a, 0], lower[j, a, 1], lower[j, a, 2] = x, y, z
+        for b in range(3):
+            f[j, a, b] -= dot(
+                (x, y, z), (upper[j - 1, 0, b], upper[j - 1, 1, b], upper[j - 1, 2, b])
+            )
+
+
+@inlined
+def _factorise_block(f, j):
+    """Triangular factors of a block, reciprocals on the diagonal."""
+    a, b, c, d, e, g, h, i, k = _block(f, j)
+    a = 1.0 / a
+    d, h = d * a, h * a
+    e = 1.0 / fused(-d, b, e)
+    g = fused(-d, c, g)
+    i = fused(-h, b, i) * e
+    k = 1.0 / fused(-i, g, fused(-h, c, k))
+    f[j, 0, 0], f[j, 1, 0], f[j, 1, 1], f[j, 1, 2] = a, d, e, g
+    f[j, 2, 0], f[j, 2, 1], f[j, 2, 2] = h, i, k
+
+
+@kernel
+def factorise(model, work):
+    """Block elimination for the rows and columns set."""
+    row, column, f, upper = work.row, work.column, work.block, work.upper
+    last = row.shape[0] - 1
+    for j in range(last + 1):
+        _set_diagonal(model, work, j)
+        if j > 0:
+            _eliminate(model, work, j)
+        _factorise_block(f, j)
+        if j < last:
+            mass, inertia = model.inverse_mass[j + 1], model.inverse_inertia[j + 1]
+            block = _block(f, j)
+            first = _weighted(row, j, 0, -mass, -inertia, 2)
+            second = _weighted(row, j, 1, -mass, -inertia, 2)
+            third = _weighted(row, j, 2, -mass, -inertia, 2)
+            for b in range(3):
+                to = _on(column, j + 1, b, 3)
+                x, y, z = _solve_block(block, dot(first, to), dot(second, to), dot(third, to))
+                upper[j, 0, b], upper[j, 1, b], upper[j, 2, b] = x, y, z
+
+
+@kernel
+def substitute(work):
+    """Multipliers that take the residual away, into ``work.unknown``."""
+    f, lower, upper = work.block, work.lower, work.upper
+    residual, out = work.residual, work.unknown
+    last = residual.shape[0] - 1
+    x, y, z = _solve_block(_block(f, 0), -residual[0, 0], -residual[0, 1], -residual[0, 2])
+    out[0, 0], out[0, 1], out[0, 2] = x, y, z
+    for j in range(1, last + 1):
+        known = x, y, z
+        x = -residual[j, 0] - dot((lower[j, 0, 0], lower[j, 0, 1], lower[j, 0, 2]), known)
+        y = -residual[j, 1] - dot((lower[j, 1, 0], lower[j, 1, 1], lower[j, 1, 2]), known)
+        z = -residual[j, 2] - dot((lower[j, 2, 0], lower[j, 2, 1], lower[j, 2, 2]), known)
+        x, y, z = _solve_block(_block(f, j), x, y, z)
+        out[j, 0], out[j, 1], out[j, 2] = x, y, z
+    for j in range(last - 1, -1, -1):
+        known = x, y, z
+        x = out[j, 0] - dot((upper[j, 0, 0], upper[j, 0, 1], upper[j, 0, 2]), known)
+        y = out[j, 1] - dot((upper[j, 1, 0], upper[j, 1, 1], upper[j, 1, 2]), known)
+        z = out[j, 2] - dot((upper[j, 2, 0], upper[j, 2, 1], upper[j, 2, 2]), known)
+        out[j, 0], out[j, 1], out[j, 2] = x, y, z
+
+
+@kernel
+def add_reactions(model, position, work):
+    """Put the multipliers into reactions and velocities."""
+    column, unknown, solved, reaction = work.column, work.unknown, work.solved, work.reaction
+    for j in range(unknown.shape[0]):
+        of = unknown[j, 0], unknown[j, 1], unknown[j, 2]
+        fx = dot(of, (column[j, 0, 0], column[j, 1, 0], column[j, 2, 0]))
+        fy = dot(of, (column[j, 0, 1], column[j, 1, 1], column[j, 2, 1]))
+        after = dot(of, (column[j, 0, 2], column[j, 1, 2], column[j, 2, 2]))
+        before = dot(of, (column[j, 0, 3], column[j, 1, 3], column[j, 2, 3]))
+        px, py = work.pivot[j, 0] - position[j + 1, 0], work.pivot[j, 1] - position[j + 1, 1]
+        reaction[j, 0] += fx
+        reaction[j, 1] += fy
+        reaction[j, 2] += fused(py, fx, fused(-px, fy, after))
+        solved[j + 1, 0] = fused(model.inverse_mass[j + 1], fx, solved[j + 1, 0])
+        solved[j + 1, 1] = fused(model.inverse_mass[j + 1], fy, solved[j + 1, 1])
+        solved[j + 1, 2] = fused(model.inverse_inertia[j + 1], after, solved[j + 1, 2])
+        solved[j, 0] = fused(-model.inverse_mass[j], fx, solved[j, 0])
+        solved[j, 1] = fused(-model.inverse_mass[j], fy, solved[j, 1])
+        solved[j, 2] = fused(-model.inverse_inertia[j], before, solved[j, 2])
+
+
+@kernel
+def measure_residual(position, work):
+    """Velocities of the corners, and along the constrained directions; the largest of these.
+
+    ``work.relative``, ``work.parting`` and ``work.residual`` are overwritten.
+    """
+    relative_velocity(position, work.solved, work.pivot, work.relative)
+    row, bias, point, residual = work.row, work.bias, work.point, work.residual
+    largest = spoiled = 0.0
+    for j in range(residual.shape[0]):
+        ux, uy, w = work.relative[j, 0], work.relative[j, 1], work.relative[j, 2]
+        # The pivot lies halfway between the corners.
+        px, py = point[j, 0, 0] - work.pivot[j, 0], point[j, 0, 1] - work.pivot[j, 1]
+        x0, y0 = fused(-w, py, ux) + bias[j, 0, 0], fused(w, px, uy) + bias[j, 0, 1]
+        x1, y1 = fused(w, py, ux) + bias[j, 1, 0], fused(-w, px, uy) + bias[j, 1, 1]
+        work.parting[j, 0, 0], work.parting[j, 0, 1] = x0, y0
+        work.parting[j, 1, 0], work.parting[j, 1, 1] = x1, y1
+        at_0, at_1 = work.touch[j, 0] > 0.5, work.touch[j, 1] > 0.5
+        first = at_0 | opposite(at_1)
+        vx, vy = select(first, x0, x1), select(first, y0, y1)
+        a = fused(row[j, 0, 0], vx, row[j, 0, 1] * vy)
+        vx, vy = select(at_1, x1, vx), select(at_1, y1, vy)
+        b = fused(row[j, 1, 0], vx, row[j, 1, 1] * vy)
+        c = fused(row[j, 2, 0], 0.5 * (x0 + x1), row[j, 2, 1] * (0.5 * (y0 + y1)))
+        residual[j, 0], residual[j, 1], residual[j, 2] = a, b, c
+        largest = larger(largest, larger(abs(a), larger(abs(b), abs(c))))
+        spoiled += 0.0 * (a + b + c)  # nan where anything has overflowed; comparisons lose it
+    return largest + spoiled
+
+
+@kernel
+def solve_modes(model, position, work, scale):
+    """Solve the linear problem of the present modes, ``work.touch`` and ``work.slide``.
+
+    Parameters
+    ----------
+    model : archfrag.mechanics.model.Model
+    position : array, (n_body + 2, 3)
+    work : archfrag.mechanics.model.Work
+        With the contacts placed, and velocities without reactions in `free`; `solved`,
+        `reaction`, `relative` and `parting` are overwritten.
+    scale : number
+        Largest relative velocity without reactions.
+
+    Returns
+    -------
+    number
+        Largest velocity left along a constrained direction; nan where a pivot vanishes.
+    """
+    set_rows(model, position, work)
+    factorise(model, work)
+    for i in range(position.shape[0]):
+        for c in range(3):
+            work.solved[i, c] = work.free[i, c]
+    for j in range(work.slide.shape[0]):
+        for c in range(3):
+            work.reaction[j, c] = 0.0
+    left = measure_residual(position, work)
+    go = left == left
+    # One substitution leaves what the compliance gives way; where that counts it is corrected.
+    for _ in range(MOST_CORRECTIONS):
+        substitute(work)
+        for j in range(work.slide.shape[0]):
+            for a in range(3):
+                work.unknown[j, a] = select(go, work.unknown[j, a], 0.0)
+        add_reactions(model, position, work)
+        before = left
+        left = measure_residual(position, work)
+        go = go & (left > TOLERANCE * scale) & (left < before)
+        if not some(go):
+            break
+    return left

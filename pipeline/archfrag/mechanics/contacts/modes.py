@@ -1,0 +1,263 @@
+"""Which corners of the joints touch, and which stick: Newton's iteration on the modes.
+
+For given modes the contact problem is linear (`blocks`). Its solution tells of each joint whether
+it keeps Signorini's and Coulomb's laws in the mode assumed, and which mode it asks for: three
+functions, for an open joint, a closed one and one that touches at a corner. The modes asked for
+are taken until none changes. A run whose modes do not come to rest in a few rounds is left to
+`archfrag.mechanics.contact.path_contact`.
+"""
+
+import math
+
+from archfrag.mechanics.compile import inlined, kernel
+from archfrag.mechanics.contacts.blocks import TOLERANCE, solve_modes
+from archfrag.mechanics.contacts.placing import MINUS, PLUS, at_point, relative_velocity
+from archfrag.mechanics.numbers import flag, fused, larger, opposite, select, some
+
+# What of a law counts as kept, over the scale of velocities or forces.
+SLACK = 1e-9
+# Part of the bodies' velocities below which relative ones are not told apart.
+ROUNDING = 1e-5
+
+
+@inlined
+def opening_rate(j, k, work):
+    """Opening rate of a corner: the larger of what Eqs 23a and 23b measure."""
+    ux, uy, side = work.parting[j, k, 0], work.parting[j, k, 1], work.side_normal
+    plus = fused(side[j, k, PLUS, 0], ux, side[j, k, PLUS, 1] * uy)
+    minus = fused(side[j, k, MINUS, 0], ux, side[j, k, MINUS, 1] * uy)
+    return larger(plus, minus)
+
+
+@inlined
+def mode_if_open(closing_0, closing_1):
+    """Mode asked by a joint without contact (Eq 5): corners that close are taken as touching.
+
+    Returns
+    -------
+    touch_0, touch_1 : mask
+    slide : number
+    """
+    return closing_0, closing_1, 0.0
+
+
+@inlined
+def mode_if_closed(j, model, work, slide, ux, uy, slack, slack_force):
+    """Mode asked by a joint that touches at both corners; as `mode_if_open`.
+
+    A corner that would have to pull opens (Eq 5); friction beyond Coulomb's limit makes a joint
+    slide, a slip against its friction makes it stick (Eq 6).
+    """
+    nx, ny = work.normal[j, 0], work.normal[j, 1]
+    fx, fy = work.reaction[j, 0], work.reaction[j, 1]
+    normal, tangential = fx * nx + fy * ny, fy * nx - fx * ny
+    px, py = work.point[j, 0, 0] - work.pivot[j, 0], work.point[j, 0, 1] - work.pivot[j, 1]
+    difference = work.reaction[j, 2] / (px * ny - py * nx)
+    keeps_0 = 0.5 * (normal + difference) >= -slack_force
+    keeps_1 = 0.5 * (normal - difference) >= -slack_force
+    sticks = slide == 0.0
+    asked = select(sticks, slide, select(slide * (nx * uy - ny * ux) > slack, 0.0, slide))
+    if not math.isinf(model.friction[j]):
+        excess = abs(tangential) - model.friction[j] * larger(normal, 0.0)
+        sense = select(tangential > 0.0, 1.0, -1.0)
+        asked = select(sticks & (excess > slack_force), sense, asked)
+    return keeps_0, keeps_1, asked
+
+
+@inlined
+def mode_if_corner(j, second, model, work, slide, ux, uy, slack, slack_force):
+    """Mode asked by a joint that touches at one corner, `second` where that is corner 1.
+
+    Sticking needs a reaction inside the cones about both normals (Eqs 6, 20, 23), sliding one
+    that pushes along its ray and a slip along its friction.
+
+    Returns
+    -------
+    lost : mask
+        Where the contact would have to pull.
+    slide : number
+    """
+    side = work.side_normal
+    ax = select(second, side[j, 1, PLUS, 0], side[j, 0, PLUS, 0])
+    ay = select(second, side[j, 1, PLUS, 1], side[j, 0, PLUS, 1])
+    bx = select(second, side[j, 1, MINUS, 0], side[j, 0, MINUS, 0])
+    by = select(second, side[j, 1, MINUS, 1], side[j, 0, MINUS, 1])
+    across, along = model.ray[j, 0], model.ray[j, 1]
+    size = 1.0 / math.sqrt(across * across + along * along)
+    high_x, high_y = across * ax - along * ay, across * ay + along * ax
+    low_x, low_y = across * bx + along * by, across * by - along * bx
+    fx, fy = work.reaction[j, 0], work.reaction[j, 1]
+    above = (high_x * fy - high_y * fx) * size
+    below = (fx * low_y - fy * low_x) * size
+    outside = larger(above, below) > slack_force
+    sticks, onwards = slide == 0.0, slide > 0.0
+    pulls = fx * (ax + bx) + fy * (ay + by) <= 0.0
+    if_sticks = select(outside, select(above >= below, 1.0, -1.0), 0.0)
+    push = select(onwards, fx * high_x + fy * high_y, fx * low_x + fy * low_y) * size
+    nx, ny = select(onwards, ax, bx), select(onwards, ay, by)
+    against = slide * (nx * uy - ny * ux) > slack
+    if_slides = select(against, 0.0, slide)
+    lost = (sticks & outside & pulls) | (opposite(sticks) & (push < -slack_force))
+    return lost, select(sticks, if_sticks, if_slides)
+
+
+@kernel
+def ask_modes(model, work, scale, force_scale):
+    """Modes that the joints ask for, into ``work.asked_touch`` and ``work.asked_slide``.
+
+    Parameters
+    ----------
+    model : archfrag.mechanics.model.Model
+    work : archfrag.mechanics.model.Work
+        With the solution for the present modes.
+    scale, force_scale : number
+        What counts as one in velocity and in force.
+
+    Returns
+    -------
+    mask
+        Where any joint asks for another mode.
+    """
+    slack, slack_force = SLACK * scale, SLACK * force_scale
+    changed = False
+    for j in range(work.slide.shape[0]):
+        at_0, at_1, slide = work.touch[j, 0] > 0.5, work.touch[j, 1] > 0.5, work.slide[j]
+        ux_0, uy_0 = work.parting[j, 0, 0], work.parting[j, 0, 1]
+        ux_1, uy_1 = work.parting[j, 1, 0], work.parting[j, 1, 1]
+        closing_0 = (opening_rate(j, 0, work) < -slack) & (work.candidate[j, 0] > 0.5)
+        closing_1 = (opening_rate(j, 1, work) < -slack) & (work.candidate[j, 1] > 0.5)
+        closed, one = at_0 & at_1, at_0 ^ at_1
+        asks_0, asks_1, asked = mode_if_open(closing_0, closing_1)
+        if some(closed):
+            keeps_0, keeps_1, slides = mode_if_closed(
+                j, model, work, slide, ux_0, uy_0, slack, slack_force
+            )
+            asks_0 = (closed & keeps_0) | (opposite(closed) & asks_0)
+            asks_1 = (closed & keeps_1) | (opposite(closed) & asks_1)
+            asked = select(closed, slides, asked)
+        if some(one):
+            ux, uy = select(at_1, ux_1, ux_0), select(at_1, uy_1, uy_0)
+            lost, slides = mode_if_corner(j, at_1, model, work, slide, ux, uy, slack, slack_force)
+            kept = one & opposite(lost)
+            shut = kept & ((at_0 & closing_1) | (at_1 & closing_0))
+            if math.isinf(model.friction[j]):
+                slides = select(shut, 0.0, slides)
+            asks_0 = (kept & at_0) | shut | (opposite(one) & asks_0)
+            asks_1 = (kept & at_1) | shut | (opposite(one) & asks_1)
+            asked = select(one, slides, asked)
+        asked = select(asks_0 | asks_1, asked, 0.0)
+        work.asked_touch[j, 0], work.asked_touch[j, 1] = flag(asks_0), flag(asks_1)
+        work.asked_slide[j] = asked
+        changed = changed | (asks_0 ^ at_0) | (asks_1 ^ at_1) | (asked != slide)
+    return changed
+
+
+@kernel
+def velocity_scale(work):
+    """Largest relative velocity that corners which may touch would have without reactions.
+
+    At least what rounding leaves of velocities, for a chain in flight that moves as one body.
+    """
+    scale = 0.0
+    for i in range(1, work.free.shape[0] - 1):
+        fastest = larger(abs(work.free[i, 0]), abs(work.free[i, 1]))
+        scale = larger(scale, ROUNDING * fastest)
+    for j in range(work.slide.shape[0]):
+        for k in range(2):
+            px = work.point[j, k, 0] - work.pivot[j, 0]
+            py = work.point[j, k, 1] - work.pivot[j, 1]
+            ux, uy = at_point(
+                work.relative[j, 0], work.relative[j, 1], work.relative[j, 2], px, py
+            )
+            fastest = larger(abs(ux), abs(uy))
+            scale = larger(scale, select(work.candidate[j, k] > 0.5, fastest, 0.0))
+    return scale
+
+
+@kernel
+def _largest_force(work):
+    largest = 0.0
+    for j in range(work.slide.shape[0]):
+        force = larger(abs(work.reaction[j, 0]), abs(work.reaction[j, 1]))
+        largest = larger(largest, force)
+    return select(largest == 0.0, 1.0, largest)
+
+
+@inlined
+def closes_soon(j, k, work, step, ahead):
+    """Where a corner that does not touch will within the step, or a time `ahead` after it."""
+    side, later = work.side_normal, step + ahead
+    ux = later * work.parting[j, k, 0] - ahead * work.bias[j, k, 0]
+    uy = later * work.parting[j, k, 1] - ahead * work.bias[j, k, 1]
+    plus = fused(side[j, k, PLUS, 0], ux, side[j, k, PLUS, 1] * uy)
+    minus = fused(side[j, k, MINUS, 0], ux, side[j, k, MINUS, 1] * uy)
+    free = (work.touch[j, k] < 0.5) & (work.candidate[j, k] > 0.5)
+    asks = (work.touch[j, k] < 0.5) & (work.asked_touch[j, k] > 0.5)
+    return asks | (free & (larger(plus, minus) < 0.0))
+
+
+@inlined
+def _closes(work, step, ahead):
+    """Where any corner closes soon."""
+    closes = False
+    for j in range(work.slide.shape[0]):
+        for k in range(2):
+            closes = closes | closes_soon(j, k, work, step, ahead)
+    return closes
+
+
+@inlined
+def _take_asked(work, where, half):
+    """Take the modes asked for; `half`: those of a part of the joints, another in each round."""
+    for j in range(work.slide.shape[0]):
+        if half > 0 and ((j + 1) * (half + 1) * 40503 >> 7) & 1 == 0:
+            continue
+        for k in range(2):
+            work.touch[j, k] = select(where, work.asked_touch[j, k], work.touch[j, k])
+        work.slide[j] = select(where, work.asked_slide[j], work.slide[j])
+
+
+@kernel
+def solve_contact(model, position, work, live, looks, patience):
+    """Solve one contact problem by Newton's iteration on the modes.
+
+    Parameters
+    ----------
+    model : archfrag.mechanics.model.Model
+    position : array, (n_body + 2, 3)
+    work : archfrag.mechanics.model.Work
+        With the contacts placed, `candidate`, `bias`, `free`, and the modes to start from in
+        `touch` and `slide`; on return the solution.
+    live : mask
+        Runs that take part.
+    looks : tuple of mask, number, number
+        Runs that give up at once where a corner closes, since their step is to end before; the
+        step, and a time after it in which none may close either [s].
+    patience : int
+        Rounds allowed after those in which every joint takes the mode it asks for; where these go
+        round in circles, a changing half of the joints does.
+
+    Returns
+    -------
+    solved, refused : mask
+    rounds : number
+        Linear problems solved.
+    """
+    relative_velocity(position, work.free, work.pivot, work.relative)
+    scale = velocity_scale(work)
+    active, refused = live, False
+    rounds = 0.0
+    left = scale
+    straight = 8 + work.slide.shape[0] // 4
+    for number in range(straight + patience):
+        left = solve_modes(model, position, work, scale)
+        rounds += flag(active)
+        changed = ask_modes(model, work, scale, _largest_force(work))
+        if number == 0 and some(looks[0]):
+            refused = active & looks[0] & _closes(work, looks[1], looks[2])
+        active = active & changed & opposite(refused)
+        if not some(active):
+            break
+        _take_asked(work, active, number - straight + 1)
+    solved = live & opposite(active | refused) & (left <= TOLERANCE * scale)
+    return solved, refused, rounds

@@ -1,0 +1,162 @@
+"""Where the joint faces of a chain are, and which contacts they can make; one run or four.
+
+At an open joint the two faces have different normals and Signorini's law splits into Eqs 23a
+and 23b of the paper: a vertex of either body may meet the other's face.
+"""
+
+import math
+
+from archfrag.mechanics.compile import inlined, kernel
+from archfrag.mechanics.numbers import larger, opposite, select, sine_cosine
+
+# Slip over joint length below which two vertices count as one point.
+COINCIDENT = 1e-9
+BEFORE, AFTER = 0, 1
+PLUS, MINUS = 0, 1
+
+
+@inlined
+def later_vertex_meets(corner, slip):
+    """Whether the contact at a corner of a slipped joint is the later body's vertex (Eq 23a).
+
+    Slip towards the extrados carries the later body's intrados vertex over the earlier body's
+    face, and the earlier body's extrados vertex under the later body's.
+    """
+    if corner == 0:
+        return slip >= 0.0
+    return slip < 0.0
+
+
+@kernel
+def move_faces(model, position, turned, face, tangent):
+    """Corners and unit tangents of all joint faces, for given positions of the bodies.
+
+    Parameters
+    ----------
+    model : archfrag.mechanics.model.Model
+    position : array, (n_body + 2, 3)
+    turned : array, (n_body + 2, 2)
+        Workspace: cosine and sine of the rotations.
+    face : array, (n_joint, 2, 2, 2)
+        Overwritten: side, corner, xy [m].
+    tangent : array, (n_joint, 2, 2)
+        Overwritten: side, xy.
+    """
+    for i in range(1, position.shape[0] - 1):
+        turned[i, 1], turned[i, 0] = sine_cosine(position[i, 2])
+    for j in range(face.shape[0]):
+        for side in range(2):
+            i = j + side
+            c, s = turned[i, 0], turned[i, 1]
+            for k in range(2):
+                x, y = model.corner[j, side, k, 0], model.corner[j, side, k, 1]
+                face[j, side, k, 0] = position[i, 0] + (c * x - s * y)
+                face[j, side, k, 1] = position[i, 1] + (s * x + c * y)
+            x, y = model.tangent[j, side, 0], model.tangent[j, side, 1]
+            tangent[j, side, 0] = c * x - s * y
+            tangent[j, side, 1] = s * x + c * y
+
+
+@kernel
+def place_contacts(model, slip, face, tangent, work):
+    """Contact points and normals of all joints.
+
+    Parameters
+    ----------
+    model : archfrag.mechanics.model.Model
+    slip : array, (n_joint,) [m]
+    face, tangent
+        From `move_faces`.
+    work : archfrag.mechanics.model.Work
+        `point`, `pivot`, `normal` and `side_normal` are overwritten.
+    """
+    point, side_normal = work.point, work.side_normal
+    for j in range(slip.shape[0]):
+        ax, ay = tangent[j, BEFORE, 0], tangent[j, BEFORE, 1]
+        bx, by = tangent[j, AFTER, 0], tangent[j, AFTER, 1]
+        mx, my = ax + bx, ay + by
+        norm = math.sqrt(mx * mx + my * my)
+        folded = norm < 1e-6
+        size = 1.0 / select(folded, 1.0, norm)
+        work.normal[j, 0] = select(folded, ay, my) * size
+        work.normal[j, 1] = -select(folded, ax, mx) * size
+        meet = abs(slip[j]) <= COINCIDENT * model.length[j]
+        for k in range(2):
+            later = later_vertex_meets(k, slip[j])
+            for c in range(2):
+                first, second = face[j, BEFORE, k, c], face[j, AFTER, k, c]
+                vertex = select(later, second, first)
+                point[j, k, c] = select(meet, 0.5 * (first + second), vertex)
+            if k == 0:
+                plus_a, minus_a = later & opposite(meet), later | meet
+            else:
+                plus_a, minus_a = later | meet, later & opposite(meet)
+            side_normal[j, k, PLUS, 0] = select(plus_a, ay, by)
+            side_normal[j, k, PLUS, 1] = -select(plus_a, ax, bx)
+            side_normal[j, k, MINUS, 0] = select(minus_a, ay, by)
+            side_normal[j, k, MINUS, 1] = -select(minus_a, ax, bx)
+        for c in range(2):
+            work.pivot[j, c] = 0.5 * (point[j, 0, c] + point[j, 1, c])
+
+
+@inlined
+def corner_offset(j, k, face, tangent, slip):
+    """Displacement of the later face's corner from where its contact holds it [m]."""
+    later = later_vertex_meets(k, slip)
+    tx = select(later, tangent[j, BEFORE, 0], tangent[j, AFTER, 0])
+    ty = select(later, tangent[j, BEFORE, 1], tangent[j, AFTER, 1])
+    dx = face[j, AFTER, k, 0] - face[j, BEFORE, k, 0] - slip * tx
+    dy = face[j, AFTER, k, 1] - face[j, BEFORE, k, 1] - slip * ty
+    return dx, dy
+
+
+@inlined
+def corner_slip(j, dx, dy, first, tangent):
+    """Slip of a joint whose corners are (dx, dy) apart, touching at corner 0 if `first` [m]."""
+    slip = tangent[j, BEFORE, 0] * dx + tangent[j, BEFORE, 1] * dy
+    by_b = tangent[j, AFTER, 0] * dx + tangent[j, AFTER, 1] * dy
+    return select((slip >= 0.0) ^ opposite(first), slip, by_b)
+
+
+@inlined
+def clearance(j, k, face, tangent):
+    """Gap at a corner by Signorini's law: of Eqs 23a and 23b the one that applies [m]."""
+    dx = face[j, AFTER, k, 0] - face[j, BEFORE, k, 0]
+    dy = face[j, AFTER, k, 1] - face[j, BEFORE, k, 1]
+    ax, ay = tangent[j, BEFORE, 0], tangent[j, BEFORE, 1]
+    bx, by = tangent[j, AFTER, 0], tangent[j, AFTER, 1]
+    slip = ax * dx + ay * dy
+    gap_a = ay * dx - ax * dy
+    gap_b = by * dx - bx * dy
+    size = abs(face[j, BEFORE, 1, 0] - face[j, BEFORE, 0, 0])
+    size += abs(face[j, BEFORE, 1, 1] - face[j, BEFORE, 0, 1])
+    both = abs(slip) <= COINCIDENT * (abs(dx) + abs(dy) + size)
+    one = select(later_vertex_meets(k, slip), gap_a, gap_b)
+    return select(both, larger(gap_a, gap_b), one)
+
+
+@inlined
+def at_point(vx, vy, rotation, px, py):
+    """Velocity at a point (px, py) from the pivot, of a body that moves by (vx, vy, rotation)."""
+    return vx - rotation * py, vy + rotation * px
+
+
+@kernel
+def relative_velocity(position, velocity, pivot, out):
+    """Velocity of the body after each joint relative to the one before it, at the pivots.
+
+    Parameters
+    ----------
+    position, velocity : array, (n_body + 2, 3)
+    pivot : array, (n_joint, 2) [m]
+    out : array, (n_joint, 3)
+        Overwritten: x, y, rotation.
+    """
+    for j in range(pivot.shape[0]):
+        px, py = pivot[j, 0], pivot[j, 1]
+        w, v = velocity[j + 1, 2], velocity[j, 2]
+        ux = velocity[j + 1, 0] - w * (py - position[j + 1, 1])
+        uy = velocity[j + 1, 1] + w * (px - position[j + 1, 0])
+        out[j, 0] = ux - (velocity[j, 0] - v * (py - position[j, 1]))
+        out[j, 1] = uy - (velocity[j, 1] + v * (px - position[j, 0]))
+        out[j, 2] = w - v

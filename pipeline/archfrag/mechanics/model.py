@@ -1,0 +1,187 @@
+"""What kernels take: a model that does not change, the state of a run, and workspace.
+
+The arrays of state and workspace hold one run or, as `archfrag.mechanics.numbers.LaneArray`, four.
+Bodies are counted with the ground on either side: row 0 is the ground before the first joint, row
+i the i-th body, row n_body + 1 the ground behind the last. Joint j lies between rows j and j + 1;
+a chain with a free end has no joint before the last row.
+"""
+
+from collections.abc import Callable
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from archfrag.mechanics.collapse import N_LOSS
+from archfrag.mechanics.numbers import LaneArray, runs_of
+from archfrag.mechanics.status import Count, Energy, Peak
+from archfrag.mechanics.types import Chain
+
+# Gaps of this size, relative to the coordinates, are rounding. A closed ring is overdetermined:
+# it would answer them with reactions of any size.
+ROUNDING = 64 * 2.2e-16
+
+
+class Model(NamedTuple):
+    """A chain of rigid bodies, with what follows from it."""
+
+    mass: np.ndarray  # (n_body + 2,) [kg]; zero for the ground
+    inertia: np.ndarray  # (n_body + 2,) about the centroid [kg m2]; zero for the ground
+    inverse_mass: np.ndarray  # (n_body + 2,) [1/kg]; zero for the ground
+    inverse_inertia: np.ndarray  # (n_body + 2,) [1/(kg m2)]; zero for the ground
+    centroid: np.ndarray  # (n_body + 2, 2) at rest [m]; zero for the ground
+    corner: np.ndarray  # (n_joint, 2, 2, 2) side, corner, xy: faces in the bodies' frames [m]
+    tangent: np.ndarray  # (n_joint, 2, 2) side, xy: unit tangents in the bodies' frames [1]
+    length: np.ndarray  # (n_joint,) the shorter face [m]
+    friction: np.ndarray  # (n_joint,) Coulomb coefficient; inf: the limit of large friction [1]
+    ray: np.ndarray  # (n_joint, 2) normal and tangential part of a sliding reaction [1]
+    gravity: float  # [m/s2]
+    rounding: float  # gaps smaller than this are none [m]
+
+
+class State(NamedTuple):
+    """What a run is at one instant, and what it remembers; (…, 4) for four runs."""
+
+    position: np.ndarray  # (n_body + 2, 3) centroid [m] and rotation [rad]
+    velocity: np.ndarray  # (n_body + 2, 3) relative to the ground [m/s], [rad/s]
+    touch: np.ndarray  # (n_joint, 2) one where a corner is in contact, else zero
+    slide: np.ndarray  # (n_joint,) sense of the friction force along the tangent, zero: sticks
+    slip: np.ndarray  # (n_joint,) along the tangent, where last in contact [m]
+    bore_face: np.ndarray  # (n_joint,) one where the last contact was at both corners
+    lost_since: np.ndarray  # (n_joint,) when contact was lost last [s]; nan before
+    lost_slip: np.ndarray  # (n_joint,) slip over length at that instant [1]
+    lost_rotation: np.ndarray  # (n_joint,) relative rotation at that instant [rad]
+    impact: np.ndarray  # (n_joint,) steps for which a new contact still counts as an impact
+    loss: np.ndarray  # (len(Loss),) see archfrag.mechanics.collapse
+    clock: np.ndarray  # (len(Clock),)
+    # (len(Count),) by archfrag.mechanics.status.Count
+    count: np.ndarray  # type: ignore[assignment]
+    energy: np.ndarray  # (len(Energy),) [J]
+    peak: np.ndarray  # (len(Peak),)
+
+
+class Clock(IntEnum):
+    """Entries of ``State.clock``."""
+
+    TIME = 0  # of the positions [s]
+    PREVIOUS = 1  # size of the last step; velocities lie half of it back [s]
+    STEP = 2  # size of the next step [s]
+    IMPACT = 3  # when the next impact is expected [s]
+    FASTEST = 4  # largest speed of any body, rotation times joint length included [m/s]
+    SPAN = 5  # for which the reactions of the last step act [s]
+    MOVING = 6  # time spent moving so far [s]
+    RESTING = 7  # time spent at rest so far [s]
+    MOTION = 8  # which of the ground motions moves it
+    FACTOR = 9  # on that ground motion
+    CODE = 10  # why the run waits; zero: it goes on
+    START = 11  # potential energy of the initial state [J]
+
+
+class Work(NamedTuple):
+    """Scratch of one step."""
+
+    face: np.ndarray  # (n_joint, 2, 2, 2) side, corner, xy: where the faces are [m]
+    tangent: np.ndarray  # (n_joint, 2, 2) side, xy: their unit tangents
+    next_face: np.ndarray  # (n_joint, 2, 2, 2) where the present velocities take them
+    next_tangent: np.ndarray  # (n_joint, 2, 2)
+    turned: np.ndarray  # (n_body + 2, 2) cosine and sine of the rotations
+    point: np.ndarray  # (n_joint, 2, 2) corner, xy: contact points [m]
+    pivot: np.ndarray  # (n_joint, 2) in the middle between them [m]
+    normal: np.ndarray  # (n_joint, 2) common normal of a closed joint
+    side_normal: np.ndarray  # (n_joint, 2, 2, 2) corner, PLUS or MINUS, xy: Eqs 23a and 23b
+    candidate: np.ndarray  # (n_joint, 2) one where the corner may touch in this step
+    bias: np.ndarray  # (n_joint, 2, 2) corner, xy: added to the relative velocity [m/s]
+    free: np.ndarray  # (n_body + 2, 3) velocities without reactions
+    solved: np.ndarray  # (n_body + 2, 3) velocities that the contact problem gives
+    touch: np.ndarray  # (n_joint, 2) modes that the contact problem is solved for
+    slide: np.ndarray  # (n_joint,)
+    asked_touch: np.ndarray  # (n_joint, 2) modes that the solution asks for
+    asked_slide: np.ndarray  # (n_joint,)
+    row: (
+        np.ndarray
+    )  # (n_joint, 3, 4) constrained directions: x, y, arms on the bodies after, before
+    column: np.ndarray  # (n_joint, 3, 4) the same of the reactions
+    block: np.ndarray  # (n_joint, 3, 3) eliminated diagonal blocks, reciprocals on the diagonal
+    lower: np.ndarray  # (n_joint, 3, 3) coupling with the joint before
+    upper: np.ndarray  # (n_joint, 3, 3) eliminated coupling with the next joint
+    unknown: np.ndarray  # (n_joint, 3) multipliers
+    residual: np.ndarray  # (n_joint, 3) velocities left along the constrained directions
+    reaction: np.ndarray  # (n_joint, 3) impulse on the body after: x, y, moment about the pivot
+    relative: np.ndarray  # (n_joint, 3) relative velocity at the pivot
+    earlier: np.ndarray  # (n_joint, 3) the same before the step
+    parting: np.ndarray  # (n_joint, 2, 2) corner, xy: relative velocity with bias
+    position: np.ndarray  # (n_body + 2, 3) that the present velocities reach
+
+
+N_CLOCK = len(Clock)
+
+
+def model_of(chain: Chain) -> Model:
+    """Model of a chain.
+
+    Parameters
+    ----------
+    chain : archfrag.mechanics.types.Chain
+    """
+    n_body, n_joint = chain.mass.size, chain.friction.size
+
+    def framed(values: np.ndarray) -> np.ndarray:
+        return np.concatenate([np.zeros_like(values[:1]), values, np.zeros_like(values[:1])])
+
+    corner = np.ascontiguousarray(np.stack([chain.face_before, chain.face_after], axis=1))
+    along = corner[:, :, 1] - corner[:, :, 0]
+    sizes = np.hypot(along[..., 0], along[..., 1])
+    rough = np.isinf(chain.friction)
+    ray = np.stack([np.where(rough, 0.0, 1.0), np.where(rough, 1.0, chain.friction)], axis=1)
+    assert n_joint in (n_body, n_body + 1)
+    return Model(
+        mass=framed(chain.mass),
+        inertia=framed(chain.inertia),
+        inverse_mass=framed(1.0 / chain.mass),
+        inverse_inertia=framed(1.0 / chain.inertia),
+        centroid=framed(chain.centroid),
+        corner=corner,
+        tangent=along / sizes[..., None],
+        length=sizes.min(axis=1),
+        friction=np.ascontiguousarray(chain.friction, float),
+        ray=ray,
+        gravity=float(chain.gravity),
+        rounding=ROUNDING * float(np.abs(chain.centroid).max()),
+    )
+
+
+def new_state(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) -> State:
+    """Zeros for the state of one run, or of four with `lane_array` as `zeros`."""
+    n_row, n_joint = model.mass.size, model.friction.size
+    joint = ("slide", "slip", "bore_face", "lost_since", "lost_slip", "lost_rotation", "impact")
+    sizes = {"loss": N_LOSS, "clock": N_CLOCK, "count": len(Count), "energy": len(Energy)}
+    arrays = {name: zeros((n_joint,)) for name in joint}
+    arrays |= {name: zeros((size,)) for name, size in sizes.items()}
+    return State(
+        position=zeros((n_row, 3)),
+        velocity=zeros((n_row, 3)),
+        touch=zeros((n_joint, 2)),
+        peak=zeros((len(Peak),)),
+        **arrays,
+    )
+
+
+def new_work(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) -> Work:
+    """Workspace for one run, or for four with `lane_array` as `zeros`."""
+    n_row, n_joint = model.mass.size, model.friction.size
+    shapes = {
+        "face": (2, 2, 2), "tangent": (2, 2), "next_face": (2, 2, 2), "next_tangent": (2, 2),
+        "point": (2, 2), "pivot": (2,), "normal": (2,), "side_normal": (2, 2, 2),
+        "candidate": (2,), "bias": (2, 2), "touch": (2,), "slide": (),
+        "asked_touch": (2,), "asked_slide": (), "row": (3, 4), "column": (3, 4),
+        "block": (3, 3), "lower": (3, 3), "upper": (3, 3), "unknown": (3,), "residual": (3,),
+        "reaction": (3,), "relative": (3,), "earlier": (3,), "parting": (2, 2),
+    }  # fmt: skip
+    arrays = {name: zeros((n_joint, *shape)) for name, shape in shapes.items()}
+    for name in ("free", "solved", "position"):
+        arrays[name] = zeros((n_row, 3))
+    turned = zeros((n_row, 2))
+    runs = runs_of(turned) if isinstance(turned, LaneArray) else turned
+    runs[:, 0] = 1.0
+    return Work(turned=turned, **arrays)
+

@@ -1,0 +1,92 @@
+"""First level: reactions at the hinges of three mega-voussoirs (Eqs 29-33), against nine
+equations of balance solved densely."""
+
+import numpy as np
+import pytest
+
+import archfrag as af
+from tests.mechanics.adapters import Posed, by_four_hinges
+from tests.mechanics.linkages import (
+    hinged_motion,
+    joined,
+    mechanism_of,
+    random_hinged_arch,
+)
+from tests.mechanics.oracles import cross
+
+g = 9.80665
+HINGES = np.array([[-9.0, 1.0], [-4.0, 8.0], [3.0, 9.0], [9.0, 2.0]])
+
+
+def random_linkage(rng):
+    """Three bodies of any mass on four hinges, in motion, under any body forces."""
+    hinge = HINGES + rng.uniform(-1.5, 1.5, (4, 2))
+    centroid = 0.5 * (hinge[1:] + hinge[:-1]) + rng.uniform(-2.0, 2.0, (3, 2))
+    mass, inertia = rng.uniform(1e3, 1e5, 3), rng.uniform(1e3, 1e6, 3)
+    spin = rng.uniform(-1.0, 1.0) * mechanism_of(centroid, hinge)[:, 2]
+    return mass, inertia, centroid, hinge, spin, rng.normal(size=(3, 3)) * [10.0, 10.0, 1.0]
+
+
+class TestFourHinges:
+    def test_accelerations_and_forces_balance_the_three_bodies(self):
+        rng = np.random.default_rng(1)
+        for _ in range(300):
+            mass, inertia, centroid, hinge, spin, free = random_linkage(rng)
+            corners = rng.integers(0, 2, 4)
+            possible, acceleration, force, where = by_four_hinges(
+                mass, inertia, centroid, hinge, corners, spin, free
+            )
+            expected, forces = hinged_motion(mass, inertia, centroid, hinge, spin, free)
+            assert possible
+            assert where == pytest.approx(hinge)
+            assert np.abs(acceleration - expected).max() < 1e-10 * np.abs(expected).max()
+            assert np.abs(force - forces).max() < 1e-10 * np.abs(forces).max()
+
+    def test_of_weightless_outer_bodies_the_reactions_meet_at_the_rotation_centre(self):
+        """What the paper says of the whole reactions (Eq 30) holds where nothing else acts."""
+        rng = np.random.default_rng(2)
+        mass, inertia, centroid, hinge, spin, free = random_linkage(rng)
+        mass[[0, 2]], inertia[[0, 2]] = 1e-9, 1e-9
+        _, _, force, _ = by_four_hinges(mass, inertia, centroid, hinge, [1, 0, 1, 0], spin, free)
+        for j, line in ((1, hinge[1] - hinge[0]), (2, hinge[3] - hinge[2])):
+            size = np.linalg.norm(force[j]) * np.linalg.norm(line)
+            assert abs(cross(line, force[j])) < 1e-9 * size
+
+    def test_without_a_rotation_centre_of_the_middle_body_it_declines(self):
+        mass, inertia, centroid, _, spin, free = random_linkage(np.random.default_rng(3))
+        for lean, possible in ((0.0, False), (1e-3, False), (0.1, True)):
+            hinge = np.array([[0.0, 0.0], [lean, 5.0], [6.0, 5.0], [6.0, 0.0]])
+            found, *_ = by_four_hinges(mass, inertia, centroid, hinge, [1, 0, 1, 0], spin, free)
+            assert found is possible
+
+
+class TestMegaVoussoirs:
+    """The same of arches whose voussoirs have to be joined first."""
+
+    def make(self, voussoirs):
+        return af.Arch.circular(10.0, 2.0, 150.0, voussoirs, np.inf)
+
+    def test_reactions_at_the_hinges(self):
+        rng = np.random.default_rng(4)
+        compared = 0
+        for _ in range(250):
+            arch, state = random_hinged_arch(rng, self.make)
+            push = rng.uniform(-1.0, 1.0) * g
+            posed = Posed(arch.chain, state.position, state.velocity, state.modes, push)
+            solution, rounds = posed.by_levels()
+            if not solution.solved or rounds > 1:
+                continue
+            compared += 1
+            bodies = [joined(arch.chain, body, state.position) for body in state.bodies]
+            mass, inertia, centroid = (np.array(part) for part in zip(*bodies))
+            spin = np.array([state.velocity[body[0], 2] for body in state.bodies])
+            free = np.tile([-push, -g, 0.0], (3, 1))
+            motion, forces = hinged_motion(mass, inertia, centroid, state.hinge, spin, free)
+            found = solution.wrench[state.joints]
+            assert np.abs(found[:, :2] - forces).max() < 1e-9 * np.abs(forces).max()
+            moment = cross(state.hinge, forces)
+            assert np.abs(found[:, 2] - moment).max() < 1e-8 * np.abs(moment).max()
+            for k, body in enumerate(state.bodies):
+                turning = solution.velocity[body, 2]
+                assert turning == pytest.approx(np.full(body.size, motion[k, 2]), abs=1e-9)
+        assert compared >= 10

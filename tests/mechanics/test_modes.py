@@ -1,0 +1,229 @@
+"""Modes that a joint asks for, transition by transition, each derived by hand from the laws.
+
+Axes of a joint: the normal points from the earlier body to the later one, the tangent is the
+normal turned by +90 degrees and runs from corner 0 to corner 1. A rotation w of the later body
+opens corner 0 by h w and closes corner 1 by as much; normal forces N0 and N1 have the moment
+h (N0 - N1) about the middle of the joint.
+"""
+
+import math
+
+import pytest
+
+from tests.mechanics.adapters import CLOSED, MINUS, OPEN, PLUS, Joint, Mode, proposed
+
+HALF = 0.5
+STILL = (0.0, 0.0, 0.0)
+NO_FORCE = (0.0, 0.0, 0.0)
+FRICTION = 0.5
+CONE = math.atan(FRICTION)
+# Rotation of the later face of an open joint that touches at corner 0: clockwise, as it has
+# opened corner 1. There slip PLUS, of the later body against the tangent, carries the earlier
+# body's vertex along the later face, whose normal counts (Eq 23b); slip MINUS the later body's
+# vertex along the earlier face (Eq 23a).
+OPENED = 0.1
+AT_VERTEX = {"lean": (-OPENED, 0.0), "touching": (True, False)}
+
+
+def opening(first, second, sliding=0.0):
+    """Motion of a joint whose corners open by `first` and `second` and which slides."""
+    return 0.5 * (first + second), sliding, (first - second) / (2.0 * HALF)
+
+
+def pressing(first, second, shear=0.0):
+    """Reaction of a joint that presses by `first` and `second` at its corners."""
+    return first + second, shear, HALF * (first - second)
+
+
+def at_corner(corner, normal, shear):
+    """Reaction of a joint that bears at one corner."""
+    return pressing(*((normal, 0.0) if corner == 0 else (0.0, normal)), shear)
+
+
+def directed(angle):
+    """Unit reaction at corner 0, at an angle to the normal of the earlier face."""
+    return at_corner(0, math.cos(angle), math.sin(angle))
+
+
+def asked(*arguments, **others):
+    """Mode that one joint asks for; also that it counts as changed where it differs."""
+    joint = Joint(*arguments, **others)
+    (mode,), changed, worst = proposed([joint])
+    assert changed == (mode != joint.mode)
+    assert worst == (0 if changed else -1)
+    return mode
+
+
+class TestOpenJoint:
+    """Signorini (Eq 5): no reaction, so no corner may close."""
+
+    @pytest.mark.parametrize("corner", [0, 1])
+    def test_a_corner_that_approaches_touches(self, corner):
+        rates = (-1.0, 2.0) if corner == 0 else (2.0, -1.0)
+        assert asked(OPEN, opening(*rates), NO_FORCE) == Mode((corner,))
+
+    def test_both_corners_that_approach_close_it(self):
+        assert asked(OPEN, opening(-1.0, -2.0), NO_FORCE) == CLOSED
+
+    def test_corners_that_part_leave_it_open(self):
+        assert asked(OPEN, opening(0.5, 2.0), NO_FORCE) == OPEN
+
+    def test_a_corner_that_does_not_touch_may_approach(self):
+        here = {"touching": (False, True)}
+        assert asked(OPEN, opening(-1.0, 2.0), NO_FORCE, **here) == OPEN
+        assert asked(OPEN, opening(-1.0, -2.0), NO_FORCE, **here) == Mode((1,))
+
+    @pytest.mark.parametrize("sense", [PLUS, MINUS])
+    def test_a_slip_under_way_goes_on(self, sense):
+        under_way = {"sliding": sense}
+        assert asked(OPEN, opening(-1.0, 2.0), NO_FORCE, **under_way) == Mode((0,), sense)
+        assert asked(OPEN, opening(-1.0, -2.0), NO_FORCE, **under_way) == Mode((0, 1), sense)
+
+    def test_a_face_without_friction_limit_sticks_where_it_closes(self):
+        mode = asked(OPEN, opening(-1.0, -2.0), NO_FORCE, friction=math.inf, sliding=PLUS)
+        assert mode == CLOSED
+
+
+class TestClosedJoint:
+    def test_sticks_inside_its_cone(self):
+        for shear in (0.49, -0.49):
+            assert asked(CLOSED, STILL, pressing(0.7, 0.3, shear)) == CLOSED
+
+    @pytest.mark.parametrize(("shear", "sense"), [(0.51, PLUS), (-0.51, MINUS)])
+    def test_slides_beyond_it(self, shear, sense):
+        """Coulomb (Eq 6): the shear force tends to the bound of its own sign."""
+        assert asked(CLOSED, STILL, pressing(0.7, 0.3, shear)) == Mode((0, 1), sense)
+
+    def test_never_slides_without_a_friction_limit(self):
+        assert asked(CLOSED, STILL, pressing(0.7, 0.3, 80.0), friction=math.inf) == CLOSED
+
+    @pytest.mark.parametrize("sense", [PLUS, MINUS])
+    def test_slides_on_against_its_friction_and_sticks_where_it_would_slide_with_it(self, sense):
+        """Eq 6: friction takes power; T times slip rate may not be positive."""
+        sliding, force = Mode((0, 1), sense), pressing(0.7, 0.3, 0.5 * sense)
+        assert asked(sliding, opening(0.0, 0.0, -0.2 * sense), force) == sliding
+        assert asked(sliding, opening(0.0, 0.0, 0.2 * sense), force) == CLOSED
+
+    def test_a_slip_under_way_does_not_stick(self):
+        sliding = Mode((0, 1), PLUS)
+        motion, force = opening(0.0, 0.0, 0.2), pressing(0.7, 0.3, 0.5)
+        assert asked(sliding, motion, force, sliding=PLUS) == sliding
+
+    @pytest.mark.parametrize("slip", [0, PLUS, MINUS])
+    def test_the_corner_that_would_pull_is_left(self, slip):
+        """Signorini (Eq 5): both normal forces press; a contact that pulls opens."""
+        shear = 0.5 * slip
+        assert asked(Mode((0, 1), slip), STILL, pressing(1.2, -0.2, shear)) == Mode((0,), slip)
+        assert asked(Mode((0, 1), slip), STILL, pressing(-0.2, 1.2, shear)) == Mode((1,), slip)
+
+    def test_opens_where_both_corners_would_pull(self):
+        assert asked(CLOSED, STILL, pressing(-0.2, -0.1)) == OPEN
+
+    def test_tips_and_slides_at_once(self):
+        assert asked(CLOSED, STILL, pressing(1.2, -0.2, 0.6)) == Mode((0,), PLUS)
+
+
+class TestCorner:
+    """A hinge at a corner whose other corner parts, or does not touch."""
+
+    @pytest.mark.parametrize("corner", [0, 1])
+    def test_turns_inside_its_cone(self, corner):
+        motion = opening(*((0.0, 1.0) if corner == 0 else (1.0, 0.0)))
+        for shear in (0.49, -0.49):
+            mode = asked(Mode((corner,)), motion, at_corner(corner, 1.0, shear))
+            assert mode == Mode((corner,))
+
+    @pytest.mark.parametrize("corner", [0, 1])
+    @pytest.mark.parametrize(("shear", "sense"), [(0.51, PLUS), (-0.51, MINUS)])
+    def test_slides_beyond_it(self, corner, shear, sense):
+        motion = opening(*((0.0, 1.0) if corner == 0 else (1.0, 0.0)))
+        mode = asked(Mode((corner,)), motion, at_corner(corner, 1.0, shear))
+        assert mode == Mode((corner,), sense)
+
+    @pytest.mark.parametrize("sense", [PLUS, MINUS])
+    def test_slides_on_against_its_friction_and_sticks_where_it_would_slide_with_it(self, sense):
+        sliding, force = Mode((1,), sense), at_corner(1, 1.0, 0.5 * sense)
+        assert asked(sliding, opening(1.0, 0.0, -0.2 * sense), force) == sliding
+        assert asked(sliding, opening(1.0, 0.0, 0.2 * sense), force) == Mode((1,))
+        motion = opening(1.0, 0.0, 0.2 * sense)
+        assert asked(sliding, motion, force, sliding=sense) == sliding
+
+    @pytest.mark.parametrize("slip", [0, PLUS, MINUS])
+    def test_is_lost_where_it_would_pull(self, slip):
+        pulling = at_corner(0, -1.0, -0.5 * slip)
+        assert asked(Mode((0,), slip), opening(0.0, 1.0), pulling) == OPEN
+
+    @pytest.mark.parametrize("slip", [0, PLUS, MINUS])
+    def test_closes_where_the_other_corner_approaches(self, slip):
+        motion, force = opening(0.0, -1.0), at_corner(0, 1.0, 0.5 * slip)
+        assert asked(Mode((0,), slip), motion, force) == Mode((0, 1), slip)
+        far = {"touching": (True, False)}
+        assert asked(Mode((0,), slip), motion, force, **far) == Mode((0,), slip)
+
+    def test_without_a_friction_limit_only_a_pull_ends_it(self):
+        rough = {"friction": math.inf}
+        motion = opening(0.0, 1.0)
+        assert asked(Mode((0,)), motion, at_corner(0, 0.01, 9.0), **rough) == Mode((0,))
+        assert asked(Mode((0,)), motion, at_corner(0, -0.01, 9.0), **rough) == OPEN
+        sliding = Mode((0,), PLUS)
+        closing = asked(sliding, opening(0.0, -1.0), at_corner(0, 0.0, 1.0), **rough)
+        assert closing == CLOSED
+
+
+class TestVertexOnVertex:
+    """Two laws at an open joint (Eqs 23a and 23b): of the earlier face and of the later one."""
+
+    def test_sticks_where_the_reaction_is_in_both_cones(self):
+        for angle in (CONE - 1.1 * OPENED, 0.0, -CONE + 0.1 * OPENED):
+            assert asked(Mode((0,)), STILL, directed(angle), **AT_VERTEX) == Mode((0,))
+
+    def test_slides_along_the_later_face_where_only_its_cone_is_left(self):
+        force = directed(CONE - 0.5 * OPENED)
+        assert asked(Mode((0,)), STILL, force, **AT_VERTEX) == Mode((0,), PLUS)
+
+    def test_slides_along_the_earlier_face_where_only_its_cone_is_left(self):
+        force = directed(-CONE - 0.5 * OPENED)
+        assert asked(Mode((0,)), STILL, force, **AT_VERTEX) == Mode((0,), MINUS)
+
+    def test_parts_along_either_face(self):
+        """Moving into one face is free where it leaves the other; into both it is not."""
+        down = 0.5 * math.tan(OPENED)
+        leaving, entering = (-down, -1.0, 0.0), (-down, 1.0, 0.0)
+        assert asked(OPEN, leaving, NO_FORCE, **AT_VERTEX) == OPEN
+        assert asked(OPEN, entering, NO_FORCE, **AT_VERTEX) == Mode((0,))
+
+    @pytest.mark.parametrize(("sense", "lean"), [(PLUS, -OPENED), (MINUS, 0.0)])
+    def test_friction_lies_on_the_cone_of_the_face_that_is_slid_on(self, sense, lean):
+        sliding = Mode((0,), sense)
+        pressing_on = directed(lean + sense * CONE)
+        # Along the face of that sense: the rate is opposite to its friction.
+        along = (math.sin(lean) * sense, -math.cos(lean) * sense, 0.0)
+        back = (-along[0], -along[1], 0.0)
+        assert asked(sliding, along, pressing_on, **AT_VERTEX) == sliding
+        assert asked(sliding, back, pressing_on, **AT_VERTEX) == Mode((0,))
+        pulling = tuple(-part for part in pressing_on)
+        assert asked(sliding, along, pulling, **AT_VERTEX) == OPEN
+
+
+class TestManyJoints:
+    fine = Joint(CLOSED, STILL, pressing(1.0, 1.0))
+    sliding = Joint(CLOSED, STILL, pressing(1.0, 1.0, 1.2))
+    parting = Joint(CLOSED, STILL, pressing(1.0, -0.7))
+    landing = Joint(OPEN, opening(-0.3, 1.0), NO_FORCE)
+
+    def test_violations_are_counted_and_the_worst_is_named(self):
+        joints = [self.sliding, self.fine, self.parting, self.landing]
+        modes, changed, worst = proposed(joints)
+        assert modes == [Mode((0, 1), PLUS), CLOSED, Mode((0,)), Mode((0,))]
+        assert (changed, worst) == (3, 2)
+
+    def test_forces_and_rates_are_each_measured_by_their_own_scale(self):
+        joints = [self.sliding, self.fine, self.parting, self.landing]
+        assert proposed(joints, force_scale=10.0)[2] == 3
+        assert proposed(joints, scale=100.0, force_scale=10.0)[2] == 2
+
+    def test_rounding_breaks_no_law(self):
+        modes, changed, worst = proposed([self.sliding, self.landing], tolerance=0.25)
+        assert modes == [CLOSED, Mode((0,))]
+        assert (changed, worst) == (1, 1)
+        assert proposed([self.sliding, self.landing], tolerance=0.4)[1:] == (0, -1)

@@ -1,0 +1,176 @@
+"""Contact problems solved along paths: laws, balance, the other solver, all combinations."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from tests.mechanics.adapters import (
+    CLOSED,
+    MINUS,
+    PLUS,
+    Mode,
+    Problem,
+    Solution,
+    by_newton,
+    by_path,
+    path_end,
+    problem_of,
+)
+from tests.mechanics.oracles import (
+    Dense,
+    balance_error,
+    corner_rates,
+    law_violation,
+    possible_modes,
+)
+from tests.physics.random_states import KINDS, random_state
+
+FRICTION = (0.2, 0.4, 0.8, 1.2, np.inf)
+
+
+def random_problem(rng, n, kind, mu=None):
+    """A random state; accelerations in motion with what turning adds to the laws of a joint."""
+    if mu is None:
+        mu = FRICTION[rng.integers(len(FRICTION))]
+    problem = problem_of(random_state(rng, n, mu, kind))
+    if kind in ("resting", "impact"):
+        return problem
+    bias = rng.uniform(-1.0, 1.0, (n + 1, 1, 2)) * np.ones((1, 2, 1))
+    bias = bias + rng.uniform(-0.5, 0.5, (n + 1, 2, 1)) * problem.normal[:, None]
+    return problem.but(bias=bias)
+
+
+def scale_of(problem):
+    return np.abs(corner_rates(problem, problem.free)[problem.touching]).max()
+
+
+def answers_of(problem):
+    """Motions of all combinations of modes that obey the laws, dense."""
+    dense = Dense(problem)
+    every = [possible_modes(problem, j) for j in range(problem.friction.size)]
+    found = []
+    for modes in itertools.product(*every):
+        velocity, wrench = dense.solve(modes)
+        solution = Solution(True, velocity, wrench, modes)
+        if law_violation(problem, solution, 1e-6, dense.matrix) < 1e-6:
+            found.append(velocity)
+    return found
+
+
+def rod(friction, lift=0.0):
+    """The end of a steep thin rod that slides on the ground against its friction PLUS.
+
+    The normal acceleration of the end by a unit force on the cone is
+    ``1 + 3 cos a (cos a - mu sin a)``, a = 60 degrees: negative beyond mu = 1.35 (Painleve).
+    """
+    along = np.array([np.cos(np.pi / 3.0), np.sin(np.pi / 3.0)])
+    up = np.array([0.0, 1.0])
+    return Problem(
+        mass=np.ones(1),
+        inertia=np.full(1, 1.0 / 3.0),
+        centroid=np.array([along * [-1.0, 1.0]]),
+        point=np.array([[[0.0, 0.0], [-0.1, 0.0]]]),
+        normal=up[None],
+        normal_plus=np.array([[up, up]]),
+        normal_minus=np.array([[up, up]]),
+        touching=np.array([[True, False]]),
+        sliding=np.array([PLUS]),
+        bias=np.zeros((1, 2, 2)),
+        friction=np.array([friction]),
+        free=np.array([[0.0, lift - 10.0, 0.0]]),
+        start=[Mode((0,), PLUS)],
+    )
+
+
+@pytest.mark.parametrize("kind", KINDS)
+class TestLaws:
+    def test_both_laws_and_the_balance_hold(self, kind):
+        rng = np.random.default_rng(50 + KINDS.index(kind))
+        for _ in range(150):
+            problem = random_problem(rng, int(rng.integers(2, 40)), kind)
+            solution = by_path(problem)
+            assert solution.solved
+            assert law_violation(problem, solution) < 1e-10
+            assert balance_error(problem, solution) < 1e-12
+
+    def test_motion_is_that_of_the_iteration_on_modes(self, kind):
+        rng = np.random.default_rng(60 + KINDS.index(kind))
+        compared = other = 0
+        for _ in range(150):
+            problem = random_problem(rng, int(rng.integers(2, 40)), kind)
+            one, two = by_newton(problem), by_path(problem)
+            if not one.solved:
+                continue
+            compared += 1
+            assert law_violation(problem, one) < 1e-10
+            other += np.abs(one.velocity - two.velocity).max() > 1e-7 * scale_of(problem)
+        assert compared >= 100
+        # Under friction two motions may both obey the laws.
+        assert other <= 0.08 * compared
+
+    def test_a_single_path_ends_at_a_solution_of_compliant_joints(self, kind):
+        rng = np.random.default_rng(70 + KINDS.index(kind))
+        violations = []
+        for trial in range(60):
+            problem = random_problem(rng, int(rng.integers(2, 30)), kind, rng.uniform(0.2, 1.2))
+            end = path_end(problem, trial % 3, 1e-6)
+            assert end.solved
+            assert balance_error(problem, end) < 1e-12
+            violations.append(law_violation(problem, end))
+        # Where all joints are closed, only the compliance chooses among their reactions.
+        allowed = 4 if kind == "resting" else 0
+        assert sorted(violations)[-1 - allowed] < 5e-4
+
+
+class TestEnumeration:
+    """Short chains, where every combination of modes can be tried."""
+
+    @pytest.mark.parametrize(("n", "trials"), [(2, 24), (3, 8)])
+    def test_the_motion_is_among_those_of_all_combinations(self, n, trials):
+        rng = np.random.default_rng(80 + n)
+        several = 0
+        for trial in range(trials):
+            kind = KINDS[1 + trial % 3] if n == 3 else KINDS[trial % 4]
+            problem = random_problem(rng, n, kind)
+            solution, answers = by_path(problem), answers_of(problem)
+            assert solution.solved
+            near = [
+                np.abs(answer - solution.velocity).max() < 1e-5 * scale_of(problem)
+                for answer in answers
+            ]
+            assert any(near)
+            several += not all(near)
+        assert several <= 0.1 * trials
+
+    def test_a_state_without_a_solution_is_reported_as_one(self):
+        for friction, solutions in ((1.3, 1), (1.4, 0), (4.0, 0)):
+            problem = rod(friction)
+            assert len(answers_of(problem)) == solutions
+            assert by_path(problem).solved == bool(solutions)
+            assert by_newton(problem).solved == bool(solutions)
+
+    def test_a_lifted_rod_has_a_solution_at_any_friction(self):
+        for friction in (1.3, 4.0):
+            solution = by_path(rod(friction, lift=11.0))
+            assert solution.solved
+            assert solution.velocity[0] == pytest.approx([0.0, 1.0, 0.0])
+
+
+class TestTheMeasure:
+    """The oracle itself sees a broken law."""
+
+    def test_of_motion_force_and_balance(self):
+        rng = np.random.default_rng(90)
+        problem = random_problem(rng, 6, "hinged", 0.7)
+        solution = by_path(problem)
+        assert law_violation(problem, solution) < 1e-10
+        wrench, velocity = solution.wrench.copy(), solution.velocity.copy()
+        wrench[3] *= 1.001
+        velocity[2, 0] += 1e-3
+        assert balance_error(problem, solution._replace(wrench=wrench)) > 1e-5
+        assert law_violation(problem, solution._replace(velocity=velocity)) > 1e-6
+        for sense in (PLUS, MINUS):
+            pulled = solution.wrench * [sense, -1.0, 1.0]
+            assert law_violation(problem, solution._replace(wrench=pulled)) > 1e-3
+        assert CLOSED in solution.modes

@@ -1,0 +1,137 @@
+"""Inelastic impacts with friction (Eqs 8, 9, 11, 21): what they leave, and what they take."""
+
+import math
+
+import numpy as np
+import pytest
+
+import archfrag as af
+from tests.mechanics.adapters import CLOSED, OPEN, Mode
+from tests.mechanics.linkages import random_hinged_arch
+from tests.mechanics.oracles import balance_error, corner_rates, law_violation
+from tests.methods.moving import Impact
+
+HEIGHT = 4.0
+
+
+def kinetic(chain, velocity):
+    return 0.5 * (chain.mass @ (velocity[:, :2] ** 2).sum(1) + chain.inertia @ velocity[:, 2] ** 2)
+
+
+def landing(width, friction, spin=1.0):
+    """A block that turns about its corner 0, at x = width / 2, as corner 1 lands."""
+    chain = af.Block(width, HEIGHT, friction=friction).chain
+    position = np.array([[0.0, 0.5 * HEIGHT, 0.0]])
+    velocity = spin * np.array([[-0.5 * HEIGHT, -0.5 * width, 1.0]])
+    return chain, Impact(chain, position, velocity, [Mode((0,))], (0, 1))
+
+
+class TestBlock:
+    @pytest.mark.parametrize("width", [0.4, 1.0, 2.0, 4.0])
+    def test_rocks_on_at_the_rate_of_housner(self, width):
+        chain, impact = landing(width, friction=5.0)
+        ratio = 1.0 - 1.5 * math.sin(math.atan(width / HEIGHT)) ** 2
+        assert impact.solved
+        assert impact.modes == [Mode((1,))]
+        expected = ratio * np.array([-0.5 * HEIGHT, 0.5 * width, 1.0])
+        assert impact.velocity[0] == pytest.approx(expected, rel=1e-10)
+        before = kinetic(chain, impact.problem.free)
+        assert impact.energy == pytest.approx((ratio**2 - 1.0) * before, rel=1e-9)
+        assert impact.joints_closed == 1
+
+    def test_stops_where_it_is_too_squat_to_rock(self):
+        """Beyond sin^2 = 2/3 Housner's ratio is negative: both corners press, nothing moves."""
+        chain, impact = landing(6.0, friction=5.0)
+        assert impact.modes == [CLOSED]
+        assert impact.velocity[0] == pytest.approx(np.zeros(3), abs=1e-12)
+        assert impact.energy == pytest.approx(-kinetic(chain, impact.problem.free), rel=1e-12)
+
+    def test_slides_where_friction_is_small(self):
+        """The impulse lies on Coulomb's cone at the corner that lands: three equations of
+        momentum and one of the corner that stops."""
+        width, friction = 1.0, 0.05
+        chain, impact = landing(width, friction)
+        arm = np.array([0.5 * width, 0.5 * HEIGHT])  # from the corner to the centroid
+        along = np.array([friction, 1.0])  # the later body slides to -x
+        spin = (arm[1] * along[0] - arm[0] * along[1]) / chain.inertia[0]
+        per_unit = np.array([*along / chain.mass[0], spin])
+        up = np.array([0.0, 1.0, -arm[0]])  # velocity of the corner along y
+        before = impact.problem.free[0]
+        after = before - (up @ before) / (up @ per_unit) * per_unit
+        assert impact.velocity[0] == pytest.approx(after, rel=1e-9)
+        assert impact.modes[0].corners == (1,)
+        assert impact.modes[0].slip != 0
+
+    def test_without_an_approaching_corner_nothing_happens(self):
+        chain, impact = landing(1.0, friction=0.6, spin=-1.0)
+        assert impact.velocity == pytest.approx(impact.problem.free)
+        assert impact.energy == pytest.approx(0.0, abs=1e-9 * kinetic(chain, impact.velocity))
+
+    def test_thrown_up_it_leaves(self):
+        chain = af.Block(1.0, HEIGHT, friction=0.6).chain
+        velocity = np.array([[0.1, 1.0, 0.05]])
+        impact = Impact(chain, np.array([[0.0, 2.0, 0.0]]), velocity, [CLOSED])
+        assert impact.modes == [OPEN]
+        assert impact.velocity == pytest.approx(velocity)
+
+
+def colliding(seed, friction, count):
+    """Arches at rest in their geometry, or on four hinges, whose voussoirs are all struck."""
+
+    def make(voussoirs):
+        thickness, embrace = rng.uniform(1.2, 3.0), rng.uniform(110.0, 170.0)
+        return af.Arch.circular(10.0, thickness, embrace, voussoirs, friction)
+
+    rng = np.random.default_rng(seed)
+    for number in range(count):
+        arch, state = random_hinged_arch(rng, make)
+        chain = arch.chain
+        position, modes, n = state.position, state.modes, chain.mass.size
+        if number % 3 == 0:
+            position, modes = np.column_stack([chain.centroid, np.zeros(n)]), [CLOSED] * (n + 1)
+        struck = rng.normal(size=(n, 3)) * [1.0, 1.0, 0.3] * 10.0 ** rng.uniform(-2.0, 0.5)
+        if number % 3 == 1:  # one blow to a motion that its hinges allow
+            struck = state.velocity * (1.0 + 0.2 * rng.normal(size=(n, 1)))
+        yield chain, position, struck, modes
+
+
+@pytest.mark.parametrize("friction", [0.3, 0.7, np.inf])
+class TestArch:
+    def test_impulses_and_velocities_after_obey_the_laws_and_no_energy_is_made(self, friction):
+        solved = moves = 0
+        for chain, *given in colliding(21, friction, 120):
+            impact = Impact(chain, *given)
+            if not impact.solved:
+                continue
+            solved += 1
+            assert impact.velocity == pytest.approx(impact.solution.velocity)
+            assert law_violation(impact.problem, impact.solution) < 1e-9
+            assert balance_error(impact.problem, impact.solution) < 1e-11
+            before, after = kinetic(chain, given[1]), kinetic(chain, impact.velocity)
+            assert after <= before * (1.0 + 1e-12)
+            assert impact.energy == pytest.approx(after - before, abs=1e-9 * before)
+            moves += after > 1e-6 * before
+        assert solved >= 118
+        assert moves >= 60
+
+    def test_no_corner_that_touches_approaches_after_it(self, friction):
+        for chain, *given in colliding(22, friction, 40):
+            impact = Impact(chain, *given)
+            problem = impact.problem
+            rates = corner_rates(problem, impact.velocity)
+            scale = np.abs(given[1]).max()
+            faces = np.stack([problem.normal_plus, problem.normal_minus])
+            opening = (faces * rates).sum(-1).max(0)
+            assert opening[problem.touching].min() > -1e-9 * scale
+
+    def test_a_second_impact_at_once_changes_nothing(self, friction):
+        for chain, position, velocity, modes in colliding(23, friction, 40):
+            first = Impact(chain, position, velocity, modes)
+            second = Impact(chain, position, first.velocity, first.modes)
+            if np.isinf(friction):
+                # A corner may slide where it presses by nothing, and stick by a further impulse.
+                left = kinetic(chain, first.velocity)
+                assert kinetic(chain, second.velocity) <= left * (1.0 + 1e-9)
+                continue
+            scale = np.abs(velocity).max()
+            assert second.velocity == pytest.approx(first.velocity, abs=1e-8 * scale)

@@ -1,0 +1,127 @@
+"""Steps of the Runge-Kutta method between events: order 5, its dense output 4, its own error."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import archfrag as af
+from tests.mechanics.adapters import PLUS, Mode
+from tests.mechanics.linkages import hinged_arch, hinged_motion
+from tests.methods.moving import Moving
+from tests.methods.rocking import Rocking
+
+GROUND = (1.0, 5.0, -0.5, 3.0)
+SPAN = 0.4
+
+
+def rocking_block():
+    """A block on its right edge on shaken ground; its motion integrated apart."""
+    chain = af.Block(1.0, 4.0, friction=5.0).chain
+    oracle, start = Rocking(chain, (0.5, 0.0), GROUND), (-0.12, 0.1)
+    moving = Moving(chain, *oracle.state(*start), [Mode((0,))], GROUND)
+
+    def exact(time):
+        return np.concatenate(oracle.state(*oracle.move(time, *start)[1]))
+
+    return moving, exact
+
+
+def linkage():
+    """Three voussoirs on four hinges; their motion by nine dense equations."""
+    arch = af.Arch.circular(10.0, 1.5, 157.5, 3, 0.7)
+    hinges = [(0, 1), (1, 0), (2, 1), (3, 0)]
+    state = hinged_arch(arch, hinges, 0.02, 0.3)
+    chain = arch.chain
+    corners = [c for _, c in hinges]
+
+    def rate(time, y):
+        position, velocity = y.reshape(2, 3, 3)
+        c, s = np.cos(position[:, 2]), np.sin(position[:, 2])
+        hinge = np.empty((4, 2))
+        for j in range(4):
+            face = chain.face_after[j, corners[j]]
+            hinge[j] = face if j == 3 else position[j, :2] + [
+                c[j] * face[0] - s[j] * face[1], s[j] * face[0] + c[j] * face[1]
+            ]  # fmt: skip
+        gx, sx, gy, sy = GROUND
+        force = [-gx - sx * time, -chain.gravity - gy - sy * time, 0.0]
+        free = np.tile(force, (3, 1))
+        acceleration, _ = hinged_motion(
+            chain.mass, chain.inertia, position[:, :2], hinge, velocity[:, 2], free
+        )
+        return np.concatenate([velocity.ravel(), acceleration.ravel()])
+
+    def exact(time):
+        start = np.concatenate([state.position.ravel(), state.velocity.ravel()])
+        done = solve_ivp(rate, (0.0, time), start, method="DOP853", rtol=1e-12, atol=1e-14)
+        return done.y[:, -1].reshape(6, 3)
+
+    return Moving(chain, state.position, state.velocity, state.modes, GROUND), exact
+
+
+SIZES = (0.08, 0.04, 0.02)
+
+
+def order(errors):
+    """Power of the step size in errors of steps halved twice."""
+    assert errors[-1] > 1e-14
+    return 0.5 * np.log2(errors[0] / errors[-1])
+
+
+@pytest.mark.parametrize("scene", [rocking_block, linkage])
+class TestOrder:
+    def test_of_motion_over_a_span_is_five(self, scene):
+        _, exact = scene()
+        expected, errors = exact(SPAN), []
+        for number in (8, 16, 32):
+            moving, _ = scene()
+            for _ in range(number):
+                moving.step(SPAN / number)
+                moving.go_on(SPAN / number)
+            end = np.concatenate([moving.few.position, moving.few.velocity])
+            errors.append(np.abs(end - expected).max())
+        assert 4.7 < order(errors) < 6.3
+
+    def test_of_the_dense_output_is_four(self, scene):
+        """Inside a step its error is of the fifth power of the step, at its ends of the sixth."""
+        moving, exact = scene()
+        for part, power in ((0.3, 5.0), (0.5, 5.0), (0.8, 5.0), (1.0, 6.0)):
+            errors = []
+            for size in SIZES:
+                moving.step(size)
+                found = np.concatenate(moving.inside(part))
+                errors.append(np.abs(found - exact(part * size)).max())
+            assert order(errors) > power - 0.4
+
+    def test_of_the_error_that_a_step_estimates_is_that_of_the_embedded_formula(self, scene):
+        moving, exact = scene()
+        estimates = []
+        for size in SIZES:
+            *state, estimate = moving.step(size)
+            assert estimate > np.abs(np.concatenate(state) - exact(size)).max()
+            estimates.append(estimate)
+        assert 4.6 < order(estimates) < 5.9
+
+    def test_dense_output_meets_both_ends(self, scene):
+        moving, exact = scene()
+        start = exact(1e-12)
+        end = np.concatenate(moving.step(0.1)[:2])
+        assert np.concatenate(moving.inside(0.0)) == pytest.approx(start, abs=1e-10)
+        assert np.concatenate(moving.inside(1.0)) == pytest.approx(end, abs=1e-12)
+
+
+def test_work_of_the_ground_and_of_friction_over_a_part_of_a_step():
+    """A block that slides under changing ground: powers are polynomials, met exactly."""
+    block = af.Block(8.0, 4.0, friction=0.6).chain
+    speed, brake, rate = 2.0, 0.6 * block.gravity, 20.0
+    position, velocity = np.array([[0.0, 2.0, 0.0]]), np.array([[speed, 0.0, 0.0]])
+    ground = (0.0, rate, 0.0, 0.0)
+    moving = Moving(block, position, velocity, [Mode((0, 1), PLUS)], ground)
+    moving.step(0.1)
+    for part in (0.25, 0.6, 1.0):
+        t, mass = 0.1 * part, block.mass[0]
+        slid = speed * t - brake * t**2 / 2.0 - rate * t**3 / 6.0
+        pushed = speed * t**2 / 2.0 - brake * t**3 / 3.0 - rate * t**4 / 8.0
+        by_ground, by_friction = moving.work(part)
+        assert by_ground == pytest.approx(-mass * rate * pushed, rel=1e-10)
+        assert by_friction == pytest.approx(-mass * brake * slid, rel=1e-10)
