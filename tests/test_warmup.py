@@ -42,16 +42,18 @@ from archfrag.kernel_cache import use_kernel_cache
 said = []
 warmup("auto", said.append)
 from archfrag.mechanics import contact, onset
-from archfrag.methods import event_driven
-tops = (event_driven.run, contact.solve_contact, onset.rest_limit)
+from archfrag.methods.stepper import run
+tops = (run.run_four, run.run_one, contact.solve_contact, onset.rest_limit)
 waiting = [name for top in tops for sig in top.overloads
            for name in read_version(top._cache.path(sig, top.targetctx))[2]]
 versions = {}
 while waiting:
     name = waiting.pop()
     if name not in versions:
-        where, _, called, _ = read_version(use_kernel_cache() / name)
-        versions[name] = where.split(":")[0] + ":" + name.split(".")[1].rsplit("-", 1)[0]
+        where, sig, called, _ = read_version(use_kernel_cache() / name)
+        kind = " of four" if "Lanes" in str(sig) else ""
+        kernel = name.split(".")[1].rsplit("-", 1)[0]
+        versions[name] = where.split(":")[0] + ":" + kernel + kind
         waiting += called
 print(json.dumps([compiled, said, sorted(versions.values())]))
 """

@@ -13,6 +13,7 @@ _HOME = {
     "Motion": "archfrag.motions.motion",
     "read_motion": "archfrag.motions.read",
     "onset": "archfrag.simulate",
+    "simulate_many": "archfrag.simulate",
     "Onset": "archfrag.simulate",
     "Response": "archfrag.simulate",
     "fit_stripes": "archfrag.fragility.fit",
@@ -32,6 +33,7 @@ __all__ = [
     "onset",
     "read_motion",
     "simulate",
+    "simulate_many",
 ]
 
 if TYPE_CHECKING:
@@ -39,7 +41,7 @@ if TYPE_CHECKING:
     from archfrag.fragility.fit import Fragility, fit_ida, fit_stripes
     from archfrag.motions.motion import Motion
     from archfrag.motions.read import read_motion
-    from archfrag.simulate import Onset, Response, onset, simulate
+    from archfrag.simulate import Onset, Response, onset, simulate, simulate_many
 
 
 def __getattr__(name: str):

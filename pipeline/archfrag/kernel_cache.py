@@ -51,7 +51,7 @@ def kernel_hash() -> str:
     digest.update(f"python={platform.python_version()};{platform.machine()};".encode())
     home = Path(__file__).resolve().parent
     for folder in KERNEL_FOLDERS:
-        for path in sorted((home / folder).glob("*.py")):
+        for path in sorted((home / folder).rglob("*.py")):
             if path.name in HOLDS_NO_KERNEL:
                 continue
             digest.update(path.name.encode())

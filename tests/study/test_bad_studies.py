@@ -264,9 +264,8 @@ BAD |= {
     "dt of 10 s": (("dt: 2.0e-3", "dt: 10"), "must be less than or equal to 0.1"),
     "follow for a day": (("follow: 2.0", "follow: 86400"), "must be less than or equal to 3600"),
     "rtol for time stepping": (
-        ("dt: 2.0e-3", "rtol: 1e-6"),
-        "rtol is 1e-06, but method time_stepping does not use it; leave it out, or use "
-        "event_driven, auto, four_link",
+        ("dt: 2.0e-3", "dt: 2.0e-3, rtol: 1e-6"),
+        "rtol is 1e-06 and dt is 0.002; method time_stepping takes one of them",
     ),
     "dt for four_link": (("time_stepping", "four_link"), "method four_link does not use it"),
     "a setting of another": (

@@ -131,11 +131,11 @@ class TestSimulate:
         known = "auto, time_stepping, event_driven, four_link, penalty, gauss_seidel, "
         known += "quadratic_programme"
         assert (code, sentence) == (2, f"method is 'euler'; allowed are {known}")
-        tight = ("--method", "time_stepping", "--rtol", "1e-6")
+        tight = ("--method", "penalty", "--rtol", "1e-6")
         assert refused("simulate", *ARCH, record, *tight) == (
             2,
-            "rtol is 1e-06, but method time_stepping does not use it; leave it out, or use "
-            "event_driven, auto, four_link",
+            "rtol is 1e-06, but method penalty does not use it; leave it out, or use "
+            "time_stepping, event_driven, auto, four_link",
         )
         thin = [*ARCH[:2], "--thickness", "0.3", *ARCH[4:]]
         code, sentence = refused("simulate", *thin, record)

@@ -11,7 +11,7 @@ from archfrag.evidence.run import Way, arch_of, run_scene
 from archfrag.evidence.scene import Scene
 from archfrag.methods.registry import AUTO, METHODS
 from archfrag.simulate import warmup
-from archfrag.simulation.checks import default_step, own_time
+from archfrag.simulation.checks import default_steps
 from archfrag.simulation.response import Response
 
 STEPS = (8e-3, 4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1.25e-4)
@@ -86,7 +86,7 @@ def step_of(way: Way, scene: Scene) -> float:
     """
     if way.knob == "dt":
         return way.value
-    return default_step(METHODS[way.method], way.value, own_time(arch_of(scene)))
+    return default_steps(METHODS[way.method], way.value, arch_of(scene))[0]
 
 
 def ladders(quick: bool) -> tuple[list[Line], list[str]]:

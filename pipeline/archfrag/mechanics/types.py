@@ -31,12 +31,13 @@ class GroundMotion(NamedTuple):
     horizontal: np.ndarray  # (n_sample,) [m/s2]
     vertical: np.ndarray  # (n_sample,) upwards [m/s2]; all zero if there is none
     time_step: float  # [s]
+    factor: float = 1.0  # by which methods that scale motions themselves multiply it
 
 
 class Options(NamedTuple):
     """What every method is told; each uses what concerns it."""
 
-    time_step: float  # [s]
+    time_step: float  # at impacts, where steps grow between them [s]
     tolerance: float  # relative error allowed by methods with step control [1]
     accuracy: float  # relative error beyond which a run is refused, by its own measures [1]
     follow: float  # how long to go on past the end of the ground motion [s]
@@ -45,6 +46,7 @@ class Options(NamedTuple):
     check_interval: int  # steps between measurements of the contact residual
     frame_interval: float  # least time between frames of the history [s]
     crowding: float  # mean time between events below which all voussoirs are stepped [s]
+    largest_step: float = 0.0  # between impacts [s]; zero: all steps are equal
 
 
 class Frames(NamedTuple):

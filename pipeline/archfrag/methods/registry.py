@@ -30,8 +30,12 @@ class MethodInfo(NamedTuple):
     citation: str
     load: Callable[[], Callable]
     needs: str | None = None  # package of the extra `baselines` that it cannot run without
-    # Step for a tolerance, over the root of the shortest joint's length over gravity [1].
-    step_rule: Callable[[float], float] | None = None
+    # Steps at impacts and largest ones for a tolerance, both over the root of the shortest joint's
+    # length over gravity [1]; equal ones are fixed.
+    step_rule: Callable[[float, int], tuple[float, float]] | None = None
+    # For methods that scale ground motions themselves: many runs at once, as
+    # `archfrag.methods.stepper.front.run_many`.
+    load_many: Callable[[], Callable] | None = None
 
 
 # Default step of time stepping, over the root of the shortest joint's length over gravity: the
@@ -39,40 +43,48 @@ class MethodInfo(NamedTuple):
 OWN_STEP = 1.28e-3
 
 
-def own_step(rtol: float) -> float:
-    """Default step of time stepping, whatever the tolerance; as `step_of_ladder`."""
-    return OWN_STEP
+def own_step(rtol: float, n_body: int) -> tuple[float, float]:
+    """Default step of methods that help themselves with steps; as `steps_of_tolerance`."""
+    return OWN_STEP, OWN_STEP
 
 
-def step_of_ladder(rtol: float) -> float:
-    """Time step on all voussoirs that goes with a tolerance between events.
+# More bodies than this collide so often that impacts are not worth locating.
+FEW_IMPACTS = 20
 
-    After impacts the error of time stepping is of first order in its step; with a step fixed,
-    a tighter tolerance only sends more of a motion, in which less is ended early, to that step.
-    The power is such that theta of a fragility curve is off by about the tolerance where that is
-    coarse (`archfrag evidence fragility`).
+
+def steps_of_tolerance(rtol: float, n_body: int) -> tuple[float, float]:
+    """Steps at impacts, and the largest between them, that go with a tolerance.
+
+    After impacts the error of time stepping is of first order in the steps at impacts, between
+    them of second order in the others. The bodies of long chains collide so often that short steps
+    at impacts would be all there are; equal steps, eight times as long, are as accurate there.
 
     Parameters
     ----------
     rtol : float
+    n_body : int
 
     Returns
     -------
-    float
-        Over the root of the shortest joint's length over gravity: from 1/25 to 16 times
-        `OWN_STEP`, which goes with the default tolerance [1].
+    impact, largest : float
+        Over the root of the shortest joint's length over gravity [1]: 0.25 and 4 ms for joints of
+        1.5 m at the default tolerance, 2 ms both for more than `FEW_IMPACTS` bodies.
 
     Examples
     --------
-    >>> from archfrag.methods.registry import step_of_ladder
-    >>> [round(step_of_ladder(rtol), 6) for rtol in (1e-1, 1e-2, 1e-3, 1e-4, 1e-9)]
-    [0.020287, 0.005096, 0.00128, 0.000322, 5.1e-05]
+    >>> from archfrag.methods.registry import steps_of_tolerance
+    >>> [round(steps_of_tolerance(rtol, 7)[0], 6) for rtol in (1e-1, 1e-2, 1e-3, 1e-4, 1e-9)]
+    [0.010143, 0.002548, 0.00064, 0.000161, 2.6e-05]
     """
-    return OWN_STEP * min(max((rtol / 1e-3) ** 0.6, 0.04), 16.0)
+    scale = rtol / 1e-3
+    impact = 0.5 * OWN_STEP * min(max(scale**0.6, 0.04), 16.0)
+    if n_body > FEW_IMPACTS:
+        return 8.0 * impact, 8.0 * impact
+    return impact, max(8.0 * OWN_STEP * min(max(scale**0.4, 0.1), 4.0), impact)
 
 
 def _time_stepping():
-    from archfrag.methods.time_stepping import run
+    from archfrag.methods.stepper.front import run
 
     return run
 
@@ -93,6 +105,18 @@ def _ladder():
     from archfrag.methods.ladder import run
 
     return run
+
+
+def _many_by_steps():
+    from archfrag.methods.stepper.front import run_many
+
+    return run_many
+
+
+def _many_by_ladder():
+    from archfrag.methods.ladder import run_many
+
+    return run_many
 
 
 def _four_link():
@@ -118,9 +142,13 @@ FOLLOW = Parameter("follow", "s", 20.0, "how long to go on past the end of the r
 METHODS = {
     "time_stepping": MethodInfo(
         name="time_stepping",
-        meaning="Moreau-Jean time stepping on all voussoirs; rest is detected and skipped",
+        meaning=(
+            "Moreau-Jean time stepping on all voussoirs, steps short at impacts and long between "
+            "them; rest is detected and skipped"
+        ),
         parameters=(
-            Parameter("dt", "s", 5e-4, f"time step; {_OWN}"),
+            Parameter("rtol", "1", 1e-3, "relative error that steps are chosen for"),
+            Parameter("dt", "s", 5e-4, "fixed time step; if not given, steps follow rtol"),
             FOLLOW,
         ),
         citation=(
@@ -128,7 +156,8 @@ METHODS = {
             "235-257; Paoli and Schatzman 2002, SIAM J. Numer. Anal. 40(2), 702-733"
         ),
         load=_time_stepping,
-        step_rule=own_step,
+        step_rule=steps_of_tolerance,
+        load_many=_many_by_steps,
     ),
     "event_driven": MethodInfo(
         name="event_driven",
@@ -151,16 +180,16 @@ METHODS = {
     AUTO: MethodInfo(
         name=AUTO,
         meaning=(
-            "the ladder: rest, few mega-voussoirs from event to event, all voussoirs where events "
-            "come too thick"
+            "the cheapest that holds the tolerance: rest, steps on all voussoirs located at "
+            "impacts, mega-voussoirs from event to event for fine tolerances"
         ),
         parameters=(
-            Parameter("rtol", "1", 1e-3, "relative error allowed between events"),
+            Parameter("rtol", "1", 1e-3, "relative error allowed"),
             Parameter(
                 "dt",
                 "s",
                 5e-4,
-                f"time step on all voussoirs; {_OWN}, and rtol to the power 0.6",
+                "fixed time step on all voussoirs; if not given, steps follow rtol",
             ),
             FOLLOW,
             Parameter(
@@ -174,7 +203,7 @@ METHODS = {
             Parameter(
                 "coarse",
                 "1",
-                0.02,
+                2e-4,
                 "tolerance above which all voussoirs are stepped throughout",
                 0.0,
                 1.0,
@@ -182,7 +211,8 @@ METHODS = {
         ),
         citation="as event_driven (Dormand and Prince 1980) and time_stepping (Moreau 1988)",
         load=_ladder,
-        step_rule=step_of_ladder,
+        step_rule=steps_of_tolerance,
+        load_many=_many_by_ladder,
     ),
     "four_link": MethodInfo(
         name="four_link",

@@ -38,12 +38,14 @@ def own_time(arch: Arch) -> float:
     return math.sqrt(float(joint_lengths(arch.chain).min()) / arch.chain.gravity)
 
 
-def default_step(info: MethodInfo, tolerance: Any, unit: float) -> float:
-    """Time step of a method where none is given [s]; `unit` is the arch's `own_time` [s]."""
+def default_steps(info: MethodInfo, tolerance: Any, arch: Arch) -> tuple[float, float]:
+    """Steps of a method where none is given: at impacts, and the largest between them [s]."""
     check_number("rtol", tolerance, "between 0 and 1", lambda x: 0.0 < x < 1.0)
     if info.step_rule is None:
-        return default_of(info, "dt")
-    return unit * info.step_rule(float(tolerance))
+        return default_of(info, "dt"), default_of(info, "dt")
+    impact, largest = info.step_rule(float(tolerance), arch.n_voussoir)
+    unit = own_time(arch)
+    return unit * impact, unit * largest
 
 
 def check_arch(arch: Any) -> None:
@@ -99,6 +101,11 @@ def check_taken(info: MethodInfo, **given: Any) -> None:
     InputError
         Naming the methods that do.
     """
+    if info.name == "time_stepping" and None not in given.values():
+        raise InputError(
+            f"rtol is {given['rtol']!r} and dt is {given['dt']!r}; method time_stepping takes one "
+            "of them: dt for fixed steps, rtol for steps that follow a tolerance"
+        )
     for name, value in given.items():
         if value is not None and all(p.name != name for p in info.parameters):
             takers = [

@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from archfrag.errors import ArchfragError, WorkerError
 from archfrag.study.checks import check_arches
-from archfrag.study.config import Study
+from archfrag.study.config import Method, Study
 from archfrag.study.files import make_folder
 from archfrag.study.parts import read_part
 from archfrag.study.plan import Plan, chunks_of_batch, make_plan, run_table
@@ -121,7 +121,19 @@ def _load_kernels(study: Study, bar: tqdm) -> None:
     options: dict[str, Any] = {}
     if "progress" in inspect.signature(warmup).parameters:
         options["progress"] = bar.set_description
-    warmup(study.method.name, **options)
+    warmup(kernels_needed(study.method), **options)
+
+
+def kernels_needed(method: Method) -> str:
+    """Name of the method whose kernels a study's method uses: `auto` may go by events."""
+    from archfrag.methods.registry import AUTO, METHODS
+
+    if method.name != AUTO:
+        return method.name
+    defaults = {parameter.name: parameter.default for parameter in METHODS[AUTO].parameters}
+    rtol = defaults["rtol"] if method.rtol is None else method.rtol
+    coarse = (method.settings or {}).get("coarse", defaults["coarse"])
+    return AUTO if rtol > coarse else "event_driven"
 
 
 def longest_first(plan: Plan, chunks: list[int]) -> list[int]:

@@ -1,6 +1,6 @@
-"""One run of a study: the only place where a study's method becomes a call of `simulate`."""
+"""Runs of a study: the only place where a study's method becomes a call of `simulate`."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -35,3 +35,31 @@ def simulate_case(
     return simulate(
         arch, motion, scale=factor, method=method["name"], history=history, **arguments
     )
+
+
+def simulate_cases(
+    method: Mapping[str, Any],
+    arch: "Arch",
+    motions: Sequence["Motion"],
+    factors: Sequence[float],
+) -> list["Response"]:
+    """As `simulate_case` for several runs of one arch, four at a time where the method can.
+
+    Parameters
+    ----------
+    method, arch
+        As in `simulate_case`.
+    motions : sequence of Motion
+        One for each run, unscaled.
+    factors : sequence of float
+        On them.
+    """
+    from archfrag.simulation.many import simulate_runs
+
+    arguments = {key: value for key, value in method.items() if key != "name"}
+    responses = simulate_runs(arch, motions, factors, method=method["name"], **arguments)
+    if responses is not None:
+        return responses
+    return [
+        simulate_case(method, arch, motion, factor) for motion, factor in zip(motions, factors)
+    ]

@@ -4,14 +4,16 @@ import contextlib
 import os
 import resource
 import sys
+from collections.abc import Sequence
 from functools import lru_cache
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pydantic import TypeAdapter
 
 from archfrag.study.arches import ArchEntry
-from archfrag.study.case import simulate_case
+from archfrag.study.case import simulate_cases
 from archfrag.study.files import replacing
 from archfrag.study.outcome import table_of
 from archfrag.study.parts import write_part
@@ -56,16 +58,19 @@ def peak_memory() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
 
 
-def run_case(plan: Plan, run: int) -> "Response":
-    """One run of a plan."""
-    a, r, level = plan.case(run)
-    record = plan.records[r]
-    return simulate_case(
-        plan.method,
-        _arch(str(plan.path), _modified(plan.path), a),
-        _motion(str(Path(plan.folder) / record.file), record.prepared),
-        record.factors[level],
-    )
+def run_cases(plan: Plan, runs: Sequence[int]) -> list["Response"]:
+    """Some runs of a plan, those of one arch together."""
+    responses: list[Response] = []
+    for a, group in groupby(runs, key=lambda run: plan.case(run)[0]):
+        cases = [plan.case(run) for run in group]
+        records = [plan.records[r] for _, r, _ in cases]
+        responses += simulate_cases(
+            plan.method,
+            _arch(str(plan.path), _modified(plan.path), a),
+            [_motion(str(Path(plan.folder) / record.file), record.prepared) for record in records],
+            [record.factors[level] for record, (_, _, level) in zip(records, cases)],
+        )
+    return responses
 
 
 def run_chunk(plan_path: str, chunk: int) -> dict[str, float]:
@@ -88,7 +93,7 @@ def run_chunk(plan_path: str, chunk: int) -> dict[str, float]:
         If the part cannot be written.
     """
     plan = _plan(plan_path, _modified(Path(plan_path)))
-    responses = [run_case(plan, run) for run in plan.rows(chunk)]
+    responses = run_cases(plan, plan.rows(chunk))
     write_part(plan, chunk, table_of(responses))
     lines = [
         f"{run},{response.steps},{response.wall_time:.6f}\n"

@@ -16,7 +16,7 @@ from archfrag.evidence.speed.first_change import nearest_change
 from archfrag.evidence.speed.quantities import OF_A_RUN, Observed, errors_of, observe
 from archfrag.evidence.speed.reference import MARGIN, Reference
 from archfrag.evidence.ways import Line, clocked, step_of
-from archfrag.simulate import COARSEST_FRAMES
+from archfrag.simulation.many import COARSEST_FRAMES
 from archfrag.simulation.response import Response
 
 NEAR = 0.9  # of the reference's collapse amplitude: where the cost of that row is taken

@@ -1,0 +1,188 @@
+"""Time stepping as a method: from a chain and its ground motions to outcomes."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from archfrag.mechanics.model import Clock, Model, model_of
+from archfrag.mechanics.status import Count
+from archfrag.mechanics.types import (
+    Chain,
+    Frames,
+    GroundMotion,
+    Ledger,
+    MechanismLog,
+    Options,
+    Outcome,
+)
+from archfrag.methods.stepper.at_impacts import Steps
+from archfrag.methods.stepper.motion import Grounds, grounds_of
+from archfrag.methods.stepper.recording import no_output, output_to
+from archfrag.methods.stepper.run import (
+    new_four,
+    new_one,
+    run_four,
+    run_given,
+    run_one,
+)
+from archfrag.methods.stepper.service import (
+    STILL,
+    Limits,
+    Results,
+    begin,
+    new_results,
+    rest_range,
+)
+
+GROWTH = 4.0
+
+
+def steps_of(options: Options) -> Steps:
+    """Sizes of steps that options ask for: fixed ones where largest and shortest are equal."""
+    shortest = float(options.time_step)
+    return Steps(max(float(options.largest_step), shortest), shortest, GROWTH)
+
+
+def _limits(model: Model, options: Options, rest: tuple[float, float]) -> Limits:
+    return Limits(
+        follow=float(options.follow),
+        loss_limit=float(options.loss_limit),
+        check_interval=int(options.check_interval),
+        still=float(STILL * np.sqrt(model.gravity * model.length.max())),
+        rest_plus=rest[0],
+        rest_minus=rest[1],
+    )
+
+
+def _joined(grounds: Sequence[GroundMotion]) -> Grounds:
+    return grounds_of([(g.horizontal, g.vertical, g.time_step) for g in grounds])
+
+
+def _rest_of(model: Model, options: Options, grounds: Grounds) -> tuple[float, float]:
+    """Rest range of a chain in its own geometry [g]; nan where no load leaves it at rest."""
+    one = new_one(model)
+    limits = _limits(model, options, (np.nan, np.nan))
+    begin(model, grounds, one.state, one.work, steps_of(options), limits, 0, 0.0)
+    found, plus, minus = rest_range(model, one.state, one.work)
+    return (plus, minus) if found else (np.nan, np.nan)
+
+
+def results_of(
+    chain: Chain,
+    ground: GroundMotion,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    from_rest: bool,
+    options: Options,
+    frames: Frames,
+    log: MechanismLog,
+) -> Results:
+    """As `run`, as the one row of results."""
+    model, grounds = model_of(chain), _joined([ground])
+    rest = _rest_of(model, options, grounds) if from_rest else (np.nan, np.nan)
+    limits, steps = _limits(model, options, rest), steps_of(options)
+    one, results = new_one(model), new_results(1)
+    output = output_to(frames, log, options.frame_interval)
+    one.state.clock[Clock.FACTOR] = ground.factor
+    given = (model, grounds, one.state, one.work, one.general, steps, limits, output, results)
+    if from_rest and not np.isnan(rest[0]):
+        run_one(*given)
+    else:
+        one.state.position[1:-1], one.state.velocity[1:-1] = position, velocity
+        run_given(*given)
+    position[:], velocity[:] = one.state.position[1:-1], one.state.velocity[1:-1]
+    results.count[0, Count.FRAMES], results.count[0, Count.LOG_ENTRIES] = output.written
+    return results
+
+
+def run(
+    chain: Chain,
+    ground: GroundMotion,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    from_rest: bool,
+    options: Options,
+    frames: Frames,
+    log: MechanismLog,
+) -> Outcome:
+    """Integrate one chain under one ground motion; the signature of every method.
+
+    Parameters
+    ----------
+    chain : archfrag.mechanics.types.Chain
+    ground : archfrag.mechanics.types.GroundMotion
+    position, velocity : ndarray, (n_body, 3)
+        Initial state; overwritten with the final one.
+    from_rest : bool
+        Whether the initial state is the chain at rest in its own geometry.
+    options : archfrag.mechanics.types.Options
+    frames : archfrag.mechanics.types.Frames
+        Overwritten with the history; arrays of length zero for none.
+    log : archfrag.mechanics.types.MechanismLog
+        Overwritten with the changes of the mechanism; arrays of length zero for none.
+
+    Returns
+    -------
+    archfrag.mechanics.types.Outcome
+    """
+    return outcome_of(
+        results_of(chain, ground, position, velocity, from_rest, options, frames, log), 0
+    )
+
+
+def run_many(
+    chain: Chain,
+    grounds: Sequence[GroundMotion],
+    motion: np.ndarray,
+    factor: np.ndarray,
+    options: Options,
+) -> Results:
+    """Integrate one chain from rest under many scaled ground motions, four at a time.
+
+    Parameters
+    ----------
+    chain : archfrag.mechanics.types.Chain
+    grounds : sequence of archfrag.mechanics.types.GroundMotion
+        Unscaled.
+    motion : ndarray, (n_run,)
+        Which of them moves each run.
+    factor : ndarray, (n_run,)
+        On it.
+    options : archfrag.mechanics.types.Options
+
+    Returns
+    -------
+    Results
+        A row for each run, the same as of `run`.
+    """
+    model, joined, results = model_of(chain), _joined(grounds), new_results(len(motion))
+    rest = _rest_of(model, options, joined)
+    jobs = (
+        np.ascontiguousarray(motion, np.int64),
+        np.ascontiguousarray(factor, float),
+        np.zeros(1, np.int64),
+    )
+    output = no_output(chain.mass.size, chain.friction.size)
+    limits, steps = _limits(model, options, rest), steps_of(options)
+    four, one = new_four(model), new_one(model)
+    run_four(model, joined, four, one, steps, limits, jobs, output, results)
+    return results
+
+
+def outcome_of(results: Results, row: int) -> Outcome:
+    """One row of results as what every method returns."""
+    ledger = Ledger(
+        results.count[row].astype(np.int64),
+        results.energy[row],
+        results.model_time[row],
+        results.peak[row],
+    )
+    return Outcome(
+        int(results.status[row]),
+        float(results.end_time[row]),
+        float(results.collapse_time[row]),
+        int(results.collapse_joint[row]),
+        int(results.collapse_mode[row]),
+        results.loss[row],
+        ledger,
+    )

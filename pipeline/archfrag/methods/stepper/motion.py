@@ -1,0 +1,144 @@
+"""Ground motions of many runs: their impulses over steps, and until when they let a chain rest."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from archfrag.mechanics.compile import inlined, kernel
+from archfrag.mechanics.ground import rest_margin
+from archfrag.mechanics.model import Clock
+from archfrag.mechanics.numbers import lane, width, with_lane
+
+
+class Kick(NamedTuple):
+    """What a step takes from the velocities of free bodies."""
+
+    x: float  # integral of the ground acceleration [m/s]
+    y: float
+    span: float  # for which gravity acts [s]
+
+
+class Grounds(NamedTuple):
+    """Ground motions one after the other: linear between samples, zero outside them."""
+
+    horizontal: np.ndarray  # (n_sample,) of all motions [m/s2]
+    vertical: np.ndarray  # (n_sample,) upwards [m/s2]
+    impulse_x: np.ndarray  # (n_sample,) integral from each motion's first sample [m/s]
+    impulse_y: np.ndarray  # (n_sample,)
+    first: np.ndarray  # (n_motion + 1,) int64: where each motion begins
+    time_step: np.ndarray  # (n_motion,) [s]
+
+
+def grounds_of(motions: Sequence[tuple[np.ndarray, np.ndarray | None, float]]) -> Grounds:
+    """Arrays of ground motions, each (horizontal, vertical or None, time step)."""
+    across = [np.asarray(given, float) for given, _, _ in motions]
+    upwards = [
+        np.zeros_like(wave) if given is None else np.asarray(given, float)
+        for wave, (_, given, _) in zip(across, motions)
+    ]
+    step = np.array([float(dt) for _, _, dt in motions])
+
+    def integral(wave: np.ndarray, dt: float) -> np.ndarray:
+        return np.concatenate([[0.0], np.cumsum(0.5 * dt * (wave[1:] + wave[:-1]))])
+
+    return Grounds(
+        np.concatenate(across),
+        np.concatenate(upwards),
+        np.concatenate([integral(a, dt) for a, dt in zip(across, step)]),
+        np.concatenate([integral(a, dt) for a, dt in zip(upwards, step)]),
+        np.cumsum([0, *(wave.size for wave in across)]),
+        step,
+    )
+
+
+@inlined
+def _impulse_until(time, acceleration, impulse, first, last, per_step, time_step):
+    """Integral of one motion from its first sample to `time` [m/s]."""
+    place = time * per_step
+    if place <= 0.0:
+        return 0.0
+    i = first + int(place)
+    if i >= last:
+        return impulse[last]
+    part = place - (i - first)
+    slope = acceleration[i + 1] - acceleration[i]
+    return impulse[i] + time_step * part * (acceleration[i] + 0.5 * part * slope)
+
+
+@kernel
+def kick_between(grounds, clock, start, end):
+    """What ground motion and gravity take from the velocities between two instants [s].
+
+    Returns
+    -------
+    Kick
+    """
+    x = y = 0.0 * start
+    for k in range(width(clock[Clock.TIME])):
+        motion = int(lane(clock[Clock.MOTION], k))
+        factor = lane(clock[Clock.FACTOR], k)
+        a, b = lane(start, k), lane(end, k)
+        first, last = grounds.first[motion], grounds.first[motion + 1] - 1
+        dt = grounds.time_step[motion]
+        per = 1.0 / dt
+        wave, total = grounds.horizontal, grounds.impulse_x
+        late = _impulse_until(b, wave, total, first, last, per, dt)
+        x = with_lane(x, k, factor * (late - _impulse_until(a, wave, total, first, last, per, dt)))
+        wave, total = grounds.vertical, grounds.impulse_y
+        late = _impulse_until(b, wave, total, first, last, per, dt)
+        y = with_lane(y, k, factor * (late - _impulse_until(a, wave, total, first, last, per, dt)))
+    return Kick(x, y, end - start)
+
+
+@inlined
+def due_kick(grounds, clock):
+    """The kick of the next step: from the middle of the last step to that of this one."""
+    time = clock[Clock.TIME]
+    start, end = time - 0.5 * clock[Clock.PREVIOUS], time + 0.5 * clock[Clock.STEP]
+    return kick_between(grounds, clock, start, end)
+
+
+@inlined
+def end_of_motion(grounds, clock, follow):
+    """When a run that has not ended before does [s]."""
+    end = 0.0 * clock[Clock.TIME]
+    for k in range(width(clock[Clock.TIME])):
+        m = int(lane(clock[Clock.MOTION], k))
+        size = grounds.first[m + 1] - grounds.first[m] - 1
+        end = with_lane(end, k, size * grounds.time_step[m] + follow)
+    return end
+
+
+@kernel
+def end_rest(model, grounds, clock, plus, minus):
+    """Until when a chain at rest stays so.
+
+    Returns
+    -------
+    leave : float
+        When it starts to move, or where the record ends [s].
+    for_good : bool
+    """
+    m, factor = int(clock[Clock.MOTION]), clock[Clock.FACTOR]
+    first, last, dt = grounds.first[m], grounds.first[m + 1] - 1, grounds.time_step[m]
+    wave, rise, g = grounds.horizontal, grounds.vertical, model.gravity
+    time = clock[Clock.TIME]
+    i = first + int(time / dt)
+    if i < last:
+        part = time / dt - (i - first)
+        x = factor * (wave[i] + part * (wave[i + 1] - wave[i]))
+        y = factor * (rise[i] + part * (rise[i + 1] - rise[i]))
+        margin = rest_margin(x, y, g, plus, minus)
+        if margin < 0.0:
+            return time, False
+        while i < last:
+            i += 1
+            following = rest_margin(factor * wave[i], factor * rise[i], g, plus, minus)
+            here = (i - first) * dt
+            if following < 0.0:
+                return time + (here - time) * margin / (margin - following), False
+            time, margin = here, following
+    return max(clock[Clock.TIME], (last - first) * dt), rest_margin(
+        0.0, 0.0, g, plus, minus
+    ) >= 0.0

@@ -1,0 +1,290 @@
+"""Runs by time stepping: one, or many of one arch four at a time.
+
+While the body force stays inside the rest range of the configuration nothing is integrated. Four
+runs go side by side for as long as nothing but Newton's iteration on the modes is needed; what
+else a run may need is done for it alone (`service`), and a run that has ended makes place for
+the next. A run's results are the same to the last bit whichever way it goes.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from archfrag.mechanics.compile import allocating, inlined, kernel
+from archfrag.mechanics.contacts.modes import solve_contact
+from archfrag.mechanics.contacts.placing import move_faces
+from archfrag.mechanics.model import Clock, Model, State, Work, new_state, new_work
+from archfrag.mechanics.numbers import (
+    LANES,
+    lane,
+    lane_array,
+    nearest,
+    opposite,
+    runs_of,
+    select,
+    some,
+)
+from archfrag.mechanics.status import Count, Energy
+from archfrag.methods.stepper.at_impacts import LEAD, locates, next_step, shorten
+from archfrag.methods.stepper.motion import due_kick, end_of_motion
+from archfrag.methods.stepper.recording import log_change
+from archfrag.methods.stepper.service import (
+    ALL,
+    AT_END,
+    BROKEN,
+    BY_START,
+    EXHAUSTED,
+    FALLEN,
+    GO,
+    IDLE,
+    PAUSE,
+    UNSOLVED,
+    General,
+    accept_recorded,
+    begin,
+    clear,
+    end_run,
+    energies_of,
+    new_general,
+    read_joints,
+    rest_until_onset,
+    serve,
+    start_moving,
+    write_rest,
+)
+from archfrag.methods.stepper.step import accept_step, pose_step
+
+# Work that a run may take: so many of the shortest steps for as long as it lasts, and some to
+# begin with. Steps need one or a few linear problems each; so many on average are no progress.
+MOST_STEPS, FIRST_STEPS, ROUNDS_PER_STEP = 2.0, 1000.0, 16.0
+
+
+@kernel
+def try_step(model, grounds, state, work, steps, live):
+    """Pose the next step of every run, solve it, and shorten it where that is due.
+
+    Returns
+    -------
+    kick : archfrag.methods.stepper.motion.Kick
+    solved, unsolved : mask
+        Where the step can be made, and where modes do not settle in the shortest step.
+    """
+    step = state.clock[Clock.STEP]
+    kick = due_kick(grounds, state.clock)
+    pose_step(model, state, work, kick, step)
+    looks = (locates(state, steps, live), step, LEAD * steps.impact)
+    solved, refused, rounds = solve_contact(model, state.position, work, live, looks, 0)
+    state.count[Count.ITERATIONS] += rounds
+    failed = live & opposite(solved | refused)
+    halved = failed & (step > 1.5 * steps.impact)
+    if some(refused | halved):
+        shorten(state, work, steps, refused, halved)
+    return kick, solved, failed & opposite(halved)
+
+
+@inlined
+def code_after(state, steps, limits, until, outcome):
+    """Why runs wait after an attempt at a step.
+
+    `outcome` are masks: solved, unsolved, fallen, broken.
+    """
+    clock, count = state.clock, state.count
+    solved, unsolved, fallen, broken = outcome
+    code = select(unsolved, float(UNSOLVED), clock[Clock.CODE])
+    checks = count[Count.STEPS] * (1.0 / limits.check_interval)
+    due = (clock[Clock.FASTEST] < limits.still) | (checks == nearest(checks))
+    code = select(solved & due, float(PAUSE), code)
+    code = select(fallen, float(FALLEN), code)
+    code = select(broken, float(BROKEN), code)
+    over = clock[Clock.TIME] >= until
+    code = select((code == GO) & over, float(AT_END), code)
+    most = FIRST_STEPS + until * (MOST_STEPS / steps.impact)
+    spent = (count[Count.STEPS] >= most) | (count[Count.ITERATIONS] >= ROUNDS_PER_STEP * most)
+    return select((code == GO) & spent, float(EXHAUSTED), code)
+
+
+@kernel
+def step_four(model, grounds, state, work, steps, limits):
+    """Step four runs for as long as none waits; why is left in ``state.clock[Clock.CODE]``."""
+    clock = state.clock
+    until = end_of_motion(grounds, clock, limits.follow)
+    waits = False
+    while not waits:
+        live = clock[Clock.CODE] == GO
+        kick, solved, unsolved = try_step(model, grounds, state, work, steps, live)
+        fallen = broken = clock[Clock.CODE] != clock[Clock.CODE]
+        if some(solved):
+            fallen, broken = accept_step(model, state, work, kick, solved, limits.loss_limit)
+            next_step(state, steps, solved, until)
+        code = code_after(
+            state, steps, limits, until, (solved, unsolved, fallen, broken)
+        )
+        clock[Clock.CODE] = code
+        waits = some((code != GO) & (code != IDLE))
+
+
+@kernel
+def step_one(model, grounds, state, work, steps, limits, output):
+    """As `step_four`, one run with its history."""
+    clock = state.clock
+    until = end_of_motion(grounds, clock, limits.follow)
+    while clock[Clock.CODE] == GO:
+        kick, solved, unsolved = try_step(model, grounds, state, work, steps, True)
+        fallen = broken = False
+        if solved:
+            fallen, broken = accept_recorded(model, state, work, kick, limits, output)
+            next_step(state, steps, True, until)
+        clock[Clock.CODE] = code_after(
+            state, steps, limits, until, (solved, unsolved, fallen, broken)
+        )
+
+
+@allocating
+def finish_one(model, grounds, state, work, general, steps, limits, output, results, row):
+    """Move one run to its end."""
+    code = int(state.clock[Clock.CODE])
+    while code == GO:
+        step_one(model, grounds, state, work, steps, limits, output)
+        code = int(state.clock[Clock.CODE])
+        if code in (UNSOLVED, PAUSE):
+            code = serve(model, grounds, state, work, general, steps, limits, output)
+    end_run(model, grounds, state, work, general, limits, output, results, row)
+
+
+@allocating
+def run_one(model, grounds, state, work, general, steps, limits, output, results):
+    """One run from rest in the chain's own geometry."""
+    begin(model, grounds, state, work, steps, limits, 0, state.clock[Clock.FACTOR])
+    write_rest(model, grounds, state, work, general, output)
+    state.clock[Clock.CODE] = rest_until_onset(
+        model, grounds, state, steps, limits.rest_plus, limits.rest_minus, output
+    )
+    finish_one(model, grounds, state, work, general, steps, limits, output, results, 0)
+
+
+@allocating
+def run_given(model, grounds, state, work, general, steps, limits, output, results):
+    """One run from the positions and velocities of a given state."""
+    factor = state.clock[Clock.FACTOR]
+    clear(state)
+    clock = state.clock
+    clock[Clock.FACTOR] = factor
+    kinetic, clock[Clock.START] = energies_of(model, state)
+    state.energy[Energy.START_KINETIC] = state.energy[Energy.LARGEST_KINETIC] = kinetic
+    move_faces(model, state.position, work.turned, work.face, work.tangent)
+    read_joints(model, state, work)
+    log_change(state, 0.0, BY_START, -1, ALL, output)
+    start_moving(state, steps)
+    finish_one(model, grounds, state, work, general, steps, limits, output, results, 0)
+
+
+@kernel
+def fetch_run(four, number, one):
+    """Copy the state of one of four runs; tuples of arrays, (n, 4) and (n,)."""
+    for k in range(len(four)):
+        for i in range(four[k].shape[0]):
+            one[k][i] = four[k][i, number]
+
+
+@kernel
+def return_run(one, number, four):
+    """Copy the state of a run back among four."""
+    for k in range(len(one)):
+        for i in range(four[k].shape[0]):
+            four[k][i, number] = one[k][i]
+
+
+class Four(NamedTuple):
+    """State and workspace of four runs, and the same memory as columns of numbers."""
+
+    state: State
+    work: Work
+    fetched: tuple[np.ndarray, ...]  # (n, 4) each: the state's arrays, then what else is looked at
+    returned: tuple[np.ndarray, ...]  # (n, 4) each: the state's arrays
+
+
+class One(NamedTuple):
+    """State and workspace of one run, and the same memory as plain arrays."""
+
+    state: State
+    work: Work
+    general: General
+    fetched: tuple[np.ndarray, ...]  # (n,) each
+    returned: tuple[np.ndarray, ...]  # (n,) each
+
+
+def new_one(model: Model) -> One:
+    """Room for one run."""
+    state, work = new_state(model), new_work(model)
+    returned = tuple(array.reshape(-1) for array in state)
+    fetched = (*returned, work.reaction.reshape(-1), work.pivot.reshape(-1))
+    return One(state, work, new_general(model), fetched, returned)
+
+
+def new_four(model: Model) -> Four:
+    """Room for four runs."""
+    state, work = new_state(model, lane_array), new_work(model, lane_array)
+    returned = tuple(runs_of(array).reshape(-1, LANES) for array in state)
+    also = (runs_of(array).reshape(-1, LANES) for array in (work.reaction, work.pivot))
+    return Four(state, work, (*returned, *also), returned)
+
+
+@allocating
+def next_run(model, grounds, one, steps, limits, jobs, output, results):
+    """Start the next run that moves at all; those that do not are over at once.
+
+    Parameters
+    ----------
+    model, grounds, one, steps, limits, output, results
+    jobs : tuple
+        Which ground motion (n_run,), factor (n_run,), and the next run's number (1,).
+
+    Returns
+    -------
+    int
+        Its number, -1 if there is none.
+    """
+    motion, factor, upcoming = jobs
+    state = one.state
+    while upcoming[0] < motion.size:
+        run = upcoming[0]
+        upcoming[0] += 1
+        begin(model, grounds, state, one.work, steps, limits, motion[run], factor[run])
+        code = rest_until_onset(
+            model, grounds, state, steps, limits.rest_plus, limits.rest_minus, output
+        )
+        state.clock[Clock.CODE] = code
+        if code == GO:
+            return run
+        end_run(model, grounds, state, one.work, one.general, limits, output, results, run)
+    state.clock[Clock.CODE] = IDLE
+    state.clock[Clock.STEP] = steps.largest
+    return -1
+
+
+@allocating
+def run_four(model, grounds, four, one, steps, limits, jobs, output, results):
+    """Many runs from rest, four at a time; arguments as `next_run`."""
+    runs = np.full(LANES, -1)
+    state = one.state
+    for number in range(LANES):
+        runs[number] = next_run(model, grounds, one, steps, limits, jobs, output, results)
+        return_run(one.returned, number, four.returned)
+    while np.any(runs >= 0):
+        move_faces(model, four.state.position, four.work.turned, four.work.face, four.work.tangent)
+        step_four(model, grounds, four.state, four.work, steps, limits)
+        for number in range(LANES):
+            code = int(lane(four.state.clock[Clock.CODE], number))
+            if code in (GO, IDLE):
+                continue
+            fetch_run(four.fetched, number, one.fetched)
+            move_faces(model, state.position, one.work.turned, one.work.face, one.work.tangent)
+            if code in (UNSOLVED, PAUSE):
+                code = serve(model, grounds, state, one.work, one.general, steps, limits, output)
+            if code != GO:
+                end_run(
+                    model, grounds, state, one.work, one.general, limits, output, results,
+                    runs[number],
+                )  # fmt: skip
+                runs[number] = next_run(model, grounds, one, steps, limits, jobs, output, results)
+            return_run(one.returned, number, four.returned)

@@ -1,0 +1,589 @@
+"""What a run may need besides Newton's iteration, done for one run alone.
+
+A solution path where the modes do not settle, rest, measurements of the contact residual, the
+beginning of a run and its end.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from archfrag.mechanics.collapse import NOTED_GAP, RIGHT_ANGLE, Loss
+from archfrag.mechanics.compile import allocating, inlined, kernel
+from archfrag.mechanics.contact import path_contact
+from archfrag.mechanics.contacts.modes import solve_contact
+from archfrag.mechanics.contacts.placing import (
+    clearance,
+    corner_offset,
+    corner_slip,
+    move_faces,
+    place_contacts,
+    relative_velocity,
+)
+from archfrag.mechanics.delassus import Contacts, ContactWork, assemble, contact_work
+from archfrag.mechanics.kinematics import empty_contacts
+from archfrag.mechanics.laws import slip_of, touches
+from archfrag.mechanics.model import Clock, Model
+from archfrag.mechanics.onset import rest_limit
+from archfrag.mechanics.residuals import TOUCHING, contact_residual
+from archfrag.mechanics.status import Cause, CollapseMode, Count, Energy, Peak, Status
+from archfrag.mechanics.status import Model as Rung
+from archfrag.methods.stepper.at_impacts import next_step
+from archfrag.methods.stepper.motion import due_kick, end_of_motion, end_rest, kick_between
+from archfrag.methods.stepper.recording import (
+    dominant_change,
+    log_change,
+    mode_of,
+    write_frame,
+    write_if_due,
+)
+from archfrag.methods.stepper.step import (
+    accept_step,
+    change_of_step,
+    contact_works,
+    free_fall,
+    loss_mode,
+    pose_step,
+    record_work,
+    take_velocities,
+)
+
+# Why a run waits: nothing; modes that do not settle; something is due between steps; collapse;
+# the time is up, or the work allowed is spent; positions overflowed; at rest for good.
+GO, UNSOLVED, PAUSE, FALLEN, AT_END, EXHAUSTED, BROKEN, IDLE = 0, 1, 2, 3, 4, 5, 6, 7
+STANDING, COLLAPSED = int(Status.STANDING), int(Status.COLLAPSED)
+UNFINISHED, NO_SOLUTION = int(Status.UNFINISHED), int(Status.NO_CONTACT_SOLUTION)
+NOT_FINITE, WORK_BOUND = int(Status.NOT_FINITE), int(Status.WORK_BOUND)
+NO_MODE, OVERTURNING = int(CollapseMode.NONE), int(CollapseMode.OVERTURNING)
+SLID = int(CollapseMode.SLIDING)
+BY_START, BY_REST = int(Cause.START), int(Cause.REST)
+AT_REST, ALL = int(Rung.REST), int(Rung.ALL_VOUSSOIRS)
+# Speed over that of a fall through the longest joint below which a chain may be at rest [1].
+STILL = 1e-7
+# Gap over joint length below which a corner is closed in a chain at rest [1].
+CLOSED_GAP = 1e-7
+# A step whose contact problem no method solves is halved, down to this part of the shortest.
+SHORTEST = 1.0 / 100.0
+
+
+class Limits(NamedTuple):
+    """What bounds a run."""
+
+    follow: float  # how long to go on past the end of the ground motion [s]
+    loss_limit: float  # gap at both corners, over joint length, that cannot be undone [1]
+    check_interval: int  # steps between measurements of the contact residual
+    still: float  # speed below which the chain may be at rest [m/s]
+    rest_plus: float  # rest range of the chain in its own geometry [g]; nan: not known
+    rest_minus: float
+
+
+class General(NamedTuple):
+    """Workspace of the general contact solver."""
+
+    contacts: Contacts
+    solver: ContactWork
+
+
+def new_general(model: Model) -> General:
+    """Workspace for the chain of a model."""
+    size = model.mass.size - 2, model.friction.size
+    return General(empty_contacts(*size), contact_work(*size))
+
+
+@kernel
+def pose_general(model, state, work, general):
+    """The contact problem in the layout of archfrag.mechanics.contact."""
+    contacts, solver = general.contacts, general.solver
+    n_body, n_joint = model.mass.size - 2, model.friction.size
+    for i in range(n_body):
+        for c in range(2):
+            contacts.centroid[i, c] = state.position[i + 1, c]
+    for j in range(n_joint):
+        contacts.slip[j] = 0
+        for c in range(2):
+            contacts.normal[j, c] = work.normal[j, c]
+            contacts.candidate[j, c] = work.candidate[j, c] > 0.5
+            for k in range(2):
+                contacts.point[j, k, c] = work.point[j, k, c]
+                contacts.normal_plus[j, k, c] = work.side_normal[j, k, 0, c]
+                contacts.normal_minus[j, k, c] = work.side_normal[j, k, 1, c]
+                contacts.bias[j, k, c] = work.bias[j, k, c]
+        solver.mode[j] = mode_of(work.touch, work.slide, j)
+    assemble(model.mass[1:-1], model.inertia[1:-1], contacts, solver)
+
+
+@kernel
+def take_general(state, work, general):
+    """The solution of archfrag.mechanics.contact."""
+    solver = general.solver
+    for i in range(solver.velocity.shape[0]):
+        for c in range(3):
+            work.solved[i + 1, c] = solver.velocity[i, c]
+    for j in range(solver.mode.size):
+        for k in range(2):
+            work.touch[j, k] = 1.0 if touches(solver.mode[j], k) else 0.0
+        work.slide[j] = float(slip_of(solver.mode[j]))
+        for c in range(3):
+            work.reaction[j, c] = solver.reaction[j, c]
+    relative_velocity(state.position, work.solved, work.pivot, work.relative)
+
+
+@allocating
+def solve_anyhow(model, state, work, general):
+    """Solve a contact problem that is posed: by Newton's iteration, or by the solution's path.
+
+    Returns
+    -------
+    solved, compliant : bool
+        Compliant where the solution is that of slightly compliant joints.
+    """
+    count = state.count
+    for j in range(state.slip.size):
+        work.touch[j, 0], work.touch[j, 1] = state.touch[j, 0], state.touch[j, 1]
+        work.slide[j] = state.slide[j]
+    patience = 60 + 4 * model.friction.size
+    solved, _, rounds = solve_contact(
+        model, state.position, work, True, (False, 0.0, 0.0), patience
+    )
+    count[Count.ITERATIONS] += rounds
+    if solved:
+        return True, False
+    for j in range(state.slip.size):
+        work.touch[j, 0], work.touch[j, 1] = state.touch[j, 0], state.touch[j, 1]
+        work.slide[j] = state.slide[j]
+    pose_general(model, state, work, general)
+    status, rounds, breaks, compliant = path_contact(
+        model.mass[1:-1],
+        model.inertia[1:-1],
+        general.contacts,
+        model.friction,
+        work.free[1:-1],
+        general.solver,
+    )
+    count[Count.ITERATIONS] += rounds
+    count[Count.PATHS] += breaks > 0
+    count[Count.COMPLIANT] += compliant
+    take_general(state, work, general)
+    return status == STANDING, compliant
+
+
+@kernel
+def accept_recorded(model, state, work, kick, limits, output):
+    """Make a solved step of one run, and write what is due; as `accept_step`."""
+    write_if_due(model, state, work, kick, output)
+    cause, joint, time = -1, -1, state.clock[Clock.TIME]
+    if output.log.time.size > 0:
+        cause, joint = dominant_change(state, work)
+    fallen, broken = accept_step(model, state, work, kick, True, limits.loss_limit)
+    if cause >= 0:
+        log_change(state, time, cause, joint, ALL, output)
+    return fallen, broken
+
+
+@allocating
+def measure_state(model, state, work, general):
+    """Note how far the state that the last step reached is from the contact laws."""
+    contacts, length = general.contacts, model.length
+    place_contacts(model, state.slip, work.face, work.tangent, work)
+    relative_velocity(state.position, state.velocity, work.pivot, work.relative)
+    force_scale = model.gravity * np.sum(model.mass) * state.clock[Clock.SPAN]
+    pose_general(model, state, work, general)
+    for j in range(length.size):
+        fx, fy = work.reaction[j, 0], work.reaction[j, 1]
+        force_scale = max(force_scale, abs(fx), abs(fy))
+        nx, ny = work.normal[j, 0], work.normal[j, 1]
+        for k in range(2):
+            contacts.candidate[j, k] = 1
+            gap = clearance(j, k, work.face, work.tangent) / length[j]
+            if gap > TOUCHING or (fx == 0.0 and fy == 0.0):
+                # Only the gap counts; how the faces slide past each other does not.
+                contacts.bias[j, k, 0], contacts.bias[j, k, 1] = gap * nx, gap * ny
+                continue
+            rx, ry = work.point[j, k, 0] - work.pivot[j, 0], work.point[j, k, 1] - work.pivot[j, 1]
+            ux = work.relative[j, 0] - work.relative[j, 2] * ry
+            uy = work.relative[j, 1] + work.relative[j, 2] * rx
+            rate = (nx * uy - ny * ux) / np.sqrt(model.gravity * length[j])
+            ex, ey = corner_offset(j, k, work.face, work.tangent, state.slip[j])
+            contacts.bias[j, k, 0] = ex / length[j] - rate * ny
+            contacts.bias[j, k, 1] = ey / length[j] + rate * nx
+    general.solver.relative[:] = 0.0
+    residual = contact_residual(
+        contacts,
+        model.friction,
+        general.solver.relative,
+        work.reaction,
+        work.pivot,
+        1.0,
+        force_scale,
+    )
+    state.peak[Peak.RESIDUAL] = max(state.peak[Peak.RESIDUAL], residual)
+
+
+@allocating
+def serve_unsolved(model, grounds, state, work, general, steps, limits, output):
+    """Make a step whose modes do not settle, or halve it; returns the code."""
+    clock = state.clock
+    kick = due_kick(grounds, clock)
+    pose_step(model, state, work, kick, clock[Clock.STEP])
+    solved, compliant = solve_anyhow(model, state, work, general)
+    if solved:
+        fallen, broken = accept_recorded(model, state, work, kick, limits, output)
+        next_step(state, steps, True, end_of_motion(grounds, clock, limits.follow))
+        if compliant:
+            measure_state(model, state, work, general)
+        if broken:
+            return BROKEN
+        return FALLEN if fallen else PAUSE
+    if clock[Clock.STEP] < SHORTEST * steps.impact:
+        return UNSOLVED
+    clock[Clock.STEP] *= 0.5
+    state.count[Count.SHORTENED] += 1.0
+    return GO
+
+
+@kernel
+def is_as_built(model, state):
+    """Whether all joints are closed and none has slipped: the chain is in its own geometry."""
+    for j in range(state.slip.size):
+        if state.touch[j, 0] < 0.5 or state.touch[j, 1] < 0.5:
+            return False
+        if abs(state.slip[j]) > CLOSED_GAP * model.length[j]:
+            return False
+    return True
+
+
+@allocating
+def rest_range(model, state, work):
+    """Load factors between which a configuration stays at rest.
+
+    Parameters
+    ----------
+    model : archfrag.mechanics.model.Model
+    state : archfrag.mechanics.model.State
+    work : archfrag.mechanics.model.Work
+        With the faces where the bodies are; its contacts are overwritten.
+
+    Returns
+    -------
+    found : bool
+    plus, minus : float [g]
+    """
+    place_contacts(model, state.slip, work.face, work.tangent, work)
+    n_joint = state.slip.size
+    candidate = np.ones((n_joint, 2), np.int8)
+    for j in range(n_joint):
+        for k in range(2):
+            if clearance(j, k, work.face, work.tangent) > CLOSED_GAP * model.length[j]:
+                candidate[j, k] = 0
+    centroid = state.position[1:-1, :2].copy()
+    found = np.ones(2, np.bool_)
+    factor = np.zeros(2)
+    for k in range(2):
+        sense = 1.0 - 2.0 * k
+        limit = rest_limit(
+            model.mass[1:-1],
+            centroid,
+            work.point,
+            work.normal,
+            candidate,
+            model.friction,
+            model.gravity,
+            sense,
+        )
+        found[k], factor[k] = limit.found, sense * limit.load_factor
+    return found[0] and found[1], factor[0], factor[1]
+
+
+@kernel
+def start_moving(state, steps):
+    """Begin to move from the positions of a state, with velocities at the same instant."""
+    clock = state.clock
+    clock[Clock.PREVIOUS], clock[Clock.STEP] = 0.0, steps.impact
+    clock[Clock.IMPACT] = -np.inf
+    for j in range(state.impact.size):
+        state.impact[j] = 0.0
+
+
+@allocating
+def write_rest(model, grounds, state, work, general, output):
+    """Frame of the chain at rest, with the reactions that balance the body force."""
+    if output.frames.time.size == 0:
+        return
+    clock = state.clock
+    place_contacts(model, state.slip, work.face, work.tangent, work)
+    tiny = 1e-9 * grounds.time_step[int(clock[Clock.MOTION])]
+    time = clock[Clock.TIME]
+    kick = kick_between(grounds, clock, time - tiny, time + tiny)
+    for i in range(1, state.position.shape[0] - 1):
+        work.free[i, 0] = -kick.x / kick.span
+        work.free[i, 1] = -kick.y / kick.span - model.gravity
+        work.free[i, 2] = 0.0
+    for j in range(state.slip.size):
+        for k in range(2):
+            work.bias[j, k, 0] = work.bias[j, k, 1] = 0.0
+            work.candidate[j, k] = state.touch[j, k]
+    counted = state.count.copy()
+    solved, _ = solve_anyhow(model, state, work, general)
+    state.count[:] = counted  # a history does not change what a run has taken
+    if not solved:
+        work.reaction[:] = 0.0
+    write_frame(model, state, work, 0.0, 1.0, output)
+
+
+@allocating
+def rest_until_onset(model, grounds, state, steps, plus, minus, output):
+    """Let a chain rest until the ground motion moves it; returns the code."""
+    clock = state.clock
+    leave, for_good = end_rest(model, grounds, clock, plus, minus)
+    clock[Clock.RESTING] += leave - clock[Clock.TIME]
+    clock[Clock.TIME] = leave
+    if for_good:
+        return IDLE
+    start_moving(state, steps)
+    output.due[0] = leave
+    log_change(state, leave, BY_START, -1, ALL, output)
+    return GO
+
+
+@allocating
+def serve_pause(model, grounds, state, work, general, steps, limits, output):
+    """Between two steps: measure what is due, and see whether the chain rests; the code."""
+    clock = state.clock
+    if int(state.count[Count.STEPS]) % limits.check_interval == 0:
+        measure_state(model, state, work, general)
+    if clock[Clock.FASTEST] >= limits.still:
+        return GO
+    found, plus, minus = True, limits.rest_plus, limits.rest_minus
+    if np.isnan(plus) or not is_as_built(model, state):
+        found, plus, minus = rest_range(model, state, work)
+    if not found:
+        return GO
+    motion = int(clock[Clock.MOTION])
+    samples = grounds.first[motion + 1] - grounds.first[motion] - 1
+    leave, for_good = end_rest(model, grounds, clock, plus, minus)
+    over = clock[Clock.TIME] >= samples * grounds.time_step[motion]
+    if leave <= clock[Clock.TIME] and not (over and for_good):
+        return GO
+    stops = 0.0
+    for i in range(1, state.position.shape[0] - 1):
+        ux, uy, w = state.velocity[i, 0], state.velocity[i, 1], state.velocity[i, 2]
+        stops -= 0.5 * (model.mass[i] * (ux * ux + uy * uy) + model.inertia[i] * w * w)
+        stops += model.gravity * model.mass[i] * 0.5 * clock[Clock.PREVIOUS] * uy
+        for c in range(3):
+            state.velocity[i, c] = 0.0
+    record_work(0.0, 0.0, stops, -state.energy[Energy.STRAY], True, state.energy)
+    state.count[Count.RESTS] += 1.0
+    clock[Clock.PREVIOUS] = 0.0
+    write_rest(model, grounds, state, work, general, output)
+    log_change(state, clock[Clock.TIME], BY_REST, -1, AT_REST, output)
+    return rest_until_onset(model, grounds, state, steps, plus, minus, output)
+
+
+@allocating
+def serve(model, grounds, state, work, general, steps, limits, output):
+    """Do for one run what stopped it; the code that it goes on with, or ends with."""
+    code = int(state.clock[Clock.CODE])
+    if code == UNSOLVED:
+        code = serve_unsolved(model, grounds, state, work, general, steps, limits, output)
+    if code == PAUSE:
+        code = serve_pause(model, grounds, state, work, general, steps, limits, output)
+    state.clock[Clock.CODE] = code
+    return code
+
+
+@allocating
+def synchronise(model, grounds, state, work, general):
+    """Give velocities the half kick that is due, so that they belong to the positions.
+
+    Returns
+    -------
+    bool
+        Whether the contact problem of these velocities was solved; else they stay as they were.
+    """
+    clock = state.clock
+    previous = clock[Clock.PREVIOUS]
+    if previous == 0.0:
+        return True
+    time = clock[Clock.TIME]
+    kick = kick_between(grounds, clock, time - 0.5 * previous, time)
+    place_contacts(model, state.slip, work.face, work.tangent, work)
+    for j in range(state.slip.size):
+        for k in range(2):
+            work.bias[j, k, 0] = work.bias[j, k, 1] = 0.0
+            work.candidate[j, k] = state.touch[j, k]
+    free_fall(model, state, work, kick)
+    solved, _ = solve_anyhow(model, state, work, general)
+    if not solved:
+        return False
+    relative_velocity(state.position, state.velocity, work.pivot, work.earlier)
+    friction, impact, stray, _, _ = contact_works(state, work, 1.0)
+    stray += change_of_step(model, state, work, 0.0, previous)
+    record_work(friction, impact, stray, -state.energy[Energy.STRAY], True, state.energy)
+    take_velocities(model, state, work, kick, True)
+    clock[Clock.PREVIOUS], clock[Clock.SPAN] = 0.0, kick.span
+    return True
+
+
+@kernel
+def collapse_of(model, state, work, loss_limit):
+    """The joint at which the chain has collapsed: its number or -1, how, and since when [s]."""
+    found, how, since = -1, NO_MODE, np.nan
+    for j in range(state.slip.size):
+        slip = abs(state.slip[j]) / model.length[j]
+        rotation = state.position[j + 1, 2] - state.position[j, 2]
+        none = state.touch[j, 0] < 0.5 and state.touch[j, 1] < 0.5
+        gap = 0.0
+        if none:
+            first = clearance(j, 0, work.face, work.tangent)
+            gap = min(first, clearance(j, 1, work.face, work.tangent)) / model.length[j]
+        if slip >= 1.0 or abs(rotation) >= RIGHT_ANGLE or (none and gap > loss_limit):
+            found, how, since = j, OVERTURNING, state.clock[Clock.TIME]
+            if none:
+                how, since = int(loss_mode(j, state)), state.lost_since[j]
+            elif slip >= 1.0:
+                how = SLID
+    return found, how, since
+
+
+@inlined
+def energies_of(model, state):
+    """Kinetic energy, and potential energy at the instant of the velocities [J]."""
+    kinetic = potential = 0.0
+    for i in range(1, state.position.shape[0] - 1):
+        ux, uy, w = state.velocity[i, 0], state.velocity[i, 1], state.velocity[i, 2]
+        kinetic += 0.5 * (model.mass[i] * (ux * ux + uy * uy) + model.inertia[i] * w * w)
+        rise = state.position[i, 1] - 0.5 * state.clock[Clock.PREVIOUS] * uy
+        potential += model.gravity * model.mass[i] * (rise - model.centroid[i, 1])
+    return kinetic, potential
+
+
+@kernel
+def clear(state):
+    """Forget all that a run remembers, and close all joints; positions and velocities stay."""
+    for j in range(state.slip.size):
+        state.touch[j, 0] = state.touch[j, 1] = state.bore_face[j] = 1.0
+        state.slide[j] = state.slip[j] = state.impact[j] = 0.0
+        state.lost_since[j] = np.nan
+        state.lost_slip[j] = state.lost_rotation[j] = 0.0
+    for values in (state.loss, state.clock, state.count, state.energy, state.peak):
+        values[:] = 0.0
+    state.loss[Loss.TIME], state.loss[Loss.JOINT] = np.nan, -1.0
+
+
+@kernel
+def read_joints(model, state, work):
+    """Slips and modes of all joints of an initial state, from positions alone.
+
+    A joint that is open at both corners has been without contact since time zero.
+    """
+    for j in range(state.slip.size):
+        gaps = clearance(j, 0, work.face, work.tangent), clearance(j, 1, work.face, work.tangent)
+        length = model.length[j]
+        k = 1 if gaps[1] < gaps[0] else 0
+        dx = work.face[j, 1, k, 0] - work.face[j, 0, k, 0]
+        dy = work.face[j, 1, k, 1] - work.face[j, 0, k, 1]
+        slip = corner_slip(j, dx, dy, k == 0, work.tangent)
+        state.slip[j] = 0.0 if abs(slip) < CLOSED_GAP * length else slip
+        if max(gaps) > CLOSED_GAP * length:
+            state.touch[j, 1 - k] = 0.0
+            state.bore_face[j] = 0.0
+        if min(gaps) > CLOSED_GAP * length:
+            state.touch[j, k] = 0.0
+            state.bore_face[j] = 1.0
+            state.lost_since[j] = 0.0
+            state.lost_slip[j] = abs(state.slip[j]) / length
+            state.lost_rotation[j] = abs(state.position[j + 1, 2] - state.position[j, 2])
+            gap = min(gaps) / length
+            state.loss[Loss.WIDEST] = max(state.loss[Loss.WIDEST], gap)
+            if gap > NOTED_GAP and np.isnan(state.loss[Loss.TIME]):
+                state.loss[Loss.TIME], state.loss[Loss.JOINT] = 0.0, j
+                state.loss[Loss.MODE] = loss_mode(j, state)
+
+
+@allocating
+def begin(model, grounds, state, work, steps, limits, motion, factor):
+    """Start a run from rest in the chain's own geometry.
+
+    Parameters
+    ----------
+    model, grounds, state, work, steps, limits
+        Of these `state` is overwritten.
+    motion : int
+        Which ground motion.
+    factor : float
+        On it.
+    """
+    for i in range(state.position.shape[0]):
+        for c in range(3):
+            state.position[i, c] = model.centroid[i, c] if c < 2 else 0.0
+            state.velocity[i, c] = 0.0
+    clear(state)
+    state.clock[Clock.MOTION], state.clock[Clock.FACTOR] = motion, factor
+    move_faces(model, state.position, work.turned, work.face, work.tangent)
+
+
+class Results(NamedTuple):
+    """What runs end in, a row for each."""
+
+    status: np.ndarray  # (n_run,) int64: archfrag.mechanics.status.Status
+    end_time: np.ndarray  # (n_run,) [s]
+    collapse_time: np.ndarray  # (n_run,) [s]; nan if none
+    collapse_joint: np.ndarray  # (n_run,) int64; -1 if none
+    collapse_mode: np.ndarray  # (n_run,) int64: archfrag.mechanics.status.CollapseMode
+    loss: np.ndarray  # (n_run, len(Loss))
+    # (n_run, len(Count)) by archfrag.mechanics.status.Count
+    count: np.ndarray  # type: ignore[assignment]
+    energy: np.ndarray  # (n_run, len(Energy)) [J]
+    model_time: np.ndarray  # (n_run, len(Rung)) [s]
+    peak: np.ndarray  # (n_run, len(Peak))
+
+
+def new_results(n_run: int) -> Results:
+    """Rows for so many runs."""
+    return Results(
+        status=np.zeros(n_run, np.int64),
+        end_time=np.zeros(n_run),
+        collapse_time=np.full(n_run, np.nan),
+        collapse_joint=np.full(n_run, -1),
+        collapse_mode=np.zeros(n_run, np.int64),
+        loss=np.zeros((n_run, len(Loss))),
+        count=np.zeros((n_run, len(Count))),
+        energy=np.zeros((n_run, len(Energy))),
+        model_time=np.zeros((n_run, len(Rung))),
+        peak=np.zeros((n_run, len(Peak))),
+    )
+
+
+@allocating
+def end_run(model, grounds, state, work, general, limits, output, results, row):
+    """Write what a run has ended in."""
+    clock, energy = state.clock, state.energy
+    code, status = int(clock[Clock.CODE]), NO_SOLUTION
+    if code == IDLE:
+        status = STANDING
+    elif code == BROKEN:
+        status = NOT_FINITE
+    elif code == EXHAUSTED:
+        status = WORK_BOUND
+    elif code in (FALLEN, AT_END):
+        in_time = synchronise(model, grounds, state, work, general)
+        if in_time:
+            status = UNFINISHED
+            write_frame(model, state, work, 0.0, max(clock[Clock.SPAN], 1e-300), output)
+        limit = limits.loss_limit if code == FALLEN else NOTED_GAP
+        joint, how, since = collapse_of(model, state, work, limit)
+        if joint >= 0 and (in_time or code == FALLEN):
+            status = COLLAPSED
+            results.collapse_joint[row], results.collapse_mode[row] = joint, how
+            results.collapse_time[row] = since
+    kinetic, potential = energies_of(model, state)
+    energy[Energy.KINETIC] = kinetic
+    energy[Energy.POTENTIAL] = potential - clock[Clock.START]
+    energy[Energy.LARGEST_KINETIC] = max(energy[Energy.LARGEST_KINETIC], kinetic)
+    results.status[row], results.end_time[row] = status, clock[Clock.TIME]
+    results.loss[row] = state.loss
+    results.count[row] = state.count
+    results.energy[row] = energy
+    results.peak[row] = state.peak
+    results.model_time[row, AT_REST] = clock[Clock.RESTING]
+    results.model_time[row, ALL] = clock[Clock.MOVING]

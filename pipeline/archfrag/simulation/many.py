@@ -1,0 +1,129 @@
+"""Many runs of one arch in one call, and what single runs share with them."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from functools import partial
+
+import numpy as np
+
+from archfrag.arch import Arch
+from archfrag.mechanics.collapse import NOTED_GAP
+from archfrag.mechanics.types import GroundMotion, Options
+from archfrag.methods.registry import AUTO, OWN_STEP, MethodInfo
+from archfrag.motions.motion import Motion
+from archfrag.simulation import checks
+from archfrag.simulation.response import Response, response_of
+from archfrag.simulation.rest import check_stands
+
+LOSS_LIMIT = 0.5
+CHECK_INTERVAL = 64
+# Frames of a history are as fine as the record, or this where the record is coarser [s].
+COARSEST_FRAMES = 0.01
+
+
+def check_numbers(scale: float, rtol: float, follow: float, dt: float, loss_limit: float) -> None:
+    """See that the numbers of a call make sense.
+
+    Raises
+    ------
+    InputError
+    """
+    check = checks.check_number
+    check(
+        "loss_limit",
+        loss_limit,
+        f"from {NOTED_GAP:g} to 10 times the joint's length",
+        lambda x: NOTED_GAP <= x <= 10.0,
+    )
+    check("scale", scale, "finite", math.isfinite)
+    check("rtol", rtol, "between 0 and 1", lambda x: 0.0 < x < 1.0)
+    check("follow", follow, "finite and not negative [s]", lambda x: 0.0 <= x < math.inf)
+    check("dt", dt, "finite and positive [s]", lambda x: 0.0 < x < math.inf)
+
+
+def options_of(
+    arch: Arch,
+    info: MethodInfo,
+    motions: Sequence[Motion],
+    tolerance: float,
+    dt: float | None,
+    follow: float,
+    loss_limit: float,
+) -> Options:
+    """What a method is told for runs of one arch under some motions."""
+    steps = checks.default_steps(info, tolerance, arch) if dt is None else (dt, dt)
+    sampling = min(float(motion.dt) for motion in motions)
+    span = max(motion.duration for motion in motions) + follow
+    samples = max(len(motion.acceleration) for motion in motions)
+    return Options(
+        time_step=float(steps[0]),
+        tolerance=float(tolerance),
+        accuracy=float(tolerance),
+        follow=float(follow),
+        max_steps=int(span / min(steps[0], OWN_STEP * checks.own_time(arch))) + samples + 1000,
+        loss_limit=float(loss_limit),
+        check_interval=CHECK_INTERVAL,
+        frame_interval=max(float(steps[0]), min(sampling, COARSEST_FRAMES)),
+        crowding=0.0,
+        largest_step=float(steps[1]),
+    )
+
+
+def ground_of(motion: Motion, scale: float, info: MethodInfo) -> GroundMotion:
+    """A ground motion, scaled already for methods that do not scale it themselves."""
+    factor = 1.0 if info.load_many is None else float(scale)
+    given = float(scale) if info.load_many is None else 1.0
+    horizontal = given * np.ascontiguousarray(motion.acceleration, float)
+    vertical = np.zeros_like(horizontal)
+    if motion.vertical is not None:
+        vertical = given * np.ascontiguousarray(motion.vertical, float)
+    return GroundMotion(horizontal, vertical, float(motion.dt), factor)
+
+
+def simulate_runs(
+    arch: Arch,
+    motions: Sequence[Motion],
+    factors: Sequence[float],
+    method: str = AUTO,
+    rtol: float | None = None,
+    dt: float | None = None,
+    follow: float = 20.0,
+    settings: Mapping[str, float] | None = None,
+    loss_limit: float = LOSS_LIMIT,
+) -> list[Response] | None:
+    """As `simulate_many`, a response for each run; None where a method has no such way."""
+    checks.check_arch(arch)
+    info = checks.check_method(method)
+    checks.check_taken(info, rtol=rtol, dt=dt)
+    tolerance = checks.default_of(info, "rtol") if rtol is None else rtol
+    for factor in factors:
+        check_numbers(factor, tolerance, follow, 1.0 if dt is None else dt, loss_limit)
+    own = checks.check_settings(info, settings)
+    if info.load_many is None or not tolerance > own.get("coarse", 0.0):
+        return None
+    check_stands(arch)
+    unique = list({id(motion): motion for motion in motions}.values())
+    number = {id(motion): k for k, motion in enumerate(unique)}
+    options = options_of(arch, info, unique, tolerance, dt, follow, loss_limit)
+    grounds = [ground_of(motion, 1.0, info) for motion in unique]
+    started = time.perf_counter()
+    results = info.load_many()(
+        arch.chain,
+        grounds,
+        np.array([number[id(motion)] for motion in motions]),
+        np.array(factors, float),
+        options,
+    )
+    spent = time.perf_counter() - started
+    from archfrag.methods.stepper.front import outcome_of
+
+    outcomes = [outcome_of(results, row) for row in range(len(factors))]
+    work = np.array([1.0 + outcome.ledger.count[0] for outcome in outcomes])
+    times = spent * work / work.sum()
+    respond = partial(response_of, method=info.name, mechanism=None, history=None)
+    return [
+        respond(outcome, wall_time=float(seconds)) for outcome, seconds in zip(outcomes, times)
+    ]
