@@ -20,7 +20,7 @@ from archfrag.simulation import warm
 # each is compiled once more, into its callers too.
 SEVERAL = {
     # Of the last argument one caller takes the default.
-    "mechanics/contact.py:path_contact": 2,
+    "mechanics/former_contact.py:path_contact": 2,
     # Modes are kept as int8, computed as int64.
     "mechanics/laws.py:corner_mode": 2,
     "mechanics/laws.py:slip_of": 2,
@@ -41,9 +41,9 @@ from archfrag.mechanics.compile import read_version
 from archfrag.kernel_cache import use_kernel_cache
 said = []
 warmup("auto", said.append)
-from archfrag.mechanics import contact, onset
-from archfrag.methods.stepper import run
-tops = (run.run_four, run.run_one, contact.solve_contact, onset.rest_limit)
+from archfrag.mechanics import former_contact, onset
+from archfrag.methods.time_stepping import run
+tops = (run.run_four, run.run_one, former_contact.solve_contact, onset.rest_limit)
 waiting = [name for top in tops for sig in top.overloads
            for name in read_version(top._cache.path(sig, top.targetctx))[2]]
 versions = {}

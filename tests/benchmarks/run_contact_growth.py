@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from tests.physics.random_states import KINDS, random_state
 
-from archfrag.mechanics.contact import contact_work, solve_contact
+from archfrag.mechanics.former_contact import contact_work, solve_contact
 
 NUMBERS = (9, 18, 36, 54, 81, 108)
 STATES = 40

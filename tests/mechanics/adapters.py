@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from archfrag.mechanics.acceleration import centripetal_bias, uniform_force
-from archfrag.mechanics.contact import newton_contact, path_contact, solve_contact
 from archfrag.mechanics.delassus import Contacts, assemble, contact_work, velocity_scale
+from archfrag.mechanics.former_contact import newton_contact, path_contact, solve_contact
 from archfrag.mechanics.homotopy import follow_path
 from archfrag.mechanics.kinematics import (
     empty_contacts,

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from archfrag.mechanics.contact import Contacts
 from archfrag.mechanics.delassus import relative_velocity, velocity_scale
+from archfrag.mechanics.former_contact import Contacts
 from archfrag.mechanics.residuals import contact_residual
 
 KINDS = ("resting", "hinged", "sliding", "impact")

@@ -12,9 +12,9 @@ from archfrag.mechanics.kinematics import clearance, move_faces
 from archfrag.mechanics.ledger import new_ledger
 from archfrag.mechanics.status import Count, Energy, Model, Status
 from archfrag.mechanics.types import Frames, GroundMotion, MechanismLog, Options
+from archfrag.methods.former_stepping import advance
 from archfrag.methods.rest import leave_rest, read_joints
 from archfrag.methods.stepping import new_stepper
-from archfrag.methods.time_stepping import advance
 from tests.physics.audit import g, pulse, random_scene
 
 

@@ -30,7 +30,7 @@ from archfrag.mechanics.block_motion import (
 from archfrag.mechanics.block_regions import painleve_friction, rocking_friction, starting_region
 from archfrag.mechanics.collapse import new_joint_state
 from archfrag.mechanics.compile import allocating
-from archfrag.mechanics.contact import contact_work, path_contact, solve_contact
+from archfrag.mechanics.former_contact import contact_work, path_contact, solve_contact
 from archfrag.mechanics.kinematics import empty_contacts, joint_lengths, move_faces, place_contacts
 from archfrag.mechanics.laws import CLOSED_STICK, MINUS, PLUS, STICK, closed_mode, corner_mode
 from archfrag.mechanics.types import GroundMotion

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from archfrag.mechanics.contact import COMPLIANCE, Contacts, contact_work, solve_contact
 from archfrag.mechanics.delassus import assemble, solve_modes, velocity_scale
+from archfrag.mechanics.former_contact import COMPLIANCE, Contacts, contact_work, solve_contact
 from archfrag.mechanics.laws import CLOSED_MINUS, CLOSED_PLUS, CLOSED_STICK, OPEN, touches
 from tests.physics.random_states import KINDS, problem_residual, random_state
 

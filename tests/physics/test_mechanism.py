@@ -8,9 +8,9 @@ import pytest
 
 import archfrag as af
 from archfrag.mechanics.acceleration import centripetal_bias, find_touching, uniform_force
-from archfrag.mechanics.contact import solve_contact
 from archfrag.mechanics.delassus import contact_work, velocity_scale
 from archfrag.mechanics.energy import kinetic_energy
+from archfrag.mechanics.former_contact import solve_contact
 from archfrag.mechanics.kinematics import (
     clearance,
     empty_contacts,

@@ -8,7 +8,7 @@ from scipy.optimize import linprog
 
 import archfrag as af
 from archfrag.errors import StabilityError
-from archfrag.mechanics.contact import contact_work, solve_contact
+from archfrag.mechanics.former_contact import contact_work, solve_contact
 from archfrag.mechanics.kinematics import (
     empty_contacts,
     joint_lengths,

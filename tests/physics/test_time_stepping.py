@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 import archfrag as af
 from archfrag.evidence.judge import joint_faces, overlaps
 from archfrag.mechanics.collapse import new_joint_state
-from archfrag.mechanics.contact import path_contact
+from archfrag.mechanics.former_contact import path_contact
 from archfrag.mechanics.kinematics import measure_slip, move_faces
 from archfrag.mechanics.status import Status
 from archfrag.mechanics.types import GroundMotion

@@ -1,6 +1,6 @@
 """The contact problem solved by levels: mega-voussoirs first, then the joints inside them.
 
-Equal to `archfrag.mechanics.contact.solve_contact` wherever reactions are unique, and cheaper: in
+Equal to `former_contact.solve_contact` wherever reactions are unique, and cheaper: in
 each round a linear problem of as many bodies as move relative to each other, then a balance
 propagated from joint to joint (Sinopoli, sections 3.3 and 3.4). A further round is needed only
 where a law is broken, that is where a cone is reached, a contact parts, or a new hinge opens.

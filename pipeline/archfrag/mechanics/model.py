@@ -184,4 +184,3 @@ def new_work(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) -
     runs = runs_of(turned) if isinstance(turned, LaneArray) else turned
     runs[:, 0] = 1.0
     return Work(turned=turned, **arrays)
-

@@ -47,7 +47,7 @@ def propose_modes(contacts, friction, work, scale, force_scale, tolerance):
     Parameters
     ----------
     contacts, friction, work
-        As in `archfrag.mechanics.contact.solve_contact`; ``work.best_mode`` is overwritten.
+        As in `archfrag.mechanics.former_contact.solve_contact`; ``work.best_mode`` is overwritten.
     scale, force_scale : float
         What counts as one in velocity and in force.
     tolerance : float

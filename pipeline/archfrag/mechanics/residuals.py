@@ -34,7 +34,7 @@ def joint_residual(j, contacts, friction, relative, reaction, pivot, scale, forc
     Parameters
     ----------
     j : int
-    contacts : archfrag.mechanics.contact.Contacts
+    contacts : archfrag.mechanics.former_contact.Contacts
     friction : ndarray, (n_joint,)
     relative : ndarray, (n_joint, 3)
         Relative velocity (or acceleration) at `pivot`, without bias.
@@ -160,7 +160,7 @@ def state_residual(
     pivot : ndarray, (n_joint, 2) [m]
     span : float
         One, or the duration of a step whose impulses `reaction` holds [s].
-    contacts : archfrag.mechanics.contact.Contacts
+    contacts : archfrag.mechanics.former_contact.Contacts
         Workspace, overwritten.
     relative : ndarray, (n_joint, 3)
         Workspace, overwritten.

@@ -45,9 +45,9 @@ from archfrag.mechanics.ledger import (
 from archfrag.mechanics.residuals import measure_state
 from archfrag.mechanics.status import Cause, CollapseMode, Count, Energy, Model, Status
 from archfrag.mechanics.types import Outcome
+from archfrag.methods.former_stepping import FRESH_STEPS
 from archfrag.methods.rest import read_joints, rest_reactions
 from archfrag.methods.stepping import Kick, free_fall
-from archfrag.methods.time_stepping import FRESH_STEPS
 
 STANDING = int(Status.STANDING)
 COLLAPSED = int(Status.COLLAPSED)

@@ -31,6 +31,7 @@ from archfrag.mechanics.status import Cause, CollapseMode, Count, Energy, Model,
 from archfrag.mechanics.types import Outcome
 from archfrag.methods.events import GAP, PASSING, SLIP_END, new_margins
 from archfrag.methods.few_bodies import new_few_room, view_motion
+from archfrag.methods.former_stepping import advance
 from archfrag.methods.recording import record_state
 from archfrag.methods.resolve import (
     measure_event,
@@ -55,7 +56,6 @@ from archfrag.methods.smooth import (
     segment_at,
 )
 from archfrag.methods.stepping import Clock, new_stepper
-from archfrag.methods.time_stepping import advance
 
 STANDING = int(Status.STANDING)
 COLLAPSED = int(Status.COLLAPSED)

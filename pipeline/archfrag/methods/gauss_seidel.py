@@ -208,7 +208,7 @@ def run(
     sweep_tolerance,
     sweeps,
 ):
-    """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.run`.
+    """Integrate one chain; arguments and result as `archfrag.methods.former_stepping.run`.
 
     Parameters
     ----------

@@ -30,8 +30,8 @@ from archfrag.mechanics.types import (
     Outcome,
 )
 from archfrag.methods import event_driven
-from archfrag.methods.stepper import front as stepper
-from archfrag.methods.stepper.service import Results, new_results
+from archfrag.methods.time_stepping import front as stepper
+from archfrag.methods.time_stepping.service import Results, new_results
 
 # A run that is not accurate is made again with a tolerance smaller by this factor, and with the
 # steps that go with it.
@@ -66,7 +66,7 @@ def is_accurate(chain: Chain, options: Options, results: Results) -> np.ndarray:
     ----------
     chain : archfrag.mechanics.types.Chain
     options : archfrag.mechanics.types.Options
-    results : archfrag.methods.stepper.service.Results
+    results : archfrag.methods.time_stepping.service.Results
 
     Returns
     -------
@@ -104,7 +104,7 @@ def run_many(
     factor: np.ndarray,
     options: Options,
 ) -> Results:
-    """Many runs by steps at impacts; as `archfrag.methods.stepper.front.run_many`."""
+    """Many runs by steps at impacts; as `archfrag.methods.time_stepping.front.run_many`."""
     rows = np.arange(len(motion))
     results = None
     for number, given in _attempts(options):

@@ -367,7 +367,7 @@ def run(
     log: MechanismLog,
     solver_tolerance: float,
 ) -> Outcome:
-    """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.run`.
+    """Integrate one chain; arguments and result as `archfrag.methods.former_stepping.run`.
 
     Parameters
     ----------

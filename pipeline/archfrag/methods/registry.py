@@ -34,7 +34,7 @@ class MethodInfo(NamedTuple):
     # length over gravity [1]; equal ones are fixed.
     step_rule: Callable[[float, int], tuple[float, float]] | None = None
     # For methods that scale ground motions themselves: many runs at once, as
-    # `archfrag.methods.stepper.front.run_many`.
+    # `archfrag.methods.time_stepping.front.run_many`.
     load_many: Callable[[], Callable] | None = None
 
 
@@ -84,7 +84,7 @@ def steps_of_tolerance(rtol: float, n_body: int) -> tuple[float, float]:
 
 
 def _time_stepping():
-    from archfrag.methods.stepper.front import run
+    from archfrag.methods.time_stepping.front import run
 
     return run
 
@@ -108,7 +108,7 @@ def _ladder():
 
 
 def _many_by_steps():
-    from archfrag.methods.stepper.front import run_many
+    from archfrag.methods.time_stepping.front import run_many
 
     return run_many
 

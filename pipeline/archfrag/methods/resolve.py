@@ -17,7 +17,6 @@ from archfrag.mechanics.acceleration import (
     uniform_force,
 )
 from archfrag.mechanics.compile import allocating, kernel
-from archfrag.mechanics.contact import newton_contact, path_contact
 from archfrag.mechanics.delassus import (
     Contacts,
     ContactWork,
@@ -25,6 +24,7 @@ from archfrag.mechanics.delassus import (
     velocity_scale,
 )
 from archfrag.mechanics.energy import kinetic_energy
+from archfrag.mechanics.former_contact import newton_contact, path_contact
 from archfrag.mechanics.kinematics import (
     clearance,
     empty_contacts,

@@ -5,7 +5,7 @@ import numpy as np
 from archfrag.mechanics.acceleration import place_pivots, uniform_force
 from archfrag.mechanics.collapse import note_gap, note_loss
 from archfrag.mechanics.compile import allocating, kernel
-from archfrag.mechanics.contact import newton_contact
+from archfrag.mechanics.former_contact import newton_contact
 from archfrag.mechanics.ground import acceleration_at, end_of_rest, rest_margin
 from archfrag.mechanics.kinematics import clearance, measure_slip, move_faces, place_contacts
 from archfrag.mechanics.laws import OPEN, STICK, corner_mode, touches

@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from archfrag.mechanics.compile import allocating, inlined
-from archfrag.mechanics.contact import newton_contact
 from archfrag.mechanics.delassus import Contacts, ContactWork, contact_work, relative_velocity
 from archfrag.mechanics.energy import ground_work, potential_energy
+from archfrag.mechanics.former_contact import newton_contact
 from archfrag.mechanics.ground import cumulative_impulse, impulse_between
 from archfrag.mechanics.kinematics import (
     corner_offset,

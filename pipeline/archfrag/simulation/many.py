@@ -118,7 +118,7 @@ def simulate_runs(
         options,
     )
     spent = time.perf_counter() - started
-    from archfrag.methods.stepper.front import outcome_of
+    from archfrag.methods.time_stepping.front import outcome_of
 
     outcomes = [outcome_of(results, row) for row in range(len(factors))]
     work = np.array([1.0 + outcome.ledger.count[0] for outcome in outcomes])

@@ -83,7 +83,7 @@ class Response:
         Counts of what was computed: "steps"; "iterations", linear contact problems on all
         voussoirs (of quadratic_programme: iterations of its solver); "paths", contact problems
         that needed the path following behind the Newton iteration; "compliant", those solved
-        with slightly compliant joints only (`archfrag.mechanics.contact`); "shortened", steps
+        with slightly compliant joints only; "shortened", steps
         halved; "levels", contact problems solved by the first and second level;
         "level_iterations", those of them that needed more than one round; "general", those that
         the levels left to the general solver; "sweeps", passes of gauss_seidel over all

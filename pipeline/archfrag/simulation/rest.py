@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from archfrag.arch import Arch
 from archfrag.errors import STATUS_SENTENCE, StabilityError
-from archfrag.mechanics.contact import contact_work, solve_contact
+from archfrag.mechanics.former_contact import contact_work, solve_contact
 from archfrag.mechanics.kinematics import (
     empty_contacts,
     joint_lengths,

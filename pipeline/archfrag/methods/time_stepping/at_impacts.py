@@ -12,8 +12,8 @@ import math
 from typing import NamedTuple
 
 from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.contacts.modes import closes_soon, opening_rate
-from archfrag.mechanics.contacts.placing import MINUS, PLUS, corner_offset
+from archfrag.mechanics.contact.modes import closes_soon, opening_rate
+from archfrag.mechanics.contact.placing import MINUS, PLUS, corner_offset
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.numbers import larger, select, smaller, some
 from archfrag.mechanics.status import Count
@@ -124,4 +124,3 @@ def next_step(state, steps, where, until):
 def locates(state, steps, live):
     """Where a step is long enough to be refused if a corner closes in it."""
     return live & (state.clock[Clock.STEP] > NEARLY * steps.impact)
-

@@ -24,8 +24,8 @@ from archfrag.mechanics.collapse import (
     unregained_loss,
 )
 from archfrag.mechanics.compile import allocating, inlined, kernel
-from archfrag.mechanics.contact import newton_contact, path_contact
 from archfrag.mechanics.energy import contact_works, kinetic_energy
+from archfrag.mechanics.former_contact import newton_contact, path_contact
 from archfrag.mechanics.kinematics import move_faces, place_contacts
 from archfrag.mechanics.laws import touches
 from archfrag.mechanics.ledger import (

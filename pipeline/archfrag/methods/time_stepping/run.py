@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from archfrag.mechanics.compile import allocating, inlined, kernel
-from archfrag.mechanics.contacts.modes import solve_contact
-from archfrag.mechanics.contacts.placing import move_faces
+from archfrag.mechanics.contact.modes import solve_contact
+from archfrag.mechanics.contact.placing import move_faces
 from archfrag.mechanics.model import Clock, Model, State, Work, new_state, new_work
 from archfrag.mechanics.numbers import (
     LANES,
@@ -25,10 +25,10 @@ from archfrag.mechanics.numbers import (
     some,
 )
 from archfrag.mechanics.status import Count, Energy
-from archfrag.methods.stepper.at_impacts import LEAD, locates, next_step, shorten
-from archfrag.methods.stepper.motion import due_kick, end_of_motion
-from archfrag.methods.stepper.recording import log_change
-from archfrag.methods.stepper.service import (
+from archfrag.methods.time_stepping.at_impacts import LEAD, locates, next_step, shorten
+from archfrag.methods.time_stepping.motion import due_kick, end_of_motion
+from archfrag.methods.time_stepping.recording import log_change
+from archfrag.methods.time_stepping.service import (
     ALL,
     AT_END,
     BROKEN,
@@ -52,7 +52,7 @@ from archfrag.methods.stepper.service import (
     start_moving,
     write_rest,
 )
-from archfrag.methods.stepper.step import accept_step, pose_step
+from archfrag.methods.time_stepping.step import accept_step, pose_step
 
 # Work that a run may take: so many of the shortest steps for as long as it lasts, and some to
 # begin with. Steps need one or a few linear problems each; so many on average are no progress.
@@ -65,7 +65,7 @@ def try_step(model, grounds, state, work, steps, live):
 
     Returns
     -------
-    kick : archfrag.methods.stepper.motion.Kick
+    kick : archfrag.methods.time_stepping.motion.Kick
     solved, unsolved : mask
         Where the step can be made, and where modes do not settle in the shortest step.
     """
@@ -116,9 +116,7 @@ def step_four(model, grounds, state, work, steps, limits):
         if some(solved):
             fallen, broken = accept_step(model, state, work, kick, solved, limits.loss_limit)
             next_step(state, steps, solved, until)
-        code = code_after(
-            state, steps, limits, until, (solved, unsolved, fallen, broken)
-        )
+        code = code_after(state, steps, limits, until, (solved, unsolved, fallen, broken))
         clock[Clock.CODE] = code
         waits = some((code != GO) & (code != IDLE))
 

@@ -12,7 +12,7 @@ the limit of infinite stiffness.
 """
 
 from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.contacts.placing import MINUS, PLUS, relative_velocity
+from archfrag.mechanics.contact.placing import MINUS, PLUS, relative_velocity
 from archfrag.mechanics.numbers import dot, fused, larger, opposite, select, some
 
 COMPLIANCE = 1e-10

@@ -15,17 +15,17 @@ from archfrag.mechanics.types import (
     Options,
     Outcome,
 )
-from archfrag.methods.stepper.at_impacts import Steps
-from archfrag.methods.stepper.motion import Grounds, grounds_of
-from archfrag.methods.stepper.recording import no_output, output_to
-from archfrag.methods.stepper.run import (
+from archfrag.methods.time_stepping.at_impacts import Steps
+from archfrag.methods.time_stepping.motion import Grounds, grounds_of
+from archfrag.methods.time_stepping.recording import no_output, output_to
+from archfrag.methods.time_stepping.run import (
     new_four,
     new_one,
     run_four,
     run_given,
     run_one,
 )
-from archfrag.methods.stepper.service import (
+from archfrag.methods.time_stepping.service import (
     STILL,
     Limits,
     Results,

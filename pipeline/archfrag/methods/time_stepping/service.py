@@ -10,9 +10,8 @@ import numpy as np
 
 from archfrag.mechanics.collapse import NOTED_GAP, RIGHT_ANGLE, Loss
 from archfrag.mechanics.compile import allocating, inlined, kernel
-from archfrag.mechanics.contact import path_contact
-from archfrag.mechanics.contacts.modes import solve_contact
-from archfrag.mechanics.contacts.placing import (
+from archfrag.mechanics.contact.modes import solve_contact
+from archfrag.mechanics.contact.placing import (
     clearance,
     corner_offset,
     corner_slip,
@@ -21,6 +20,7 @@ from archfrag.mechanics.contacts.placing import (
     relative_velocity,
 )
 from archfrag.mechanics.delassus import Contacts, ContactWork, assemble, contact_work
+from archfrag.mechanics.former_contact import path_contact
 from archfrag.mechanics.kinematics import empty_contacts
 from archfrag.mechanics.laws import slip_of, touches
 from archfrag.mechanics.model import Clock, Model
@@ -28,16 +28,16 @@ from archfrag.mechanics.onset import rest_limit
 from archfrag.mechanics.residuals import TOUCHING, contact_residual
 from archfrag.mechanics.status import Cause, CollapseMode, Count, Energy, Peak, Status
 from archfrag.mechanics.status import Model as Rung
-from archfrag.methods.stepper.at_impacts import next_step
-from archfrag.methods.stepper.motion import due_kick, end_of_motion, end_rest, kick_between
-from archfrag.methods.stepper.recording import (
+from archfrag.methods.time_stepping.at_impacts import next_step
+from archfrag.methods.time_stepping.motion import due_kick, end_of_motion, end_rest, kick_between
+from archfrag.methods.time_stepping.recording import (
     dominant_change,
     log_change,
     mode_of,
     write_frame,
     write_if_due,
 )
-from archfrag.methods.stepper.step import (
+from archfrag.methods.time_stepping.step import (
     accept_step,
     change_of_step,
     contact_works,
@@ -92,7 +92,7 @@ def new_general(model: Model) -> General:
 
 @kernel
 def pose_general(model, state, work, general):
-    """The contact problem in the layout of archfrag.mechanics.contact."""
+    """The contact problem in the layout of archfrag.mechanics.former_contact."""
     contacts, solver = general.contacts, general.solver
     n_body, n_joint = model.mass.size - 2, model.friction.size
     for i in range(n_body):
@@ -114,7 +114,7 @@ def pose_general(model, state, work, general):
 
 @kernel
 def take_general(state, work, general):
-    """The solution of archfrag.mechanics.contact."""
+    """The solution of archfrag.mechanics.former_contact."""
     solver = general.solver
     for i in range(solver.velocity.shape[0]):
         for c in range(3):

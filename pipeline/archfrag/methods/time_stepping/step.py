@@ -12,7 +12,7 @@ import math
 
 from archfrag.mechanics.collapse import NOTED_GAP, RIGHT_ANGLE, SMALL, Loss
 from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.contacts.placing import (
+from archfrag.mechanics.contact.placing import (
     MINUS,
     PLUS,
     at_point,

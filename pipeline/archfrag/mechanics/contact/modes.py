@@ -4,14 +4,14 @@ For given modes the contact problem is linear (`blocks`). Its solution tells of 
 it keeps Signorini's and Coulomb's laws in the mode assumed, and which mode it asks for: three
 functions, for an open joint, a closed one and one that touches at a corner. The modes asked for
 are taken until none changes. A run whose modes do not come to rest in a few rounds is left to
-`archfrag.mechanics.contact.path_contact`.
+`archfrag.mechanics.former_contact.path_contact`.
 """
 
 import math
 
 from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.contacts.blocks import TOLERANCE, solve_modes
-from archfrag.mechanics.contacts.placing import MINUS, PLUS, at_point, relative_velocity
+from archfrag.mechanics.contact.blocks import TOLERANCE, solve_modes
+from archfrag.mechanics.contact.placing import MINUS, PLUS, at_point, relative_velocity
 from archfrag.mechanics.numbers import flag, fused, larger, opposite, select, some
 
 # What of a law counts as kept, over the scale of velocities or forces.
