@@ -198,14 +198,14 @@ def piece_functions(position, work, path, tau, value):
 @kernel
 def set_openings(work, path, scale, attempt):
     """Open all joints, and choose velocities that keep them so; others for each attempt."""
-    seed = np.uint32(88172645 + 7919 * attempt)
+    seed = 88172645 + 7919 * attempt
     for j in range(work.slide.size):
         _set_mode(work, j, OPEN)
         for k in range(2):
-            seed ^= seed << np.uint32(13)
-            seed ^= seed >> np.uint32(17)
-            seed ^= seed << np.uint32(5)
-            size = scale * (4.0 + 4.0 * (seed >> np.uint32(8)) / 16777216.0)
+            seed ^= (seed << 13) & 0xFFFFFFFF
+            seed ^= seed >> 17
+            seed ^= (seed << 5) & 0xFFFFFFFF
+            size = scale * (4.0 + 4.0 * (seed >> 8) / 16777216.0)
             nx = work.side_normal[j, k, PLUS, 0] + work.side_normal[j, k, MINUS, 0]
             ny = work.side_normal[j, k, PLUS, 1] + work.side_normal[j, k, MINUS, 1]
             norm = math.sqrt(nx * nx + ny * ny)
