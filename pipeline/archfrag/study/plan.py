@@ -22,8 +22,9 @@ DECIDING = (
     "arch", "simulate.py", "simulation", "study/arches.py", "study/case.py", "study/outcome.py",
     "study/worker.py",
 )  # fmt: skip
-# Enough parts for an even share among workers, few enough for a file system.
-PARTS_WANTED, SMALLEST_CHUNK, LARGEST_CHUNK = 500, 4, 200
+# Enough parts for an even share among workers, few enough for a file system; runs enough in each
+# that four go side by side to near its end.
+PARTS_WANTED, SMALLEST_CHUNK, LARGEST_CHUNK = 500, 32, 200
 
 
 @dataclass(frozen=True)
