@@ -11,10 +11,9 @@ import pytest
 
 import archfrag as af
 from archfrag.arch import STANDARD_GRAVITY as g
-from archfrag.mechanics import block as formulas
-from archfrag.mechanics import block_plane as plane
-from archfrag.mechanics.block import CORNER_A, CORNER_B, RigidBlock, uniform_block
-from archfrag.mechanics.block_motion import (
+from archfrag.mechanics.block import formulas, plane
+from archfrag.mechanics.block.formulas import CORNER_A, CORNER_B, RigidBlock, uniform_block
+from archfrag.mechanics.block.motion import (
     LIFT_OFF,
     REST,
     ROCK,
@@ -27,7 +26,7 @@ from archfrag.mechanics.block_motion import (
     sliding_motion,
     starting_motion,
 )
-from archfrag.mechanics.block_regions import painleve_friction, rocking_friction, starting_region
+from archfrag.mechanics.block.regions import painleve_friction, rocking_friction, starting_region
 from archfrag.mechanics.collapse import new_joint_state
 from archfrag.mechanics.compile import allocating
 from archfrag.mechanics.former_contact import contact_work, path_contact, solve_contact

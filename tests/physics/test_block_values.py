@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 
 import archfrag as af
 from archfrag.arch import STANDARD_GRAVITY as g
-from archfrag.mechanics.block import CORNER_A, CORNER_B, RigidBlock, uniform_block
-from archfrag.mechanics.block_motion import (
+from archfrag.mechanics.block.formulas import CORNER_A, CORNER_B, RigidBlock, uniform_block
+from archfrag.mechanics.block.motion import (
     LIFT_OFF,
     REST,
     ROCK,
@@ -23,7 +23,7 @@ from archfrag.mechanics.block_motion import (
     rocking_impact,
     starting_motion,
 )
-from archfrag.mechanics.block_regions import (
+from archfrag.mechanics.block.regions import (
     impact_ratio,
     impact_sticking_friction,
     painleve_friction,

@@ -12,10 +12,10 @@ from matplotlib.figure import Figure
 
 from archfrag.cli import main
 from archfrag.errors import InputError
-from archfrag.mechanics import block as formulas
-from archfrag.mechanics.block import CORNER_A, uniform_block
-from archfrag.mechanics.block_motion import Mechanism
-from archfrag.mechanics.block_regions import starting_region
+from archfrag.mechanics.block import formulas
+from archfrag.mechanics.block.formulas import CORNER_A, uniform_block
+from archfrag.mechanics.block.motion import Mechanism
+from archfrag.mechanics.block.regions import starting_region
 from archfrag.report import block_figures, canvas
 from archfrag.study.workflow import snakefile
 from tests.report.test_figures import overlaps

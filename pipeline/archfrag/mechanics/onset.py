@@ -1,12 +1,12 @@
 """Rest range of a chain: how strong a steady horizontal body force it bears without moving.
 
-Rest is the contact problem with w = 0: reactions in equilibrium with the body forces, pressing
-at every joint and inside Coulomb's cone. In a chain all reactions follow from those at joint 0,
-so that the unknowns are its force, its moment and the load factor k: four numbers. The largest
-k is found by the dual simplex method on the joints' inequalities, whose cost is proportional to
-their number (static theorem; Livesley 1978, *Int. J. Num. Meth. Eng.* 12(12)). The inequalities
-that are tight at the end with a positive multiplier are the hinges and sliding joints of the
-mechanism.
+Rest is the contact problem with w = 0: reactions in equilibrium with the body forces, pressing at
+every joint and inside Coulomb's cone. In a chain all reactions follow from those at joint 0, so
+that the unknowns are its force, its moment and the load factor k: four numbers. The largest k is
+found by the dual simplex method on the joints' inequalities, whose cost is proportional to their
+number (static theorem; Livesley 1978, *Int. J. Num. Meth. Eng.* 12(12)). That is Eq 13 for a
+block, and the least load of Eq 28 for an arch, by its dual. The inequalities that are tight at
+the end with a positive multiplier are the hinges and sliding joints of the mechanism.
 """
 
 from typing import NamedTuple

@@ -12,11 +12,10 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
 from archfrag.errors import InputError
-from archfrag.mechanics import block as formulas
-from archfrag.mechanics import block_plane as plane
-from archfrag.mechanics.block import CORNER_A, RigidBlock, uniform_block
-from archfrag.mechanics.block_motion import Mechanism, corner_motion
-from archfrag.mechanics.block_regions import rocking_friction, sliding_load
+from archfrag.mechanics.block import formulas, plane
+from archfrag.mechanics.block.formulas import CORNER_A, RigidBlock, uniform_block
+from archfrag.mechanics.block.motion import Mechanism, corner_motion
+from archfrag.mechanics.block.regions import rocking_friction, sliding_load
 from archfrag.report import canvas
 from archfrag.report.canvas import Picture, picture, standalone
 from archfrag.report.summary import FloatArray

@@ -287,7 +287,7 @@ def correct(model, position, work, enough):
 
 @kernel
 def solve_modes(model, position, work, scale, precision):
-    """Solve the linear problem of the present modes, ``work.touch`` and ``work.slide``.
+    """Motion of all bodies (Eqs 26, 27) in the present modes, ``work.touch`` and ``work.slide``.
 
     Parameters
     ----------

@@ -101,7 +101,9 @@ def mode_if_corner(j, second, model, work, slide, ux, uy, slack, slack_force):
 
 @kernel
 def ask_modes(model, work, slack, slack_force):
-    """Modes that the joints ask for, into ``work.asked_touch`` and ``work.asked_slide``.
+    """Modes that the joints ask for by Signorini's and Coulomb's laws (Eqs 24, 25).
+
+    They are left in ``work.asked_touch`` and ``work.asked_slide``.
 
     Parameters
     ----------

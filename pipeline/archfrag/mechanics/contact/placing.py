@@ -143,7 +143,7 @@ def at_point(vx, vy, rotation, px, py):
 
 @kernel
 def relative_velocity(position, velocity, pivot, out):
-    """Velocity of the body after each joint relative to the one before it, at the pivots.
+    """Velocity of the body after each joint relative to the one before it, at the pivots (Eq 22).
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ stands over the contact or beside it, so that each reaction changes the other.
 
 import math
 
-from archfrag.mechanics.block import combine, dot, generalised, scaled
+from archfrag.mechanics.block.formulas import combine, dot, generalised, scaled
 from archfrag.mechanics.compile import kernel
 
 

@@ -9,8 +9,8 @@ kept as tuples of three floats. A force times a gradient operator is a generalis
 The ground is the x axis of a frame that moves with it, t points along +x and n upwards; rotations
 are positive counter-clockwise. The base runs from corner A, at the end towards -t, to corner B.
 A ground that accelerates towards +t tips the block over A. The balance of a contact that lasts,
-Eqs 15 to 20, is in `block_plane`; what is made of it all, starting motion, reactions in motion
-and impact, in `block_motion`; the regions of starting motion in `block_regions`.
+Eqs 15 to 20, is in `plane`; what is made of it all, starting motion, reactions in motion
+and impact, in `motion`; the regions of starting motion in `regions`.
 """
 
 import math

@@ -1,12 +1,12 @@
 """Closed forms of a block: regions of starting motion, rocking equation, impact, Painleve.
 
-They follow from the formulas in `block` and `block_plane` by elimination and hold for any
+They follow from the formulas in `formulas` and `plane` by elimination and hold for any
 distribution of mass; the values for a uniform rectangle stand beside them.
 """
 
 import math
 
-from archfrag.mechanics.block import (
+from archfrag.mechanics.block.formulas import (
     CORNER_A,
     CORNER_B,
     active_force,
@@ -16,8 +16,8 @@ from archfrag.mechanics.block import (
     reach,
     tangential_gradient,
 )
-from archfrag.mechanics.block_motion import LIFT_OFF, REST, ROCK, SLIDE, SLIDE_ROCK
-from archfrag.mechanics.block_plane import rocking_mechanism
+from archfrag.mechanics.block.motion import LIFT_OFF, REST, ROCK, SLIDE, SLIDE_ROCK
+from archfrag.mechanics.block.plane import rocking_mechanism
 from archfrag.mechanics.compile import kernel
 
 
@@ -92,8 +92,8 @@ def rocking_friction(block, side, load):
 
     Examples
     --------
-    >>> from archfrag.mechanics.block import CORNER_A, uniform_block
-    >>> from archfrag.mechanics.block_regions import rocking_friction
+    >>> from archfrag.mechanics.block.formulas import CORNER_A, uniform_block
+    >>> from archfrag.mechanics.block.regions import rocking_friction
     >>> block = uniform_block(0.2, 1.0, 400.0)
     >>> [round(rocking_friction(block, CORNER_A, load), 4) for load in (0.2, 0.4, 1.0)]
     [0.2, 0.2486, 0.3793]
@@ -134,7 +134,7 @@ def sliding_load(block, side, friction):
 def painleve_friction(block, side, rotation):
     """Least friction coefficient for Painleve's paradox at a corner; inf if there is none.
 
-    Where `archfrag.mechanics.block_plane.sliding_stiffness` vanishes for one sense of slip. At
+    Where `archfrag.mechanics.block.plane.sliding_stiffness` vanishes for one sense of slip. At
     least 4/3 for a uniform rectangle, whatever its sides and its rotation.
     """
     arm = corner_arm(block, side, rotation)

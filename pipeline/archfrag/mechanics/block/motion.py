@@ -12,7 +12,7 @@ import math
 from enum import IntEnum
 from typing import NamedTuple
 
-from archfrag.mechanics.block import (
+from archfrag.mechanics.block.formulas import (
     CORNER_A,
     CORNER_B,
     active_force,
@@ -29,7 +29,7 @@ from archfrag.mechanics.block import (
     tangential_gradient,
     tangential_gradient_rate,
 )
-from archfrag.mechanics.block_plane import (
+from archfrag.mechanics.block.plane import (
     centripetal_projections,
     inside_cone,
     rocking_mechanism,
@@ -228,7 +228,7 @@ def corner_problem(block, side, rotation, active, on_t, on_n, friction, slip):
     active : (float, float, float)
         S: generalised force, or velocity before an impact (Eq 21).
     on_t, on_n : float
-        From `archfrag.mechanics.block_plane.centripetal_projections`; zero for an impact.
+        From `archfrag.mechanics.block.plane.centripetal_projections`; zero for an impact.
     friction : float
         Coulomb coefficient; inf: the limit of large friction.
     slip : float
@@ -273,8 +273,8 @@ def starting_motion(block, ground_x, ground_y, friction, gravity):
 
     Examples
     --------
-    >>> from archfrag.mechanics.block import uniform_block
-    >>> from archfrag.mechanics.block_motion import Mechanism, starting_motion
+    >>> from archfrag.mechanics.block.formulas import uniform_block
+    >>> from archfrag.mechanics.block.motion import Mechanism, starting_motion
     >>> block = uniform_block(0.2, 1.0, 400.0)
     >>> for k_s, mu in ((0.1, 0.5), (0.25, 0.5), (0.25, 0.18), (0.25, 0.201), (-0.25, 0.5)):
     ...     start = starting_motion(block, k_s, 0.0, mu, 9.80665)
@@ -334,8 +334,8 @@ def corner_motion(
 
     Examples
     --------
-    >>> from archfrag.mechanics.block import CORNER_A, uniform_block
-    >>> from archfrag.mechanics.block_motion import corner_motion
+    >>> from archfrag.mechanics.block.formulas import CORNER_A, uniform_block
+    >>> from archfrag.mechanics.block.motion import corner_motion
     >>> block = uniform_block(0.2, 1.0, 400.0)
     >>> now = corner_motion(block, CORNER_A, 0.1, 0.5, 0.0, 0.0, 0.0, 0.5, 9.80665)
     >>> round(now.rotation, 4), round(now.tangential, 2), round(now.normal, 2)
@@ -402,8 +402,8 @@ def rocking_impact(block, side, angular_velocity, slip, friction):
 
     Examples
     --------
-    >>> from archfrag.mechanics.block import CORNER_A, uniform_block
-    >>> from archfrag.mechanics.block_motion import Mechanism, rocking_impact
+    >>> from archfrag.mechanics.block.formulas import CORNER_A, uniform_block
+    >>> from archfrag.mechanics.block.motion import Mechanism, rocking_impact
     >>> block = uniform_block(0.2, 1.0, 400.0)
     >>> for friction in (0.8, 0.1):
     ...     after = rocking_impact(block, CORNER_A, -1.0, 0.0, friction)
