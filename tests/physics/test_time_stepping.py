@@ -218,7 +218,7 @@ class TestSignorini:
         # A state is measured with the reactions of the step that led to it.
         arch = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7)
         found = [
-            simulate(arch, pulse(0.5, 0.3), dt=dt, follow=0.0).residual for dt in (4e-3, 5e-4)
+            simulate(arch, pulse(0.5, 0.3), dt=dt, follow=0.0).residual for dt in (1e-3, 2.5e-4)
         ]
         assert 0.0 < found[1] < 0.5 * found[0] < 1e-2
 

@@ -128,6 +128,14 @@ def contact_residual(model, work, scale, force):
     return largest
 
 
+@inlined
+def _move_moments(work, sense):
+    """Moments of the reactions from the pivots to the origin, or back."""
+    for j in range(work.slide.size):
+        fx, fy = work.reaction[j, 0], work.reaction[j, 1]
+        work.reaction[j, 2] += sense * (work.pivot[j, 0] * fy - work.pivot[j, 1] * fx)
+
+
 @kernel
 def state_residual(model, state, work, span):
     """How far one instant of a motion is from the contact laws.
@@ -137,8 +145,8 @@ def state_residual(model, state, work, span):
     model : archfrag.mechanics.model.Model
     state : archfrag.mechanics.model.State
     work : archfrag.mechanics.model.Work
-        With the faces where the bodies are, and reactions about ``work.pivot`` as it will be
-        placed; contacts, `candidate`, `known` and `parting` are overwritten.
+        With the faces where the bodies are; contacts, `candidate`, `known` and `parting` are
+        overwritten.
     span : float
         One, or the time for which impulses in ``work.reaction`` act [s].
 
@@ -148,7 +156,9 @@ def state_residual(model, state, work, span):
         As `contact_residual`.
     """
     length = model.length
+    _move_moments(work, 1.0)
     place_contacts(model, state.slip, work.face, work.tangent, work)
+    _move_moments(work, -1.0)
     relative_velocity(state.position, state.velocity, work.pivot, work.relative)
     force = 0.0
     for i in range(model.mass.size):
