@@ -250,21 +250,40 @@ def fall_margin(case, linkage, motion):
 
 
 @kernel
+def _left(case, linkage, motion, kind, step):
+    """What is positive before an event and negative past it, after a step."""
+    _go_to(case, linkage, motion, step)
+    if not np.isfinite(motion.then[0]):
+        return -1.0
+    if kind == OF_FALLING:
+        return fall_margin(case, linkage, motion)
+    if kind == OF_TURNING:
+        return motion.then[1]
+    return motion.then[0] / (step if motion.now[0] == 0.0 else 1.0)
+
+
+@kernel
 def locate(case, linkage, motion, kind, step):
-    """Size of the step that ends past an event, by bisection; ``motion.then`` is there."""
-    low, high, then = 0.0, step, motion.then
+    """Size of the step that ends at an event, by regula falsi; ``motion.then`` is there."""
+    low, high, at_low, at_high = 0.0, step, 1.0, _left(case, linkage, motion, kind, step)
+    if kind != OF_FALLING:
+        at_low = motion.now[1] if kind == OF_TURNING or motion.now[0] == 0.0 else motion.now[0]
+    here, last, size = step, 0.0, max(at_low, -at_high)
     while high - low > ROOT * step:
-        middle = 0.5 * (low + high)
-        _go_to(case, linkage, motion, middle)
-        left = then[1] if kind == OF_TURNING else then[0]
-        if kind == OF_FALLING and np.isfinite(left):
-            left = fall_margin(case, linkage, motion)
-        if left > 0.0:
-            low = middle
+        here = (low * at_high - high * at_low) / (at_high - at_low)
+        if not low < here < high:
+            here = 0.5 * (low + high)
+        left = _left(case, linkage, motion, kind, here)
+        if abs(left) <= ROOT * size:
+            break
+        if left < 0.0:
+            high, at_high = here, left
+            at_low *= 0.5 if last < 0.0 else 1.0
         else:
-            high = middle
-    _go_to(case, linkage, motion, high)
-    return high
+            low, at_low = here, left
+            at_high *= 0.5 if last > 0.0 else 1.0
+        last = left
+    return here
 
 
 @kernel

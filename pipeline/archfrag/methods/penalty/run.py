@@ -9,11 +9,11 @@ The step is a part of the critical one, found from the highest frequency of the 
 Damping is Rayleigh's or Cundall's local one. By default it is proportional to stiffness only: a
 mass-proportional or local one also brakes motion as rigid bodies, which nothing in dry masonry
 does, and the dashpots stand for what impacts dissipate (Vlachakis and others 2021, *J. Eng.
-Mech.* 147(11)); the price is a smaller critical step. A chain at rest is settled first on its
-springs by Newton's iteration, or by dynamic relaxation with local damping where that fails, so
-that the weight comes without a jolt; the energy balance starts there. There is no rest test in
-the record: every step is computed. After it, the chain stands once no body has been faster than
-1e-3 of the root of gravity times joint length for a second; elastic ringing below that is rest.
+Mech.* 147(11)); the price is a smaller critical step. A chain at rest is first brought to static
+equilibrium on its springs, so that the weight comes without a jolt; the energy balance starts
+there. There is no rest test in the record: every step is computed. After it, the chain stands
+once no body has been faster than 1e-3 of the root of gravity times joint length for a second;
+elastic ringing below that is rest.
 
 In the energy balance, the elastic energy belongs to the potential one, and what dashpots and the
 other damping take stands under impacts. A run whose balance is off by half of the largest kinetic
@@ -37,8 +37,6 @@ and step, for stiffnesses of 1e9, 1e10, 1e11 and 1e12 Pa/m; rigid voussoirs by t
   unstable just below the critical step already.
 - The depth is taken to be 1 m, as a chain does not know it.
 """
-
-import contextlib
 
 import numpy as np
 
@@ -93,14 +91,9 @@ ROUNDING = 1e-12
 # Slip over length after which contacts are far enough from where they were to ask for the
 # critical step again.
 SHIFT = 0.02
-# Static equilibrium: unbalanced force over the mean weight of a body, where stiff springs leave
-# 1e-10 of rounding; Newton's iterations; coefficient of dynamic relaxation, where these find
-# none, and how many steps of it.
-BALANCED = 1e-9
-SETTLED = 1e-7
-NEWTON_ROUNDS = 40
-RELAXATION = 0.8
-RELAXATION_ROUNDS, RELAXATION_STEPS = 400, 1000
+# Iterations to static equilibrium, and the part of their stiffness that open corners keep in it.
+NEWTON_ROUNDS = 200
+OPEN_STIFFNESS = 0.02
 
 
 @kernel
@@ -265,64 +258,33 @@ def end_steps(case, springs):
     measure_state(model, state, case.work, case.general)
 
 
-@kernel
-def drift(case, springs, number):
-    """Some steps of dynamic relaxation: nothing is recorded, and no time passes."""
-    model, state, work = case.model, case.state, case.work
-    step = state.clock[Clock.PREVIOUS] = state.clock[Clock.STEP]
-    for _ in range(number):
-        pose_springs(case, springs)
-        for i in range(1, state.position.shape[0] - 1):
-            for c in range(3):
-                state.velocity[i, c] = work.solved[i, c]
-                state.position[i, c] += step * work.solved[i, c]
-        move_faces(model, state.position, work.turned, work.face, work.tangent)
-
-
-def _unbalanced(case: Case, springs: Springs) -> tuple[np.ndarray, float]:
-    """Forces on the bodies at rest, and the largest, moments over length, per mean weight."""
-    model = case.model
-    force = springs.total[1:-1].copy()
-    force[:, 1] -= model.gravity * model.mass[1:-1]
-    largest = np.abs(force / (1.0, 1.0, model.length[0])).max()
-    return force.ravel(), largest / (model.gravity * model.mass[1:-1].mean())
-
-
 def settle(case: Case, springs: Springs) -> None:
-    """Bring a chain at rest on unloaded springs to its equilibrium under its weight."""
+    """Bring a chain at rest on unloaded springs to its equilibrium under its weight.
+
+    By Newton's iteration, with some stiffness left to open corners. Where it does not converge,
+    soft springs do not bear the chain; it is left where it was.
+    """
     model, state, work = case.model, case.state, case.work
-    state.velocity[:] = 0.0
-    work.touch[:] = 0.0
-    press_joints(model, state, work, springs, 0.0)
+    weight = model.gravity * np.stack([0.0 * model.mass, model.mass, 0.0 * model.mass], axis=1)
+    rounding = springs.normal_stiffness.max() * model.rounding
+    pressed, start = springs._replace(damping=0.0), state.position.copy()
     for number in range(NEWTON_ROUNDS):
-        stiffness = stiffness_matrix(model, state, work, springs, number == 0)
-        force, largest = _unbalanced(case, springs)
-        if largest < BALANCED:
+        work.touch[:] *= number > 0
+        press_joints(model, state, work, pressed, 1.0)
+        force = (springs.total - weight)[1:-1] if number > 0 else -weight[1:-1]
+        if np.abs(force / (1.0, 1.0, model.length[0])).max() < rounding:
             break
-        with contextlib.suppress(np.linalg.LinAlgError):
-            state.velocity[1:-1] = np.linalg.solve(stiffness, force).reshape(-1, 3)
+        part = np.maximum(work.touch, OPEN_STIFFNESS if number > 0 else 1.0)
+        stiffness = stiffness_matrix(model, state, work, springs, part)
+        state.velocity[1:-1] = np.linalg.solve(stiffness, force.ravel()).reshape(-1, 3)
         state.position[:] += state.velocity
         move_faces(model, state.position, work.turned, work.face, work.tangent)
-        press_joints(model, state, work, springs._replace(damping=0.0), 1.0)
     else:
-        _relax(case, springs)
+        state.position[:] = start
+        for array in (springs.shear, springs.dashpot, work.touch):
+            array[:] = 0.0
     state.velocity[:] = 0.0
-    state.clock[Clock.PREVIOUS] = 0.0
-
-
-def _relax(case: Case, springs: Springs) -> None:
-    """Equilibrium by motion with local damping, from the chain's own geometry."""
-    model, state, work = case.model, case.state, case.work
-    state.position[:, :2], state.position[:, 2], state.velocity[:] = model.centroid, 0.0, 0.0
     move_faces(model, state.position, work.turned, work.face, work.tangent)
-    for array in (springs.shear, springs.dashpot, work.touch):
-        array[:] = 0.0
-    factor, state.clock[Clock.FACTOR] = state.clock[Clock.FACTOR], 0.0
-    for _ in range(RELAXATION_ROUNDS):
-        drift(case, springs._replace(local_damping=RELAXATION), RELAXATION_STEPS)
-        if _unbalanced(case, springs)[1] < SETTLED:
-            break
-    state.clock[Clock.FACTOR] = factor
 
 
 def critical_step(frequency: float, damping: float) -> float:
@@ -370,27 +332,10 @@ def run(
 ) -> Outcome:
     """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.front.run`.
 
-    Where the chain is not at rest, springs take up the weight in the first instants.
-    ``options.max_steps`` counts steps of its size; smaller ones are allowed as many more.
-
-    Parameters
-    ----------
-    stiffness : float
-        Normal stiffness of the joints for each unit of their area [Pa/m]; the depth counts as
-        1 m, as a chain knows its masses but not its depth.
-    shear_ratio : float
-        Shear over normal stiffness.
-    damping_stiffness : float
-        Stiffness-proportional damping, over critical at the highest frequency.
-    damping_mass : float
-        Mass-proportional damping, over critical at `damping_frequency` [Hz].
-    damping_frequency : float
-    local_damping : float
-        Part of the unbalanced force that opposes each motion (Cundall).
-    step_fraction : float
-        Of the critical step; unstable above one.
-    rounding : float
-        Slip, over joint length, either side of which a vertex has passed the other.
+    The settings are those of `archfrag.methods.registry`; the depth counts as 1 m, as a chain
+    knows its masses but not its depth. Where the chain is not at rest, springs take up the weight
+    in the first instants. ``options.max_steps`` counts steps of its size; smaller ones are
+    allowed as many more.
     """
     case = case_of(chain, ground, False, options, frames, log)
     model, state, work = case.model, case.state, case.work

@@ -16,7 +16,7 @@ import numpy as np
 
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.placing import AFTER, BEFORE
-from archfrag.mechanics.model import Model
+from archfrag.mechanics.model import Model, State, Work
 from archfrag.methods.base import write_rows
 
 
@@ -226,20 +226,22 @@ def corner_gradients(state, work, springs, row):
             write_rows(j, ty, -tx, px, py, state.position, row[j, k])
 
 
-def stiffness_matrix(model: Model, state, work, springs: Springs, every: bool) -> np.ndarray:
+def stiffness_matrix(
+    model: Model, state: State, work: Work, springs: Springs, part: np.ndarray
+) -> np.ndarray:
     """Elastic stiffness of the joints about a configuration, (3 n_body, 3 n_body).
 
     Parameters
     ----------
     model, state, work, springs
-    every : bool
-        All corners; else those only that touch.
+    part : ndarray, (n_joint, 2)
+        Of its springs' stiffness that each corner has.
     """
     n_joint = model.length.size
     row = np.zeros((n_joint, 2, 2, 6))
     corner_gradients(state, work, springs, row)
     stiffness = np.stack([springs.normal_stiffness, springs.shear_stiffness], axis=1)
-    stiffness = stiffness[:, None] * (1.0 if every else work.touch[..., None])
+    stiffness = stiffness[:, None] * part[..., None]
     block = np.einsum("jkap,jka,jkaq->jpq", row, stiffness, row)
     whole = np.zeros((3 * model.mass.size, 3 * model.mass.size))
     for j in range(n_joint):
@@ -247,11 +249,11 @@ def stiffness_matrix(model: Model, state, work, springs: Springs, every: bool) -
     return whole[3:-3, 3:-3]
 
 
-def highest_frequency(model: Model, state, work, springs: Springs) -> float:
+def highest_frequency(model: Model, state: State, work: Work, springs: Springs) -> float:
     """Highest circular frequency of a chain with all its corners touching [rad/s].
 
     Fewer contacts only lower it (Rayleigh).
     """
     root = np.sqrt(np.stack([model.mass, model.mass, model.inertia], axis=1)[1:-1]).ravel()
-    stiffness = stiffness_matrix(model, state, work, springs, True)
+    stiffness = stiffness_matrix(model, state, work, springs, np.ones(work.touch.shape))
     return float(np.sqrt(np.linalg.eigvalsh(stiffness / np.outer(root, root))[-1]))
