@@ -93,7 +93,7 @@ MATCHES = 1e-6
 STRAIGHT = 0.05
 # Steps over the time of a fall through a joint's length: times the fourth root of the tolerance,
 # and the largest.
-STEP, LONGEST = 0.7, 0.1
+STEP, LONGEST = 1.8, 0.1
 # What a root is sought of, and how closely, over the step.
 OF_CLOSING, OF_TURNING, OF_FALLING = 0, 1, 2
 ROOT = 1e-13
