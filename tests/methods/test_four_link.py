@@ -12,16 +12,18 @@ import archfrag as af
 from archfrag.arch import STANDARD_GRAVITY as g
 from archfrag.cli import main
 from archfrag.errors import STATUS_SENTENCE
-from archfrag.mechanics.linkage import (
-    build_linkage,
-    new_linkage,
-    new_pose,
-    place_pins,
-    pose_linkage,
-)
-from archfrag.mechanics.linkage_motion import carry, speed_after_impact
+from archfrag.mechanics import four_bars
+from archfrag.mechanics.contact.placing import move_faces
+from archfrag.mechanics.four_bars import place_linkage, speed_after_impact
+from archfrag.mechanics.model import model_of, new_state, new_work
 from archfrag.mechanics.onset import HINGE_EXTRADOS, HINGE_INTRADOS
 from archfrag.mechanics.status import Status
+from archfrag.mechanics.types import GroundMotion, Options
+from archfrag.methods import base
+from archfrag.methods.four_link import Motion, accelerate
+from archfrag.methods.time_stepping.front import case_of
+from archfrag.simulation.history import empty_frames
+from archfrag.simulation.mechanism import empty_log
 from archfrag.study.config import load_study
 from tests.study.small import TEXT, small_study, write_at2
 
@@ -62,8 +64,11 @@ def linkage_of(arch, hinges):
     bits = np.zeros(arch.n_joint, np.int8)
     for joint, side in hinges:
         bits[joint] = BITS[side]
-    linkage = new_linkage(arch.n_joint)
-    return build_linkage(arch.chain, bits, linkage), linkage
+    return four_bars.linkage_of(model_of(arch.chain), bits)
+
+
+def masses_of(arch):
+    return np.stack([arch.chain.mass, arch.chain.mass, arch.chain.inertia], axis=1)
 
 
 def pins_of(arch, hinges):
@@ -138,46 +143,44 @@ def arches(number, seed=3):
 
 
 class TestKinematics:
-    def test_bars_keep_their_lengths_and_derivatives_are_those_of_differences(self):
+    def test_pins_hold_and_velocities_are_the_slopes_of_positions(self):
         checked = 0
         for arch, start in arches(8):
+            model = model_of(arch.chain)
+            state, work = new_state(model), new_work(model)
             for hinges in (start.hinges, start.hinges_minus):
-                made, linkage = linkage_of(arch, hinges)
-                assert made
-                pose, ahead, behind = new_pose(), new_pose(), new_pose()
-                q, step = 0.02, 1e-5
-                if not place_pins(linkage, 3.0 * q, pose):
+                linkage, q, step = linkage_of(arch, hinges), 0.02, 1e-5
+                if not place_linkage(model, linkage, 3.0 * q, 1.0, state):
                     continue
-                assert pose_linkage(linkage, q, pose)
-                lengths = np.linalg.norm(np.diff(pose.pin, axis=0), axis=1)
-                at_rest = np.linalg.norm(np.diff(pins_of(arch, hinges), axis=0), axis=1)
-                np.testing.assert_allclose(lengths, at_rest, rtol=1e-13)
-                pose_linkage(linkage, q + step, ahead)
-                pose_linkage(linkage, q - step, behind)
-                for of, slope in (
-                    ("turn", "rate"), ("rate", "curve"), ("centroid", "slope"), ("slope", "bend")
-                ):  # fmt: skip
-                    expected = (getattr(ahead, of) - getattr(behind, of)) / (2.0 * step)
-                    scale = np.abs(expected).max() + 1.0
-                    assert np.abs(getattr(pose, slope) - expected).max() < 1e-5 * scale
+                places = []
+                for at in (q - step, q + step, q):
+                    assert place_linkage(model, linkage, at, 1.0, state)
+                    places.append(state.position.copy())
+                slope = (places[1] - places[0]) / (2.0 * step)
+                scale = np.abs(slope).max() + 1.0
+                assert np.abs(state.velocity - slope)[1:-1].max() < 1e-5 * scale
+                move_faces(model, state.position, work.turned, work.face, work.tangent)
+                apart = work.face[:, 1] - work.face[:, 0]
+                assert np.abs(apart[linkage.touch > 0.5]).max() < 1e-12 * 10.0
+                opens = np.abs(apart[linkage.touch < 0.5]).max(axis=1)
+                assert opens.min() > 1e-4
                 checked += 1
         assert checked >= 10
 
     def test_velocities_of_the_voussoirs_are_those_of_the_null_space(self):
         for arch, start in arches(4):
-            _, linkage = linkage_of(arch, start.hinges)
-            pose = new_pose()
-            assert pose_linkage(linkage, 0.0, pose)
-            position, velocity = np.zeros((2, arch.n_voussoir, 3))
-            carry(arch.chain, linkage, pose, 1.0, position, velocity)
-            np.testing.assert_allclose(velocity, unit_velocities(arch, start.hinges), atol=1e-9)
+            model = model_of(arch.chain)
+            state, linkage = new_state(model), linkage_of(arch, start.hinges)
+            assert place_linkage(model, linkage, 0.0, 1.0, state)
+            expected = unit_velocities(arch, start.hinges)
+            np.testing.assert_allclose(state.velocity[1:-1], expected, atol=1e-9)
 
     def test_hinges_that_alternate_wrongly_or_are_not_four_make_no_linkage(self):
         arch = oppenheim()
         hinges = af.onset(arch).hinges
-        assert linkage_of(arch, hinges)[0]
-        assert not linkage_of(arch, hinges[:3])[0]
-        assert not linkage_of(arch, [*hinges[:3], (7, "extrados")])[0]
+        assert linkage_of(arch, hinges) is not None
+        assert linkage_of(arch, hinges[:3]) is None
+        assert linkage_of(arch, [*hinges[:3], (7, "extrados")]) is None
 
 
 class TestOnset:
@@ -227,6 +230,42 @@ class TestReferenceValues:
 
 
 class TestLagrange:
+    def test_acceleration_is_that_of_lagranges_equation(self):
+        """M q.. + M' q.^2 / 2 = -V', with M and V' of all voussoirs, M' by differences."""
+        q, speed, rng = 0.02, 0.7, np.random.default_rng(4)
+        checked = 0
+        for arch, start in arches(8):
+            chain, mass = arch.chain, masses_of(arch)
+            n = (arch.n_voussoir, arch.n_joint)
+            ground = GroundMotion(np.zeros(3), np.zeros(3), 0.01)
+            options = Options(1e-3, 1e-6, 1e-6, 0.0, 10, 0.5, 64, 1e-3, 0.0)
+            case = case_of(
+                chain, ground, False, options, empty_frames(0, *n), empty_log(0, n[1])
+            )  # fmt: skip
+            still = np.column_stack([chain.centroid, np.zeros(n[0])])
+            base.start(case, still, np.zeros((n[0], 3)), False)
+            linkage = linkage_of(arch, start.hinges)
+            if not place_linkage(case.model, linkage, 3.0 * q, 1.0, case.state):
+                continue
+            shake = rng.normal(size=2)
+            motion = Motion(
+                np.zeros(3), np.zeros(3), np.array([shake, [0.0, 0.0]]), np.zeros(1), np.zeros(2)
+            )  # fmt: skip
+            inertia = []
+            for at in (q - 1e-5, q + 1e-5, q):
+                place_linkage(case.model, linkage, at, 1.0, case.state)
+                unit = case.state.velocity[1:-1].copy()
+                inertia.append((mass * unit**2).sum())
+            half = (inertia[1] - inertia[0]) / 4e-5
+            slope = (mass * unit * [shake[0], shake[1] + case.model.gravity, 0.0]).sum()
+            expected = -(half * speed**2 + slope) / inertia[2]
+            found, power = accelerate(case, linkage, motion, q, speed, 0.0)
+            assert found == pytest.approx(expected, rel=1e-6, abs=1e-6)
+            by_ground = -speed * (mass[:, :2] * unit[:, :2] * shake).sum()
+            assert power == pytest.approx(by_ground, rel=1e-9)
+            checked += 1
+        assert checked >= 5
+
     def test_energy_is_conserved_between_impacts_to_the_tolerance(self):
         errors = []
         for rtol in (1e-4, 1e-7, 1e-10):
@@ -321,7 +360,7 @@ class TestImpact:
             for old, new in (pair, pair[::-1]):
                 before = -unit_velocities(arch, old)
                 unit = unit_velocities(arch, new)
-                speed = speed_after_impact(arch.chain, unit, before)
+                speed = speed_after_impact(masses_of(arch), unit, before)
                 assert speed == pytest.approx(impulse_balance(arch, new, before), rel=1e-9)
                 assert energy_of(arch, speed * unit) <= energy_of(arch, before)
 

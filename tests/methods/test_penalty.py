@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 import archfrag as af
+from archfrag.mechanics.contact.placing import move_faces
+from archfrag.mechanics.model import model_of, new_state, new_work
 from archfrag.mechanics.status import Status
-from archfrag.methods.springs import Sum, new_springs, press_joints
+from archfrag.methods.penalty.springs import Sum, new_springs, press_joints
 
 G = 9.80665
 
@@ -148,29 +150,29 @@ class TestCorners:
     @pytest.mark.parametrize("turn", [0.2, -0.2])
     @pytest.mark.parametrize("slip", [0.0, 0.004, -0.007, 0.02, -0.02])
     def test_force_is_the_slope_of_the_energy_also_where_vertices_pass(self, turn, slip):
-        chain = af.Block(1.0, 2.0, friction=math.inf).chain
-        springs = new_springs(chain, 1e9, 1e-12, 0.01)
+        model = model_of(af.Block(1.0, 2.0, friction=math.inf).chain)
+        state, work = new_state(model), new_work(model)
+        springs = new_springs(model, 1e9, 1e-12, 0.01)
         corner = np.array([math.copysign(0.5, -turn), -1.0])
         c, s = math.cos(turn), math.sin(turn)
-        place = np.zeros((1, 3))
-        place[0] = 0.0, -3e-3, turn
-        place[0, :2] += [corner[0] + slip * math.cos(turn / 2), slip * math.sin(turn / 2)]
-        place[0, :2] -= [c * corner[0] - s * corner[1], s * corner[0] + c * corner[1]]
+        place = np.array([0.0, -3e-3, turn])
+        place[:2] += [corner[0] + slip * math.cos(turn / 2), slip * math.sin(turn / 2)]
+        place[:2] -= [c * corner[0] - s * corner[1], s * corner[0] + c * corner[1]]
 
         def energy(at):
-            springs.touch[:] = 0
-            springs.shear[:] = 0.0
-            press_joints(chain, springs, at, np.zeros((1, 3)), 0.0, 0.0)
+            work.touch[:] = springs.shear[:] = 0.0
+            state.position[1] = at
+            move_faces(model, state.position, work.turned, work.face, work.tangent)
+            press_joints(model, state, work, springs, 0.0)
             return springs.sums[Sum.ELASTIC]
 
         energy(place)
-        force = springs.total[0].copy()
+        force = springs.total[1].copy()
         slope = np.empty(3)
         for k in range(3):
-            step = np.zeros((1, 3))
-            step[0, k] = 1e-7
+            step = 1e-7 * np.eye(3)[k]
             slope[k] = (energy(place + step) - energy(place - step)) / 2e-7
-        assert springs.touch.sum() == 1
+        assert work.touch.sum() == 1
         np.testing.assert_allclose(force, -slope, atol=3e-3 * np.abs(force).max())
 
 

@@ -9,12 +9,11 @@ from scipy.optimize import nnls
 
 import archfrag as af
 from archfrag.errors import InputError
-from archfrag.mechanics.collapse import new_joint_state
-from archfrag.mechanics.ledger import new_ledger
 from archfrag.mechanics.status import Status
 from archfrag.mechanics.types import GroundMotion, Options
-from archfrag.methods.corner_contacts import new_corners
-from archfrag.methods.quadratic_programme import Case, Solver, new_programme, pose_programme
+from archfrag.methods.base import start
+from archfrag.methods.contact_dynamics.quadratic_programme import Programme
+from archfrag.methods.contact_dynamics.step import corner_case
 from archfrag.simulation.history import empty_frames
 from archfrag.simulation.mechanism import empty_log
 from tests.methods import corner_scenes as scenes
@@ -35,19 +34,19 @@ def test_a_missing_solver_is_one_sentence_that_names_the_extra(monkeypatch):
 
 
 def posed(arch, velocity):
-    """A case whose programme is that of a closed arch with given velocities."""
+    """The programme of a closed arch with given velocities."""
     position = np.zeros((arch.n_voussoir, 3))
     position[:, :2] = arch.chain.centroid
     ground = GroundMotion(np.zeros(3), np.zeros(3), 0.01)
     options = Options(1e-3, 1e-3, 1e-3, 0.0, 10, 0.5, 64, 1e-3, 0.0)
-    case = Case(
-        arch.chain, ground, options, new_corners(arch.chain, ground, position),
-        new_joint_state(arch.n_joint), new_ledger(),
-        empty_frames(0, arch.n_voussoir, arch.n_joint), empty_log(0, arch.n_joint),
-        new_programme(arch.chain),
+    frames = empty_frames(0, arch.n_voussoir, arch.n_joint)
+    case = corner_case(
+        arch.chain, ground, False, options, frames, empty_log(0, arch.n_joint)
     )  # fmt: skip
-    pose_programme(case, position, velocity)
-    return case
+    start(case, position, velocity, False)
+    programme = Programme(case, 1e-11)
+    programme.pose()
+    return programme
 
 
 @needs_solver
@@ -57,19 +56,18 @@ class TestProgramme:
         rng = np.random.default_rng(2)
         arch = scenes.arch(5)
         for _ in range(5):
-            # Corners that overlap a little in the middle of the step have no bias.
-            case = posed(arch, 1e-3 * rng.normal(size=(5, 3)))
-            programme = case.programme
+            # Corners that overlap a little at the positions of the step have no bias.
+            programme = posed(arch, 1e-3 * rng.normal(size=(5, 3)))
             programme.low[:] = 0.0
-            Solver(programme, 1e-11).solve()
+            programme.solve()
             dense = np.zeros((programme.low.size, 21))
-            for r, row in enumerate(programme.row):
+            for r, row in enumerate(programme.row.reshape(-1, 6)):
                 dense[r, 3 * (r // 4) : 3 * (r // 4) + 6] = row
             dense = dense[:, 3:18]
-            free = -programme.linear.ravel()
+            free = -programme.linear
             multiplier, _ = nnls(dense.T, -free)
             expected = free + dense.T @ multiplier
-            assert abs(programme.solution.ravel() - expected).max() < 1e-6 * abs(free).max()
+            assert abs(programme.solution - expected).max() < 1e-6 * abs(free).max()
 
 
 @needs_solver
@@ -109,7 +107,7 @@ class TestAssociativeFriction:
             response = simulate(
                 block, af.Motion(np.full(301, -0.6 * g), 1e-3), dt=dt, history=True, follow=0.0
             )
-            last = response.history.isel(time=-1)
+            last = response.history.isel(time=-3)  # the last steps may be shorter
             slip, rise = last.displacement.values[0]
             assert slip == pytest.approx(0.1 * g * float(last.time) ** 2, rel=3e-3)
             assert rise == pytest.approx(0.4 * last.velocity.values[0, 0] * dt, rel=5e-3)

@@ -5,8 +5,9 @@ ibid. 27(5), 513-522) and De Lorenzis, DeJong and Ochsendorf (2007, ibid. 36(14)
 
 - At rest until the ground acceleration leaves the rest range. Limit analysis at that limit says
   which four hinges open; they stay for as long as the arch moves that way.
-- Then three bodies, four pins, one angle, by Lagrange's equation for large rotations
-  (`archfrag.mechanics.linkage`), integrated by the pair of Dormand and Prince (1980).
+- Then three bodies, four pins, one angle (`archfrag.mechanics.four_bars`). Its acceleration and
+  the reactions at all joints are those of the contact problem with the modes of the linkage; it
+  is integrated by the classical method of Runge and Kutta with equal steps.
 - Where the linkage returns to its undeformed shape all joints close, and the hinges jump to those
   of limit analysis in the other direction: in a symmetric arch the mirror image. Balance of
   impulse for the three bodies of the new linkage gives its speed. It goes on, or rests when that
@@ -38,274 +39,530 @@ The contact laws at closed joints are not looked at while it moves; the residual
 reports is how far they are broken.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
-from archfrag.mechanics.collapse import new_loss
 from archfrag.mechanics.compile import allocating, kernel
-from archfrag.mechanics.energy import kinetic_energy, potential_energy
-from archfrag.mechanics.ground import acceleration_at
-from archfrag.mechanics.kinematics import (
-    empty_contacts,
-    joint_lengths,
-    move_faces,
-    place_contacts,
+from archfrag.mechanics.contact.blocks import solve_modes
+from archfrag.mechanics.contact.placing import move_faces, place_contacts
+from archfrag.mechanics.four_bars import (
+    Linkage,
+    inner_sine,
+    linkage_of,
+    place_linkage,
+    speed_after_impact,
 )
-from archfrag.mechanics.laws import CLOSED_STICK
-from archfrag.mechanics.ledger import book_changes, log_change, new_ledger
-from archfrag.mechanics.linkage import build_linkage, new_linkage, new_pose, pose_linkage
-from archfrag.mechanics.linkage_motion import carry, inertia_of, speed_after_impact
+from archfrag.mechanics.model import Clock
 from archfrag.mechanics.onset import NO_LIMIT, rest_limit
 from archfrag.mechanics.status import Cause, CollapseMode, Count, Energy, Model, Status
-from archfrag.mechanics.types import Outcome
-from archfrag.methods.few_bodies import N_STAGE
-from archfrag.methods.linkage_steps import (
-    CLOSED,
-    COLLAPSED,
-    GO,
-    N_CLOCK,
-    UNFINISHED,
-    Case,
-    Clock,
-    fall_margin,
-    measure_moving,
-    move,
-    note_peaks,
-    spread,
-    write,
-    write_moving,
+from archfrag.mechanics.types import (
+    Chain,
+    Frames,
+    GroundMotion,
+    MechanismLog,
+    Options,
+    Outcome,
 )
-from archfrag.methods.rest import leave_rest
-from archfrag.methods.smooth import find_breaks
+from archfrag.methods.base import finish, start
+from archfrag.methods.time_stepping.front import Case, case_of
+from archfrag.methods.time_stepping.motion import end_rest
+from archfrag.methods.time_stepping.recording import dominant_change, log_change, write_frame
+from archfrag.methods.time_stepping.service import (
+    AT_END,
+    EXHAUSTED,
+    FALLEN,
+    GO,
+    IDLE,
+    energies_of,
+    measure_state,
+)
+from archfrag.methods.time_stepping.step import count_changes, record_motion
 
-STANDING = int(Status.STANDING)
-NOT_APPLICABLE = int(Status.NOT_APPLICABLE)
-NO_MODE = int(CollapseMode.NONE)
+HINGING, OVERTURNING = int(CollapseMode.HINGING), int(CollapseMode.OVERTURNING)
 AT_REST, FOUR_HINGES = int(Model.REST), int(Model.FOUR_HINGES)
 BY_START, BY_REST = int(Cause.START), int(Cause.REST)
+NOT_APPLICABLE, CLOSED = -1, -2
 
 # Slower than this part of a fall through a joint's length is no motion.
 STILL = 1e-7
 # Of an initial state, over joint length and the speed of that fall: still a linkage's.
 MATCHES = 1e-6
+# Three pins are in line where the sine of the angle at the middle one is this part of that at
+# rest: there the first or the last bar turns back, and the arch snaps through.
+STRAIGHT = 0.05
+# Steps over the time of a fall through a joint's length: times the fourth root of the tolerance,
+# and the largest.
+STEP, LONGEST = 1.8, 0.1
+# What a root is sought of, and how closely, over the step.
+OF_CLOSING, OF_TURNING, OF_FALLING = 0, 1, 2
+ROOT = 1e-13
+# Residual of the accelerations that counts as none, in gravities, over that of a contact problem.
+EXACT = 1e-4
+
+
+class Ground(NamedTuple):
+    """Ground acceleration where its slope changes; zero from the last instant but one on."""
+
+    time: np.ndarray  # (n_kink,) [s]
+    wave: np.ndarray  # (n_kink, 2) x, y [m/s2]
+
+
+class Motion(NamedTuple):
+    """The one coordinate of a linkage."""
+
+    now: np.ndarray  # (3,) angle [rad], speed [rad/s], work of the ground since `now` [J]
+    then: np.ndarray  # (3,) at the end of the step taken last
+    shake: np.ndarray  # (2, 2) ground acceleration `now`, and its rate: x, y
+    pulls: np.ndarray  # (1,) one where a pin pulls
+    fell: np.ndarray  # (2,) joint and mode that are nearest to collapse
+
+
+def ground_of(ground: GroundMotion, end: float) -> Ground:
+    """A ground motion without the samples at which its slope does not change."""
+    wave = ground.factor * np.stack([ground.horizontal, ground.vertical], axis=1)
+    bends = (np.abs(np.diff(wave, 2, axis=0)) > 1e-12 * np.abs(wave).max()).any(axis=1)
+    kinks = np.concatenate([[0], np.flatnonzero(bends) + 1, [len(wave) - 1]])
+    time = np.append(kinks * ground.time_step, [kinks[-1] * ground.time_step, end + 1.0])
+    return Ground(time, np.concatenate([wave[kinks], np.zeros((2, 2))]))
 
 
 @kernel
-def _change_modes(case, mode, cause, model):
-    """Take over contact modes, count what joints did, and note it in the log."""
-    ledger = case.ledger
-    by, joint = book_changes(case.mode, mode, ledger)
-    for j in range(mode.size):
-        case.mode[j] = mode[j]
-    if cause >= 0:
-        by, joint = cause, -1
-    ledger.count[Count.EVENTS] += 1
-    log_change(case.log, ledger, case.clock[Clock.TIME], by, joint, model, case.mode)
+def shake_at(ground, time, shake):
+    """Acceleration and its rate at an instant, into `shake`; until when they hold [s]."""
+    i = np.searchsorted(ground.time, time, "right") - 1
+    span = ground.time[i + 1] - ground.time[i]
+    for c in range(2):
+        shake[1, c] = (ground.wave[i + 1, c] - ground.wave[i, c]) / span
+        shake[0, c] = ground.wave[i, c] + (time - ground.time[i]) * shake[1, c]
+    return ground.time[i + 1]
 
 
 @kernel
-def _impact(case, linkage, other):
-    """All joints close and the other linkage takes over: its speed, into ``case.state``."""
-    chain, state, energy = case.chain, case.state, case.ledger.energy
-    pose_linkage(linkage, 0.0, case.pose)
-    carry(chain, linkage, case.pose, state[1], case.position, case.velocity)
-    note_peaks(case)
-    lost = kinetic_energy(chain.mass, chain.inertia, case.velocity)
-    pose_linkage(other, 0.0, case.pose)
-    carry(chain, other, case.pose, 1.0, case.position, case.unit)
-    speed = max(speed_after_impact(chain, case.unit, case.velocity), 0.0)
-    fastest = 0.0
-    for k in range(other.count[0]):
-        fastest = max(fastest, abs(case.pose.rate[k]))
-    if speed * fastest < STILL * case.falling / case.length:
-        speed = 0.0
-    kept = 0.5 * inertia_of(other, case.pose)[0] * speed * speed
-    energy[Energy.IMPACT] += min(kept - lost, 0.0)
-    state[0], state[1] = 0.0, speed
-    carry(chain, other, case.pose, speed, case.position, case.velocity)
+def accelerate(case, linkage, motion, q, speed, late):
+    """Accelerations of all voussoirs and reactions at all joints, into ``case.work``.
 
-
-@kernel
-def _breaking_side(case):
-    """Side on which the body force leaves the rest range now: 0 plus, 1 minus, -1 neither.
-
-    Neither where the ground falls away faster than gravity: an arch lifts off there.
-    """
-    time, ground, limit = case.clock[Clock.TIME], case.ground, case.rest
-    gx = acceleration_at(time, ground.horizontal, ground.time_step)
-    gy = acceleration_at(time, ground.vertical, ground.time_step)
-    upward = case.chain.gravity + gy
-    if upward <= 0.0:
-        return -1
-    return 0 if limit[0] * upward - gx <= limit[1] * upward + gx else 1
-
-
-@kernel
-def _matches(case, linkage, position, velocity):
-    """Whether an initial state is one of a linkage; its angle and speed into ``case.state``."""
-    if linkage.count[0] == 0:
-        return False
-    body = linkage.joint[0]
-    q = linkage.sense[0] * position[body, 2]
-    speed = linkage.sense[0] * velocity[body, 2]
-    if q < 0.0 or (q == 0.0 and speed < 0.0) or not pose_linkage(linkage, q, case.pose):
-        return False
-    carry(case.chain, linkage, case.pose, speed, case.position, case.velocity)
-    for i in range(position.shape[0]):
-        for c in range(3):
-            size = 1.0 if c == 2 else case.length
-            away = abs(case.position[i, c] - position[i, c]) / size
-            aside = abs(case.velocity[i, c] - velocity[i, c]) / size
-            if away > MATCHES or aside > MATCHES * case.falling / case.length:
-                return False
-    case.state[0], case.state[1] = q, speed
-    return True
-
-
-@allocating
-def _new_case(chain, ground, options, frames, log):
-    """Linkages and rest range by limit analysis, and room for a run."""
-    n_body, n_joint = chain.mass.size, chain.friction.size
-    position = np.zeros((n_body, 3))
-    position[:, :2] = chain.centroid
-    before, after = np.zeros((n_joint, 2, 2)), np.zeros((n_joint, 2, 2))
-    contacts, lengths = empty_contacts(n_body, n_joint), joint_lengths(chain)
-    move_faces(chain, position, before, after)
-    place_contacts(position, before, after, np.zeros(n_joint), lengths, contacts)
-    rest = np.zeros(2)
-    plus, minus = new_linkage(n_joint), new_linkage(n_joint)
-    for side in range(2):
-        sense = 1.0 - 2.0 * side
-        limit = rest_limit(
-            chain.mass, chain.centroid, contacts.point, contacts.normal, contacts.candidate,
-            chain.friction, chain.gravity, sense,
-        )  # fmt: skip
-        rest[side] = sense * limit.load_factor if limit.found else -NO_LIMIT
-        build_linkage(chain, limit.mechanism, plus if side == 0 else minus)
-    length = np.min(lengths)
-    return Case(
-        chain, ground, options, new_ledger(), frames, log, plus, minus, new_pose(), rest,
-        find_breaks(ground), length, np.sqrt(chain.gravity * length), np.zeros(3), np.zeros(3),
-        np.zeros((N_STAGE, 3)), np.zeros(4), position, np.zeros((n_body, 3)),
-        np.zeros((n_body, 3)), before, after, np.zeros((n_joint, 2)), np.zeros((n_joint, 3)),
-        np.full(n_joint, CLOSED_STICK, np.int8), lengths, np.zeros(n_joint), contacts,
-        np.zeros((n_joint, 3)), np.ones(2), np.zeros(N_CLOCK),
-    )  # fmt: skip
-
-
-@allocating
-def run(chain, ground, position, velocity, from_rest, options, frames, log):
-    """Move a chain as a linkage of one degree of freedom; the signature of every method.
+    The contact problem with the linkage's modes; what rotation takes from the relative
+    accelerations of the corners (the centripetal terms of Eqs 17 and 18) is its bias.
 
     Parameters
     ----------
-    chain : archfrag.mechanics.types.Chain
-    ground : archfrag.mechanics.types.GroundMotion
-    position, velocity : ndarray, (n_body, 3)
-        Initial state; overwritten with the final one.
-    from_rest : bool
-        Whether the initial state is the chain at rest in its own geometry.
-    options : archfrag.mechanics.types.Options
-    frames : archfrag.mechanics.types.Frames
-        Overwritten with the history; no reactions at rest. Arrays of length zero for none.
-    log : archfrag.mechanics.types.MechanismLog
-        Overwritten with the changes of the mechanism; arrays of length zero for none.
+    case : archfrag.methods.time_stepping.front.Case
+        Its state is that of the voussoirs afterwards.
+    linkage : archfrag.mechanics.four_bars.Linkage
+    motion : Motion
+    q, speed : float [rad], [rad/s]
+    late : float
+        Time after ``motion.now`` [s].
 
     Returns
     -------
-    archfrag.mechanics.types.Outcome
+    acceleration : float
+        Of q [rad/s2]; nan where the linkage does not reach.
+    power : float
+        Of the ground's inertia forces [W].
     """
-    case = _new_case(chain, ground, options, frames, log)
-    clock, ledger, state = case.clock, case.ledger, case.state
-    stop = (ground.horizontal.size - 1) * ground.time_step + options.follow
-    still = np.full(case.mode.size, CLOSED_STICK, np.int8)
-    start_height = potential_energy(chain.mass, chain.gravity, position)
-    start_energy = kinetic_energy(chain.mass, chain.inertia, velocity)
-    clock[Clock.START_ENERGY] = start_energy + start_height
-    clock[Clock.START_ENERGY] -= potential_energy(chain.mass, chain.gravity, case.position)
-    status, side, at_rest = GO, -1, True
-    if not from_rest:
-        if _matches(case, case.plus, position, velocity):
-            side = 0
-        elif _matches(case, case.minus, position, velocity):
-            side = 1
-        if side < 0:
-            status = NOT_APPLICABLE
-            case.position[:], case.velocity[:] = position, velocity
-        at_rest = status == GO and state[0] == 0.0 and state[1] == 0.0
-    if status == GO and not at_rest:
-        linkage = case.plus if side == 0 else case.minus
-        _change_modes(case, linkage.mode, BY_START, FOUR_HINGES)
-    write(case, 0.0)
-    clock[Clock.NEXT_FRAME] = options.frame_interval
-    while status == GO:
-        if at_rest:
-            time = clock[Clock.TIME]
-            leave, for_good = leave_rest(chain, ground, case.rest, time)
-            ledger.model_time[Model.REST] += leave - time
-            clock[Clock.TIME] = leave
-            if for_good:
-                status = STANDING
-                break
-            side = _breaking_side(case)
-            linkage = case.minus if side == 1 else case.plus
-            if side < 0 or linkage.count[0] == 0:
-                status = NOT_APPLICABLE
-                break
-            if leave > time:
-                write(case, leave)
-                clock[Clock.NEXT_FRAME] = leave + options.frame_interval
-            _change_modes(case, linkage.mode, BY_START, FOUR_HINGES)
-        at_rest = False
-        linkage = case.plus if side == 0 else case.minus
-        began = clock[Clock.TIME]
-        status = move(case, linkage, stop)
-        if status != CLOSED:
-            break
-        status = GO
-        if clock[Clock.TIME] == began:
-            # The force was outside the rest range for less than time can resolve.
-            past = np.floor(began / ground.time_step + 1e-9) + 1.0
-            clock[Clock.TIME] = past * ground.time_step
-        other = case.minus if side == 0 else case.plus
-        if other.count[0] == 0:
-            status = NOT_APPLICABLE
-            break
-        _impact(case, linkage, other)
-        at_rest = state[1] == 0.0
-        if at_rest:
-            _change_modes(case, still, BY_REST, AT_REST)
-            ledger.count[Count.RESTS] += 1
-            case.reaction[:] = 0.0
-            write(case, clock[Clock.TIME])
-        else:
-            side = 1 - side
-            _change_modes(case, other.mode, -1, FOUR_HINGES)
-    joint, mode, fell = -1, NO_MODE, np.nan
-    if status in (COLLAPSED, UNFINISHED):
-        linkage = case.plus if side == 0 else case.minus
-        case.trial[:] = state
-        spread(case, linkage, 0.0)
-        note_peaks(case)
-    if status == COLLAPSED:
-        _, pin, mode = fall_margin(case, linkage)
-        joint, fell = linkage.joint[pin], clock[Clock.TIME]
-        measure_moving(case, linkage, 0.0)
-        write_moving(case, linkage, 0.0)
-    position[:], velocity[:] = case.position, case.velocity
-    _close_account(case, position, velocity, start_energy, start_height)
-    return Outcome(status, clock[Clock.TIME], fell, joint, mode, new_loss(), ledger)
+    model, state, work = case.model, case.state, case.work
+    if not place_linkage(model, linkage, q, speed, state):
+        return np.nan, np.nan
+    move_faces(model, state.position, work.turned, work.face, work.tangent)
+    place_contacts(model, state.slip, work.face, work.tangent, work)
+    power = 0.0
+    for i in range(1, state.position.shape[0] - 1):
+        for c in range(2):
+            acceleration = motion.shake[0, c] + late * motion.shake[1, c]
+            work.free[i, c] = -acceleration - (model.gravity if c == 1 else 0.0)
+            power -= model.mass[i] * acceleration * state.velocity[i, c]
+        work.free[i, 2] = 0.0
+    for j in range(work.slide.size):
+        work.slide[j] = 0.0
+        before, after = state.velocity[j, 2] ** 2, state.velocity[j + 1, 2] ** 2
+        for k in range(2):
+            work.touch[j, k] = linkage.touch[j, k]
+            for c in range(2):
+                point = work.point[j, k, c]
+                work.bias[j, k, c] = before * (point - state.position[j, c])
+                work.bias[j, k, c] -= after * (point - state.position[j + 1, c])
+    solve_modes(model, state.position, work, EXACT * model.gravity)
+    return linkage.sense * work.solved[linkage.joint[0] + 1, 2], power
 
 
 @kernel
-def _close_account(case, position, velocity, start_energy, start_height):
-    """Energies of the final state of all voussoirs, and what of them no law explains."""
-    chain, energy = case.chain, case.ledger.energy
-    energy[Energy.KINETIC] = kinetic_energy(chain.mass, chain.inertia, velocity)
-    energy[Energy.POTENTIAL] = potential_energy(chain.mass, chain.gravity, position)
-    energy[Energy.POTENTIAL] -= start_height
-    stray = energy[Energy.KINETIC] - start_energy + energy[Energy.POTENTIAL]
+def take_step(case, linkage, motion, step):
+    """One step of Runge and Kutta from ``motion.now`` into ``motion.then``."""
+    now, then = motion.now, motion.then
+    for c in range(3):
+        then[c] = now[c]
+    speed = acceleration = 0.0
+    for part, weight in ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
+        late, weight = part * step, weight * step / 6.0
+        q, speed = now[0] + late * speed, now[1] + late * acceleration
+        acceleration, power = accelerate(case, linkage, motion, q, speed, late)
+        then[0] += weight * speed
+        then[1] += weight * acceleration
+        then[2] += weight * power
+
+
+@kernel
+def _go_to(case, linkage, motion, step):
+    """A step, with voussoirs, faces and reactions where it ends."""
+    take_step(case, linkage, motion, step)
+    accelerate(case, linkage, motion, motion.then[0], motion.then[1], step)
+
+
+@kernel
+def _weakest_pin(case, linkage):
+    """The joint that presses least, and how much, halfway between its faces' normals [N]."""
+    weakest, least = -1, np.inf
+    for j in range(case.work.slide.size):
+        if linkage.touch[j, 0] + linkage.touch[j, 1] < 2.0:
+            press = case.work.reaction[j, 0] * case.work.normal[j, 0]
+            press += case.work.reaction[j, 1] * case.work.normal[j, 1]
+            if press < least:
+                weakest, least = j, press
+    return weakest, least
+
+
+@kernel
+def fall_margin(case, linkage, motion):
+    """How far the configuration accelerated last is from collapse; negative: collapsed.
+
+    The joint that is nearest to it, and the mode of collapse, go into ``motion.fell``.
+    """
+    model, state = case.model, case.state
+    weight = rise = 0.0
+    for i in range(1, state.position.shape[0] - 1):
+        weight += model.mass[i] * model.gravity
+        rise += model.mass[i] * model.gravity * state.velocity[i, 1]
+    joint, press = _weakest_pin(case, linkage)
+    # A pull that the linkage may still return from: it rises in opening, or it closes.
+    margin, mode = max(press / weight, rise / weight, -motion.then[1]), HINGING
+    for j in range(linkage.touch.shape[0]):
+        left = 0.5 * np.pi - abs(state.position[j + 1, 2] - state.position[j, 2])
+        if left < margin:
+            margin, joint, mode = left, j, OVERTURNING
+    for k in range(1, linkage.joint.size - 2):
+        left = inner_sine(linkage, state, k) / linkage.sine[k - 1] - STRAIGHT
+        if left < margin:
+            margin, joint, mode = left, linkage.joint[k], HINGING
+    motion.fell[0], motion.fell[1] = joint, mode
+    return margin
+
+
+@kernel
+def _left(case, linkage, motion, kind, step):
+    """What is positive before an event and negative past it, after a step."""
+    _go_to(case, linkage, motion, step)
+    if not np.isfinite(motion.then[0]):
+        return -1.0
+    if kind == OF_FALLING:
+        return fall_margin(case, linkage, motion)
+    if kind == OF_TURNING:
+        return motion.then[1]
+    return motion.then[0] / (step if motion.now[0] == 0.0 else 1.0)
+
+
+@kernel
+def locate(case, linkage, motion, kind, step):
+    """Size of the step that ends at an event, by regula falsi; ``motion.then`` is there."""
+    low, high, at_low, at_high = 0.0, step, 1.0, _left(case, linkage, motion, kind, step)
+    if kind != OF_FALLING:
+        at_low = motion.now[1] if kind == OF_TURNING or motion.now[0] == 0.0 else motion.now[0]
+    here, last, size = step, 0.0, max(at_low, -at_high)
+    while high - low > ROOT * step:
+        here = (low * at_high - high * at_low) / (at_high - at_low)
+        if not low < here < high:
+            here = 0.5 * (low + high)
+        left = _left(case, linkage, motion, kind, here)
+        if abs(left) <= ROOT * size:
+            break
+        if left < 0.0:
+            high, at_high = here, left
+            at_low *= 0.5 if last < 0.0 else 1.0
+        else:
+            low, at_low = here, left
+            at_high *= 0.5 if last > 0.0 else 1.0
+        last = left
+    return here
+
+
+@kernel
+def end_of_step(case, linkage, motion, step):
+    """Take a step, or the part of it up to an event; its size, and CLOSED, FALLEN or GO."""
+    then = motion.then
+    _go_to(case, linkage, motion, step)
+    if then[0] <= 0.0:
+        return locate(case, linkage, motion, OF_CLOSING, step), CLOSED
+    if not np.isfinite(then[0]) or fall_margin(case, linkage, motion) < 0.0:
+        size = locate(case, linkage, motion, OF_FALLING, step)
+        fall_margin(case, linkage, motion)
+        return size, FALLEN
+    if motion.now[1] > 0.0 > then[1]:
+        locate(case, linkage, motion, OF_TURNING, step)
+        record_motion(case.model, case.state, True)
+        _go_to(case, linkage, motion, step)
+    return step, GO
+
+
+@kernel
+def write_due(case, linkage, motion, step):
+    """Frames that are due in a step; ``motion.then`` is that of the whole step again."""
+    clock, output = case.state.clock, case.output
+    time = clock[Clock.TIME]
+    if output.frames.time.size == 0 or output.due[0] > time + step:
+        return
+    while output.due[0] <= time + step:
+        clock[Clock.TIME] = max(output.due[0], time)
+        _go_to(case, linkage, motion, clock[Clock.TIME] - time)
+        write_frame(case.model, case.state, case.work, 0.0, 1.0, output)
+        output.due[0] += output.interval
+    clock[Clock.TIME] = time
+    _go_to(case, linkage, motion, step)
+
+
+@kernel
+def balance_energy(case):
+    """What of the present energy no law explains [J]."""
+    kinetic, potential = energies_of(case.model, case.state)
+    energy = case.state.energy
+    stray = kinetic - energy[Energy.START_KINETIC] + potential - case.state.clock[Clock.START]
     stray -= energy[Energy.GROUND] + energy[Energy.IMPACT]
     energy[Energy.STRAY] = stray
     energy[Energy.STRAY_PEAK] = max(energy[Energy.STRAY_PEAK], abs(stray))
-    largest = max(energy[Energy.LARGEST_KINETIC], energy[Energy.KINETIC])
-    energy[Energy.LARGEST_KINETIC] = largest
+
+
+@allocating
+def _accept(case, linkage, motion, step):
+    """Take the end of a step over; peaks, energies and pulls there, now and then the residual."""
+    state, now, then = case.state, motion.now, motion.then
+    state.clock[Clock.TIME] += step
+    state.energy[Energy.GROUND] += then[2]
+    now[0], now[1], now[2] = then[0], then[1], 0.0
+    record_motion(case.model, state, True)
+    balance_energy(case)
+    pulls = 1.0 if _weakest_pin(case, linkage)[1] < 0.0 else 0.0
+    state.count[Count.LOSSES] += max(pulls - motion.pulls[0], 0.0)
+    motion.pulls[0] = pulls
+    state.count[Count.STEPS] += 1.0
+    if int(state.count[Count.STEPS]) % case.limits.check_interval == 0:
+        measure_state(case.model, state, case.work)
+
+
+@allocating
+def move(case, linkage, motion, ground, largest, stop, most):
+    """Integrate a linkage until it closes, collapses or time is up; returns the code.
+
+    Parameters
+    ----------
+    case, linkage, motion, ground
+    largest : float
+        Step [s].
+    stop : float [s]
+    most : float
+        Steps that the run may take.
+    """
+    clock, motion.pulls[0] = case.state.clock, 0.0
+    while clock[Clock.TIME] < stop:
+        if case.state.count[Count.STEPS] >= most:
+            return EXHAUSTED
+        time = clock[Clock.TIME]
+        end = min(shake_at(ground, time, motion.shake), stop)
+        cuts = time + 1.001 * largest >= end
+        step, code = end_of_step(case, linkage, motion, end - time if cuts else largest)
+        write_due(case, linkage, motion, step)
+        _accept(case, linkage, motion, step)
+        if code != GO:
+            return code
+        if cuts:
+            clock[Clock.TIME] = end
+    return AT_END
+
+
+@kernel
+def change_modes(case, touch, cause, rung):
+    """Take over which corners touch, count what joints did, and note it in the log."""
+    state, work = case.state, case.work
+    for j in range(work.slide.size):
+        work.slide[j], work.touch[j, 0], work.touch[j, 1] = 0.0, touch[j, 0], touch[j, 1]
+    by, joint = dominant_change(state, work)
+    count_changes(state, work, True)
+    for j in range(work.slide.size):
+        state.touch[j, 0], state.touch[j, 1] = touch[j, 0], touch[j, 1]
+    if cause >= 0:
+        by, joint = cause, -1
+    state.count[Count.EVENTS] += 1.0
+    log_change(state, state.clock[Clock.TIME], by, joint, rung, case.output)
+
+
+class Run:
+    """One run on the two linkages of a chain, those for a ground accelerating towards +x and -x.
+
+    Parameters
+    ----------
+    case : archfrag.methods.time_stepping.front.Case
+        Started, at rest in the chain's own geometry.
+    ground : archfrag.mechanics.types.GroundMotion
+    options : archfrag.mechanics.types.Options
+    """
+
+    def __init__(self, case: Case, ground: GroundMotion, options: Options) -> None:
+        self.case, self.state, self.clock = case, case.state, case.state.clock
+        self.side, self.dt = -1, ground.time_step
+        self.now = np.zeros(3)
+        self.motion = Motion(self.now, np.zeros(3), np.zeros((2, 2)), np.zeros(1), np.zeros(2))
+        self.stop = (ground.horizontal.size - 1) * ground.time_step + options.follow
+        self.ground = ground_of(ground, self.stop)
+        model, work = case.model, case.work
+        self.unit = float(np.sqrt(model.length.min() / model.gravity))
+        self.step = min(STEP * options.tolerance**0.25, LONGEST) * self.unit
+        self.most = options.max_steps + 2.0 * self.stop / self.step
+        self.mass = np.stack([model.mass, model.mass, model.inertia], axis=1)[1:-1]
+        place_contacts(model, self.state.slip, work.face, work.tangent, work)
+        self.limits: list[float] = []
+        self.linkages: list[Linkage | None] = []
+        for sense in (1.0, -1.0):
+            limit = rest_limit(
+                model.mass[1:-1], model.centroid[1:-1].copy(), work.point, work.normal,
+                np.ones(work.touch.shape, np.int8), model.friction, model.gravity, sense,
+            )  # fmt: skip
+            self.limits.append(sense * limit.load_factor if limit.found else -NO_LIMIT)
+            self.linkages.append(linkage_of(model, limit.mechanism))
+
+    def match(self, position: np.ndarray, velocity: np.ndarray) -> bool:
+        """Whether an initial state is one of a linkage, which is then taken over."""
+        size = np.array([self.case.model.length.min()] * 2 + [1.0])
+        for side, linkage in enumerate(self.linkages):
+            if linkage is None:
+                continue
+            q, speed = (linkage.sense * x[linkage.joint[0], 2] for x in (position, velocity))
+            if q < 0.0 or (q == 0.0 and speed < 0.0):
+                continue
+            if not place_linkage(self.case.model, linkage, q, speed, self.state):
+                continue
+            away = np.abs((self.state.position[1:-1] - position) / size).max()
+            aside = np.abs((self.state.velocity[1:-1] - velocity) / size).max()
+            if away <= MATCHES and aside <= MATCHES / self.unit:
+                self.side, self.now[:2] = side, (q, speed)
+                return True
+        return False
+
+    def write(self) -> None:
+        """Frame of the chain without reactions."""
+        self.case.work.reaction[:] = 0.0
+        write_frame(self.case.model, self.state, self.case.work, 0.0, 1.0, self.case.output)
+        self.case.output.due[0] = self.clock[Clock.TIME] + self.case.output.interval
+
+    def rest(self) -> int:
+        """Rest until the ground moves the chain; returns the code."""
+        time, model = float(self.clock[Clock.TIME]), self.case.model
+        leave, for_good = end_rest(model, self.case.grounds, self.clock, *self.limits)
+        self.clock[Clock.RESTING] += leave - time
+        self.clock[Clock.TIME] = leave
+        if for_good:
+            return IDLE
+        shake_at(self.ground, leave, self.motion.shake)
+        x, y = self.motion.shake[0]
+        # An arch lifts off where the ground falls away faster than gravity.
+        upward = model.gravity + y
+        self.side = int(self.limits[1] * upward + x < self.limits[0] * upward - x)
+        linkage = self.linkages[self.side]
+        if upward <= 0.0 or linkage is None:
+            return NOT_APPLICABLE
+        if leave > time:
+            self.write()
+        change_modes(self.case, linkage.touch, BY_START, FOUR_HINGES)
+        return GO
+
+    def move(self) -> int:
+        """Move on one linkage, with the impact that ends it; returns the code."""
+        began, linkage = float(self.clock[Clock.TIME]), self.linkages[self.side]
+        assert linkage is not None
+        code = move(
+            self.case, linkage, self.motion, self.ground, self.step, self.stop, self.most
+        )  # fmt: skip
+        if code != CLOSED:
+            return code
+        if self.clock[Clock.TIME] - began <= ROOT * self.step:
+            # The force was outside the rest range for less than time can resolve.
+            self.clock[Clock.TIME] = (np.floor(began / self.dt + 1e-9) + 1.0) * self.dt
+        self.side = 1 - self.side
+        other = self.linkages[self.side]
+        if other is None:
+            return NOT_APPLICABLE
+        self.impact(linkage, other)
+        return GO
+
+    def impact(self, old: Linkage, new: Linkage) -> None:
+        """All joints close and the other linkage takes over, at a speed that may be zero."""
+        model, state, now = self.case.model, self.state, self.now
+        place_linkage(model, old, 0.0, now[1], state)
+        before = state.velocity[1:-1].copy()
+        place_linkage(model, new, 0.0, 1.0, state)
+        unit = state.velocity[1:-1].copy()
+        speed = max(speed_after_impact(self.mass, unit, before), 0.0)
+        if speed * np.abs(unit[:, 2]).max() < STILL / self.unit:
+            speed = 0.0
+        change = 0.5 * (self.mass * ((speed * unit) ** 2 - before**2)).sum()
+        state.energy[Energy.IMPACT] += min(change, 0.0)
+        now[:] = 0.0, speed, 0.0
+        place_linkage(model, new, 0.0, speed, state)
+        if speed > 0.0:
+            change_modes(self.case, new.touch, -1, FOUR_HINGES)
+            return
+        change_modes(self.case, np.ones_like(new.touch), BY_REST, AT_REST)
+        state.count[Count.RESTS] += 1
+        self.write()
+
+    def finish(self, code: int, position: np.ndarray, velocity: np.ndarray) -> Outcome:
+        """What the run has ended in."""
+        self.clock[Clock.CODE] = IDLE if code == NOT_APPLICABLE else code
+        outcome = finish(self.case, position, velocity)
+        balance_energy(self.case)
+        ledger = outcome.ledger
+        ledger.energy[:] = self.state.energy
+        ledger.model_time[FOUR_HINGES] = outcome.end_time - self.clock[Clock.RESTING]
+        if code == NOT_APPLICABLE:
+            return outcome._replace(status=int(Status.NOT_APPLICABLE))
+        if code != FALLEN:
+            return outcome
+        joint, mode = (int(value) for value in self.motion.fell)
+        return outcome._replace(
+            status=int(Status.COLLAPSED), collapse_time=outcome.end_time, collapse_joint=joint,
+            collapse_mode=mode,
+        )  # fmt: skip
+
+
+def run(
+    chain: Chain,
+    ground: GroundMotion,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    from_rest: bool,
+    options: Options,
+    frames: Frames,
+    log: MechanismLog,
+) -> Outcome:
+    """Move a chain on four hinges; as `archfrag.methods.time_stepping.front.run`.
+
+    Frames at rest have no reactions.
+    """
+    case = case_of(chain, ground, False, options, frames, log)
+    still = np.column_stack([chain.centroid, np.zeros(chain.mass.size)])
+    start(case, still, np.zeros_like(still), False)
+    case.output.written[1], case.state.clock[Clock.SPAN] = 0, 1.0
+    this, code = Run(case, ground, options), GO
+    if not from_rest and not this.match(position, velocity):
+        code = NOT_APPLICABLE
+    case.state.position[1:-1], case.state.velocity[1:-1] = position, velocity
+    kinetic, case.state.clock[Clock.START] = energies_of(case.model, case.state)
+    case.state.energy[Energy.START_KINETIC] = kinetic
+    this.write()
+    linkage = this.linkages[this.side]
+    if linkage is not None and this.now.any():
+        change_modes(case, linkage.touch, BY_START, FOUR_HINGES)
+    while code == GO:
+        if not this.now.any():
+            code = this.rest()
+        if code == GO:
+            code = this.move()
+    return this.finish(code, position, velocity)

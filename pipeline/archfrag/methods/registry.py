@@ -96,7 +96,7 @@ def _event_driven():
 
 
 def _penalty():
-    from archfrag.methods.penalty import run
+    from archfrag.methods.penalty.run import run
 
     return run
 
@@ -126,13 +126,13 @@ def _four_link():
 
 
 def _gauss_seidel():
-    from archfrag.methods.gauss_seidel import run
+    from archfrag.methods.contact_dynamics.gauss_seidel import run
 
     return run
 
 
 def _quadratic_programme():
-    from archfrag.methods.quadratic_programme import run
+    from archfrag.methods.contact_dynamics.quadratic_programme import run
 
     return run
 
@@ -285,7 +285,6 @@ METHODS = {
         parameters=(
             Parameter("dt", "s", 1e-3, "time step", 1e-9),
             FOLLOW,
-            Parameter("theta", "1", 0.5, "weight of the new velocities in a step", 0.5, 1.0),
             Parameter(
                 "sweep_tolerance",
                 "1",

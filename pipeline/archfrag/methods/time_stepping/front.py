@@ -1,10 +1,12 @@
 """Time stepping as a method: from a chain and its ground motions to outcomes."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.model import Clock, Model, model_of
+from archfrag.mechanics.contact.path import Path
+from archfrag.mechanics.model import Clock, Model, State, Work, model_of
 from archfrag.mechanics.numbers import LANES
 from archfrag.mechanics.status import Count
 from archfrag.mechanics.types import (
@@ -18,7 +20,7 @@ from archfrag.mechanics.types import (
 )
 from archfrag.methods.time_stepping.at_impacts import Steps
 from archfrag.methods.time_stepping.motion import Grounds, grounds_of
-from archfrag.methods.time_stepping.recording import no_output, output_to
+from archfrag.methods.time_stepping.recording import Output, no_output, output_to
 from archfrag.methods.time_stepping.run import (
     Jobs,
     new_four,
@@ -69,6 +71,42 @@ def _rest_of(model: Model, options: Options, grounds: Grounds) -> tuple[float, f
     return (plus, minus) if found else (np.nan, np.nan)
 
 
+class Case(NamedTuple):
+    """All that one run takes."""
+
+    model: Model
+    grounds: Grounds
+    state: State
+    work: Work
+    path: Path
+    steps: Steps
+    limits: Limits
+    output: Output
+    results: Results
+
+
+def case_of(
+    chain: Chain, ground: GroundMotion, from_rest: bool, options: Options, frames: Frames,
+    log: MechanismLog,
+) -> Case:  # fmt: skip
+    """A case that has not been started; its rest range is known where it begins at rest."""
+    model, grounds = model_of(chain), _joined([ground])
+    rest = _rest_of(model, options, grounds) if from_rest else (np.nan, np.nan)
+    one = new_one(model)
+    one.state.clock[Clock.FACTOR] = ground.factor
+    return Case(
+        model,
+        grounds,
+        one.state,
+        one.work,
+        one.path,
+        steps_of(options),
+        _limits(model, options, rest),
+        output_to(frames, log, options.frame_interval),
+        new_results(1),
+    )
+
+
 def results_of(
     chain: Chain,
     ground: GroundMotion,
@@ -80,20 +118,15 @@ def results_of(
     log: MechanismLog,
 ) -> Results:
     """As `run`, as the one row of results."""
-    model, grounds = model_of(chain), _joined([ground])
-    rest = _rest_of(model, options, grounds) if from_rest else (np.nan, np.nan)
-    limits, steps = _limits(model, options, rest), steps_of(options)
-    one, results = new_one(model), new_results(1)
-    output = output_to(frames, log, options.frame_interval)
-    one.state.clock[Clock.FACTOR] = ground.factor
-    given = (model, grounds, one.state, one.work, one.path, steps, limits, output, results)
-    if from_rest and not np.isnan(rest[0]):
-        run_one(*given)
+    case = case_of(chain, ground, from_rest, options, frames, log)
+    state, results = case.state, case.results
+    if from_rest and not np.isnan(case.limits.rest_plus):
+        run_one(*case)
     else:
-        one.state.position[1:-1], one.state.velocity[1:-1] = position, velocity
-        run_given(*given)
-    position[:], velocity[:] = one.state.position[1:-1], one.state.velocity[1:-1]
-    results.count[0, Count.FRAMES], results.count[0, Count.LOG_ENTRIES] = output.written
+        state.position[1:-1], state.velocity[1:-1] = position, velocity
+        run_given(*case)
+    position[:], velocity[:] = state.position[1:-1], state.velocity[1:-1]
+    results.count[0, Count.FRAMES], results.count[0, Count.LOG_ENTRIES] = case.output.written
     return results
 
 

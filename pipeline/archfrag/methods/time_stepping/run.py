@@ -150,19 +150,18 @@ def finish_one(model, grounds, state, work, path, steps, limits, output, results
 
 
 @kernel
-def run_one(model, grounds, state, work, path, steps, limits, output, results):
-    """One run from rest in the chain's own geometry."""
+def start_at_rest(model, grounds, state, work, path, steps, limits, output):
+    """Let the chain rest in its own geometry until the ground moves it."""
     begin(model, grounds, state, work, steps, limits, 0, state.clock[Clock.FACTOR])
     write_rest(model, grounds, state, work, path, output)
     state.clock[Clock.CODE] = rest_until_onset(
         model, grounds, state, steps, limits.rest_plus, limits.rest_minus, output
     )
-    finish_one(model, grounds, state, work, path, steps, limits, output, results, 0)
 
 
 @kernel
-def run_given(model, grounds, state, work, path, steps, limits, output, results):
-    """One run from the positions and velocities of a given state."""
+def start_given(model, state, work, steps, output):
+    """Start from the positions and velocities of a given state."""
     factor = state.clock[Clock.FACTOR]
     clear(state)
     clock = state.clock
@@ -173,6 +172,19 @@ def run_given(model, grounds, state, work, path, steps, limits, output, results)
     read_joints(model, state, work)
     log_change(state, 0.0, BY_START, -1, ALL, output)
     start_moving(state, steps)
+
+
+@kernel
+def run_one(model, grounds, state, work, path, steps, limits, output, results):
+    """One run from rest in the chain's own geometry."""
+    start_at_rest(model, grounds, state, work, path, steps, limits, output)
+    finish_one(model, grounds, state, work, path, steps, limits, output, results, 0)
+
+
+@kernel
+def run_given(model, grounds, state, work, path, steps, limits, output, results):
+    """One run from the positions and velocities of a given state."""
+    start_given(model, state, work, steps, output)
     finish_one(model, grounds, state, work, path, steps, limits, output, results, 0)
 
 

@@ -263,7 +263,7 @@ def _record_energy(model, state, work, step, previous, where):
 
 
 @inlined
-def _count_changes(state, work, where):
+def count_changes(state, work, where):
     """Count what joints do in a step, and remember new contacts."""
     count = state.count
     for j in range(state.slip.shape[0]):
@@ -368,7 +368,7 @@ def _shift(work, j, k, c):
 
 
 @inlined
-def _record_motion(model, state, where):
+def record_motion(model, state, where):
     """Peaks of displacement, rotation and kinetic energy; where positions are not finite."""
     farthest = fastest = energy = 0.0
     rotation, length = state.peak[Peak.ROTATION], model.length[0]
@@ -406,6 +406,33 @@ def _record_overlap(model, state, work, where):
     state.peak[Peak.OVERLAP] = deepest
 
 
+@inlined
+def make_step(model, state, work, kick, where, loss_limit):
+    """Take solved velocities and the positions that they reach over; as `accept_step`."""
+    clock, count = state.clock, state.count
+    step, previous = clock[Clock.STEP], clock[Clock.PREVIOUS]
+    take_velocities(model, state, work, kick, where)
+    for i in range(1, state.position.shape[0] - 1):
+        for c in range(3):
+            moved = state.position[i, c] + step * state.velocity[i, c]
+            state.position[i, c] = select(where, moved, state.position[i, c])
+    for j in range(state.slip.shape[0]):
+        state.impact[j] = select(where, larger(state.impact[j] - 1.0, 0.0), state.impact[j])
+    move_faces(model, state.position, work.turned, work.face, work.tangent)
+    fallen = follow_joints(model, state, work, where, loss_limit)
+    broken = record_motion(model, state, where)
+    clock[Clock.TIME] = select(where, clock[Clock.TIME] + step, clock[Clock.TIME])
+    clock[Clock.MOVING] += select(where, step, 0.0)
+    clock[Clock.PREVIOUS] = select(where, step, previous)
+    clock[Clock.SPAN] = select(where, kick.span, clock[Clock.SPAN])
+    count[Count.STEPS] += flag(where)
+    eighth = count[Count.STEPS] * (1.0 / OVERLAP_INTERVAL)
+    looks = where & (eighth == nearest(eighth))
+    if some(looks):
+        _record_overlap(model, state, work, looks)
+    return fallen, broken
+
+
 @kernel
 def accept_step(model, state, work, kick, where, loss_limit):
     """Make a step whose contact problem is solved, and record what it did.
@@ -426,27 +453,7 @@ def accept_step(model, state, work, kick, where, loss_limit):
     fallen, broken : mask
         Where the chain has collapsed, and where its state is not finite.
     """
-    clock, count = state.clock, state.count
-    step, previous = clock[Clock.STEP], clock[Clock.PREVIOUS]
-    _count_changes(state, work, where)
-    _record_energy(model, state, work, step, previous, where)
-    take_velocities(model, state, work, kick, where)
-    for i in range(1, state.position.shape[0] - 1):
-        for c in range(3):
-            moved = state.position[i, c] + step * state.velocity[i, c]
-            state.position[i, c] = select(where, moved, state.position[i, c])
-    for j in range(state.slip.shape[0]):
-        state.impact[j] = select(where, larger(state.impact[j] - 1.0, 0.0), state.impact[j])
-    move_faces(model, state.position, work.turned, work.face, work.tangent)
-    fallen = follow_joints(model, state, work, where, loss_limit)
-    broken = _record_motion(model, state, where)
-    clock[Clock.TIME] = select(where, clock[Clock.TIME] + step, clock[Clock.TIME])
-    clock[Clock.MOVING] += select(where, step, 0.0)
-    clock[Clock.PREVIOUS] = select(where, step, previous)
-    clock[Clock.SPAN] = select(where, kick.span, clock[Clock.SPAN])
-    count[Count.STEPS] += flag(where)
-    eighth = count[Count.STEPS] * (1.0 / OVERLAP_INTERVAL)
-    looks = where & (eighth == nearest(eighth))
-    if some(looks):
-        _record_overlap(model, state, work, looks)
-    return fallen, broken
+    clock = state.clock
+    count_changes(state, work, where)
+    _record_energy(model, state, work, clock[Clock.STEP], clock[Clock.PREVIOUS], where)
+    return make_step(model, state, work, kick, where, loss_limit)

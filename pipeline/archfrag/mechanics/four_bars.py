@@ -1,0 +1,175 @@
+"""The arch as a four-bar linkage: three mega-voussoirs, four pins, one angle.
+
+Four hinges cut an arch that rests on rigid springings into three rigid bodies. With the pins at
+the corners about which the joints open, bar ``k`` is the vector ``r_k`` from pin ``k`` to pin
+``k + 1``, fixed to body ``k``, and the bars close::
+
+    r_0 + r_1 + r_2 = d        d from the first pin to the last, both fixed to the ground
+
+The one coordinate is the rotation of the first body, ``sense * q``, signed so that the joints open
+for ``q > 0``; at ``q = 0`` the linkage is the arch. For a given q the third pin lies where two
+circles meet, on the side on which it lies in the arch (Oppenheim 1992, Earthquake Engng Struct.
+Dyn. 21(11), 1005-1017). A chain with a free end has one hinge and one body: the rocking block
+(Housner 1963). Points and vectors of the plane are complex numbers.
+"""
+
+import cmath
+from typing import NamedTuple
+
+import numpy as np
+
+from archfrag.mechanics.compile import inlined, kernel
+from archfrag.mechanics.model import Model
+from archfrag.mechanics.onset import HINGE_EXTRADOS, HINGE_INTRADOS
+
+# A hinge whose joint would open slower than this part of the fastest does not open.
+OPENS = 1e-9
+
+
+class Linkage(NamedTuple):
+    """One mechanism of a chain."""
+
+    joint: np.ndarray  # (n_bar + 1,) int64 joint of each pin; of a free chain, behind the end
+    sense: float  # sign of the first body's rotation that opens the joints
+    rest: np.ndarray  # (n_bar + 1,) complex: pins at rest [m]
+    sine: np.ndarray  # (n_bar - 1,) of the angles at the inner pins at rest, signed
+    touch: np.ndarray  # (n_joint, 2) one where a corner is in contact while it moves, else zero
+
+
+@inlined
+def cross(a, b):
+    """Vector product of two vectors of the plane."""
+    return a.real * b.imag - a.imag * b.real
+
+
+def linkage_of(model: Model, mechanism: np.ndarray) -> Linkage | None:
+    """The linkage of an onset mechanism.
+
+    Parameters
+    ----------
+    model : archfrag.mechanics.model.Model
+    mechanism : ndarray, (n_joint,) int8
+        Bits of `archfrag.mechanics.onset`: joints that hinge or slide at the limit load.
+
+    Returns
+    -------
+    Linkage or None
+        None where the mechanism is none of a linkage: a joint slides, an arch has not four
+        hinges, a free chain not one, or a joint would have to open about the side it closes on.
+    """
+    n_body, joint = model.mass.size - 2, np.flatnonzero(mechanism)
+    free_end = model.friction.size == n_body
+    intrados = mechanism[joint] == HINGE_INTRADOS
+    hinges = intrados | (mechanism[joint] == HINGE_EXTRADOS)
+    if joint.size != (1 if free_end else 4) or not hinges.all():
+        return None
+    touch = np.ones((model.friction.size, 2))
+    touch[joint, intrados.astype(int)] = 0.0
+    place = model.corner[joint, 1, 1 - intrados] + model.centroid[joint + 1]
+    rest = place[:, 0] + 1j * place[:, 1]
+    # A joint opens about its extrados where the later body turns forwards.
+    opening = np.where(intrados, -1.0, 1.0)
+    sense = float(opening[0])
+    if free_end:
+        end = np.append(joint, n_body)
+        return Linkage(end, sense, np.append(rest, rest), np.zeros(0), touch)
+    a, b, c = bars = np.diff(rest)
+    area = np.array([(b.conj() * c).imag, (c.conj() * a).imag, (a.conj() * b).imag])
+    rate = sense * area / area[0]
+    opens = opening * np.diff(rate, prepend=0.0, append=0.0)
+    if not (opens > OPENS * np.abs(rate).max()).all():
+        return None
+    unit = bars / np.abs(bars)
+    return Linkage(joint, sense, rest, (unit[1:] * unit[:-1].conj()).imag, touch)
+
+
+@kernel
+def inner_sine(linkage, state, k):
+    """Sine of the angle between the bars before and after pin k, signed (k = 1, 2)."""
+    rest, joint = linkage.rest, linkage.joint
+    a = (rest[k] - rest[k - 1]) * cmath.exp(1j * state.position[joint[k - 1] + 1, 2])
+    b = (rest[k + 1] - rest[k]) * cmath.exp(1j * state.position[joint[k] + 1, 2])
+    return cross(a, b) / (abs(a) * abs(b))
+
+
+@inlined
+def _carry(model, linkage, k, pin, moves, angle, spin, state):
+    """Place the voussoirs of a body about its first pin; place and velocity of the second."""
+    turned = cmath.exp(1j * angle)
+    for i in range(linkage.joint[k] + 1, linkage.joint[k + 1] + 1):
+        arm = complex(model.centroid[i, 0], model.centroid[i, 1]) - linkage.rest[k]
+        place, speed = pin + turned * arm, moves + 1j * spin * turned * arm
+        state.position[i, 0], state.position[i, 1] = place.real, place.imag
+        state.velocity[i, 0], state.velocity[i, 1] = speed.real, speed.imag
+        state.position[i, 2], state.velocity[i, 2] = angle, spin
+    bar = turned * (linkage.rest[k + 1] - linkage.rest[k])
+    return pin + bar, moves + 1j * spin * bar
+
+
+@kernel
+def place_linkage(model, linkage, q, speed, state):
+    """Positions and velocities of all voussoirs for a coordinate and its rate.
+
+    Parameters
+    ----------
+    model : archfrag.mechanics.model.Model
+    linkage : Linkage
+    q, speed : float [rad], [rad/s]
+    state : archfrag.mechanics.model.State
+        Positions and velocities are overwritten.
+
+    Returns
+    -------
+    bool
+        False where the bars do not reach: the linkage has been stretched straight before.
+    """
+    rest, sense = linkage.rest, linkage.sense
+    for i in range(1, state.position.shape[0] - 1):
+        for c in range(3):
+            state.position[i, c] = model.centroid[i, c] if c < 2 else 0.0
+            state.velocity[i, c] = 0.0
+    spin = sense * speed
+    pin, moves = _carry(model, linkage, 0, rest[0], 0j, sense * q, spin, state)
+    if rest.size == 2:
+        return True
+    a, b, c, d = pin - rest[0], rest[2] - rest[1], rest[3] - rest[2], rest[3] - pin
+    square = abs(d) ** 2
+    along = 0.5 * (abs(b) ** 2 - abs(c) ** 2 + square) / square
+    aside = abs(b) ** 2 / square - along * along
+    if not aside > 0.0:
+        return False
+    aside = -(aside**0.5) if cross(b, c) > 0.0 else aside**0.5
+    second = d * complex(along, aside)
+    third = d - second
+    # The bars close: the sum of spin times bar vanishes.
+    wide = spin / cross(second, third)
+    turn, rate = cmath.phase(second / b), wide * cross(third, a)
+    pin, moves = _carry(model, linkage, 1, pin, moves, turn, rate, state)
+    turn, rate = cmath.phase(third / c), wide * cross(a, second)
+    _carry(model, linkage, 2, pin, moves, turn, rate, state)
+    return True
+
+
+def speed_after_impact(mass: np.ndarray, unit: np.ndarray, before: np.ndarray) -> float:
+    """Speed at which a linkage leaves the undeformed shape after an impact there.
+
+    All impulses but those at its pins are inside its three bodies, so that in its own motion the
+    momentum gained does no work: the impulse balance of the three bodies, four pin impulses and
+    one speed in nine equations, with the impulses eliminated (De Lorenzis, DeJong and Ochsendorf
+    2007, Earthquake Engng Struct. Dyn. 36, 2119-2136).
+
+    Parameters
+    ----------
+    mass : ndarray, (n_body, 3)
+        Masses and inertias of the voussoirs' coordinates.
+    unit : ndarray, (n_body, 3)
+        Velocities at the undeformed shape by the linkage after the impact at unit speed.
+    before : ndarray, (n_body, 3)
+        Velocities before the impact.
+
+    Returns
+    -------
+    float
+        [rad/s]; not positive where the mechanism would have to close.
+    """
+    return float((mass * unit * before).sum() / (mass * unit * unit).sum())

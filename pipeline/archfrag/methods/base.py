@@ -1,0 +1,122 @@
+"""What baselines share with each other and with time stepping: beginning, rests, end of a run."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from archfrag.mechanics.compile import inlined, kernel
+from archfrag.mechanics.model import Clock
+from archfrag.mechanics.status import Count
+from archfrag.mechanics.types import Outcome
+from archfrag.methods.time_stepping.front import Case, outcome_of
+from archfrag.methods.time_stepping.recording import log_change
+from archfrag.methods.time_stepping.run import start_at_rest, start_given
+from archfrag.methods.time_stepping.service import (
+    AT_REST,
+    BY_REST,
+    GO,
+    IDLE,
+    PAUSE,
+    end_run,
+    serve,
+)
+
+
+def start(case: Case, position: np.ndarray, velocity: np.ndarray, from_rest: bool) -> None:
+    """Start a run at rest in the chain's own geometry, or with given positions and velocities."""
+    model, grounds, state, work, path, steps, limits, output, _ = case
+    if from_rest and not np.isnan(limits.rest_plus):
+        start_at_rest(model, grounds, state, work, path, steps, limits, output)
+        return
+    state.position[1:-1], state.velocity[1:-1] = position, velocity
+    start_given(model, state, work, steps, output)
+
+
+def finish(case: Case, position: np.ndarray, velocity: np.ndarray) -> Outcome:
+    """End a run; its final state goes into `position` and `velocity`."""
+    model, grounds, state, work, path, _, limits, output, results = case
+    end_run(model, grounds, state, work, path, limits, output, results, 0)
+    position[:], velocity[:] = state.position[1:-1], state.velocity[1:-1]
+    results.count[0, Count.FRAMES], results.count[0, Count.LOG_ENTRIES] = output.written
+    return outcome_of(results, 0)
+
+
+def integrate(
+    case: Case,
+    advance: Callable[[], object],
+    position: np.ndarray,
+    velocity: np.ndarray,
+    from_rest: bool,
+) -> Outcome:
+    """Move a case to its end.
+
+    Parameters
+    ----------
+    case : archfrag.methods.time_stepping.front.Case
+    advance : callable
+        Makes steps until ``case.state.clock[Clock.CODE]`` is no longer GO.
+    position, velocity : ndarray, (n_body, 3)
+        Initial state; overwritten with the final one.
+    from_rest : bool
+
+    Returns
+    -------
+    archfrag.mechanics.types.Outcome
+    """
+    start(case, position, velocity, from_rest)
+    while case.state.clock[Clock.CODE] == GO:
+        advance()
+        if case.state.clock[Clock.CODE] == PAUSE:
+            serve(*case[:-1])
+    return finish(case, position, velocity)
+
+
+@inlined
+def write_rows(j, nx, ny, px, py, position, row):
+    """Parting and tangential velocity at a point by the coordinates of the bodies of joint j.
+
+    Parameters
+    ----------
+    j : int
+    nx, ny, px, py : float
+        Normal, and the point [m].
+    position : ndarray, (n_body + 2, 3)
+    row : ndarray, (2, 6)
+        Overwritten; coordinates of the body before the joint, then of the one after it.
+    """
+    for side in range(2):
+        sign, at = 2.0 * side - 1.0, 3 * side
+        x, y = px - position[j + side, 0], py - position[j + side, 1]
+        row[0, at], row[0, at + 1] = sign * nx, sign * ny
+        row[1, at], row[1, at + 1] = -sign * ny, sign * nx
+        row[0, at + 2] = sign * (x * ny - y * nx)
+        row[1, at + 2] = sign * (x * nx + y * ny)
+
+
+@kernel
+def stands(state, limits, until, moved, span):
+    """Whether, once the record is over, nothing has been too fast for rest for some time.
+
+    Parameters
+    ----------
+    state : archfrag.mechanics.model.State
+    limits : archfrag.methods.time_stepping.service.Limits
+        Its `still` is the speed that is too fast.
+    until : float
+        When the run ends at the latest [s].
+    moved : ndarray, (1,)
+        When something was too fast last [s]; brought up to now.
+    span : float [s]
+    """
+    time = state.clock[Clock.TIME]
+    if state.clock[Clock.FASTEST] > limits.still or time <= until - limits.follow:
+        moved[0] = time
+    return time - moved[0] >= span
+
+
+@kernel
+def end_at_rest(state, output):
+    """End a run that stands."""
+    state.count[Count.RESTS] += 1.0
+    state.clock[Clock.CODE] = IDLE
+    log_change(state, state.clock[Clock.TIME], BY_REST, -1, AT_REST, output)
