@@ -111,6 +111,8 @@ class Work(NamedTuple):
     earlier: np.ndarray  # (n_joint, 3) the same before the step
     parting: np.ndarray  # (n_joint, 2, 2) corner, xy: relative velocity with bias
     position: np.ndarray  # (n_body + 2, 3) that the present velocities reach
+    # (n_joint,) sense of the friction of slips under way, in a problem of accelerations; else zero
+    known: np.ndarray
 
 
 N_CLOCK = len(Clock)
@@ -176,6 +178,7 @@ def new_work(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) -
         "asked_touch": (2,), "asked_slide": (), "row": (3, 4), "column": (3, 4),
         "block": (3, 3), "lower": (3, 3), "upper": (3, 3), "unknown": (3,), "residual": (3,),
         "reaction": (3,), "relative": (3,), "earlier": (3,), "parting": (2, 2),
+        "known": (),
     }  # fmt: skip
     arrays = {name: zeros((n_joint, *shape)) for name, shape in shapes.items()}
     for name in ("free", "solved", "position"):

@@ -145,6 +145,7 @@ def ask_modes(model, work, scale, force_scale):
             asks_0 = (kept & at_0) | shut | (opposite(one) & asks_0)
             asks_1 = (kept & at_1) | shut | (opposite(one) & asks_1)
             asked = select(one, slides, asked)
+        asked = select(work.known[j] != 0.0, work.known[j], asked)
         asked = select(asks_0 | asks_1, asked, 0.0)
         work.asked_touch[j, 0], work.asked_touch[j, 1] = flag(asks_0), flag(asks_1)
         work.asked_slide[j] = asked
