@@ -9,9 +9,19 @@ from typing import NamedTuple
 import numpy as np
 
 from archfrag.mechanics.acceleration import centripetal_bias, uniform_force
-from archfrag.mechanics.delassus import Contacts, assemble, contact_work, velocity_scale
-from archfrag.mechanics.former_contact import newton_contact, path_contact, solve_contact
-from archfrag.mechanics.homotopy import follow_path
+from archfrag.mechanics.contact.blocks import EXACT, Precision, solve_modes
+from archfrag.mechanics.contact.modes import ask_modes, solve_contact, velocity_scale
+from archfrag.mechanics.contact.path import (
+    PATHS,
+    SOFT_PATHS,
+    follow_path,
+    new_path,
+    solve_by_path,
+)
+from archfrag.mechanics.contact.placing import relative_velocity
+from archfrag.mechanics.delassus import contact_work
+from archfrag.mechanics.delassus import velocity_scale as former_scale
+from archfrag.mechanics.former_contact import solve_contact as former_contact
 from archfrag.mechanics.kinematics import (
     empty_contacts,
     joint_lengths,
@@ -20,7 +30,7 @@ from archfrag.mechanics.kinematics import (
 )
 from archfrag.mechanics.levels import new_few_bodies, solve_levels, view_few
 from archfrag.mechanics.mechanism import assemble_mechanism, gather_state, new_mechanism
-from archfrag.mechanics.newton import propose_modes
+from archfrag.mechanics.model import Model, new_work
 from archfrag.mechanics.reactions import four_hinges, inner_margins
 from archfrag.mechanics.status import Status
 from archfrag.methods.few_bodies import evaluate, new_few_room, view_motion
@@ -100,14 +110,6 @@ def problem_of(state):
     )  # fmt: skip
 
 
-def contacts_of(problem):
-    p = problem
-    return Contacts(
-        p.centroid, p.point, p.normal, p.normal_plus, p.normal_minus,
-        p.touching.astype(np.int8), np.asarray(p.sliding, np.int8), p.bias.copy(),
-    )  # fmt: skip
-
-
 def wrench_of(reaction, pivot):
     """Force and moment about the origin from force and moment about a pivot."""
     moment = reaction[:, 2] + pivot[:, 0] * reaction[:, 1] - pivot[:, 1] * reaction[:, 0]
@@ -115,45 +117,83 @@ def wrench_of(reaction, pivot):
 
 
 def solution_of(solved, work):
+    """Solution in the layout that mega-voussoirs use."""
     wrench = wrench_of(work.reaction, work.pivot)
     return Solution(bool(solved), work.velocity.copy(), wrench, decode_all(work.mode))
 
 
-def _work_of(problem):
-    work = contact_work(problem.mass.size, problem.friction.size)
-    work.mode[:] = encode_all(problem.start)
-    return work
+def modes_of(work):
+    return [
+        Mode(tuple(int(k) for k in np.flatnonzero(touch)), int(slide))
+        for touch, slide in zip(work.touch, work.slide)
+    ]
+
+
+def _framed(values):
+    """Rows of bodies between rows of the ground, which are zero."""
+    return np.concatenate([0.0 * values[:1], values, 0.0 * values[:1]])
+
+
+def posed(problem):
+    """Model, positions and workspace of a problem."""
+    p, friction = problem, np.asarray(problem.friction, float)
+    n_joint = friction.size
+    rough = np.isinf(friction)
+    model = Model(
+        mass=_framed(p.mass), inertia=_framed(p.inertia),
+        inverse_mass=_framed(1.0 / p.mass), inverse_inertia=_framed(1.0 / p.inertia),
+        centroid=_framed(p.centroid), corner=np.zeros((n_joint, 2, 2, 2)),
+        tangent=np.zeros((n_joint, 2, 2)), length=np.ones(n_joint), friction=friction,
+        ray=np.stack([np.where(rough, 0.0, 1.0), np.where(rough, 1.0, friction)], axis=1),
+        gravity=9.81, rounding=0.0,
+    )  # fmt: skip
+    position = np.zeros((p.mass.size + 2, 3))
+    position[:, :2] = model.centroid
+    work = new_work(model)
+    work.point[:], work.normal[:] = p.point, p.normal
+    work.pivot[:] = p.point.mean(axis=1)
+    work.side_normal[:] = np.stack([p.normal_plus, p.normal_minus], axis=2)
+    work.candidate[:], work.known[:], work.bias[:] = p.touching, p.sliding, p.bias
+    work.free[1:-1] = p.free
+    for j, mode in enumerate(p.start):
+        work.touch[j] = [k in mode.corners for k in range(2)]
+        work.slide[j] = mode.slip
+    return model, position, work
+
+
+def _solved(solved, work):
+    wrench = wrench_of(work.reaction, work.pivot)
+    return Solution(bool(solved), work.solved[1:-1].copy(), wrench, modes_of(work))
 
 
 def by_newton(problem):
     """Solution by the iteration on the modes alone."""
-    work = _work_of(problem)
-    status, _ = newton_contact(
-        problem.mass, problem.inertia, contacts_of(problem), problem.friction, problem.free, work
-    )
-    return solution_of(status == Status.STANDING, work)
+    model, position, work = posed(problem)
+    patience = 100 + 4 * problem.friction.size
+    solved, _, _ = solve_contact(model, position, work, True, (False, 0.0, 0.0), patience, EXACT)
+    return _solved(solved, work)
 
 
 def by_path(problem):
     """Solution found along solution paths, the iteration on the modes not tried first."""
-    work, contacts = _work_of(problem), contacts_of(problem)
-    assemble(problem.mass, problem.inertia, contacts, work)
-    status, _, _, compliant = path_contact(
-        problem.mass, problem.inertia, contacts, problem.friction, problem.free, work
+    model, position, work = posed(problem)
+    solved, compliant, _, _ = solve_by_path(
+        model, position, work, new_path(model), PATHS, SOFT_PATHS
     )
-    return solution_of(status == Status.STANDING and not compliant, work)
+    return _solved(solved and not compliant, work)
 
 
 def path_end(problem, attempt, compliance):
     """What stands at the end of one solution path, of slightly compliant joints."""
-    work, contacts = _work_of(problem), contacts_of(problem)
-    assemble(problem.mass, problem.inertia, contacts, work)
-    scale = velocity_scale(contacts, problem.free, work)
-    reached, _ = follow_path(
-        problem.mass, problem.inertia, contacts, problem.friction, problem.free, work, scale,
-        compliance, attempt, 100 + 20 * problem.friction.size,
-    )  # fmt: skip
-    return solution_of(reached, work)
+    model, position, work = posed(problem)
+    relative_velocity(position, work.free, work.pivot, work.relative)
+    path = new_path(model)
+    path.bias[:] = work.bias
+    scale = velocity_scale(work)
+    reached, _ = follow_path(position, work, path, scale, compliance, attempt)
+    precision = Precision(compliance, 1e-11, np.inf)
+    solve_modes(path.model, position, work, scale, precision)
+    return _solved(reached, work)
 
 
 class Joint(NamedTuple):
@@ -178,28 +218,31 @@ def _in_frame(normal, tangential):
 
 
 def proposed(joints, scale=1.0, force_scale=1.0, tolerance=1e-9):
-    """Modes that joints ask for, how many break a law, and the index of the worst of them."""
+    """Modes that joints ask for, and whether any asks for another."""
     m = len(joints)
-    work = contact_work(m, m)
-    contacts = Contacts(
-        np.zeros((m, 2)), np.zeros((m, 2, 2)), np.zeros((m, 2)), np.zeros((m, 2, 2)),
-        np.zeros((m, 2, 2)), np.array([joint.touching for joint in joints], np.int8),
-        np.array([joint.sliding for joint in joints], np.int8), np.zeros((m, 2, 2)),
+    friction = np.array([joint.friction for joint in joints])
+    problem = Problem(
+        np.ones(m), np.ones(m), np.zeros((m, 2)), np.zeros((m, 2, 2)), np.zeros((m, 2)),
+        np.zeros((m, 2, 2)), np.zeros((m, 2, 2)), np.array([j.touching for j in joints]),
+        np.array([j.sliding for j in joints]), np.zeros((m, 2, 2)), friction, np.zeros((m, 3)),
+        [joint.mode for joint in joints],
     )  # fmt: skip
+    model, _, work = posed(problem)
     for j, joint in enumerate(joints):
         work.pivot[j] = 3.0, 2.0 + j
-        contacts.normal[j] = _in_frame(1.0, 0.0)
+        work.normal[j] = _in_frame(1.0, 0.0)
+        velocity = _in_frame(*joint.motion[:2])
         for c in range(2):
-            contacts.point[j, c] = work.pivot[j] + _in_frame(0.0, (2 * c - 1) * joint.half)
-            plus, minus = joint.lean
-            contacts.normal_plus[j, c] = _in_frame(np.cos(plus), np.sin(plus))
-            contacts.normal_minus[j, c] = _in_frame(np.cos(minus), np.sin(minus))
-        work.mode[j] = encode(joint.mode)
-        work.relative[j, :2], work.relative[j, 2] = _in_frame(*joint.motion[:2]), joint.motion[2]
+            arm = _in_frame(0.0, (2 * c - 1) * joint.half)
+            work.point[j, c] = work.pivot[j] + arm
+            work.parting[j, c] = velocity + joint.motion[2] * np.array([-arm[1], arm[0]])
+            for side in range(2):
+                lean = joint.lean[side]
+                work.side_normal[j, c, side] = _in_frame(np.cos(lean), np.sin(lean))
         work.reaction[j, :2], work.reaction[j, 2] = _in_frame(*joint.force[:2]), joint.force[2]
-    friction = np.array([joint.friction for joint in joints])
-    changed, worst = propose_modes(contacts, friction, work, scale, force_scale, tolerance)
-    return decode_all(work.best_mode), int(changed), int(worst)
+    changed = ask_modes(model, work, tolerance * scale, tolerance * force_scale)
+    work.touch[:], work.slide[:] = work.asked_touch, work.asked_slide
+    return modes_of(work), bool(changed)
 
 
 def by_four_hinges(mass, inertia, centroid, hinge, corners, spin, free):
@@ -251,7 +294,7 @@ class Posed:
         work = contact_work(self.chain.mass.size, self.slip.size)
         work.mode[:] = self.mode
         work.pivot[:] = self.contacts.point.mean(axis=1)
-        scale = velocity_scale(self.contacts, self.free, work)
+        scale = former_scale(self.contacts, self.free, work)
         solved, rounds = solve_levels(
             self.chain, self.contacts, self.slip, self.length, self.given[2], self.free, scale,
             self.mechanism, self.bodies, work,
@@ -262,7 +305,7 @@ class Posed:
         """Solution on the full chain."""
         chain, work = self.chain, contact_work(self.chain.mass.size, self.slip.size)
         work.mode[:] = self.mode
-        status, *_, compliant = solve_contact(
+        status, *_, compliant = former_contact(
             chain.mass, chain.inertia, self.contacts, chain.friction, self.free, work
         )
         return solution_of(status == Status.STANDING and not compliant, work)

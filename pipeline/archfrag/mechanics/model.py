@@ -90,6 +90,7 @@ class Work(NamedTuple):
     normal: np.ndarray  # (n_joint, 2) common normal of a closed joint
     side_normal: np.ndarray  # (n_joint, 2, 2, 2) corner, PLUS or MINUS, xy: Eqs 23a and 23b
     candidate: np.ndarray  # (n_joint, 2) one where the corner may touch in this step
+    known: np.ndarray  # (n_joint,) sense of the friction of a slip under way; zero: not known
     bias: np.ndarray  # (n_joint, 2, 2) corner, xy: added to the relative velocity [m/s]
     free: np.ndarray  # (n_body + 2, 3) velocities without reactions
     solved: np.ndarray  # (n_body + 2, 3) velocities that the contact problem gives
@@ -111,8 +112,6 @@ class Work(NamedTuple):
     earlier: np.ndarray  # (n_joint, 3) the same before the step
     parting: np.ndarray  # (n_joint, 2, 2) corner, xy: relative velocity with bias
     position: np.ndarray  # (n_body + 2, 3) that the present velocities reach
-    # (n_joint,) sense of the friction of slips under way, in a problem of accelerations; else zero
-    known: np.ndarray
 
 
 N_CLOCK = len(Clock)
@@ -174,11 +173,10 @@ def new_work(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) -
     shapes = {
         "face": (2, 2, 2), "tangent": (2, 2), "next_face": (2, 2, 2), "next_tangent": (2, 2),
         "point": (2, 2), "pivot": (2,), "normal": (2,), "side_normal": (2, 2, 2),
-        "candidate": (2,), "bias": (2, 2), "touch": (2,), "slide": (),
+        "candidate": (2,), "known": (), "bias": (2, 2), "touch": (2,), "slide": (),
         "asked_touch": (2,), "asked_slide": (), "row": (3, 4), "column": (3, 4),
         "block": (3, 3), "lower": (3, 3), "upper": (3, 3), "unknown": (3,), "residual": (3,),
         "reaction": (3,), "relative": (3,), "earlier": (3,), "parting": (2, 2),
-        "known": (),
     }  # fmt: skip
     arrays = {name: zeros((n_joint, *shape)) for name, shape in shapes.items()}
     for name in ("free", "solved", "position"):

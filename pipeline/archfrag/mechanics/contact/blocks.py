@@ -11,14 +11,26 @@ relative compliance of `COMPLIANCE` on each row picks those of joints that are e
 the limit of infinite stiffness.
 """
 
+from typing import NamedTuple
+
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.placing import MINUS, PLUS, relative_velocity
 from archfrag.mechanics.numbers import dot, fused, larger, opposite, select, some
 
-COMPLIANCE = 1e-10
 MOST_CORRECTIONS = 6
-# Velocity along the constrained directions, over the scale of velocities, that is no motion.
-TOLERANCE = 1e-9
+
+
+class Precision(NamedTuple):
+    """How closely a contact problem is solved."""
+
+    compliance: float  # of each row, relative
+    slack: float  # what of a law counts as kept, over the scale of velocities or forces
+    left: float  # velocity along constrained directions that is no motion, over its scale
+
+
+# For time steps, and for what has to hold to the last digits that rounding leaves.
+FOR_STEPS = Precision(1e-10, 1e-9, 1e-9)
+EXACT = Precision(1e-10, 1e-11, 1e-11)
 
 
 @inlined
@@ -99,7 +111,7 @@ def _on(column, j, a, arm):
 
 
 @inlined
-def _set_diagonal(model, work, j):
+def _set_diagonal(model, work, j, compliance):
     """Block of a joint with itself, by what its reactions do to the bodies on either side."""
     row, column, f = work.row, work.column, work.block
     both = model.inverse_mass[j + 1] + model.inverse_mass[j]
@@ -110,7 +122,7 @@ def _set_diagonal(model, work, j):
         for b in range(3):
             f[j, a, b] = fused(turned, column[j, b, 3], dot(moved, _on(column, j, b, 2)))
         own = f[j, a, a]
-        f[j, a, a] = select(own == 0.0, 1.0, fused(COMPLIANCE, abs(own), own))
+        f[j, a, a] = select(own == 0.0, 1.0, fused(compliance, abs(own), own))
 
 
 @inlined
@@ -145,12 +157,12 @@ def _factorise_block(f, j):
 
 
 @kernel
-def factorise(model, work):
+def factorise(model, work, compliance):
     """Block elimination for the rows and columns set."""
     row, column, f, upper = work.row, work.column, work.block, work.upper
     last = row.shape[0] - 1
     for j in range(last + 1):
-        _set_diagonal(model, work, j)
+        _set_diagonal(model, work, j, compliance)
         if j > 0:
             _eliminate(model, work, j)
         _factorise_block(f, j)
@@ -242,26 +254,14 @@ def measure_residual(position, work):
 
 
 @kernel
-def solve_modes(model, position, work, scale):
-    """Solve the linear problem of the present modes, ``work.touch`` and ``work.slide``.
-
-    Parameters
-    ----------
-    model : archfrag.mechanics.model.Model
-    position : array, (n_body + 2, 3)
-    work : archfrag.mechanics.model.Work
-        With the contacts placed, and velocities without reactions in `free`; `solved`,
-        `reaction`, `relative` and `parting` are overwritten.
-    scale : number
-        Largest relative velocity without reactions.
+def correct(model, position, work, enough):
+    """Solve the linear problem whose factors are set, and correct it until `enough` is left.
 
     Returns
     -------
     number
         Largest velocity left along a constrained direction; nan where a pivot vanishes.
     """
-    set_rows(model, position, work)
-    factorise(model, work)
     for i in range(position.shape[0]):
         for c in range(3):
             work.solved[i, c] = work.free[i, c]
@@ -279,7 +279,32 @@ def solve_modes(model, position, work, scale):
         add_reactions(model, position, work)
         before = left
         left = measure_residual(position, work)
-        go = go & (left > TOLERANCE * scale) & (left < before)
+        go = go & (left > enough) & (left < before)
         if not some(go):
             break
     return left
+
+
+@kernel
+def solve_modes(model, position, work, scale, precision):
+    """Solve the linear problem of the present modes, ``work.touch`` and ``work.slide``.
+
+    Parameters
+    ----------
+    model : archfrag.mechanics.model.Model
+    position : array, (n_body + 2, 3)
+    work : archfrag.mechanics.model.Work
+        With the contacts placed, and velocities without reactions in `free`; `solved`,
+        `reaction`, `relative` and `parting` are overwritten.
+    scale : number
+        Largest relative velocity without reactions.
+    precision : Precision
+
+    Returns
+    -------
+    number
+        As `correct`.
+    """
+    set_rows(model, position, work)
+    factorise(model, work, precision.compliance)
+    return correct(model, position, work, precision.left * scale)

@@ -4,18 +4,16 @@ For given modes the contact problem is linear (`blocks`). Its solution tells of 
 it keeps Signorini's and Coulomb's laws in the mode assumed, and which mode it asks for: three
 functions, for an open joint, a closed one and one that touches at a corner. The modes asked for
 are taken until none changes. A run whose modes do not come to rest in a few rounds is left to
-`archfrag.mechanics.former_contact.path_contact`.
+`archfrag.mechanics.contact.path`.
 """
 
 import math
 
 from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.contact.blocks import TOLERANCE, solve_modes
+from archfrag.mechanics.contact.blocks import solve_modes
 from archfrag.mechanics.contact.placing import MINUS, PLUS, at_point, relative_velocity
 from archfrag.mechanics.numbers import flag, fused, larger, opposite, select, some
 
-# What of a law counts as kept, over the scale of velocities or forces.
-SLACK = 1e-9
 # Part of the bodies' velocities below which relative ones are not told apart.
 ROUNDING = 1e-5
 
@@ -102,7 +100,7 @@ def mode_if_corner(j, second, model, work, slide, ux, uy, slack, slack_force):
 
 
 @kernel
-def ask_modes(model, work, scale, force_scale):
+def ask_modes(model, work, slack, slack_force):
     """Modes that the joints ask for, into ``work.asked_touch`` and ``work.asked_slide``.
 
     Parameters
@@ -110,15 +108,14 @@ def ask_modes(model, work, scale, force_scale):
     model : archfrag.mechanics.model.Model
     work : archfrag.mechanics.model.Work
         With the solution for the present modes.
-    scale, force_scale : number
-        What counts as one in velocity and in force.
+    slack, slack_force : number
+        What of a law counts as kept, in velocity and in force.
 
     Returns
     -------
     mask
         Where any joint asks for another mode.
     """
-    slack, slack_force = SLACK * scale, SLACK * force_scale
     changed = False
     for j in range(work.slide.shape[0]):
         at_0, at_1, slide = work.touch[j, 0] > 0.5, work.touch[j, 1] > 0.5, work.slide[j]
@@ -145,8 +142,10 @@ def ask_modes(model, work, scale, force_scale):
             asks_0 = (kept & at_0) | shut | (opposite(one) & asks_0)
             asks_1 = (kept & at_1) | shut | (opposite(one) & asks_1)
             asked = select(one, slides, asked)
-        asked = select(work.known[j] != 0.0, work.known[j], asked)
-        asked = select(asks_0 | asks_1, asked, 0.0)
+        known = work.known[j]
+        if math.isinf(model.friction[j]):
+            known = select(asks_0 & asks_1, 0.0, known)
+        asked = select(asks_0 | asks_1, select(known == 0.0, asked, known), 0.0)
         work.asked_touch[j, 0], work.asked_touch[j, 1] = flag(asks_0), flag(asks_1)
         work.asked_slide[j] = asked
         changed = changed | (asks_0 ^ at_0) | (asks_1 ^ at_1) | (asked != slide)
@@ -176,7 +175,7 @@ def velocity_scale(work):
 
 
 @kernel
-def _largest_force(work):
+def largest_force(work):
     largest = 0.0
     for j in range(work.slide.shape[0]):
         force = larger(abs(work.reaction[j, 0]), abs(work.reaction[j, 1]))
@@ -208,7 +207,7 @@ def _closes(work, step, ahead):
 
 
 @inlined
-def _take_asked(work, where, half):
+def take_asked(work, where, half):
     """Take the modes asked for; `half`: those of a part of the joints, another in each round."""
     for j in range(work.slide.shape[0]):
         if half > 0 and ((j + 1) * (half + 1) * 40503 >> 7) & 1 == 0:
@@ -219,7 +218,7 @@ def _take_asked(work, where, half):
 
 
 @kernel
-def solve_contact(model, position, work, live, looks, patience):
+def solve_contact(model, position, work, live, looks, patience, precision):
     """Solve one contact problem by Newton's iteration on the modes.
 
     Parameters
@@ -227,8 +226,8 @@ def solve_contact(model, position, work, live, looks, patience):
     model : archfrag.mechanics.model.Model
     position : array, (n_body + 2, 3)
     work : archfrag.mechanics.model.Work
-        With the contacts placed, `candidate`, `bias`, `free`, and the modes to start from in
-        `touch` and `slide`; on return the solution.
+        With the contacts placed, `candidate`, `known`, `bias`, `free`, and the modes to start
+        from in `touch` and `slide`; on return the solution.
     live : mask
         Runs that take part.
     looks : tuple of mask, number, number
@@ -237,6 +236,7 @@ def solve_contact(model, position, work, live, looks, patience):
     patience : int
         Rounds allowed after those in which every joint takes the mode it asks for; where these go
         round in circles, a changing half of the joints does.
+    precision : archfrag.mechanics.contact.blocks.Precision
 
     Returns
     -------
@@ -250,15 +250,16 @@ def solve_contact(model, position, work, live, looks, patience):
     rounds = 0.0
     left = scale
     straight = 8 + work.slide.shape[0] // 4
+    slack = precision.slack * scale
     for number in range(straight + patience):
-        left = solve_modes(model, position, work, scale)
+        left = solve_modes(model, position, work, scale, precision)
         rounds += flag(active)
-        changed = ask_modes(model, work, scale, _largest_force(work))
+        changed = ask_modes(model, work, slack, precision.slack * largest_force(work))
         if number == 0 and some(looks[0]):
             refused = active & looks[0] & _closes(work, looks[1], looks[2])
         active = active & changed & opposite(refused)
         if not some(active):
             break
-        _take_asked(work, active, number - straight + 1)
-    solved = live & opposite(active | refused) & (left <= TOLERANCE * scale)
+        take_asked(work, active, number - straight + 1)
+    solved = live & opposite(active | refused) & (left <= precision.left * scale)
     return solved, refused, rounds

@@ -84,7 +84,7 @@ def results_of(
     one, results = new_one(model), new_results(1)
     output = output_to(frames, log, options.frame_interval)
     one.state.clock[Clock.FACTOR] = ground.factor
-    given = (model, grounds, one.state, one.work, one.general, steps, limits, output, results)
+    given = (model, grounds, one.state, one.work, one.path, steps, limits, output, results)
     if from_rest and not np.isnan(rest[0]):
         run_one(*given)
     else:

@@ -11,7 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from archfrag.mechanics.compile import allocating, inlined, kernel
+from archfrag.mechanics.contact.blocks import FOR_STEPS
 from archfrag.mechanics.contact.modes import solve_contact
+from archfrag.mechanics.contact.path import Path, new_path
 from archfrag.mechanics.contact.placing import move_faces
 from archfrag.mechanics.model import Clock, Model, State, Work, new_state, new_work
 from archfrag.mechanics.numbers import (
@@ -39,13 +41,11 @@ from archfrag.methods.time_stepping.service import (
     IDLE,
     PAUSE,
     UNSOLVED,
-    General,
     accept_recorded,
     begin,
     clear,
     end_run,
     energies_of,
-    new_general,
     read_joints,
     rest_until_onset,
     serve,
@@ -73,7 +73,7 @@ def try_step(model, grounds, state, work, steps, live):
     kick = due_kick(grounds, state.clock)
     pose_step(model, state, work, kick, step)
     looks = (locates(state, steps, live), step, LEAD * steps.impact)
-    solved, refused, rounds = solve_contact(model, state.position, work, live, looks, 0)
+    solved, refused, rounds = solve_contact(model, state.position, work, live, looks, 0, FOR_STEPS)
     state.count[Count.ITERATIONS] += rounds
     failed = live & opposite(solved | refused)
     halved = failed & (step > 1.5 * steps.impact)
@@ -138,30 +138,30 @@ def step_one(model, grounds, state, work, steps, limits, output):
 
 
 @allocating
-def finish_one(model, grounds, state, work, general, steps, limits, output, results, row):
+def finish_one(model, grounds, state, work, path, steps, limits, output, results, row):
     """Move one run to its end."""
     code = int(state.clock[Clock.CODE])
     while code == GO:
         step_one(model, grounds, state, work, steps, limits, output)
         code = int(state.clock[Clock.CODE])
         if code in (UNSOLVED, PAUSE):
-            code = serve(model, grounds, state, work, general, steps, limits, output)
-    end_run(model, grounds, state, work, general, limits, output, results, row)
+            code = serve(model, grounds, state, work, path, steps, limits, output)
+    end_run(model, grounds, state, work, path, limits, output, results, row)
 
 
 @allocating
-def run_one(model, grounds, state, work, general, steps, limits, output, results):
+def run_one(model, grounds, state, work, path, steps, limits, output, results):
     """One run from rest in the chain's own geometry."""
     begin(model, grounds, state, work, steps, limits, 0, state.clock[Clock.FACTOR])
-    write_rest(model, grounds, state, work, general, output)
+    write_rest(model, grounds, state, work, path, output)
     state.clock[Clock.CODE] = rest_until_onset(
         model, grounds, state, steps, limits.rest_plus, limits.rest_minus, output
     )
-    finish_one(model, grounds, state, work, general, steps, limits, output, results, 0)
+    finish_one(model, grounds, state, work, path, steps, limits, output, results, 0)
 
 
 @allocating
-def run_given(model, grounds, state, work, general, steps, limits, output, results):
+def run_given(model, grounds, state, work, path, steps, limits, output, results):
     """One run from the positions and velocities of a given state."""
     factor = state.clock[Clock.FACTOR]
     clear(state)
@@ -173,7 +173,7 @@ def run_given(model, grounds, state, work, general, steps, limits, output, resul
     read_joints(model, state, work)
     log_change(state, 0.0, BY_START, -1, ALL, output)
     start_moving(state, steps)
-    finish_one(model, grounds, state, work, general, steps, limits, output, results, 0)
+    finish_one(model, grounds, state, work, path, steps, limits, output, results, 0)
 
 
 @kernel
@@ -206,7 +206,7 @@ class One(NamedTuple):
 
     state: State
     work: Work
-    general: General
+    path: Path
     fetched: tuple[np.ndarray, ...]  # (n,) each
     returned: tuple[np.ndarray, ...]  # (n,) each
 
@@ -216,7 +216,7 @@ def new_one(model: Model) -> One:
     state, work = new_state(model), new_work(model)
     returned = tuple(array.reshape(-1) for array in state)
     fetched = (*returned, work.reaction.reshape(-1), work.pivot.reshape(-1))
-    return One(state, work, new_general(model), fetched, returned)
+    return One(state, work, new_path(model), fetched, returned)
 
 
 def new_four(model: Model) -> Four:
@@ -254,7 +254,7 @@ def next_run(model, grounds, one, steps, limits, jobs, output, results):
         state.clock[Clock.CODE] = code
         if code == GO:
             return run
-        end_run(model, grounds, state, one.work, one.general, limits, output, results, run)
+        end_run(model, grounds, state, one.work, one.path, limits, output, results, run)
     state.clock[Clock.CODE] = IDLE
     state.clock[Clock.STEP] = steps.largest
     return -1
@@ -278,10 +278,10 @@ def run_four(model, grounds, four, one, steps, limits, jobs, output, results):
             fetch_run(four.fetched, number, one.fetched)
             move_faces(model, state.position, one.work.turned, one.work.face, one.work.tangent)
             if code in (UNSOLVED, PAUSE):
-                code = serve(model, grounds, state, one.work, one.general, steps, limits, output)
+                code = serve(model, grounds, state, one.work, one.path, steps, limits, output)
             if code != GO:
                 end_run(
-                    model, grounds, state, one.work, one.general, limits, output, results,
+                    model, grounds, state, one.work, one.path, limits, output, results,
                     runs[number],
                 )  # fmt: skip
                 runs[number] = next_run(model, grounds, one, steps, limits, jobs, output, results)

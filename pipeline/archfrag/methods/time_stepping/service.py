@@ -10,22 +10,19 @@ import numpy as np
 
 from archfrag.mechanics.collapse import NOTED_GAP, RIGHT_ANGLE, Loss
 from archfrag.mechanics.compile import allocating, inlined, kernel
+from archfrag.mechanics.contact.blocks import FOR_STEPS
 from archfrag.mechanics.contact.modes import solve_contact
+from archfrag.mechanics.contact.path import PATHS, SOFT_PATHS, solve_by_path
 from archfrag.mechanics.contact.placing import (
     clearance,
-    corner_offset,
     corner_slip,
     move_faces,
     place_contacts,
     relative_velocity,
 )
-from archfrag.mechanics.delassus import Contacts, ContactWork, assemble, contact_work
-from archfrag.mechanics.former_contact import path_contact
-from archfrag.mechanics.kinematics import empty_contacts
-from archfrag.mechanics.laws import slip_of, touches
-from archfrag.mechanics.model import Clock, Model
+from archfrag.mechanics.model import Clock
 from archfrag.mechanics.onset import rest_limit
-from archfrag.mechanics.residuals import TOUCHING, contact_residual
+from archfrag.mechanics.residual import state_residual
 from archfrag.mechanics.status import Cause, CollapseMode, Count, Energy, Peak, Status
 from archfrag.mechanics.status import Model as Rung
 from archfrag.methods.time_stepping.at_impacts import next_step
@@ -33,7 +30,6 @@ from archfrag.methods.time_stepping.motion import due_kick, end_of_motion, end_r
 from archfrag.methods.time_stepping.recording import (
     dominant_change,
     log_change,
-    mode_of,
     write_frame,
     write_if_due,
 )
@@ -77,59 +73,8 @@ class Limits(NamedTuple):
     rest_minus: float
 
 
-class General(NamedTuple):
-    """Workspace of the general contact solver."""
-
-    contacts: Contacts
-    solver: ContactWork
-
-
-def new_general(model: Model) -> General:
-    """Workspace for the chain of a model."""
-    size = model.mass.size - 2, model.friction.size
-    return General(empty_contacts(*size), contact_work(*size))
-
-
-@kernel
-def pose_general(model, state, work, general):
-    """The contact problem in the layout of archfrag.mechanics.former_contact."""
-    contacts, solver = general.contacts, general.solver
-    n_body, n_joint = model.mass.size - 2, model.friction.size
-    for i in range(n_body):
-        for c in range(2):
-            contacts.centroid[i, c] = state.position[i + 1, c]
-    for j in range(n_joint):
-        contacts.slip[j] = 0
-        for c in range(2):
-            contacts.normal[j, c] = work.normal[j, c]
-            contacts.candidate[j, c] = work.candidate[j, c] > 0.5
-            for k in range(2):
-                contacts.point[j, k, c] = work.point[j, k, c]
-                contacts.normal_plus[j, k, c] = work.side_normal[j, k, 0, c]
-                contacts.normal_minus[j, k, c] = work.side_normal[j, k, 1, c]
-                contacts.bias[j, k, c] = work.bias[j, k, c]
-        solver.mode[j] = mode_of(work.touch, work.slide, j)
-    assemble(model.mass[1:-1], model.inertia[1:-1], contacts, solver)
-
-
-@kernel
-def take_general(state, work, general):
-    """The solution of archfrag.mechanics.former_contact."""
-    solver = general.solver
-    for i in range(solver.velocity.shape[0]):
-        for c in range(3):
-            work.solved[i + 1, c] = solver.velocity[i, c]
-    for j in range(solver.mode.size):
-        for k in range(2):
-            work.touch[j, k] = 1.0 if touches(solver.mode[j], k) else 0.0
-        work.slide[j] = float(slip_of(solver.mode[j]))
-        for c in range(3):
-            work.reaction[j, c] = solver.reaction[j, c]
-    relative_velocity(state.position, work.solved, work.pivot, work.relative)
-
-
 @allocating
-def solve_anyhow(model, state, work, general):
+def solve_anyhow(model, state, work, path):
     """Solve a contact problem that is posed: by Newton's iteration, or by the solution's path.
 
     Returns
@@ -140,31 +85,21 @@ def solve_anyhow(model, state, work, general):
     count = state.count
     for j in range(state.slip.size):
         work.touch[j, 0], work.touch[j, 1] = state.touch[j, 0], state.touch[j, 1]
-        work.slide[j] = state.slide[j]
+        work.slide[j], work.known[j] = state.slide[j], 0.0
     patience = 60 + 4 * model.friction.size
     solved, _, rounds = solve_contact(
-        model, state.position, work, True, (False, 0.0, 0.0), patience
+        model, state.position, work, True, (False, 0.0, 0.0), patience, FOR_STEPS
     )
     count[Count.ITERATIONS] += rounds
     if solved:
         return True, False
-    for j in range(state.slip.size):
-        work.touch[j, 0], work.touch[j, 1] = state.touch[j, 0], state.touch[j, 1]
-        work.slide[j] = state.slide[j]
-    pose_general(model, state, work, general)
-    status, rounds, breaks, compliant = path_contact(
-        model.mass[1:-1],
-        model.inertia[1:-1],
-        general.contacts,
-        model.friction,
-        work.free[1:-1],
-        general.solver,
+    solved, compliant, rounds, breaks = solve_by_path(
+        model, state.position, work, path, PATHS, SOFT_PATHS
     )
     count[Count.ITERATIONS] += rounds
     count[Count.PATHS] += breaks > 0
     count[Count.COMPLIANT] += compliant
-    take_general(state, work, general)
-    return status == STANDING, compliant
+    return solved, compliant
 
 
 @kernel
@@ -180,57 +115,25 @@ def accept_recorded(model, state, work, kick, limits, output):
     return fallen, broken
 
 
-@allocating
-def measure_state(model, state, work, general):
+@kernel
+def measure_state(model, state, work):
     """Note how far the state that the last step reached is from the contact laws."""
-    contacts, length = general.contacts, model.length
-    place_contacts(model, state.slip, work.face, work.tangent, work)
-    relative_velocity(state.position, state.velocity, work.pivot, work.relative)
-    force_scale = model.gravity * np.sum(model.mass) * state.clock[Clock.SPAN]
-    pose_general(model, state, work, general)
-    for j in range(length.size):
-        fx, fy = work.reaction[j, 0], work.reaction[j, 1]
-        force_scale = max(force_scale, abs(fx), abs(fy))
-        nx, ny = work.normal[j, 0], work.normal[j, 1]
-        for k in range(2):
-            contacts.candidate[j, k] = 1
-            gap = clearance(j, k, work.face, work.tangent) / length[j]
-            if gap > TOUCHING or (fx == 0.0 and fy == 0.0):
-                # Only the gap counts; how the faces slide past each other does not.
-                contacts.bias[j, k, 0], contacts.bias[j, k, 1] = gap * nx, gap * ny
-                continue
-            rx, ry = work.point[j, k, 0] - work.pivot[j, 0], work.point[j, k, 1] - work.pivot[j, 1]
-            ux = work.relative[j, 0] - work.relative[j, 2] * ry
-            uy = work.relative[j, 1] + work.relative[j, 2] * rx
-            rate = (nx * uy - ny * ux) / np.sqrt(model.gravity * length[j])
-            ex, ey = corner_offset(j, k, work.face, work.tangent, state.slip[j])
-            contacts.bias[j, k, 0] = ex / length[j] - rate * ny
-            contacts.bias[j, k, 1] = ey / length[j] + rate * nx
-    general.solver.relative[:] = 0.0
-    residual = contact_residual(
-        contacts,
-        model.friction,
-        general.solver.relative,
-        work.reaction,
-        work.pivot,
-        1.0,
-        force_scale,
-    )
+    residual = state_residual(model, state, work, state.clock[Clock.SPAN])
     state.peak[Peak.RESIDUAL] = max(state.peak[Peak.RESIDUAL], residual)
 
 
 @allocating
-def serve_unsolved(model, grounds, state, work, general, steps, limits, output):
+def serve_unsolved(model, grounds, state, work, path, steps, limits, output):
     """Make a step whose modes do not settle, or halve it; returns the code."""
     clock = state.clock
     kick = due_kick(grounds, clock)
     pose_step(model, state, work, kick, clock[Clock.STEP])
-    solved, compliant = solve_anyhow(model, state, work, general)
+    solved, compliant = solve_anyhow(model, state, work, path)
     if solved:
         fallen, broken = accept_recorded(model, state, work, kick, limits, output)
         next_step(state, steps, True, end_of_motion(grounds, clock, limits.follow))
         if compliant:
-            measure_state(model, state, work, general)
+            measure_state(model, state, work)
         if broken:
             return BROKEN
         return FALLEN if fallen else PAUSE
@@ -305,7 +208,7 @@ def start_moving(state, steps):
 
 
 @allocating
-def write_rest(model, grounds, state, work, general, output):
+def write_rest(model, grounds, state, work, path, output):
     """Frame of the chain at rest, with the reactions that balance the body force."""
     if output.frames.time.size == 0:
         return
@@ -323,7 +226,7 @@ def write_rest(model, grounds, state, work, general, output):
             work.bias[j, k, 0] = work.bias[j, k, 1] = 0.0
             work.candidate[j, k] = state.touch[j, k]
     counted = state.count.copy()
-    solved, _ = solve_anyhow(model, state, work, general)
+    solved, _ = solve_anyhow(model, state, work, path)
     state.count[:] = counted  # a history does not change what a run has taken
     if not solved:
         work.reaction[:] = 0.0
@@ -346,11 +249,11 @@ def rest_until_onset(model, grounds, state, steps, plus, minus, output):
 
 
 @allocating
-def serve_pause(model, grounds, state, work, general, steps, limits, output):
+def serve_pause(model, grounds, state, work, path, steps, limits, output):
     """Between two steps: measure what is due, and see whether the chain rests; the code."""
     clock = state.clock
     if int(state.count[Count.STEPS]) % limits.check_interval == 0:
-        measure_state(model, state, work, general)
+        measure_state(model, state, work)
     if clock[Clock.FASTEST] >= limits.still:
         return GO
     found, plus, minus = True, limits.rest_plus, limits.rest_minus
@@ -374,25 +277,25 @@ def serve_pause(model, grounds, state, work, general, steps, limits, output):
     record_work(0.0, 0.0, stops, -state.energy[Energy.STRAY], True, state.energy)
     state.count[Count.RESTS] += 1.0
     clock[Clock.PREVIOUS] = 0.0
-    write_rest(model, grounds, state, work, general, output)
+    write_rest(model, grounds, state, work, path, output)
     log_change(state, clock[Clock.TIME], BY_REST, -1, AT_REST, output)
     return rest_until_onset(model, grounds, state, steps, plus, minus, output)
 
 
 @allocating
-def serve(model, grounds, state, work, general, steps, limits, output):
+def serve(model, grounds, state, work, path, steps, limits, output):
     """Do for one run what stopped it; the code that it goes on with, or ends with."""
     code = int(state.clock[Clock.CODE])
     if code == UNSOLVED:
-        code = serve_unsolved(model, grounds, state, work, general, steps, limits, output)
+        code = serve_unsolved(model, grounds, state, work, path, steps, limits, output)
     if code == PAUSE:
-        code = serve_pause(model, grounds, state, work, general, steps, limits, output)
+        code = serve_pause(model, grounds, state, work, path, steps, limits, output)
     state.clock[Clock.CODE] = code
     return code
 
 
 @allocating
-def synchronise(model, grounds, state, work, general):
+def synchronise(model, grounds, state, work, path):
     """Give velocities the half kick that is due, so that they belong to the positions.
 
     Returns
@@ -412,7 +315,7 @@ def synchronise(model, grounds, state, work, general):
             work.bias[j, k, 0] = work.bias[j, k, 1] = 0.0
             work.candidate[j, k] = state.touch[j, k]
     free_fall(model, state, work, kick)
-    solved, _ = solve_anyhow(model, state, work, general)
+    solved, _ = solve_anyhow(model, state, work, path)
     if not solved:
         return False
     relative_velocity(state.position, state.velocity, work.pivot, work.earlier)
@@ -555,7 +458,7 @@ def new_results(n_run: int) -> Results:
 
 
 @allocating
-def end_run(model, grounds, state, work, general, limits, output, results, row):
+def end_run(model, grounds, state, work, path, limits, output, results, row):
     """Write what a run has ended in."""
     clock, energy = state.clock, state.energy
     code, status = int(clock[Clock.CODE]), NO_SOLUTION
@@ -566,7 +469,7 @@ def end_run(model, grounds, state, work, general, limits, output, results, row):
     elif code == EXHAUSTED:
         status = WORK_BOUND
     elif code in (FALLEN, AT_END):
-        in_time = synchronise(model, grounds, state, work, general)
+        in_time = synchronise(model, grounds, state, work, path)
         if in_time:
             status = UNFINISHED
             write_frame(model, state, work, 0.0, max(clock[Clock.SPAN], 1e-300), output)

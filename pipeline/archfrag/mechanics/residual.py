@@ -1,0 +1,175 @@
+"""How far motions and reactions are from the contact laws: one measure for every method.
+
+`state_residual` looks at what a method says of one instant and at nothing inside the method:
+positions, velocities and reactions. Gaps are measured over joint lengths, slip rates over the
+speed of a fall through them, forces over the weight or the largest of them; the residual is the
+smallest violation over the ways in which a joint can obey Signorini and Coulomb.
+"""
+
+import math
+
+from archfrag.mechanics.compile import inlined, kernel
+from archfrag.mechanics.contact.placing import (
+    MINUS,
+    PLUS,
+    clearance,
+    corner_offset,
+    place_contacts,
+    relative_velocity,
+)
+
+# Corners closer than this, over the joint's length, touch.
+TOUCHING = 1e-6
+
+
+@inlined
+def _approach(j, k, work, scale):
+    """Rate at which a corner that may touch closes, by the law that is kept more nearly (Eq 5)."""
+    ux, uy, side = work.parting[j, k, 0], work.parting[j, k, 1], work.side_normal
+    plus = side[j, k, PLUS, 0] * ux + side[j, k, PLUS, 1] * uy
+    minus = side[j, k, MINUS, 0] * ux + side[j, k, MINUS, 1] * uy
+    return max(0.0, -max(plus, minus)) / scale if work.candidate[j, k] > 0.5 else 0.0
+
+
+@inlined
+def _arm(j, k, work):
+    return work.point[j, k, 0] - work.pivot[j, 0], work.point[j, k, 1] - work.pivot[j, 1]
+
+
+@kernel
+def _if_corner(j, k, model, work, scale, force):
+    """Violation of the laws by a joint taken to bear at one corner (Eqs 5, 6, 20, 23)."""
+    px, py = _arm(j, k, work)
+    qx, qy = _arm(j, 1 - k, work)
+    length = math.sqrt((qx - px) ** 2 + (qy - py) ** 2)
+    fx, fy = work.reaction[j, 0] / force, work.reaction[j, 1] / force
+    moment = work.reaction[j, 2] / force
+    common = max(abs(moment - (px * fy - py * fx)) / length, _approach(j, 1 - k, work, scale))
+    ux, uy = work.parting[j, k, 0] / scale, work.parting[j, k, 1] / scale
+    across, along = model.ray[j, 0], model.ray[j, 1]
+    size = 1.0 / math.sqrt(across * across + along * along)
+    best, outside = math.inf, 0.0
+    for side in range(2):
+        sense = 1.0 - 2.0 * side
+        nx, ny = work.side_normal[j, k, side, 0], work.side_normal[j, k, side, 1]
+        rx = (across * nx - sense * along * ny) * size
+        ry = (across * ny + sense * along * nx) * size
+        beyond = rx * fy - ry * fx
+        outside = max(outside, sense * beyond)
+        if work.known[j] == -sense:
+            continue
+        wrong = 0.0 if work.known[j] == sense else max(0.0, sense * (nx * uy - ny * ux))
+        pull = max(0.0, -(rx * fx + ry * fy))
+        best = min(best, max(common, abs(beyond), pull, abs(nx * ux + ny * uy), wrong))
+    if work.known[j] == 0.0:
+        best = min(best, max(common, outside, abs(ux), abs(uy)))
+    return best
+
+
+@kernel
+def _if_closed(j, model, work, scale, force):
+    """Violation of the laws by a joint taken to bear at both corners (Eqs 5, 6)."""
+    nx, ny = work.normal[j, 0], work.normal[j, 1]
+    px, py = _arm(j, 0, work)
+    fx, fy = work.reaction[j, 0] / force, work.reaction[j, 1] / force
+    normal, tangential = nx * fx + ny * fy, nx * fy - ny * fx
+    difference = work.reaction[j, 2] / force / (px * ny - py * nx)
+    pull = max(0.0, -0.5 * (normal + difference), -0.5 * (normal - difference))
+    parts = work.parting[j]
+    rate = max(abs(nx * parts[0, 0] + ny * parts[0, 1]), abs(nx * parts[1, 0] + ny * parts[1, 1]))
+    slip = nx * (parts[0, 1] + parts[1, 1]) - ny * (parts[0, 0] + parts[1, 0])
+    common, slip = max(pull, rate / scale), 0.5 * slip / scale
+    best, mu = math.inf, model.friction[j]
+    rough = math.isinf(mu)
+    if work.known[j] == 0.0:
+        outside = 0.0 if rough else max(0.0, abs(tangential) - mu * max(normal, 0.0))
+        best = max(common, outside, abs(slip))
+    for side in range(0 if rough else 2):
+        sense = 1.0 - 2.0 * side
+        if work.known[j] == -sense:
+            continue
+        wrong = 0.0 if work.known[j] == sense else max(0.0, sense * slip)
+        best = min(best, max(common, abs(tangential - sense * mu * normal), wrong))
+    return best
+
+
+@kernel
+def contact_residual(model, work, scale, force):
+    """Largest over the joints of the smallest violation of Signorini's and Coulomb's laws.
+
+    Parameters
+    ----------
+    model : archfrag.mechanics.model.Model
+    work : archfrag.mechanics.model.Work
+        With contacts, `candidate`, `known`, velocities of the corners in `parting` and reactions.
+    scale, force : float
+        What counts as one in velocity and in force.
+
+    Returns
+    -------
+    float
+        Dimensionless; zero where the laws hold exactly.
+    """
+    largest = 0.0
+    for j in range(work.slide.size):
+        fx, fy = work.reaction[j, 0] / force, work.reaction[j, 1] / force
+        px, py = _arm(j, 0, work)
+        moment = work.reaction[j, 2] / force / (2.0 * math.sqrt(px * px + py * py))
+        first, second = _approach(j, 0, work, scale), _approach(j, 1, work, scale)
+        best = max(abs(fx), abs(fy), abs(moment), first, second)
+        at_0, at_1 = work.candidate[j, 0] > 0.5, work.candidate[j, 1] > 0.5
+        if at_0:
+            best = min(best, _if_corner(j, 0, model, work, scale, force))
+        if at_1:
+            best = min(best, _if_corner(j, 1, model, work, scale, force))
+        if at_0 and at_1:
+            best = min(best, _if_closed(j, model, work, scale, force))
+        largest = max(largest, best)
+    return largest
+
+
+@kernel
+def state_residual(model, state, work, span):
+    """How far one instant of a motion is from the contact laws.
+
+    Parameters
+    ----------
+    model : archfrag.mechanics.model.Model
+    state : archfrag.mechanics.model.State
+    work : archfrag.mechanics.model.Work
+        With the faces where the bodies are, and reactions about ``work.pivot`` as it will be
+        placed; contacts, `candidate`, `known` and `parting` are overwritten.
+    span : float
+        One, or the time for which impulses in ``work.reaction`` act [s].
+
+    Returns
+    -------
+    float
+        As `contact_residual`.
+    """
+    length = model.length
+    place_contacts(model, state.slip, work.face, work.tangent, work)
+    relative_velocity(state.position, state.velocity, work.pivot, work.relative)
+    force = 0.0
+    for i in range(model.mass.size):
+        force += model.gravity * model.mass[i] * span
+    for j in range(length.size):
+        fx, fy = work.reaction[j, 0], work.reaction[j, 1]
+        force = max(force, abs(fx), abs(fy))
+        nx, ny = work.normal[j, 0], work.normal[j, 1]
+        work.known[j] = 0.0
+        for k in range(2):
+            work.candidate[j, k] = 1.0
+            gap = clearance(j, k, work.face, work.tangent) / length[j]
+            if gap > TOUCHING or (fx == 0.0 and fy == 0.0):
+                # Only the gap counts; how the faces slide past each other does not.
+                work.parting[j, k, 0], work.parting[j, k, 1] = gap * nx, gap * ny
+                continue
+            rx, ry = _arm(j, k, work)
+            ux = work.relative[j, 0] - work.relative[j, 2] * ry
+            uy = work.relative[j, 1] + work.relative[j, 2] * rx
+            rate = (nx * uy - ny * ux) / math.sqrt(model.gravity * length[j])
+            ex, ey = corner_offset(j, k, work.face, work.tangent, state.slip[j])
+            work.parting[j, k, 0] = ex / length[j] - rate * ny
+            work.parting[j, k, 1] = ey / length[j] + rate * nx
+    return contact_residual(model, work, 1.0, force)
