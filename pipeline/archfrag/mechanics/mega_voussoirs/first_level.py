@@ -14,16 +14,16 @@ import math
 
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.blocks import (
-    add_reactions,
+    FOR_STEPS,
+    correct,
     factorise,
-    measure_residual,
     set_rows,
     solve_modes,
-    substitute,
 )
 from archfrag.mechanics.contact.placing import (
     MINUS,
     PLUS,
+    clearance,
     corner_offset,
     corner_slip,
     later_vertex_meets,
@@ -240,12 +240,18 @@ def _hinge_reactions(model, position, hinge, work):
 
 @kernel
 def pose(mega, position):
-    """Faces, slips under way and contacts of mega-voussoirs, where `position` has them."""
+    """Faces, slips and contacts of mega-voussoirs, where `position` has them.
+
+    The slip of a joint without contact is that of its nearer corner.
+    """
     model, work, slip = mega.model, mega.work, mega.slip
     move_faces(model, position, work.turned, work.face, work.tangent)
     for j in range(slip.shape[0]):
-        if work.slide[j] != 0.0:
-            first = work.touch[j, 0] > 0.5
+        at_0, at_1 = work.touch[j, 0] > 0.5, work.touch[j, 1] > 0.5
+        if work.slide[j] != 0.0 or not (at_0 or at_1):
+            gap = clearance(j, 0, work.face, work.tangent)
+            nearer = gap <= clearance(j, 1, work.face, work.tangent)
+            first = at_0 or (nearer and not at_1)
             k = 0 if first else 1
             dx = work.face[j, 1, k, 0] - work.face[j, 0, k, 0]
             dy = work.face[j, 1, k, 1] - work.face[j, 0, k, 1]
@@ -281,19 +287,8 @@ def solve_first_level(mega, position, velocity, ground_x, ground_y, scale):
     if is_four_hinges(work, position.shape[0]) and four_hinges(model, position, velocity, work):
         return True
     centripetal_bias(position, velocity, mega.slip, work.slide, work)
-    left = solve_modes(model, position, work, scale)
+    left = solve_modes(model, position, work, scale, FOR_STEPS)
     return left <= ILL_CONDITIONED * model.gravity
-
-
-@inlined
-def _correct(model, position, work):
-    """Least change of ``work.solved`` that leaves nothing along the constrained directions."""
-    for j in range(work.slide.shape[0]):
-        for c in range(3):
-            work.reaction[j, c] = 0.0
-    measure_residual(position, work)
-    substitute(work)
-    add_reactions(model, position, work)
 
 
 @kernel
@@ -326,11 +321,11 @@ def project(mega, position, velocity, limit):
         for a in range(3):
             for d in range(4):
                 work.column[j, a, d] = work.row[j, a, d]
-    factorise(model, work)
+    factorise(model, work, FOR_STEPS.compliance)
     for i in range(position.shape[0]):
         for c in range(3):
-            work.solved[i, c] = 0.0
-    _correct(model, position, work)
+            work.free[i, c] = 0.0
+    correct(model, position, work, math.inf)
     farthest = 0.0
     for i in range(1, position.shape[0] - 1):
         shift = abs(work.solved[i, 0]) + abs(work.solved[i, 1])
@@ -340,11 +335,11 @@ def project(mega, position, velocity, limit):
     for i in range(position.shape[0]):
         for c in range(3):
             position[i, c] += work.solved[i, c]
-            work.solved[i, c] = velocity[i, c]
+            work.free[i, c] = velocity[i, c]
     for j in range(work.slide.shape[0]):
         for k in range(2):
             work.bias[j, k, 0] = work.bias[j, k, 1] = 0.0
-    _correct(model, position, work)
+    correct(model, position, work, math.inf)
     for i in range(position.shape[0]):
         for c in range(3):
             velocity[i, c] = work.solved[i, c]

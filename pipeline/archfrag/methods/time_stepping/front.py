@@ -43,7 +43,7 @@ def steps_of(options: Options) -> Steps:
     return Steps(max(float(options.largest_step), shortest), shortest, GROWTH)
 
 
-def _limits(model: Model, options: Options, rest: tuple[float, float]) -> Limits:
+def limits_of(model: Model, options: Options, rest: tuple[float, float]) -> Limits:
     return Limits(
         follow=float(options.follow),
         loss_limit=float(options.loss_limit),
@@ -54,14 +54,14 @@ def _limits(model: Model, options: Options, rest: tuple[float, float]) -> Limits
     )
 
 
-def _joined(grounds: Sequence[GroundMotion]) -> Grounds:
+def joined_grounds(grounds: Sequence[GroundMotion]) -> Grounds:
     return grounds_of([(g.horizontal, g.vertical, g.time_step) for g in grounds])
 
 
-def _rest_of(model: Model, options: Options, grounds: Grounds) -> tuple[float, float]:
+def rest_of(model: Model, options: Options, grounds: Grounds) -> tuple[float, float]:
     """Rest range of a chain in its own geometry [g]; nan where no load leaves it at rest."""
     one = new_one(model)
-    limits = _limits(model, options, (np.nan, np.nan))
+    limits = limits_of(model, options, (np.nan, np.nan))
     begin(model, grounds, one.state, one.work, steps_of(options), limits, 0, 0.0)
     found, plus, minus = rest_range(model, one.state, one.work)
     return (plus, minus) if found else (np.nan, np.nan)
@@ -78,9 +78,9 @@ def results_of(
     log: MechanismLog,
 ) -> Results:
     """As `run`, as the one row of results."""
-    model, grounds = model_of(chain), _joined([ground])
-    rest = _rest_of(model, options, grounds) if from_rest else (np.nan, np.nan)
-    limits, steps = _limits(model, options, rest), steps_of(options)
+    model, grounds = model_of(chain), joined_grounds([ground])
+    rest = rest_of(model, options, grounds) if from_rest else (np.nan, np.nan)
+    limits, steps = limits_of(model, options, rest), steps_of(options)
     one, results = new_one(model), new_results(1)
     output = output_to(frames, log, options.frame_interval)
     one.state.clock[Clock.FACTOR] = ground.factor
@@ -155,15 +155,15 @@ def run_many(
     Results
         A row for each run, the same as of `run`.
     """
-    model, joined, results = model_of(chain), _joined(grounds), new_results(len(motion))
-    rest = _rest_of(model, options, joined)
+    model, joined, results = model_of(chain), joined_grounds(grounds), new_results(len(motion))
+    rest = rest_of(model, options, joined)
     jobs = (
         np.ascontiguousarray(motion, np.int64),
         np.ascontiguousarray(factor, float),
         np.zeros(1, np.int64),
     )
     output = no_output(chain.mass.size, chain.friction.size)
-    limits, steps = _limits(model, options, rest), steps_of(options)
+    limits, steps = limits_of(model, options, rest), steps_of(options)
     four, one = new_four(model), new_one(model)
     run_four(model, joined, four, one, steps, limits, jobs, output, results)
     return results

@@ -2,15 +2,16 @@
 
 Both are the contact problem of all voussoirs, of velocities at an impact (Eqs 8, 9, 11, 21), else
 of accelerations (Eqs 15-19, 29-33). A problem is posed, solved, and its solution taken over; what
-Newton's iteration on the modes does not solve is left to
-`archfrag.methods.time_stepping.service.solve_anyhow`.
+Newton's iteration on the modes does not solve in a few rounds is solved patiently or along
+solution paths.
 """
 
 import math
 
-from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.contact.blocks import solve_modes
+from archfrag.mechanics.compile import allocating, inlined, kernel
+from archfrag.mechanics.contact.blocks import EXACT, FOR_STEPS, Precision, solve_modes
 from archfrag.mechanics.contact.modes import solve_contact, velocity_scale
+from archfrag.mechanics.contact.path import solve_by_path
 from archfrag.mechanics.contact.placing import (
     MINUS,
     PLUS,
@@ -24,7 +25,6 @@ from archfrag.mechanics.contact.placing import (
 from archfrag.mechanics.mega_voussoirs.first_level import centripetal_bias
 from archfrag.mechanics.mega_voussoirs.second_level import (
     FORCE_0,
-    FRICTION_MINUS,
     FRICTION_PLUS,
     GAP_0,
     GAP_1,
@@ -45,6 +45,8 @@ SLIPPING = 1e-6
 # Accelerations beyond this many times gravity are no motion but a state in which rigid bodies
 # with friction have none (Painleve).
 IMPOSSIBLE = 300.0
+# Where so many solution paths lead nowhere, time stepping takes over.
+MOST_PATHS = 2
 # Corners that overlap by more than this part of the joint's length are not taken as closed.
 OVERLAP = 1e-6
 # Relative velocities below this part of it are rounding: nothing is left to an impact.
@@ -169,14 +171,15 @@ def take_impact(run):
     had = _kinetic(model, state.velocity)
     for j in range(state.slip.size):
         made_0 = work.touch[j, 0] > state.touch[j, 0]
-        state.count[Count.IMPACTS] += made_0 or work.touch[j, 1] > state.touch[j, 1]
+        made = made_0 or work.touch[j, 1] > state.touch[j, 1]
+        state.count[Count.IMPACTS] += 1.0 if made else 0.0
     _take_velocities(run)
     if _close_slow_joints(run):
         left = _kinetic(model, state.velocity)
         for i in range(1, state.velocity.shape[0] - 1):
             for c in range(3):
                 work.free[i, c] = state.velocity[i, c]
-        solve_modes(model, state.position, work, run.motion.scales.speed)
+        solve_modes(model, state.position, work, run.motion.scales.speed, EXACT)
         # Where bringing velocities there would give energy, nothing is closed.
         if _kinetic(model, work.solved) <= left:
             _take_velocities(run)
@@ -238,7 +241,8 @@ def pose_accelerations(run, ground_x, ground_y):
     relative_velocity(state.position, state.velocity, work.pivot, work.relative)
     for j in range(state.slip.size):
         rate = _find_touching(j, run)
-        slips, rough = abs(rate) > SLIPPING * run.motion.scales.speed, math.isinf(model.friction[j])
+        slips = abs(rate) > SLIPPING * run.motion.scales.speed
+        rough = math.isinf(model.friction[j])
         jammed = jammed or (slips and rough)
         for k in range(2):
             work.touch[j, k] = state.touch[j, k]
@@ -255,16 +259,35 @@ def pose_accelerations(run, ground_x, ground_y):
 
 
 @kernel
-def solve_posed(run):
-    """Solve the problem that is posed by Newton's iteration on the modes; whether it does."""
+def solve_posed(run, impact, patience):
+    """Solve the problem that is posed by Newton's iteration on the modes; whether it does.
+
+    Velocities after an impact are solved exactly; of accelerations only the modes are wanted.
+    """
     count = run.state.count
+    slack, left = (EXACT.slack, EXACT.left) if impact else (FOR_STEPS.slack, FOR_STEPS.left)
+    precision = Precision(EXACT.compliance, slack, left)
     solved, _, rounds = solve_contact(
-        run.model, run.state.position, run.work, True, (False, 0.0, 0.0), 0
+        run.model, run.state.position, run.work, True, (False, 0.0, 0.0), patience, precision
     )
     count[Count.ITERATIONS] += rounds
     count[Count.LEVELS] += 1.0
-    count[Count.LEVEL_ITERATIONS] += rounds > 1.0
-    count[Count.GENERAL] += not solved
+    count[Count.LEVEL_ITERATIONS] += 1.0 if rounds > 1.0 else 0.0
+    return solved
+
+
+@allocating
+def solve_patiently(run, impact, path):
+    """Solve the problem that is posed where the first rounds have not; whether it is solved."""
+    count, patience = run.state.count, 60 + 4 * run.model.friction.size
+    count[Count.GENERAL] += 1.0
+    if solve_posed(run, impact, patience):
+        return True
+    solved, _, rounds, breaks = solve_by_path(
+        run.model, run.state.position, run.work, path, MOST_PATHS, 0
+    )
+    count[Count.ITERATIONS] += rounds
+    count[Count.PATHS] += 1.0 if breaks > 0 else 0.0
     return solved
 
 
@@ -280,9 +303,10 @@ def take_modes(run):
         if work.known[j] != 0.0 and touches > 0.0 and work.slide[j] != work.known[j]:
             return False
         before = state.touch[j, 0] + state.touch[j, 1]
-        state.count[Count.SLIDES] += work.slide[j] != 0.0 and state.slide[j] == 0.0
-        state.count[Count.OPENINGS] += touches < before
-        state.count[Count.LOSSES] += touches == 0.0 and before > 0.0
+        slides = work.slide[j] != 0.0 and state.slide[j] == 0.0
+        state.count[Count.SLIDES] += 1.0 if slides else 0.0
+        state.count[Count.OPENINGS] += 1.0 if touches < before else 0.0
+        state.count[Count.LOSSES] += 1.0 if touches == 0.0 and before > 0.0 else 0.0
     state.clock[Clock.SPAN] = 1.0
     follow_joints(model, state, work, True, run.limits.loss_limit)
     return True
@@ -295,7 +319,7 @@ def cause_of(run):
     touch = run.state.touch
     if law == SLIP_END:
         return BY_STICK, joint
-    if law == GAP_0 or law == GAP_1:
+    if law in (GAP_0, GAP_1):
         return BY_IMPACT, joint
     if touch[joint, 0] > 0.5 and touch[joint, 1] > 0.5:
         return (BY_HINGE if law < FRICTION_PLUS else BY_SLIDE), joint
@@ -306,7 +330,7 @@ def cause_of(run):
 @kernel
 def change_mode(run, cause, joint, law):
     """Change the mode of the joint whose law has ended: where the search for modes starts."""
-    touch, slide = run.state.touch, run.state.slide
+    touch, slide = run.work.touch, run.work.slide
     if cause == BY_STICK:
         slide[joint] = 0.0
     elif cause == BY_HINGE:

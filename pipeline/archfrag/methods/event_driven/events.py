@@ -238,7 +238,8 @@ def closed_inside(motion, mega, step):
             low, high, depth = 0.0, 1.0, -ROUNDING * mega.model.length[k]
             while high - low > CLOSELY:
                 one, two = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
-                gap_one, gap_two = _gap_at(motion, mega, one, k, c), _gap_at(motion, mega, two, k, c)
+                gap_one = _gap_at(motion, mega, one, k, c)
+                gap_two = _gap_at(motion, mega, two, k, c)
                 if min(gap_one, gap_two) < depth:
                     found = min(found, one if gap_one < depth else two)
                     break
@@ -252,7 +253,7 @@ def closed_inside(motion, mega, step):
 @kernel
 def _margin_at(motion, mega, part, step, ground, joint, law):
     """Margin of one law at a part of a step: a gap by the positions alone."""
-    if law != GAP_0 and law != GAP_1:
+    if law not in (GAP_0, GAP_1):
         least = margins_at(motion, mega, part, step, ground)
         return least if np.isnan(least) else motion.laws.value[joint, law]
     k = 0
@@ -266,7 +267,7 @@ def _root(motion, mega, step, ground, end, joint, law):
     """Part of a step, up to `end`, at which one law's margin is used up; Illinois method."""
     low, high = 0.0, end
     low_value, high_value = motion.laws.low[joint, law], motion.laws.value[joint, law]
-    if low_value <= THRESHOLD and (law == GAP_0 or law == GAP_1):
+    if low_value <= THRESHOLD and law in (GAP_0, GAP_1):
         # A corner that has just opened lies at the threshold: it closes after it was open.
         while low_value <= THRESHOLD:
             if high < 1e-6:

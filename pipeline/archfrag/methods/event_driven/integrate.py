@@ -94,6 +94,7 @@ class Run(NamedTuple):
     next_break: np.ndarray  # (n_sample,) next sample at which the slope of the ground changes
     limits: Limits
     most_steps: int
+    crowding: float  # mean time between events below which all voussoirs are stepped [s]
 
 
 @allocating
@@ -234,14 +235,12 @@ def begin_motion(run, mega, x, y):
 
 
 @kernel
-def write_state(run, mega, time, position, velocity, x, y, output):
-    """Frame of a state of the mega-voussoirs; the last solution is that of this state then."""
+def spread_reactions(run, mega, position, velocity, x, y):
+    """State of all voussoirs as `spread`, and their reactions by both levels; whether it is."""
     state, work = run.state, run.work
     if not solve_first_level(mega, position, velocity, x, y, run.motion.scales.acceleration):
-        return
+        return False
     find_margins(run.motion, mega, position, velocity, x, y)
-    now = state.clock[Clock.TIME]
-    state.clock[Clock.TIME] = time
     spread(run, mega, position, velocity)
     move_faces(run.model, state.position, work.turned, work.face, work.tangent)
     place_contacts(run.model, state.slip, work.face, work.tangent, work)
@@ -249,22 +248,24 @@ def write_state(run, mega, time, position, velocity, x, y, output):
     for j in range(state.slip.size):
         work.touch[j, 0], work.touch[j, 1] = state.touch[j, 0], state.touch[j, 1]
         work.slide[j] = state.slide[j]
-    write_frame(run.model, state, work, 0.0, 1.0, output)
-    state.clock[Clock.TIME] = now
+    return True
 
 
 @kernel
 def write_step(run, mega, start, step, part, ground, output):
     """Frames that are due in the first `part` of a step, from its dense output."""
-    # A frame due at the end is not left out by rounding.
-    end = start + part * step + 1e-9 * output.interval
+    clock, now = run.state.clock, run.state.clock[Clock.TIME]
     position, velocity = mega.next_position, mega.next_velocity
-    while output.due[0] <= end:
+    # A frame due at the end is not left out by rounding.
+    while output.due[0] <= start + part * step + 1e-9 * output.interval:
         later = min(output.due[0] - start, part * step)
         dense_state(run.motion.stages, later / step, position, velocity)
         x, y = ground_after(ground, later)
-        write_state(run, mega, output.due[0], position, velocity, x, y, output)
+        clock[Clock.TIME] = output.due[0]
+        if spread_reactions(run, mega, position, velocity, x, y):
+            write_frame(run.model, run.state, run.work, 0.0, 1.0, output)
         output.due[0] += output.interval
+    clock[Clock.TIME] = now
 
 
 @inlined

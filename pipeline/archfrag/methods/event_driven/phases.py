@@ -1,0 +1,557 @@
+"""Event-driven integration on mega-voussoirs: a run as a table of phases.
+
+Between events the mega-voussoirs that move relative to each other are integrated by a Runge-Kutta
+method with step control (`integrate`), every event is located on its dense output (`events`), and
+what follows it is the contact problem of all voussoirs (`transitions`). While the body force
+stays inside the rest range nothing is integrated. Where events accumulate faster than they can be
+told apart (a rocking body comes to rest through infinitely many impacts), or where a mechanism
+has no unique motion, all voussoirs are stepped for a while
+(`archfrag.methods.time_stepping`).
+"""
+
+import numpy as np
+
+from archfrag.mechanics.collapse import NO_MODE
+from archfrag.mechanics.compile import allocating, inlined, kernel
+from archfrag.mechanics.contact.path import new_path
+from archfrag.mechanics.contact.placing import move_faces
+from archfrag.mechanics.ground import rest_margin
+from archfrag.mechanics.mega_voussoirs.assemble import (
+    assemble,
+    farthest_move,
+    gather_state,
+    in_use,
+    new_mega_voussoirs,
+    split_state,
+)
+from archfrag.mechanics.mega_voussoirs.first_level import is_four_hinges, pose
+from archfrag.mechanics.mega_voussoirs.second_level import GAP_0
+from archfrag.mechanics.model import Clock, model_of, new_state, new_work
+from archfrag.mechanics.status import Cause, Count, Energy, Peak, Status
+from archfrag.mechanics.status import Model as Rung
+from archfrag.mechanics.types import (
+    Chain,
+    Frames,
+    GroundMotion,
+    MechanismLog,
+    Options,
+    Outcome,
+)
+from archfrag.methods.event_driven.events import Motion, Scales, new_laws
+from archfrag.methods.event_driven.integrate import (
+    BOUND,
+    EVENT,
+    FALLEN,
+    FIRST,
+    REGROUPED,
+    STOPPED,
+    Pace,
+    Run,
+    begin_motion,
+    find_breaks,
+    integrate,
+    segment_at,
+    spread,
+    spread_reactions,
+)
+from archfrag.methods.event_driven.runge_kutta import FIFTH_ORDER, THIRD_ORDER, new_stages
+from archfrag.methods.event_driven.transitions import (
+    BY_IMPACT,
+    cause_of,
+    change_mode,
+    place_chain,
+    pose_accelerations,
+    pose_impact,
+    solve_patiently,
+    solve_posed,
+    take_impact,
+    take_modes,
+)
+from archfrag.methods.time_stepping import service
+from archfrag.methods.time_stepping.at_impacts import Steps, next_step
+from archfrag.methods.time_stepping.front import (
+    joined_grounds,
+    limits_of,
+    outcome_of,
+    rest_of,
+)
+from archfrag.methods.time_stepping.motion import end_of_motion
+from archfrag.methods.time_stepping.recording import log_change, output_to
+from archfrag.methods.time_stepping.run import code_after, try_step
+from archfrag.methods.time_stepping.service import (
+    GO,
+    IDLE,
+    accept_recorded,
+    begin,
+    clear,
+    end_run,
+    energies_of,
+    measure_state,
+    new_results,
+    read_joints,
+    rest_until_onset,
+    serve,
+    serve_pause,
+    start_moving,
+    synchronise,
+    write_rest,
+)
+from archfrag.methods.time_stepping.step import follow_joints, record_overlap
+
+BY_START, BY_CROWD, BY_CALM = int(Cause.START), int(Cause.CROWD), int(Cause.CALM)
+BY_UNSOLVED = int(Cause.UNSOLVED)
+FOUR, MEGA, ALL = int(Rung.FOUR_HINGES), int(Rung.MEGA_VOUSSOIRS), int(Rung.ALL_VOUSSOIRS)
+# Phases of a run. Those up to UPON_EVENT go on by themselves, the others need a hand.
+IMPACT, MODES, ASSEMBLE, INTEGRATE, UPON_EVENT = 0, 1, 2, 3, 4
+UNSOLVED_IMPACT, UNSOLVED_MODES, STILL, ALL_VOUSSOIRS, DONE = 5, 6, 7, 8, 9
+# Tolerances above this are met by the method of order 3.
+COARSE = 2e-4
+# Rest is left where the load is beyond its range by this part of gravity; first look ahead for
+# that, over the time of a fall through a joint's length.
+BEYOND = 1e-7
+SOONEST = 1e-9
+# So many events within this part of that time accumulate; and so many closer to each other than
+# the options allow.
+CROWD = 64
+CROWDED = 1e-2
+SOME = 12
+# All voussoirs are stepped for this part of that time, or until nothing changes in so many steps.
+# Where they have to be again at once both are doubled, up to these.
+WINDOW, LONGEST_WINDOW = 0.05, 1.0
+CALM_STEPS, MOST_CALM_STEPS = 4.0, 64.0
+# Every so many events the residual of the contact problem behind them is measured.
+MEASURED = 16
+# A run is refused that makes or loses more energy than this many times its accuracy, over the
+# largest kinetic energy, or whose bodies overlap by more than this many times it, over a joint's
+# length; less energy than ROUNDING times weight times length is rounding.
+ENERGY_ALLOWED, LEAST_ENERGY = 10.0, 1e-2
+OVERLAP_ALLOWED, LEAST_OVERLAP = 0.1, 1e-4
+ROUNDING = 1e-12
+
+
+@inlined
+def _unit(run):
+    return run.motion.scales.length / run.motion.scales.speed
+
+
+@inlined
+def _set_cause(run, cause, joint):
+    run.pace[Pace.CAUSE], run.pace[Pace.JOINT] = cause, joint
+
+
+@kernel
+def ground_now(run):
+    """Ground acceleration from now on; at the end of a rest, just outside its range [m/s2]."""
+    time, limits, g = run.state.clock[Clock.TIME], run.limits, run.model.gravity
+    end, x, slope_x, y, slope_y = segment_at(time, run.ground, run.next_break)
+    if run.pace[Pace.LEAVES_REST] == 0.0 or np.isnan(limits.rest_plus):
+        return x, y
+    later = 0.0
+    while time + later < end:
+        ahead_x, ahead_y = x + slope_x * later, y + slope_y * later
+        margin = rest_margin(ahead_x, ahead_y, g, limits.rest_plus, limits.rest_minus)
+        if margin < -BEYOND * g:
+            break
+        later = min(max(2.0 * later, SOONEST * _unit(run)), end - time)
+    return x + slope_x * later, y + slope_y * later
+
+
+@kernel
+def impact(run):
+    """Velocities after an impact (Eqs 8, 9, 11, 21)."""
+    joint, corner = -1, -1
+    if run.pace[Pace.CAUSE] == BY_IMPACT:
+        joint, corner = run.motion.laws.trigger[0], run.motion.laws.trigger[1] - GAP_0
+        run.motion.laws.trigger[0] = -1
+    if pose_impact(run, joint, corner) and not solve_posed(run, True, 0):
+        return UNSOLVED_IMPACT
+    take_impact(run)
+    return MODES
+
+
+@kernel
+def modes_of_accelerations(run):
+    """Contact modes from now on (Eqs 15-19, 29-35)."""
+    trigger = run.motion.laws.trigger
+    if run.pace[Pace.SWITCH] == BY_CROWD:
+        return ALL_VOUSSOIRS
+    x, y = ground_now(run)
+    run.pace[Pace.JAMMED] = 1.0 if pose_accelerations(run, x, y) else 0.0
+    if trigger[0] >= 0:
+        change_mode(run, int(run.pace[Pace.CAUSE]), trigger[0], trigger[1])
+        trigger[0] = -1
+    if not solve_posed(run, False, 0):
+        return UNSOLVED_MODES
+    return ASSEMBLE if take_modes(run) else ALL_VOUSSOIRS
+
+
+@inlined
+def _fastest(run):
+    """Largest speed of any body, rotations times joint length included; nan where none is."""
+    fastest = spoiled = 0.0
+    for i in range(1, run.state.velocity.shape[0] - 1):
+        v = run.state.velocity[i]
+        fastest = max(fastest, abs(v[0]) + abs(v[1]), run.motion.scales.length * abs(v[2]))
+        spoiled += 0.0 * (v[0] + v[1] + v[2])
+    return fastest + spoiled
+
+
+@kernel
+def balance_energy(run):
+    """Energy that no work explains: the integrator's error."""
+    energy = run.state.energy
+    kinetic, potential = energies_of(run.model, run.state)
+    change = kinetic - energy[Energy.START_KINETIC] + potential - run.state.clock[Clock.START]
+    explained = energy[Energy.GROUND] + energy[Energy.FRICTION] + energy[Energy.IMPACT]
+    energy[Energy.STRAY] = change - explained
+    energy[Energy.STRAY_PEAK] = max(energy[Energy.STRAY_PEAK], abs(energy[Energy.STRAY]))
+    return kinetic
+
+
+@kernel
+def assemble_mega_voussoirs(run, output):
+    """Mega-voussoirs of the present modes (section 3.3), ready to move."""
+    model, state, work, pace = run.model, run.state, run.work, run.pace
+    clock, scales = state.clock, run.motion.scales
+    clock[Clock.FASTEST] = _fastest(run)
+    if np.isnan(clock[Clock.FASTEST]):
+        clock[Clock.CODE] = service.BROKEN
+        return DONE
+    had = balance_energy(run)
+    if clock[Clock.FASTEST] < run.limits.still and pace[Pace.LEAVES_REST] == 0.0:
+        return STILL
+    pace[Pace.LEAVES_REST] = 0.0
+    if int(state.count[Count.EVENTS]) % MEASURED == MEASURED - 1:
+        measure_state(model, state, work)
+        record_overlap(model, state, work, True)
+    assemble(model, state.touch, state.slide, state.slip, run.mega)
+    mega = in_use(run.mega)
+    gather_state(model, state.position, state.velocity, mega)
+    split_state(mega, mega.position, mega.velocity, work.position, work.solved)
+    moved = farthest_move(model, state.position, work.position)
+    if mega.count[0] == 0 or not moved <= REGROUPED * scales.length:
+        state.count[Count.REFUSED] += 1.0 if mega.count[0] > 0 else 0.0
+        return ALL_VOUSSOIRS
+    _, x, _, y, _ = segment_at(clock[Clock.TIME], run.ground, run.next_break)
+    if not begin_motion(run, mega, x, y):
+        return ALL_VOUSSOIRS
+    if pace[Pace.JAMMED] == 1.0:
+        # What a corner without friction limit loses by sticking it loses by an impact.
+        spread(run, mega, mega.position, mega.velocity)
+        left, _ = energies_of(model, state)
+        state.energy[Energy.IMPACT] += min(left - had, 0.0)
+    rung = FOUR if is_four_hinges(mega.work, mega.position.shape[0]) else MEGA
+    cause, joint = int(pace[Pace.CAUSE]), int(pace[Pace.JOINT])
+    log_change(state, clock[Clock.TIME], cause, joint, rung, output)
+    return INTEGRATE
+
+
+@kernel
+def integrate_to_next_event(run, output):
+    """Motion of the mega-voussoirs until the next event (section 3.5)."""
+    model, state, work, clock = run.model, run.state, run.work, run.state.clock
+    mega, before = in_use(run.mega), clock[Clock.TIME]
+    record_end = (run.ground.horizontal.size - 1) * run.ground.time_step
+    end = record_end + run.limits.follow
+    code = integrate(run, mega, record_end if before < record_end else end, output)
+    rung = is_four_hinges(mega.work, mega.position.shape[0])
+    spent = Pace.FOUR_HINGES if rung else Pace.MEGA_VOUSSOIRS
+    run.pace[spent] += clock[Clock.TIME] - before
+    pose(mega, mega.position)
+    spread(run, mega, mega.position, mega.velocity)
+    if code == EVENT:
+        return UPON_EVENT
+    place_chain(run)
+    if code == STOPPED and clock[Clock.TIME] < end:
+        return MODES
+    if code != STOPPED and code != FALLEN and code != BOUND:
+        return ALL_VOUSSOIRS
+    balance_energy(run)
+    _, x, _, y, _ = segment_at(clock[Clock.TIME], run.ground, run.next_break)
+    spread_reactions(run, mega, mega.position, mega.velocity, x, y)
+    clock[Clock.CODE] = service.AT_END if code == STOPPED else service.EXHAUSTED
+    if code == FALLEN:
+        follow_joints(model, state, work, True, run.limits.loss_limit)
+        clock[Clock.CODE] = service.FALLEN
+    written, frames = output.written, output.frames
+    if 0 < written[0] <= frames.time.size and frames.time[written[0] - 1] >= clock[Clock.TIME]:
+        written[0] -= 1  # the last frame is written again
+    return DONE
+
+
+@kernel
+def impact_or_mechanism_change(run):
+    """What an event is; whether events accumulate."""
+    state, pace, recent = run.state, run.pace, run.recent
+    cause, joint = cause_of(run)
+    _set_cause(run, cause, joint)
+    state.count[Count.EVENTS] += 1.0
+    time, slot = state.clock[Clock.TIME], int(state.count[Count.EVENTS]) % CROWD
+    many, some = time - recent[slot], time - recent[slot - SOME]
+    recent[slot] = time
+    if many < CROWDED * _unit(run) or some < SOME * run.crowding:
+        pace[Pace.SWITCH] = BY_CROWD
+    if cause == BY_IMPACT:
+        return IMPACT
+    place_chain(run)
+    return MODES
+
+
+@kernel
+def go_on(run, output, phase):
+    """Follow the table of phases for as long as they go on by themselves."""
+    while phase <= UPON_EVENT:
+        if phase == IMPACT:
+            phase = impact(run)
+        elif phase == MODES:
+            phase = modes_of_accelerations(run)
+        elif phase == ASSEMBLE:
+            phase = assemble_mega_voussoirs(run, output)
+        elif phase == INTEGRATE:
+            phase = integrate_to_next_event(run, output)
+        else:
+            phase = impact_or_mechanism_change(run)
+    return phase
+
+
+@kernel
+def step_until(run, grounds, steps, until, output):
+    """Step all voussoirs for as long as nothing stops them and their modes go on changing."""
+    model, state, work, limits, clock = run.model, run.state, run.work, run.limits, run.state.clock
+    end, quiet, count = end_of_motion(grounds, clock, limits.follow), 0.0, state.count
+    while clock[Clock.CODE] == GO and clock[Clock.TIME] < until:
+        before = count[Count.IMPACTS] + count[Count.OPENINGS] + count[Count.SLIDES]
+        kick, solved, unsolved = try_step(model, grounds, state, work, steps, True)
+        fallen = broken = False
+        if solved:
+            fallen, broken = accept_recorded(model, state, work, kick, limits, output)
+            next_step(state, steps, True, end)
+        code = code_after(state, steps, limits, end, (solved, unsolved, fallen, broken))
+        clock[Clock.CODE] = code
+        after = count[Count.IMPACTS] + count[Count.OPENINGS] + count[Count.SLIDES]
+        quiet = quiet + 1.0 if after == before else 0.0
+        if quiet >= run.pace[Pace.CALM_STEPS]:
+            return True
+    return clock[Clock.TIME] >= until
+
+
+@allocating
+def step_all_voussoirs(run, grounds, path, steps, output):
+    """Step all voussoirs for a while, where events accumulate or the mechanism is not known."""
+    model, state, work, pace, clock = run.model, run.state, run.work, run.pace, run.state.clock
+    unit = run.motion.scales.length / run.motion.scales.speed
+    state.count[Count.HAND_OVERS] += 1.0
+    again = clock[Clock.TIME] < pace[Pace.QUIET_UNTIL]
+    pace[Pace.WINDOW] = min(2.0 * pace[Pace.WINDOW], LONGEST_WINDOW * unit)
+    pace[Pace.CALM_STEPS] = min(2.0 * pace[Pace.CALM_STEPS], MOST_CALM_STEPS)
+    if not again:
+        pace[Pace.WINDOW], pace[Pace.CALM_STEPS] = WINDOW * unit, CALM_STEPS
+    cause, joint = int(pace[Pace.SWITCH]), int(pace[Pace.JOINT])
+    log_change(state, clock[Clock.TIME], cause, joint, ALL, output)
+    move_faces(model, state.position, work.turned, work.face, work.tangent)
+    start_moving(state, steps)
+    clock[Clock.CODE] = GO
+    until = clock[Clock.TIME] + pace[Pace.WINDOW]
+    while not step_until(run, grounds, steps, until, output):
+        code = serve(model, grounds, state, work, path, steps, run.limits, output)
+        if code != GO:
+            return DONE
+    if clock[Clock.CODE] != GO:
+        # What stops it has come together with the end of the window.
+        code = serve(model, grounds, state, work, path, steps, run.limits, output)
+        if code != GO:
+            return DONE
+    pace[Pace.QUIET_UNTIL] = clock[Clock.TIME] + pace[Pace.WINDOW]
+    if not synchronise(model, grounds, state, work, path):
+        return ALL_VOUSSOIRS
+    run.recent[:] = -np.inf
+    _set_cause(run, BY_CALM, -1)
+    pace[Pace.SWITCH], pace[Pace.LEAVES_REST] = BY_UNSOLVED, 0.0
+    return IMPACT
+
+
+@allocating
+def rest_if_still(run, grounds, path, steps, output):
+    """Rest until the ground moves the chain, if that leaves it where it is now."""
+    state, rests = run.state, run.state.count[Count.RESTS]
+    code = serve_pause(run.model, grounds, state, run.work, path, steps, run.limits, output)
+    run.pace[Pace.LEAVES_REST] = 1.0
+    if state.count[Count.RESTS] == rests:
+        return ASSEMBLE
+    state.clock[Clock.CODE] = code
+    return leave_rest(run, code, output)
+
+
+@allocating
+def leave_rest(run, code, output):
+    """Begin to move where rest has ended."""
+    if code == IDLE:
+        return DONE
+    output.written[1] -= 1  # the mechanism that starts writes this entry of the log
+    _set_cause(run, BY_START, -1)
+    run.pace[Pace.LEAVES_REST] = 1.0
+    place_chain(run)
+    return MODES
+
+
+@allocating
+def run_phases(run, grounds, path, steps, output, phase):
+    """Follow the table of phases to the end of a run."""
+    while phase != DONE:
+        phase = go_on(run, output, phase)
+        if phase == UNSOLVED_IMPACT:
+            phase = ALL_VOUSSOIRS
+            if solve_patiently(run, True, path):
+                take_impact(run)
+                phase = MODES
+        elif phase == UNSOLVED_MODES:
+            solved = solve_patiently(run, False, path) and take_modes(run)
+            phase = ASSEMBLE if solved else ALL_VOUSSOIRS
+        elif phase == STILL:
+            phase = rest_if_still(run, grounds, path, steps, output)
+        elif phase == ALL_VOUSSOIRS:
+            phase = step_all_voussoirs(run, grounds, path, steps, output)
+
+
+@allocating
+def run_from_rest(run, grounds, path, steps, output):
+    """A run that starts at rest in the chain's own geometry."""
+    model, state, work, limits = run.model, run.state, run.work, run.limits
+    begin(model, grounds, state, work, steps, limits, 0, state.clock[Clock.FACTOR])
+    write_rest(model, grounds, state, work, path, output)
+    code = rest_until_onset(
+        model, grounds, state, steps, limits.rest_plus, limits.rest_minus, output
+    )
+    state.clock[Clock.CODE] = code
+    run_phases(run, grounds, path, steps, output, leave_rest(run, code, output))
+
+
+@allocating
+def run_from_state(run, grounds, path, steps, output):
+    """A run that starts from given positions and velocities."""
+    model, state, work, factor = run.model, run.state, run.work, run.state.clock[Clock.FACTOR]
+    clear(state)
+    state.clock[Clock.FACTOR] = factor
+    kinetic, state.clock[Clock.START] = energies_of(model, state)
+    state.energy[Energy.START_KINETIC] = state.energy[Energy.LARGEST_KINETIC] = kinetic
+    move_faces(model, state.position, work.turned, work.face, work.tangent)
+    read_joints(model, state, work)
+    _set_cause(run, BY_START, -1)
+    run_phases(run, grounds, path, steps, output, IMPACT)
+
+
+def is_accurate(chain: Chain, options: Options, outcome: Outcome) -> bool:
+    """Whether a run that ended is as good as its tolerance allows, by what it measured itself.
+
+    Parameters
+    ----------
+    chain : archfrag.mechanics.types.Chain
+    options : archfrag.mechanics.types.Options
+    outcome : archfrag.mechanics.types.Outcome
+
+    Returns
+    -------
+    bool
+        False where more energy than `ENERGY_ALLOWED` times the accuracy was made or lost, or
+        bodies overlapped by more than `OVERLAP_ALLOWED` times it; an accuracy finer than the
+        default counts as the default.
+    """
+    energy, peak = outcome.ledger.energy, outcome.ledger.peak
+    largest = max(energy[Energy.LARGEST_KINETIC], energy[Energy.START_KINETIC])
+    allowed = max(ENERGY_ALLOWED * options.accuracy, LEAST_ENERGY) * largest
+    length = float(model_of(chain).length.max())
+    allowed += ROUNDING * chain.gravity * float(chain.mass.sum()) * length
+    overlap = max(OVERLAP_ALLOWED * options.accuracy, LEAST_OVERLAP)
+    return bool(energy[Energy.STRAY_PEAK] <= allowed and peak[Peak.OVERLAP] <= overlap)
+
+
+def _new_run(chain: Chain, ground: GroundMotion, options: Options, rest: tuple) -> Run:
+    model = model_of(chain)
+    n_joint, length = model.friction.size, float(model.length.min())
+    pace, speed = np.zeros(len(Pace)), float(np.sqrt(model.gravity * length))
+    pace[Pace.STEP], pace[Pace.QUIET_UNTIL] = FIRST * length / speed, -np.inf
+    pace[Pace.SWITCH] = BY_UNSOLVED
+    resolved = model.gravity * min(1.0, max(1e-3, 1e3 * options.tolerance))
+    per_weight = 1.0 / (model.gravity * float(model.mass.sum()))
+    scales = Scales(length, speed, resolved, per_weight, float(options.tolerance))
+    scheme = THIRD_ORDER if options.tolerance > COARSE else FIFTH_ORDER
+    laws = new_laws(n_joint)
+    laws.trigger[0] = -1
+    return Run(
+        model=model,
+        state=new_state(model),
+        work=new_work(model),
+        mega=new_mega_voussoirs(model),
+        motion=Motion(model, new_stages(model.mass.size), scheme, laws, scales),
+        pace=pace,
+        recent=np.full(CROWD, -np.inf),
+        outward=np.zeros(model.mass.size),
+        ground=ground,
+        next_break=find_breaks(ground),
+        limits=limits_of(model, options, rest),
+        most_steps=int(options.max_steps),
+        crowding=float(options.crowding),
+    )
+
+
+def run(
+    chain: Chain,
+    ground: GroundMotion,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    from_rest: bool,
+    options: Options,
+    frames: Frames,
+    log: MechanismLog,
+) -> Outcome:
+    """Integrate one chain under one ground motion; the signature of every method.
+
+    Parameters
+    ----------
+    chain : archfrag.mechanics.types.Chain
+    ground : archfrag.mechanics.types.GroundMotion
+    position, velocity : ndarray, (n_body, 3)
+        Initial state; overwritten with the final one.
+    from_rest : bool
+        Whether the initial state is the chain at rest in its own geometry.
+    options : archfrag.mechanics.types.Options
+    frames : archfrag.mechanics.types.Frames
+        Overwritten with the history; arrays of length zero for none.
+    log : archfrag.mechanics.types.MechanismLog
+        Overwritten with the changes of the mechanism; arrays of length zero for none.
+
+    Returns
+    -------
+    archfrag.mechanics.types.Outcome
+    """
+    scaled = ground._replace(
+        horizontal=ground.factor * ground.horizontal,
+        vertical=ground.factor * ground.vertical,
+        factor=1.0,
+    )
+    model, grounds = model_of(chain), joined_grounds([scaled])
+    rest = rest_of(model, options, grounds) if from_rest else (np.nan, np.nan)
+    given, path, results = _new_run(chain, scaled, options, rest), new_path(model), new_results(1)
+    state, step = given.state, float(options.time_step)
+    state.clock[Clock.FACTOR] = 1.0
+    steps, output = Steps(step, step, 1.0), output_to(frames, log, options.frame_interval)
+    if from_rest and not np.isnan(rest[0]):
+        run_from_rest(given, grounds, path, steps, output)
+    else:
+        state.position[1:-1], state.velocity[1:-1] = position, velocity
+        run_from_state(given, grounds, path, steps, output)
+    end_run(model, grounds, state, given.work, path, given.limits, output, results, 0)
+    position[:], velocity[:] = state.position[1:-1], state.velocity[1:-1]
+    results.count[0, Count.FRAMES], results.count[0, Count.LOG_ENTRIES] = output.written
+    results.model_time[0, FOUR] = given.pace[Pace.FOUR_HINGES]
+    results.model_time[0, MEGA] = given.pace[Pace.MEGA_VOUSSOIRS]
+    farthest = float(np.sqrt(given.pace[Pace.FARTHEST]))
+    results.peak[0, Peak.DISPLACEMENT] = max(results.peak[0, Peak.DISPLACEMENT], farthest)
+    outcome = outcome_of(results, 0)
+    ended = outcome.status in (Status.STANDING, Status.COLLAPSED)
+    if ended and not is_accurate(chain, options, outcome):
+        refused = int(Status.INACCURATE)
+        return outcome._replace(
+            status=refused, collapse_time=np.nan, collapse_joint=-1, collapse_mode=NO_MODE
+        )
+    return outcome
