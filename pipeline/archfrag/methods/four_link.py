@@ -43,7 +43,7 @@ import numpy as np
 from archfrag.mechanics.collapse import new_loss
 from archfrag.mechanics.compile import allocating, kernel
 from archfrag.mechanics.energy import kinetic_energy, potential_energy
-from archfrag.mechanics.ground import acceleration_at
+from archfrag.mechanics.ground import acceleration_at, find_breaks
 from archfrag.mechanics.kinematics import (
     empty_contacts,
     joint_lengths,
@@ -57,7 +57,7 @@ from archfrag.mechanics.linkage_motion import carry, inertia_of, speed_after_imp
 from archfrag.mechanics.onset import NO_LIMIT, rest_limit
 from archfrag.mechanics.status import Cause, CollapseMode, Count, Energy, Model, Status
 from archfrag.mechanics.types import Outcome
-from archfrag.methods.few_bodies import N_STAGE
+from archfrag.methods.event_driven.runge_kutta import N_STAGE
 from archfrag.methods.linkage_steps import (
     CLOSED,
     COLLAPSED,
@@ -75,7 +75,6 @@ from archfrag.methods.linkage_steps import (
     write_moving,
 )
 from archfrag.methods.rest import leave_rest
-from archfrag.methods.smooth import find_breaks
 
 STANDING = int(Status.STANDING)
 NOT_APPLICABLE = int(Status.NOT_APPLICABLE)

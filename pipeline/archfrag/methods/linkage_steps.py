@@ -11,6 +11,7 @@ import numpy as np
 
 from archfrag.mechanics.compile import allocating, kernel
 from archfrag.mechanics.delassus import Contacts
+from archfrag.mechanics.ground import segment_at
 from archfrag.mechanics.kinematics import move_faces
 from archfrag.mechanics.ledger import book_motion, exhausted, write_frame
 from archfrag.mechanics.linkage import (
@@ -35,8 +36,7 @@ from archfrag.mechanics.linkage_motion import (
 from archfrag.mechanics.residuals import measure_state
 from archfrag.mechanics.status import CollapseMode, Count, Energy, Model, Status
 from archfrag.mechanics.types import Chain, Frames, GroundMotion, Ledger, MechanismLog, Options
-from archfrag.methods.few_bodies import N_STAGE, A, C, E
-from archfrag.methods.smooth import segment_at
+from archfrag.methods.event_driven.runge_kutta import N_STAGE, A, C, E
 
 COLLAPSED = int(Status.COLLAPSED)
 UNFINISHED = int(Status.UNFINISHED)

@@ -27,9 +27,7 @@ class MegaVoussoirs(NamedTuple):
     last: np.ndarray  # (n_body + 2,) int64: row of its last one
     joint: np.ndarray  # (n_joint,) int64: joint of the chain that each of theirs is
     group: np.ndarray  # (n_body + 2,) int64: row of each voussoir's mega-voussoir; GROUND: rests
-    offset: (
-        np.ndarray
-    )  # (n_body + 2, 2) from its mega-voussoir's centroid, in the axes at rest [m]
+    offset: np.ndarray  # (n_body + 2, 2) from the centroid of its body, in the axes at rest [m]
     inner_point: np.ndarray  # (n_joint, 2, 2) contacts inside a body, as `offset` [m]
     inner_normal: np.ndarray  # (n_joint, 2) in the axes at rest
     inner_reaction: np.ndarray  # (n_joint, 3) in the axes at rest: x, y, moment about the centroid

@@ -17,6 +17,7 @@ from archfrag.mechanics.contact.blocks import (
     FOR_STEPS,
     correct,
     factorise,
+    measure_residual,
     set_rows,
     solve_modes,
 )
@@ -291,8 +292,15 @@ def solve_first_level(mega, position, velocity, ground_x, ground_y, scale):
     return left <= ILL_CONDITIONED * model.gravity
 
 
+@inlined
+def _set_bias(work, value):
+    for j in range(work.slide.shape[0]):
+        for k in range(2):
+            work.bias[j, k, 0] = work.bias[j, k, 1] = value
+
+
 @kernel
-def project(mega, position, velocity, limit):
+def project(mega, position, velocity, enough, limit):
     """Move a state onto its contacts, and its velocities onto their rates, after `pose` there.
 
     Both in the metric of kinetic energy, and across the joints, without friction: along its cone
@@ -304,6 +312,8 @@ def project(mega, position, velocity, limit):
         In use.
     position, velocity : ndarray, (n + 2, 3)
         Overwritten.
+    enough : tuple of float
+        Distances from the contacts [m] and rates [m/s] up to which nothing is done.
     limit : float
         How far any body may be moved [m], rotations by the length of the first joint.
 
@@ -312,19 +322,24 @@ def project(mega, position, velocity, limit):
     bool
         False where a body would have to move farther: nothing was done.
     """
-    model, work = mega.model, mega.work
+    model, work, apart = mega.model, mega.work, 0.0
     set_rows(model, position, work)
+    _set_bias(work, 0.0)
+    for i in range(position.shape[0]):
+        for c in range(3):
+            work.solved[i, c], work.free[i, c] = velocity[i, c], 0.0
+    rate = measure_residual(position, work)
     for j in range(work.slide.shape[0]):
         for k in range(2):
             ex, ey = corner_offset(j, k, work.face, work.tangent, mega.slip[j])
             work.bias[j, k, 0], work.bias[j, k, 1] = ex, ey
+            apart = max(apart, work.touch[j, k] * (abs(ex) + abs(ey)))
         for a in range(3):
             for d in range(4):
                 work.column[j, a, d] = work.row[j, a, d]
+    if apart <= enough[0] and rate <= enough[1]:
+        return True
     factorise(model, work, FOR_STEPS.compliance)
-    for i in range(position.shape[0]):
-        for c in range(3):
-            work.free[i, c] = 0.0
     correct(model, position, work, math.inf)
     farthest = 0.0
     for i in range(1, position.shape[0] - 1):
@@ -336,9 +351,7 @@ def project(mega, position, velocity, limit):
         for c in range(3):
             position[i, c] += work.solved[i, c]
             work.free[i, c] = velocity[i, c]
-    for j in range(work.slide.shape[0]):
-        for k in range(2):
-            work.bias[j, k, 0] = work.bias[j, k, 1] = 0.0
+    _set_bias(work, 0.0)
     correct(model, position, work, math.inf)
     for i in range(position.shape[0]):
         for c in range(3):

@@ -43,9 +43,6 @@ MOST_ROUNDS = 60
 # A corner that overlaps by less than this part of the joint's length and parts has closed a
 # rounding too late; one that overlaps by more has been missed.
 ROUNDING = 1e-9
-# Parts of a step to which the least gap in it is searched for.
-CLOSELY = 1e-3
-GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
 class Laws(NamedTuple):
@@ -142,7 +139,7 @@ def _opening_rate(k, c, position, velocity, work):
     return work.normal[k, 0] * ux + work.normal[k, 1] * uy
 
 
-@kernel
+@inlined
 def margins_between(mega, laws, scales, position, velocity):
     """Margins at the joints between mega-voussoirs, after `solve_first_level`."""
     work = mega.work
@@ -212,41 +209,30 @@ def _gap_at(motion, mega, part, k, c):
     return clearance(k, c, work.face, work.tangent)
 
 
-@kernel
+@inlined
 def closed_inside(motion, mega, step):
     """Whether a corner that is open at both ends of a step closes inside it, and where.
 
     A gap that first shrinks and then grows lies above the tangents at the ends of the step, as
-    long as its rate changes sign only once. Where these allow it to close, the least gap is
-    looked for by golden sections, on the dense output, which has to be made.
+    long as its rate changes sign only once. Where these allow it to close, it is looked at on the
+    dense output where its rate, taken to be linear, vanishes.
 
     Returns
     -------
     part : float
         Of the step at which it overlaps; one where none does.
     searched : bool
-        Whether anything was looked for: then the last solution is lost.
+        Whether anything was looked at: then the last solution is lost.
     """
     laws, found, searched = motion.laws, 1.0, False
     for k in range(mega.slip.shape[0]):
         for c in range(2):
             first, falls = laws.low_gap[k, c, 0], laws.low_gap[k, c, 1]
             last, rises = laws.gap[k, c, 0], laws.gap[k, c, 1]
-            if not (falls < 0.0 < rises and first * rises - last * falls < -falls * rises * step):
-                continue
-            searched = True
-            low, high, depth = 0.0, 1.0, -ROUNDING * mega.model.length[k]
-            while high - low > CLOSELY:
-                one, two = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
-                gap_one = _gap_at(motion, mega, one, k, c)
-                gap_two = _gap_at(motion, mega, two, k, c)
-                if min(gap_one, gap_two) < depth:
-                    found = min(found, one if gap_one < depth else two)
-                    break
-                if gap_one < gap_two:
-                    high = two
-                else:
-                    low = one
+            if falls < 0.0 < rises and first * rises - last * falls < -falls * rises * step:
+                part, searched = falls / (falls - rises), True
+                gap = _gap_at(motion, mega, part, k, c)
+                found = min(found, part if gap < -ROUNDING * mega.model.length[k] else 1.0)
     return found, searched
 
 
@@ -262,7 +248,7 @@ def _margin_at(motion, mega, part, step, ground, joint, law):
     return GAP_WEIGHT * _gap_at(motion, mega, part, k, law - GAP_0) / mega.model.length[k]
 
 
-@kernel
+@inlined
 def _root(motion, mega, step, ground, end, joint, law):
     """Part of a step, up to `end`, at which one law's margin is used up; Illinois method."""
     low, high = 0.0, end
@@ -299,7 +285,7 @@ def _root(motion, mega, step, ground, end, joint, law):
     return part
 
 
-@kernel
+@inlined
 def locate(motion, mega, step, ground, end):
     """First instant of a step at which a law ends.
 

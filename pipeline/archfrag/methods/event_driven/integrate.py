@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from archfrag.mechanics.collapse import RIGHT_ANGLE
-from archfrag.mechanics.compile import allocating, inlined, kernel
+from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.placing import clearance, move_faces, place_contacts
+from archfrag.mechanics.ground import segment_at
 from archfrag.mechanics.mega_voussoirs.assemble import MegaVoussoirs, split_state
 from archfrag.mechanics.mega_voussoirs.first_level import pose, project, solve_first_level
 from archfrag.mechanics.mega_voussoirs.second_level import joint_reactions
@@ -55,6 +56,10 @@ SHORTEST = 1e-9
 # than its error.
 REGROUPED = 1e-6
 FARTHEST = 3e-5
+# Distances from the contacts, and rates, that are left after a step, over the error allowed to
+# it; and that are rounding, over the joint's length and the speed of a fall through it.
+DRIFT = 0.01
+ROUNDING = 1e-11
 # Looks for a peak in a step in which a body came to a halt on its way out.
 PEAK_SAMPLES = 8
 # Motions smaller than this part of a joint's length, or of the speed of a fall through it, need
@@ -97,58 +102,7 @@ class Run(NamedTuple):
     crowding: float  # mean time between events below which all voussoirs are stepped [s]
 
 
-@allocating
-def find_breaks(ground):
-    """For each sample the next one at which the ground acceleration changes its slope.
-
-    Parameters
-    ----------
-    ground : archfrag.mechanics.types.GroundMotion
-
-    Returns
-    -------
-    ndarray, (n_sample,) int64
-    """
-    n = ground.horizontal.size
-    out = np.empty(n, np.int64)
-    largest = max(np.max(np.abs(ground.horizontal)), np.max(np.abs(ground.vertical)))
-    out[n - 1] = n - 1
-    following = n - 1
-    for i in range(n - 2, -1, -1):
-        out[i] = following
-        if i > 0:
-            x, y = ground.horizontal, ground.vertical
-            bend = abs(x[i - 1] - 2.0 * x[i] + x[i + 1]) + abs(y[i - 1] - 2.0 * y[i] + y[i + 1])
-            if bend > 1e-12 * largest:
-                following = i
-    return out
-
-
-@kernel
-def segment_at(time, ground, next_break):
-    """Where the ground acceleration is linear in time.
-
-    Returns
-    -------
-    end : float
-        Until when [s]; inf after the record.
-    gx, sx, gy, sy : float
-        Acceleration at `time` and its rate [m/s2], [m/s3].
-    """
-    dt = ground.time_step
-    last = ground.horizontal.size - 1
-    i = int(np.floor(time / dt + 1e-9))
-    if i >= last:
-        return np.inf, 0.0, 0.0, 0.0, 0.0
-    part = time - i * dt
-    sx = (ground.horizontal[i + 1] - ground.horizontal[i]) / dt
-    sy = (ground.vertical[i + 1] - ground.vertical[i]) / dt
-    gx = ground.horizontal[i] + sx * part
-    gy = ground.vertical[i] + sy * part
-    return next_break[i] * dt, gx, sx, gy, sy
-
-
-@kernel
+@inlined
 def look_outward(run, mega, position, velocity):
     """Keep at which rates the voussoirs move away from where they rest.
 
@@ -172,7 +126,7 @@ def look_outward(run, mega, position, velocity):
     return comes_back
 
 
-@kernel
+@inlined
 def note_place(run, mega, position):
     """Largest displacement and rotation up to now."""
     rotation, farthest = run.state.peak[Peak.ROTATION], run.pace[Pace.FARTHEST]
@@ -204,14 +158,14 @@ def _is_fallen(run, mega, position):
 
 
 @kernel
-def spread(run, mega, position, velocity):
+def spread(mega, position, velocity, state):
     """State of all voussoirs, and slips of their joints, from those of the mega-voussoirs."""
-    split_state(mega, position, velocity, run.state.position, run.state.velocity)
+    split_state(mega, position, velocity, state.position, state.velocity)
     for k in range(mega.slip.shape[0]):
-        run.state.slip[mega.joint[k]] = mega.slip[k]
+        state.slip[mega.joint[k]] = mega.slip[k]
 
 
-@kernel
+@inlined
 def begin_motion(run, mega, x, y):
     """First evaluation after an event; brings the state onto the contacts.
 
@@ -223,7 +177,9 @@ def begin_motion(run, mega, x, y):
     """
     motion, position, velocity = run.motion, mega.position, mega.velocity
     pose(mega, position)
-    if not project(mega, position, velocity, REGROUPED * motion.scales.length):
+    scales = motion.scales
+    enough = ROUNDING * scales.length, ROUNDING * scales.speed
+    if not project(mega, position, velocity, enough, REGROUPED * scales.length):
         return False
     if not solve_first_level(mega, position, velocity, x, y, motion.scales.acceleration):
         return False
@@ -241,7 +197,7 @@ def spread_reactions(run, mega, position, velocity, x, y):
     if not solve_first_level(mega, position, velocity, x, y, run.motion.scales.acceleration):
         return False
     find_margins(run.motion, mega, position, velocity, x, y)
-    spread(run, mega, position, velocity)
+    spread(mega, position, velocity, state)
     move_faces(run.model, state.position, work.turned, work.face, work.tangent)
     place_contacts(run.model, state.slip, work.face, work.tangent, work)
     joint_reactions(mega, work)
@@ -282,12 +238,11 @@ def _accept(run, mega, part, comes_back):
         kinetic += 0.5 * mega.model.mass[i] * (vx * vx + vy * vy)
         kinetic += 0.5 * mega.model.inertia[i] * w * w
     energy[Energy.LARGEST_KINETIC] = max(energy[Energy.LARGEST_KINETIC], kinetic)
-    note_place(run, mega, mega.position)
-    if comes_back:
-        for sample in range(1, PEAK_SAMPLES):
-            inside = part * sample / PEAK_SAMPLES
-            dense_state(stages, inside, mega.next_position, mega.next_velocity)
-            note_place(run, mega, mega.next_position)
+    # The end, and if a body turned back on its way also between.
+    for sample in range(PEAK_SAMPLES if comes_back else 1):
+        note_place(run, mega, mega.next_position)
+        inside = part * (sample + 1) / PEAK_SAMPLES
+        dense_state(stages, inside, mega.next_position, mega.next_velocity)
 
 
 @inlined
@@ -311,7 +266,7 @@ def _allowed_errors(mega, motion, farthest):
     return size, scales.tolerance * (fastest + FLOOR * scales.speed)
 
 
-@kernel
+@inlined
 def check_laws(motion, mega, step, ground):
     """Look at all laws at the end of a step, and at gaps inside it.
 
@@ -336,7 +291,7 @@ def check_laws(motion, mega, step, ground):
     return locate(motion, mega, step, ground, end), True
 
 
-@kernel
+@inlined
 def integrate(run, mega, stop, output):
     """Move mega-voussoirs until a law ends or `stop` is reached.
 
@@ -378,8 +333,11 @@ def integrate(run, mega, stop, output):
             part, event = check_laws(motion, mega, step, ground)
             if np.isnan(part):
                 return BROKEN
+            # Other mega-voussoirs are formed of a state that lies on the contacts.
+            drift = 0.0 if event or until >= stop else DRIFT
             farthest = min(allowed[0], FARTHEST * scales.length)
-            good = project(mega, mega.next_position, mega.next_velocity, farthest)
+            enough = drift * allowed[0], drift * allowed[1]
+            good = project(mega, mega.next_position, mega.next_velocity, enough, farthest)
             count[Count.REFUSED] += 0.0 if good else 1.0
             factor = factor if good else 0.25
         if not good:

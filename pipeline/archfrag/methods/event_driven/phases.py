@@ -15,7 +15,7 @@ from archfrag.mechanics.collapse import NO_MODE
 from archfrag.mechanics.compile import allocating, inlined, kernel
 from archfrag.mechanics.contact.path import new_path
 from archfrag.mechanics.contact.placing import move_faces
-from archfrag.mechanics.ground import rest_margin
+from archfrag.mechanics.ground import find_breaks, rest_margin, segment_at
 from archfrag.mechanics.mega_voussoirs.assemble import (
     assemble,
     farthest_move,
@@ -48,9 +48,7 @@ from archfrag.methods.event_driven.integrate import (
     Pace,
     Run,
     begin_motion,
-    find_breaks,
     integrate,
-    segment_at,
     spread,
     spread_reactions,
 )
@@ -78,32 +76,14 @@ from archfrag.methods.time_stepping.front import (
 from archfrag.methods.time_stepping.motion import end_of_motion
 from archfrag.methods.time_stepping.recording import log_change, output_to
 from archfrag.methods.time_stepping.run import code_after, try_step
-from archfrag.methods.time_stepping.service import (
-    GO,
-    IDLE,
-    accept_recorded,
-    begin,
-    clear,
-    end_run,
-    energies_of,
-    measure_state,
-    new_results,
-    read_joints,
-    rest_until_onset,
-    serve,
-    serve_pause,
-    start_moving,
-    synchronise,
-    write_rest,
-)
 from archfrag.methods.time_stepping.step import follow_joints, record_overlap
 
 BY_START, BY_CROWD, BY_CALM = int(Cause.START), int(Cause.CROWD), int(Cause.CALM)
 BY_UNSOLVED = int(Cause.UNSOLVED)
 FOUR, MEGA, ALL = int(Rung.FOUR_HINGES), int(Rung.MEGA_VOUSSOIRS), int(Rung.ALL_VOUSSOIRS)
 # Phases of a run. Those up to UPON_EVENT go on by themselves, the others need a hand.
-IMPACT, MODES, ASSEMBLE, INTEGRATE, UPON_EVENT = 0, 1, 2, 3, 4
-UNSOLVED_IMPACT, UNSOLVED_MODES, STILL, ALL_VOUSSOIRS, DONE = 5, 6, 7, 8, 9
+IMPACT, AFTER_IMPACT, MODES, NEW_MODES, ASSEMBLE, INTEGRATE, UPON_EVENT = 0, 1, 2, 3, 4, 5, 6
+UNSOLVED_IMPACT, UNSOLVED_MODES, STILL, ALL_VOUSSOIRS, DONE = 7, 8, 9, 10, 11
 # Tolerances above this are met by the method of order 3.
 COARSE = 2e-4
 # Rest is left where the load is beyond its range by this part of gravity; first look ahead for
@@ -139,7 +119,7 @@ def _set_cause(run, cause, joint):
     run.pace[Pace.CAUSE], run.pace[Pace.JOINT] = cause, joint
 
 
-@kernel
+@inlined
 def ground_now(run):
     """Ground acceleration from now on; at the end of a rest, just outside its range [m/s2]."""
     time, limits, g = run.state.clock[Clock.TIME], run.limits, run.model.gravity
@@ -156,20 +136,20 @@ def ground_now(run):
     return x + slope_x * later, y + slope_y * later
 
 
-@kernel
+@inlined
 def impact(run):
     """Velocities after an impact (Eqs 8, 9, 11, 21)."""
     joint, corner = -1, -1
     if run.pace[Pace.CAUSE] == BY_IMPACT:
         joint, corner = run.motion.laws.trigger[0], run.motion.laws.trigger[1] - GAP_0
         run.motion.laws.trigger[0] = -1
-    if pose_impact(run, joint, corner) and not solve_posed(run, True, 0):
+    moves = pose_impact(run, joint, corner)
+    if moves and not solve_posed(run.model, run.state, run.work, True, 0):
         return UNSOLVED_IMPACT
-    take_impact(run)
-    return MODES
+    return AFTER_IMPACT
 
 
-@kernel
+@inlined
 def modes_of_accelerations(run):
     """Contact modes from now on (Eqs 15-19, 29-35)."""
     trigger = run.motion.laws.trigger
@@ -180,9 +160,8 @@ def modes_of_accelerations(run):
     if trigger[0] >= 0:
         change_mode(run, int(run.pace[Pace.CAUSE]), trigger[0], trigger[1])
         trigger[0] = -1
-    if not solve_posed(run, False, 0):
-        return UNSOLVED_MODES
-    return ASSEMBLE if take_modes(run) else ALL_VOUSSOIRS
+    solved = solve_posed(run.model, run.state, run.work, False, 0)
+    return NEW_MODES if solved else UNSOLVED_MODES
 
 
 @inlined
@@ -197,18 +176,18 @@ def _fastest(run):
 
 
 @kernel
-def balance_energy(run):
-    """Energy that no work explains: the integrator's error."""
-    energy = run.state.energy
-    kinetic, potential = energies_of(run.model, run.state)
-    change = kinetic - energy[Energy.START_KINETIC] + potential - run.state.clock[Clock.START]
+def balance_energy(model, state):
+    """Energy that no work explains, the integrator's error; returns the kinetic energy [J]."""
+    energy = state.energy
+    kinetic, potential = service.energies_of(model, state)
+    change = kinetic - energy[Energy.START_KINETIC] + potential - state.clock[Clock.START]
     explained = energy[Energy.GROUND] + energy[Energy.FRICTION] + energy[Energy.IMPACT]
     energy[Energy.STRAY] = change - explained
     energy[Energy.STRAY_PEAK] = max(energy[Energy.STRAY_PEAK], abs(energy[Energy.STRAY]))
     return kinetic
 
 
-@kernel
+@inlined
 def assemble_mega_voussoirs(run, output):
     """Mega-voussoirs of the present modes (section 3.3), ready to move."""
     model, state, work, pace = run.model, run.state, run.work, run.pace
@@ -217,12 +196,12 @@ def assemble_mega_voussoirs(run, output):
     if np.isnan(clock[Clock.FASTEST]):
         clock[Clock.CODE] = service.BROKEN
         return DONE
-    had = balance_energy(run)
+    had = balance_energy(model, state)
     if clock[Clock.FASTEST] < run.limits.still and pace[Pace.LEAVES_REST] == 0.0:
         return STILL
     pace[Pace.LEAVES_REST] = 0.0
     if int(state.count[Count.EVENTS]) % MEASURED == MEASURED - 1:
-        measure_state(model, state, work)
+        service.measure_state(model, state, work)
         record_overlap(model, state, work, True)
     assemble(model, state.touch, state.slide, state.slip, run.mega)
     mega = in_use(run.mega)
@@ -237,8 +216,8 @@ def assemble_mega_voussoirs(run, output):
         return ALL_VOUSSOIRS
     if pace[Pace.JAMMED] == 1.0:
         # What a corner without friction limit loses by sticking it loses by an impact.
-        spread(run, mega, mega.position, mega.velocity)
-        left, _ = energies_of(model, state)
+        spread(mega, mega.position, mega.velocity, run.state)
+        left, _ = service.energies_of(model, state)
         state.energy[Energy.IMPACT] += min(left - had, 0.0)
     rung = FOUR if is_four_hinges(mega.work, mega.position.shape[0]) else MEGA
     cause, joint = int(pace[Pace.CAUSE]), int(pace[Pace.JOINT])
@@ -246,7 +225,7 @@ def assemble_mega_voussoirs(run, output):
     return INTEGRATE
 
 
-@kernel
+@inlined
 def integrate_to_next_event(run, output):
     """Motion of the mega-voussoirs until the next event (section 3.5)."""
     model, state, work, clock = run.model, run.state, run.work, run.state.clock
@@ -258,15 +237,15 @@ def integrate_to_next_event(run, output):
     spent = Pace.FOUR_HINGES if rung else Pace.MEGA_VOUSSOIRS
     run.pace[spent] += clock[Clock.TIME] - before
     pose(mega, mega.position)
-    spread(run, mega, mega.position, mega.velocity)
+    spread(mega, mega.position, mega.velocity, run.state)
     if code == EVENT:
         return UPON_EVENT
-    place_chain(run)
+    place_chain(run.model, run.state, run.work)
     if code == STOPPED and clock[Clock.TIME] < end:
         return MODES
     if code != STOPPED and code != FALLEN and code != BOUND:
         return ALL_VOUSSOIRS
-    balance_energy(run)
+    balance_energy(model, state)
     _, x, _, y, _ = segment_at(clock[Clock.TIME], run.ground, run.next_break)
     spread_reactions(run, mega, mega.position, mega.velocity, x, y)
     clock[Clock.CODE] = service.AT_END if code == STOPPED else service.EXHAUSTED
@@ -279,7 +258,7 @@ def integrate_to_next_event(run, output):
     return DONE
 
 
-@kernel
+@inlined
 def impact_or_mechanism_change(run):
     """What an event is; whether events accumulate."""
     state, pace, recent = run.state, run.pace, run.recent
@@ -293,7 +272,7 @@ def impact_or_mechanism_change(run):
         pace[Pace.SWITCH] = BY_CROWD
     if cause == BY_IMPACT:
         return IMPACT
-    place_chain(run)
+    place_chain(run.model, run.state, run.work)
     return MODES
 
 
@@ -303,8 +282,13 @@ def go_on(run, output, phase):
     while phase <= UPON_EVENT:
         if phase == IMPACT:
             phase = impact(run)
+        elif phase == AFTER_IMPACT:
+            take_impact(run)
+            phase = MODES
         elif phase == MODES:
             phase = modes_of_accelerations(run)
+        elif phase == NEW_MODES:
+            phase = ASSEMBLE if take_modes(run) else ALL_VOUSSOIRS
         elif phase == ASSEMBLE:
             phase = assemble_mega_voussoirs(run, output)
         elif phase == INTEGRATE:
@@ -319,12 +303,12 @@ def step_until(run, grounds, steps, until, output):
     """Step all voussoirs for as long as nothing stops them and their modes go on changing."""
     model, state, work, limits, clock = run.model, run.state, run.work, run.limits, run.state.clock
     end, quiet, count = end_of_motion(grounds, clock, limits.follow), 0.0, state.count
-    while clock[Clock.CODE] == GO and clock[Clock.TIME] < until:
+    while clock[Clock.CODE] == service.GO and clock[Clock.TIME] < until:
         before = count[Count.IMPACTS] + count[Count.OPENINGS] + count[Count.SLIDES]
         kick, solved, unsolved = try_step(model, grounds, state, work, steps, True)
         fallen = broken = False
         if solved:
-            fallen, broken = accept_recorded(model, state, work, kick, limits, output)
+            fallen, broken = service.accept_recorded(model, state, work, kick, limits, output)
             next_step(state, steps, True, end)
         code = code_after(state, steps, limits, end, (solved, unsolved, fallen, broken))
         clock[Clock.CODE] = code
@@ -349,20 +333,18 @@ def step_all_voussoirs(run, grounds, path, steps, output):
     cause, joint = int(pace[Pace.SWITCH]), int(pace[Pace.JOINT])
     log_change(state, clock[Clock.TIME], cause, joint, ALL, output)
     move_faces(model, state.position, work.turned, work.face, work.tangent)
-    start_moving(state, steps)
-    clock[Clock.CODE] = GO
+    service.start_moving(state, steps)
+    clock[Clock.CODE] = service.GO
     until = clock[Clock.TIME] + pace[Pace.WINDOW]
-    while not step_until(run, grounds, steps, until, output):
-        code = serve(model, grounds, state, work, path, steps, run.limits, output)
-        if code != GO:
-            return DONE
-    if clock[Clock.CODE] != GO:
-        # What stops it has come together with the end of the window.
-        code = serve(model, grounds, state, work, path, steps, run.limits, output)
-        if code != GO:
-            return DONE
+    calm = False
+    while not calm:
+        calm = step_until(run, grounds, steps, until, output)
+        if clock[Clock.CODE] != service.GO:
+            code = service.serve(model, grounds, state, work, path, steps, run.limits, output)
+            if code != service.GO:
+                return DONE
     pace[Pace.QUIET_UNTIL] = clock[Clock.TIME] + pace[Pace.WINDOW]
-    if not synchronise(model, grounds, state, work, path):
+    if not service.synchronise(model, grounds, state, work, path):
         return ALL_VOUSSOIRS
     run.recent[:] = -np.inf
     _set_cause(run, BY_CALM, -1)
@@ -374,7 +356,9 @@ def step_all_voussoirs(run, grounds, path, steps, output):
 def rest_if_still(run, grounds, path, steps, output):
     """Rest until the ground moves the chain, if that leaves it where it is now."""
     state, rests = run.state, run.state.count[Count.RESTS]
-    code = serve_pause(run.model, grounds, state, run.work, path, steps, run.limits, output)
+    code = service.serve_pause(
+        run.model, grounds, state, run.work, path, steps, run.limits, output
+    )
     run.pace[Pace.LEAVES_REST] = 1.0
     if state.count[Count.RESTS] == rests:
         return ASSEMBLE
@@ -385,12 +369,12 @@ def rest_if_still(run, grounds, path, steps, output):
 @allocating
 def leave_rest(run, code, output):
     """Begin to move where rest has ended."""
-    if code == IDLE:
+    if code == service.IDLE:
         return DONE
     output.written[1] -= 1  # the mechanism that starts writes this entry of the log
     _set_cause(run, BY_START, -1)
     run.pace[Pace.LEAVES_REST] = 1.0
-    place_chain(run)
+    place_chain(run.model, run.state, run.work)
     return MODES
 
 
@@ -399,14 +383,11 @@ def run_phases(run, grounds, path, steps, output, phase):
     """Follow the table of phases to the end of a run."""
     while phase != DONE:
         phase = go_on(run, output, phase)
-        if phase == UNSOLVED_IMPACT:
+        if phase in (UNSOLVED_IMPACT, UNSOLVED_MODES):
+            impact = phase == UNSOLVED_IMPACT
             phase = ALL_VOUSSOIRS
-            if solve_patiently(run, True, path):
-                take_impact(run)
-                phase = MODES
-        elif phase == UNSOLVED_MODES:
-            solved = solve_patiently(run, False, path) and take_modes(run)
-            phase = ASSEMBLE if solved else ALL_VOUSSOIRS
+            if solve_patiently(run.model, run.state, run.work, path, impact):
+                phase = AFTER_IMPACT if impact else NEW_MODES
         elif phase == STILL:
             phase = rest_if_still(run, grounds, path, steps, output)
         elif phase == ALL_VOUSSOIRS:
@@ -417,9 +398,9 @@ def run_phases(run, grounds, path, steps, output, phase):
 def run_from_rest(run, grounds, path, steps, output):
     """A run that starts at rest in the chain's own geometry."""
     model, state, work, limits = run.model, run.state, run.work, run.limits
-    begin(model, grounds, state, work, steps, limits, 0, state.clock[Clock.FACTOR])
-    write_rest(model, grounds, state, work, path, output)
-    code = rest_until_onset(
+    service.begin(model, grounds, state, work, steps, limits, 0, state.clock[Clock.FACTOR])
+    service.write_rest(model, grounds, state, work, path, output)
+    code = service.rest_until_onset(
         model, grounds, state, steps, limits.rest_plus, limits.rest_minus, output
     )
     state.clock[Clock.CODE] = code
@@ -430,12 +411,12 @@ def run_from_rest(run, grounds, path, steps, output):
 def run_from_state(run, grounds, path, steps, output):
     """A run that starts from given positions and velocities."""
     model, state, work, factor = run.model, run.state, run.work, run.state.clock[Clock.FACTOR]
-    clear(state)
+    service.clear(state)
     state.clock[Clock.FACTOR] = factor
-    kinetic, state.clock[Clock.START] = energies_of(model, state)
+    kinetic, state.clock[Clock.START] = service.energies_of(model, state)
     state.energy[Energy.START_KINETIC] = state.energy[Energy.LARGEST_KINETIC] = kinetic
     move_faces(model, state.position, work.turned, work.face, work.tangent)
-    read_joints(model, state, work)
+    service.read_joints(model, state, work)
     _set_cause(run, BY_START, -1)
     run_phases(run, grounds, path, steps, output, IMPACT)
 
@@ -465,7 +446,7 @@ def is_accurate(chain: Chain, options: Options, outcome: Outcome) -> bool:
     return bool(energy[Energy.STRAY_PEAK] <= allowed and peak[Peak.OVERLAP] <= overlap)
 
 
-def _new_run(chain: Chain, ground: GroundMotion, options: Options, rest: tuple) -> Run:
+def new_run(chain: Chain, ground: GroundMotion, options: Options, rest: tuple) -> Run:
     model = model_of(chain)
     n_joint, length = model.friction.size, float(model.length.min())
     pace, speed = np.zeros(len(Pace)), float(np.sqrt(model.gravity * length))
@@ -531,7 +512,11 @@ def run(
     )
     model, grounds = model_of(chain), joined_grounds([scaled])
     rest = rest_of(model, options, grounds) if from_rest else (np.nan, np.nan)
-    given, path, results = _new_run(chain, scaled, options, rest), new_path(model), new_results(1)
+    given, path, results = (
+        new_run(chain, scaled, options, rest),
+        new_path(model),
+        service.new_results(1),
+    )
     state, step = given.state, float(options.time_step)
     state.clock[Clock.FACTOR] = 1.0
     steps, output = Steps(step, step, 1.0), output_to(frames, log, options.frame_interval)
@@ -540,7 +525,7 @@ def run(
     else:
         state.position[1:-1], state.velocity[1:-1] = position, velocity
         run_from_state(given, grounds, path, steps, output)
-    end_run(model, grounds, state, given.work, path, given.limits, output, results, 0)
+    service.end_run(model, grounds, state, given.work, path, given.limits, output, results, 0)
     position[:], velocity[:] = state.position[1:-1], state.velocity[1:-1]
     results.count[0, Count.FRAMES], results.count[0, Count.LOG_ENTRIES] = output.written
     results.model_time[0, FOUR] = given.pace[Pace.FOUR_HINGES]

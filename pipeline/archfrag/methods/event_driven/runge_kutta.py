@@ -127,7 +127,7 @@ def keep_stage(mega, stages, stage, position, velocity, ground_x, ground_y):
     stages.power[stage, BY_FRICTION] = by_friction
 
 
-@kernel
+@inlined
 def take_step(mega, stages, scheme, step, ground, scale, allowed):
     """One step from stage 0, which is known.
 
@@ -190,7 +190,7 @@ def _set_coefficients(out, start, end, first, last, highest):
     out[4] = highest
 
 
-@kernel
+@inlined
 def make_dense(mega, stages, scheme, step):
     """Coefficients of the continuous extension over the step."""
     last = scheme.time.shape[0] - 1

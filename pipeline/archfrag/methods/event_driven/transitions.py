@@ -59,12 +59,11 @@ SLOWEST = 3e-6
 
 
 @kernel
-def place_chain(run):
+def place_chain(model, state, work):
     """Faces and contacts of all joints where the voussoirs are.
 
     The slip of a joint without contact is measured at its nearer corner.
     """
-    model, state, work = run.model, run.state, run.work
     move_faces(model, state.position, work.turned, work.face, work.tangent)
     for j in range(state.slip.size):
         at_0, at_1 = state.touch[j, 0] > 0.5, state.touch[j, 1] > 0.5
@@ -88,7 +87,7 @@ def _corner_velocity(j, k, work):
     return at_point(work.relative[j, 0], work.relative[j, 1], work.relative[j, 2], px, py)
 
 
-@kernel
+@inlined
 def pose_impact(run, joint, corner):
     """Set up the impact at the present state.
 
@@ -104,7 +103,7 @@ def pose_impact(run, joint, corner):
         Whether there is anything that an impact could change.
     """
     model, state, work = run.model, run.state, run.work
-    place_chain(run)
+    place_chain(model, state, work)
     for j in range(state.slip.size):
         for k in range(2):
             near = clearance(j, k, work.face, work.tangent) <= TOUCHING * model.length[j]
@@ -158,7 +157,7 @@ def _close_slow_joints(run):
     return changed
 
 
-@kernel
+@inlined
 def take_impact(run):
     """Take the velocities after an impact over, and what it closes for good.
 
@@ -221,7 +220,7 @@ def _find_touching(j, run):
     return rate
 
 
-@kernel
+@inlined
 def pose_accelerations(run, ground_x, ground_y):
     """Set up the problem of accelerations at the present state.
 
@@ -259,16 +258,16 @@ def pose_accelerations(run, ground_x, ground_y):
 
 
 @kernel
-def solve_posed(run, impact, patience):
+def solve_posed(model, state, work, impact, patience):
     """Solve the problem that is posed by Newton's iteration on the modes; whether it does.
 
     Velocities after an impact are solved exactly; of accelerations only the modes are wanted.
     """
-    count = run.state.count
+    count = state.count
     slack, left = (EXACT.slack, EXACT.left) if impact else (FOR_STEPS.slack, FOR_STEPS.left)
     precision = Precision(EXACT.compliance, slack, left)
     solved, _, rounds = solve_contact(
-        run.model, run.state.position, run.work, True, (False, 0.0, 0.0), patience, precision
+        model, state.position, work, True, (False, 0.0, 0.0), patience, precision
     )
     count[Count.ITERATIONS] += rounds
     count[Count.LEVELS] += 1.0
@@ -277,21 +276,19 @@ def solve_posed(run, impact, patience):
 
 
 @allocating
-def solve_patiently(run, impact, path):
+def solve_patiently(model, state, work, path, impact):
     """Solve the problem that is posed where the first rounds have not; whether it is solved."""
-    count, patience = run.state.count, 60 + 4 * run.model.friction.size
+    count, patience = state.count, 60 + 4 * model.friction.size
     count[Count.GENERAL] += 1.0
-    if solve_posed(run, impact, patience):
+    if solve_posed(model, state, work, impact, patience):
         return True
-    solved, _, rounds, breaks = solve_by_path(
-        run.model, run.state.position, run.work, path, MOST_PATHS, 0
-    )
+    solved, _, rounds, breaks = solve_by_path(model, state.position, work, path, MOST_PATHS, 0)
     count[Count.ITERATIONS] += rounds
     count[Count.PATHS] += 1.0 if breaks > 0 else 0.0
     return solved
 
 
-@kernel
+@inlined
 def take_modes(run):
     """Take the modes of accelerations that are solved over; False where these are impossible."""
     model, state, work = run.model, run.state, run.work
@@ -312,7 +309,7 @@ def take_modes(run):
     return True
 
 
-@kernel
+@inlined
 def cause_of(run):
     """Why the mechanism ends: cause, and joint of the chain."""
     joint, law = run.motion.laws.trigger[0], run.motion.laws.trigger[1]
@@ -327,7 +324,7 @@ def cause_of(run):
     return (BY_LOSS if law < FRICTION_PLUS or rough else BY_SLIDE), joint
 
 
-@kernel
+@inlined
 def change_mode(run, cause, joint, law):
     """Change the mode of the joint whose law has ended: where the search for modes starts."""
     touch, slide = run.work.touch, run.work.slide
