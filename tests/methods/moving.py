@@ -25,8 +25,8 @@ from archfrag.methods.event_driven.events import (
     keep_margins,
     new_laws,
 )
+from archfrag.methods.event_driven.front import new_run
 from archfrag.methods.event_driven.integrate import check_laws
-from archfrag.methods.event_driven.phases import new_run
 from archfrag.methods.event_driven.runge_kutta import (
     BY_FRICTION,
     BY_GROUND,

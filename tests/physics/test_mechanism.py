@@ -122,7 +122,7 @@ class TestGrouping:
             for k in range(2):
                 assert clearance(j, k, work.face, work.tangent) == pytest.approx(0.0, abs=1e-13)
                 apart = work.face[j, 1, k] - work.face[j, 0, k]
-                found = corner_slip.py_func(j, *apart, k == 0, work.tangent)
+                found = corner_slip(j, *apart, k == 0, work.tangent)
                 assert found == pytest.approx(slip[j], abs=1e-13)
 
 
@@ -152,7 +152,7 @@ def slips_of(arch, position):
     for j in range(slips.size):
         k = int(np.argmin([clearance(j, k, work.face, work.tangent) for k in range(2)]))
         apart = work.face[j, 1, k] - work.face[j, 0, k]
-        slip = corner_slip.py_func(j, *apart, k == 0, work.tangent)
+        slip = corner_slip(j, *apart, k == 0, work.tangent)
         slips[j] = slip if abs(slip) > 1e-8 else 0.0
     return slips
 

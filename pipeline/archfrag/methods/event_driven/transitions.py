@@ -10,7 +10,7 @@ import math
 
 from archfrag.mechanics.compile import allocating, inlined, kernel
 from archfrag.mechanics.contact.blocks import EXACT, FOR_STEPS, Precision, solve_modes
-from archfrag.mechanics.contact.modes import solve_contact, velocity_scale
+from archfrag.mechanics.contact.modes import opening_rate, solve_contact, velocity_scale
 from archfrag.mechanics.contact.path import solve_by_path
 from archfrag.mechanics.contact.placing import (
     MINUS,
@@ -158,6 +158,18 @@ def _close_slow_joints(run):
 
 
 @inlined
+def _approaches(run):
+    """Whether the solved velocities close a corner that touches."""
+    work, limit = run.work, -STAYING * run.motion.scales.speed
+    approaches = False
+    for j in range(work.slide.size):
+        for k in range(2):
+            closes = opening_rate(j, k, work) < limit
+            approaches = approaches or (work.candidate[j, k] > 0.5 and closes)
+    return approaches
+
+
+@inlined
 def take_impact(run):
     """Take the velocities after an impact over, and what it closes for good.
 
@@ -179,8 +191,9 @@ def take_impact(run):
             for c in range(3):
                 work.free[i, c] = state.velocity[i, c]
         solve_modes(model, state.position, work, run.motion.scales.speed, EXACT)
-        # Where bringing velocities there would give energy, nothing is closed.
-        if _kinetic(model, work.solved) <= left:
+        # Where bringing velocities there would give energy, or another joint would have to be
+        # struck, nothing is closed.
+        if _kinetic(model, work.solved) <= left and not _approaches(run):
             _take_velocities(run)
     state.energy[Energy.IMPACT] += _kinetic(model, state.velocity) - had
 
