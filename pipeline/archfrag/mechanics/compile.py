@@ -267,7 +267,7 @@ def _decorator(**options: Any) -> Callable[[Callable], Any]:
     return decorate
 
 
-allocating = _decorator()
+allocating = _decorator(_nrt=True)
 # Kernels that make no arrays of their own do without numba's reference counts, which cost more
 # than the arithmetic of a short chain: every call counts each array of its arguments up and down.
 kernel = _decorator(_nrt=False)

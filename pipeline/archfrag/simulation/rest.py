@@ -10,14 +10,9 @@ from numpy.typing import NDArray
 
 from archfrag.arch import Arch
 from archfrag.errors import STATUS_SENTENCE, StabilityError
-from archfrag.mechanics.former_contact import contact_work, solve_contact
-from archfrag.mechanics.kinematics import (
-    empty_contacts,
-    joint_lengths,
-    move_faces,
-    place_contacts,
-)
-from archfrag.mechanics.laws import CLOSED_STICK
+from archfrag.mechanics.contact.path import new_path
+from archfrag.mechanics.contact.placing import move_faces, place_contacts
+from archfrag.mechanics.model import Model, State, Work, model_of, new_state, new_work
 from archfrag.mechanics.onset import (
     HINGE_EXTRADOS,
     HINGE_INTRADOS,
@@ -26,6 +21,7 @@ from archfrag.mechanics.onset import (
     rest_limit,
 )
 from archfrag.mechanics.status import Status
+from archfrag.methods.time_stepping.service import solve_anyhow
 from archfrag.simulation.checks import check_arch
 
 STANDS_TOLERANCE = 1e-12
@@ -102,29 +98,22 @@ def onset(arch: Arch) -> Onset:
     """
     check_arch(arch)
     chain = arch.chain
-    contacts = _contacts_at_rest(arch)
-    limits = []
-    for sense in (1.0, -1.0):
-        limits.append(
-            rest_limit(
-                chain.mass,
-                chain.centroid,
-                contacts.point,
-                contacts.normal,
-                contacts.candidate,
-                chain.friction,
-                chain.gravity,
-                sense,
-            )
+    model, state, work = _placed_at_rest(arch)
+    closed = np.ones(work.candidate.shape, np.int8)
+    plus, minus = (
+        rest_limit(
+            chain.mass, chain.centroid, work.point, work.normal, closed, chain.friction,
+            chain.gravity, sense,
         )
-    plus, minus = limits
+        for sense in (1.0, -1.0)
+    )  # fmt: skip
     found = plus.found and minus.found
     stands = bool(
         found and plus.load_factor >= -STANDS_TOLERANCE and minus.load_factor <= STANDS_TOLERANCE
     )
     thrust = None
     if stands:
-        thrust = _thrust(contacts.point, contacts.normal, _reactions_at_rest(chain, contacts))
+        thrust = _thrust(work, _reactions_at_rest(model, state, work))
     return Onset(
         stands=stands,
         plus=float(plus.load_factor) if found else math.nan,
@@ -134,8 +123,8 @@ def onset(arch: Arch) -> Onset:
         hinges_minus=_hinges(arch, minus),
         sliding_minus=[int(j) for j in np.flatnonzero(minus.mechanism & SLIDING)],
         thrust=thrust,
-        thrust_plus=_thrust_at_limit(contacts, plus),
-        thrust_minus=_thrust_at_limit(contacts, minus),
+        thrust_plus=_thrust_at_limit(work, plus),
+        thrust_minus=_thrust_at_limit(work, minus),
     )
 
 
@@ -158,33 +147,28 @@ def check_stands(arch: Arch) -> None:
         )
 
 
-def _contacts_at_rest(arch: Arch):
-    chain = arch.chain
-    position = np.zeros((arch.n_voussoir, 3))
-    position[:, :2] = chain.centroid
-    before = np.zeros((arch.n_joint, 2, 2))
-    after = np.zeros((arch.n_joint, 2, 2))
-    contacts = empty_contacts(arch.n_voussoir, arch.n_joint)
-    move_faces(chain, position, before, after)
-    place_contacts(position, before, after, np.zeros(arch.n_joint), joint_lengths(chain), contacts)
-    return contacts
+def _placed_at_rest(arch: Arch) -> tuple[Model, State, Work]:
+    model = model_of(arch.chain)
+    state, work = new_state(model), new_work(model)
+    state.position[:, :2] = model.centroid
+    move_faces(model, state.position, work.turned, work.face, work.tangent)
+    place_contacts(model, state.slip, work.face, work.tangent, work)
+    work.candidate[:], state.touch[:] = 1.0, 1.0
+    return model, state, work
 
 
-def _reactions_at_rest(chain, contacts) -> NDArray[np.float64]:
+def _reactions_at_rest(model: Model, state: State, work: Work) -> NDArray[np.float64]:
     """Admissible reactions under self-weight, moments about the origin, (n_joint, 3)."""
-    n_body, n_joint = chain.mass.size, chain.friction.size
-    work = contact_work(n_body, n_joint)
-    work.mode[:] = CLOSED_STICK
-    free = np.zeros((n_body, 3))
-    free[:, 1] = -chain.gravity
-    solve_contact(chain.mass, chain.inertia, contacts, chain.friction, free, work)
+    work.free[1:-1, 1] = -model.gravity
+    solve_anyhow(model, state, work, new_path(model))
     reaction = work.reaction.copy()
     reaction[:, 2] += work.pivot[:, 0] * reaction[:, 1] - work.pivot[:, 1] * reaction[:, 0]
     return reaction
 
 
-def _thrust(point, normal, reaction) -> NDArray[np.float64]:
+def _thrust(work: Work, reaction: NDArray[np.float64]) -> NDArray[np.float64]:
     """Contact centres (Eq 34): where on each joint the reaction has no moment [m]."""
+    point, normal = work.point, work.normal
     force = reaction[:, :2]
     press = np.einsum("jk,jk->j", force, normal)
 
@@ -199,10 +183,10 @@ def _thrust(point, normal, reaction) -> NDArray[np.float64]:
     return point[:, 0] + share[:, None] * (point[:, 1] - point[:, 0])
 
 
-def _thrust_at_limit(contacts, limit: RestLimit) -> NDArray[np.float64] | None:
+def _thrust_at_limit(work, limit: RestLimit) -> NDArray[np.float64] | None:
     if not limit.found or math.isinf(limit.load_factor):
         return None
-    return _thrust(contacts.point, contacts.normal, limit.reaction)
+    return _thrust(work, limit.reaction)
 
 
 def _hinges(arch: Arch, limit: RestLimit) -> list[Hinge]:

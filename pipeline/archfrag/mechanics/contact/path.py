@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.compile import allocating, inlined, kernel
+from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.blocks import EXACT, Precision, correct, factorise, set_rows
 from archfrag.mechanics.contact.modes import ask_modes, largest_force, take_asked, velocity_scale
 from archfrag.mechanics.contact.placing import MINUS, PLUS, relative_velocity
@@ -198,14 +198,14 @@ def piece_functions(position, work, path, tau, value):
 @kernel
 def set_openings(work, path, scale, attempt):
     """Open all joints, and choose velocities that keep them so; others for each attempt."""
-    seed = np.uint32(88172645 + 7919 * attempt)
+    seed = 88172645 + 7919 * attempt
     for j in range(work.slide.size):
         _set_mode(work, j, OPEN)
         for k in range(2):
-            seed ^= seed << np.uint32(13)
-            seed ^= seed >> np.uint32(17)
-            seed ^= seed << np.uint32(5)
-            size = scale * (4.0 + 4.0 * (seed >> np.uint32(8)) / 16777216.0)
+            seed ^= (seed << 13) & 0xFFFFFFFF
+            seed ^= seed >> 17
+            seed ^= (seed << 5) & 0xFFFFFFFF
+            size = scale * (4.0 + 4.0 * (seed >> 8) / 16777216.0)
             nx = work.side_normal[j, k, PLUS, 0] + work.side_normal[j, k, MINUS, 0]
             ny = work.side_normal[j, k, PLUS, 1] + work.side_normal[j, k, MINUS, 1]
             norm = math.sqrt(nx * nx + ny * ny)
@@ -364,7 +364,7 @@ def _stick_rough(model, work):
             work.slide[j] = 0.0
 
 
-@allocating
+@kernel
 def solve_by_path(model, position, work, path, most_paths, soft_paths):
     """Solve one contact problem along solution paths.
 
@@ -389,7 +389,9 @@ def solve_by_path(model, position, work, path, most_paths, soft_paths):
     """
     relative_velocity(position, work.free, work.pivot, work.relative)
     scale = velocity_scale(work)
-    path.bias[:] = work.bias
+    for j in range(work.slide.size):
+        for k in range(2):
+            path.bias[j, k, 0], path.bias[j, k, 1] = work.bias[j, k, 0], work.bias[j, k, 1]
     rounds = breaks = 0
     if not math.isfinite(scale):
         return False, False, rounds, breaks

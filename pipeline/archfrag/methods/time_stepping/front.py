@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from archfrag.mechanics.model import Clock, Model, model_of
+from archfrag.mechanics.numbers import LANES
 from archfrag.mechanics.status import Count
 from archfrag.mechanics.types import (
     Chain,
@@ -19,6 +20,7 @@ from archfrag.methods.time_stepping.at_impacts import Steps
 from archfrag.methods.time_stepping.motion import Grounds, grounds_of
 from archfrag.methods.time_stepping.recording import no_output, output_to
 from archfrag.methods.time_stepping.run import (
+    Jobs,
     new_four,
     new_one,
     run_four,
@@ -157,10 +159,11 @@ def run_many(
     """
     model, joined, results = model_of(chain), joined_grounds(grounds), new_results(len(motion))
     rest = rest_of(model, options, joined)
-    jobs = (
+    jobs = Jobs(
         np.ascontiguousarray(motion, np.int64),
         np.ascontiguousarray(factor, float),
         np.zeros(1, np.int64),
+        np.full(LANES, -1),
     )
     output = no_output(chain.mass.size, chain.friction.size)
     limits, steps = limits_of(model, options, rest), steps_of(options)

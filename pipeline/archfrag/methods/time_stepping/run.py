@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.compile import allocating, inlined, kernel
+from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.blocks import FOR_STEPS
 from archfrag.mechanics.contact.modes import solve_contact
 from archfrag.mechanics.contact.path import Path, new_path
@@ -137,7 +137,7 @@ def step_one(model, grounds, state, work, steps, limits, output):
         )
 
 
-@allocating
+@kernel
 def finish_one(model, grounds, state, work, path, steps, limits, output, results, row):
     """Move one run to its end."""
     code = int(state.clock[Clock.CODE])
@@ -149,7 +149,7 @@ def finish_one(model, grounds, state, work, path, steps, limits, output, results
     end_run(model, grounds, state, work, path, limits, output, results, row)
 
 
-@allocating
+@kernel
 def run_one(model, grounds, state, work, path, steps, limits, output, results):
     """One run from rest in the chain's own geometry."""
     begin(model, grounds, state, work, steps, limits, 0, state.clock[Clock.FACTOR])
@@ -160,7 +160,7 @@ def run_one(model, grounds, state, work, path, steps, limits, output, results):
     finish_one(model, grounds, state, work, path, steps, limits, output, results, 0)
 
 
-@allocating
+@kernel
 def run_given(model, grounds, state, work, path, steps, limits, output, results):
     """One run from the positions and velocities of a given state."""
     factor = state.clock[Clock.FACTOR]
@@ -190,6 +190,15 @@ def return_run(one, number, four):
     for k in range(len(one)):
         for i in range(four[k].shape[0]):
             four[k][i, number] = one[k][i]
+
+
+class Jobs(NamedTuple):
+    """Many runs, and which of them are under way."""
+
+    motion: np.ndarray  # (n_run,) int64: which ground motion moves each
+    factor: np.ndarray  # (n_run,) on it
+    upcoming: np.ndarray  # (1,) int64: the next to start
+    runs: np.ndarray  # (4,) int64: those under way side by side; -1: none
 
 
 class Four(NamedTuple):
@@ -227,27 +236,26 @@ def new_four(model: Model) -> Four:
     return Four(state, work, (*returned, *also), returned)
 
 
-@allocating
+@kernel
 def next_run(model, grounds, one, steps, limits, jobs, output, results):
     """Start the next run that moves at all; those that do not are over at once.
 
     Parameters
     ----------
     model, grounds, one, steps, limits, output, results
-    jobs : tuple
-        Which ground motion (n_run,), factor (n_run,), and the next run's number (1,).
+    jobs : Jobs
 
     Returns
     -------
     int
         Its number, -1 if there is none.
     """
-    motion, factor, upcoming = jobs
     state = one.state
-    while upcoming[0] < motion.size:
-        run = upcoming[0]
-        upcoming[0] += 1
-        begin(model, grounds, state, one.work, steps, limits, motion[run], factor[run])
+    while jobs.upcoming[0] < jobs.motion.size:
+        run = jobs.upcoming[0]
+        jobs.upcoming[0] += 1
+        motion, factor = jobs.motion[run], jobs.factor[run]
+        begin(model, grounds, state, one.work, steps, limits, motion, factor)
         code = rest_until_onset(
             model, grounds, state, steps, limits.rest_plus, limits.rest_minus, output
         )
@@ -260,15 +268,15 @@ def next_run(model, grounds, one, steps, limits, jobs, output, results):
     return -1
 
 
-@allocating
+@kernel
 def run_four(model, grounds, four, one, steps, limits, jobs, output, results):
     """Many runs from rest, four at a time; arguments as `next_run`."""
-    runs = np.full(LANES, -1)
-    state = one.state
+    state, runs, under_way = one.state, jobs.runs, 0
     for number in range(LANES):
         runs[number] = next_run(model, grounds, one, steps, limits, jobs, output, results)
+        under_way += runs[number] >= 0
         return_run(one.returned, number, four.returned)
-    while np.any(runs >= 0):
+    while under_way > 0:
         move_faces(model, four.state.position, four.work.turned, four.work.face, four.work.tangent)
         step_four(model, grounds, four.state, four.work, steps, limits)
         for number in range(LANES):
@@ -285,4 +293,5 @@ def run_four(model, grounds, four, one, steps, limits, jobs, output, results):
                     runs[number],
                 )  # fmt: skip
                 runs[number] = next_run(model, grounds, one, steps, limits, jobs, output, results)
+                under_way -= runs[number] < 0
             return_run(one.returned, number, four.returned)

@@ -73,7 +73,7 @@ class Limits(NamedTuple):
     rest_minus: float
 
 
-@allocating
+@kernel
 def solve_anyhow(model, state, work, path):
     """Solve a contact problem that is posed: by Newton's iteration, or by the solution's path.
 
@@ -122,7 +122,7 @@ def measure_state(model, state, work):
     state.peak[Peak.RESIDUAL] = max(state.peak[Peak.RESIDUAL], residual)
 
 
-@allocating
+@kernel
 def serve_unsolved(model, grounds, state, work, path, steps, limits, output):
     """Make a step whose modes do not settle, or halve it; returns the code."""
     clock = state.clock
@@ -207,7 +207,7 @@ def start_moving(state, steps):
         state.impact[j] = 0.0
 
 
-@allocating
+@kernel
 def write_rest(model, grounds, state, work, path, output):
     """Frame of the chain at rest, with the reactions that balance the body force."""
     if output.frames.time.size == 0:
@@ -225,15 +225,17 @@ def write_rest(model, grounds, state, work, path, output):
         for k in range(2):
             work.bias[j, k, 0] = work.bias[j, k, 1] = 0.0
             work.candidate[j, k] = state.touch[j, k]
-    counted = state.count.copy()
+    count = state.count
+    taken = count[Count.ITERATIONS], count[Count.PATHS], count[Count.COMPLIANT]
     solved, _ = solve_anyhow(model, state, work, path)
-    state.count[:] = counted  # a history does not change what a run has taken
+    # A history does not change what a run has taken.
+    count[Count.ITERATIONS], count[Count.PATHS], count[Count.COMPLIANT] = taken
     if not solved:
         work.reaction[:] = 0.0
     write_frame(model, state, work, 0.0, 1.0, output)
 
 
-@allocating
+@kernel
 def rest_until_onset(model, grounds, state, steps, plus, minus, output):
     """Let a chain rest until the ground motion moves it; returns the code."""
     clock = state.clock
@@ -248,7 +250,7 @@ def rest_until_onset(model, grounds, state, steps, plus, minus, output):
     return GO
 
 
-@allocating
+@kernel
 def serve_pause(model, grounds, state, work, path, steps, limits, output):
     """Between two steps: measure what is due, and see whether the chain rests; the code."""
     clock = state.clock
@@ -282,7 +284,7 @@ def serve_pause(model, grounds, state, work, path, steps, limits, output):
     return rest_until_onset(model, grounds, state, steps, plus, minus, output)
 
 
-@allocating
+@kernel
 def serve(model, grounds, state, work, path, steps, limits, output):
     """Do for one run what stopped it; the code that it goes on with, or ends with."""
     code = int(state.clock[Clock.CODE])
@@ -294,7 +296,7 @@ def serve(model, grounds, state, work, path, steps, limits, output):
     return code
 
 
-@allocating
+@kernel
 def synchronise(model, grounds, state, work, path):
     """Give velocities the half kick that is due, so that they belong to the positions.
 
@@ -403,7 +405,7 @@ def read_joints(model, state, work):
                 state.loss[Loss.MODE] = loss_mode(j, state)
 
 
-@allocating
+@kernel
 def begin(model, grounds, state, work, steps, limits, motion, factor):
     """Start a run from rest in the chain's own geometry.
 
@@ -457,7 +459,7 @@ def new_results(n_run: int) -> Results:
     )
 
 
-@allocating
+@kernel
 def end_run(model, grounds, state, work, path, limits, output, results, row):
     """Write what a run has ended in."""
     clock, energy = state.clock, state.energy
@@ -484,9 +486,10 @@ def end_run(model, grounds, state, work, path, limits, output, results, row):
     energy[Energy.POTENTIAL] = potential - clock[Clock.START]
     energy[Energy.LARGEST_KINETIC] = max(energy[Energy.LARGEST_KINETIC], kinetic)
     results.status[row], results.end_time[row] = status, clock[Clock.TIME]
-    results.loss[row] = state.loss
-    results.count[row] = state.count
-    results.energy[row] = energy
-    results.peak[row] = state.peak
+    given = state.loss, state.count, energy, state.peak
+    kept = results.loss, results.count, results.energy, results.peak
+    for k in range(4):
+        for i in range(given[k].size):
+            kept[k][row, i] = given[k][i]
     results.model_time[row, AT_REST] = clock[Clock.RESTING]
     results.model_time[row, ALL] = clock[Clock.MOVING]
