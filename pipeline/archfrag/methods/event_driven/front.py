@@ -6,7 +6,7 @@ from archfrag.mechanics.collapse import NO_MODE
 from archfrag.mechanics.contact.path import new_path
 from archfrag.mechanics.ground import find_breaks
 from archfrag.mechanics.mega_voussoirs.assemble import new_mega_voussoirs
-from archfrag.mechanics.model import Clock, model_of, new_state, new_work
+from archfrag.mechanics.model import model_of, new_state, new_work
 from archfrag.mechanics.status import Count, Energy, Peak, Status
 from archfrag.mechanics.types import (
     Chain,
@@ -21,16 +21,13 @@ from archfrag.methods.event_driven.integrate import FIRST, Pace, Run
 from archfrag.methods.event_driven.phases import (
     BY_UNSOLVED,
     CROWD,
-    FOUR,
-    MEGA,
-    run_from_rest,
-    run_from_state,
+    follow_phases,
 )
 from archfrag.methods.event_driven.runge_kutta import FIFTH_ORDER, THIRD_ORDER, new_stages
 from archfrag.methods.time_stepping.at_impacts import Steps
 from archfrag.methods.time_stepping.front import joined_grounds, limits_of, outcome_of, rest_of
 from archfrag.methods.time_stepping.recording import output_to
-from archfrag.methods.time_stepping.service import end_run, new_results
+from archfrag.methods.time_stepping.service import new_results
 
 # Tolerances above this are met by the method of order 3.
 COARSE = 2e-4
@@ -77,7 +74,7 @@ def new_run(chain: Chain, ground: GroundMotion, options: Options, rest: tuple) -
     per_weight = 1.0 / (model.gravity * float(model.mass.sum()))
     scales = Scales(length, speed, resolved, per_weight, float(options.tolerance))
     scheme = THIRD_ORDER if options.tolerance > COARSE else FIFTH_ORDER
-    laws = new_laws(n_joint)
+    laws, step = new_laws(n_joint), float(options.time_step)
     laws.trigger[0] = -1
     return Run(
         model=model,
@@ -90,6 +87,9 @@ def new_run(chain: Chain, ground: GroundMotion, options: Options, rest: tuple) -
         outward=np.zeros(model.mass.size),
         ground=ground,
         next_break=find_breaks(ground),
+        grounds=joined_grounds([ground]),
+        steps=Steps(step, step, 1.0),
+        path=new_path(model),
         limits=limits_of(model, options, rest),
         most_steps=int(options.max_steps),
         crowding=float(options.crowding),
@@ -133,26 +133,13 @@ def run(
     )
     model, grounds = model_of(chain), joined_grounds([scaled])
     rest = rest_of(model, options, grounds) if from_rest else (np.nan, np.nan)
-    given, path, results = (
-        new_run(chain, scaled, options, rest),
-        new_path(model),
-        new_results(1),
-    )
-    state, step = given.state, float(options.time_step)
-    state.clock[Clock.FACTOR] = 1.0
-    steps, output = Steps(step, step, 1.0), output_to(frames, log, options.frame_interval)
-    if from_rest and not np.isnan(rest[0]):
-        run_from_rest(given, grounds, path, steps, output)
-    else:
-        state.position[1:-1], state.velocity[1:-1] = position, velocity
-        run_from_state(given, grounds, path, steps, output)
-    end_run(model, grounds, state, given.work, path, given.limits, output, results, 0)
+    given, results = new_run(chain, scaled, options, rest), new_results(1)
+    state, output = given.state, output_to(frames, log, options.frame_interval)
+    at_rest = from_rest and not np.isnan(rest[0])
+    state.position[1:-1], state.velocity[1:-1] = position, velocity
+    follow_phases(given, at_rest, output, results)
     position[:], velocity[:] = state.position[1:-1], state.velocity[1:-1]
     results.count[0, Count.FRAMES], results.count[0, Count.LOG_ENTRIES] = output.written
-    results.model_time[0, FOUR] = given.pace[Pace.FOUR_HINGES]
-    results.model_time[0, MEGA] = given.pace[Pace.MEGA_VOUSSOIRS]
-    farthest = float(np.sqrt(given.pace[Pace.FARTHEST]))
-    results.peak[0, Peak.DISPLACEMENT] = max(results.peak[0, Peak.DISPLACEMENT], farthest)
     outcome = outcome_of(results, 0)
     ended = outcome.status in (Status.STANDING, Status.COLLAPSED)
     if ended and not is_accurate(chain, options, outcome):

@@ -11,6 +11,7 @@ import numpy as np
 
 from archfrag.mechanics.collapse import RIGHT_ANGLE
 from archfrag.mechanics.compile import inlined, kernel
+from archfrag.mechanics.contact.path import Path
 from archfrag.mechanics.contact.placing import clearance, move_faces, place_contacts
 from archfrag.mechanics.ground import segment_at
 from archfrag.mechanics.mega_voussoirs.assemble import MegaVoussoirs, split_state
@@ -40,6 +41,8 @@ from archfrag.methods.event_driven.runge_kutta import (
     make_dense,
     take_step,
 )
+from archfrag.methods.time_stepping.at_impacts import Steps
+from archfrag.methods.time_stepping.motion import Grounds
 from archfrag.methods.time_stepping.recording import write_frame
 from archfrag.methods.time_stepping.service import Limits
 from archfrag.methods.time_stepping.step import note_gap
@@ -97,6 +100,9 @@ class Run(NamedTuple):
     outward: np.ndarray  # (n_body + 2,) rate of the squared displacement [m2/s]
     ground: GroundMotion
     next_break: np.ndarray  # (n_sample,) next sample at which the slope of the ground changes
+    grounds: Grounds  # the same motion for steps on all voussoirs
+    steps: Steps
+    path: Path
     limits: Limits
     most_steps: int
     crowding: float  # mean time between events below which all voussoirs are stepped [s]

@@ -11,7 +11,7 @@ has no unique motion, all voussoirs are stepped for a while
 
 import numpy as np
 
-from archfrag.mechanics.compile import allocating, inlined, kernel
+from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.placing import move_faces
 from archfrag.mechanics.ground import rest_margin, segment_at
 from archfrag.mechanics.mega_voussoirs.assemble import (
@@ -24,7 +24,7 @@ from archfrag.mechanics.mega_voussoirs.assemble import (
 from archfrag.mechanics.mega_voussoirs.first_level import is_four_hinges, pose
 from archfrag.mechanics.mega_voussoirs.second_level import GAP_0
 from archfrag.mechanics.model import Clock
-from archfrag.mechanics.status import Cause, Count, Energy
+from archfrag.mechanics.status import Cause, Count, Energy, Peak
 from archfrag.mechanics.status import Model as Rung
 from archfrag.methods.event_driven.integrate import (
     BOUND,
@@ -60,9 +60,7 @@ from archfrag.methods.time_stepping.step import follow_joints, record_overlap
 BY_START, BY_CROWD, BY_CALM = int(Cause.START), int(Cause.CROWD), int(Cause.CALM)
 BY_UNSOLVED = int(Cause.UNSOLVED)
 FOUR, MEGA, ALL = int(Rung.FOUR_HINGES), int(Rung.MEGA_VOUSSOIRS), int(Rung.ALL_VOUSSOIRS)
-# Phases of a run. Those up to UPON_EVENT go on by themselves, the others need a hand.
-IMPACT, AFTER_IMPACT, MODES, NEW_MODES, ASSEMBLE, INTEGRATE, UPON_EVENT = 0, 1, 2, 3, 4, 5, 6
-UNSOLVED_IMPACT, UNSOLVED_MODES, STILL, ALL_VOUSSOIRS, DONE = 7, 8, 9, 10, 11
+IMPACT, MODES, ASSEMBLE, INTEGRATE, UPON_EVENT, STILL, ALL_VOUSSOIRS, DONE = range(8)
 # Rest is left where the load is beyond its range by this part of gravity; first look ahead for
 # that, over the time of a fall through a joint's length.
 BEYOND = 1e-7
@@ -114,10 +112,13 @@ def impact(run):
     if run.pace[Pace.CAUSE] == BY_IMPACT:
         joint, corner = run.motion.laws.trigger[0], run.motion.laws.trigger[1] - GAP_0
         run.motion.laws.trigger[0] = -1
-    moves = pose_impact(run, joint, corner)
-    if moves and not solve_posed(run.model, run.state, run.work, True, 0):
-        return UNSOLVED_IMPACT
-    return AFTER_IMPACT
+    model, state, work = run.model, run.state, run.work
+    if pose_impact(run, joint, corner):
+        solved = solve_posed(model, state, work, True, 0)
+        if not (solved or solve_patiently(model, state, work, run.path, True)):
+            return ALL_VOUSSOIRS
+    take_impact(run)
+    return MODES
 
 
 @inlined
@@ -131,8 +132,10 @@ def modes_of_accelerations(run):
     if trigger[0] >= 0:
         change_mode(run, int(run.pace[Pace.CAUSE]), trigger[0], trigger[1])
         trigger[0] = -1
-    solved = solve_posed(run.model, run.state, run.work, False, 0)
-    return NEW_MODES if solved else UNSOLVED_MODES
+    model, state, work = run.model, run.state, run.work
+    solved = solve_posed(model, state, work, False, 0)
+    solved = solved or solve_patiently(model, state, work, run.path, False)
+    return ASSEMBLE if solved and take_modes(run) else ALL_VOUSSOIRS
 
 
 @inlined
@@ -247,32 +250,11 @@ def impact_or_mechanism_change(run):
     return MODES
 
 
-@kernel
-def go_on(run, output, phase):
-    """Follow the table of phases for as long as they go on by themselves."""
-    while phase <= UPON_EVENT:
-        if phase == IMPACT:
-            phase = impact(run)
-        elif phase == AFTER_IMPACT:
-            take_impact(run)
-            phase = MODES
-        elif phase == MODES:
-            phase = modes_of_accelerations(run)
-        elif phase == NEW_MODES:
-            phase = ASSEMBLE if take_modes(run) else ALL_VOUSSOIRS
-        elif phase == ASSEMBLE:
-            phase = assemble_mega_voussoirs(run, output)
-        elif phase == INTEGRATE:
-            phase = integrate_to_next_event(run, output)
-        else:
-            phase = impact_or_mechanism_change(run)
-    return phase
-
-
-@kernel
-def step_until(run, grounds, steps, until, output):
+@inlined
+def step_until(run, until, output):
     """Step all voussoirs for as long as nothing stops them and their modes go on changing."""
     model, state, work, limits, clock = run.model, run.state, run.work, run.limits, run.state.clock
+    grounds, steps = run.grounds, run.steps
     end, quiet, count = end_of_motion(grounds, clock, limits.follow), 0.0, state.count
     while clock[Clock.CODE] == service.GO and clock[Clock.TIME] < until:
         before = count[Count.IMPACTS] + count[Count.OPENINGS] + count[Count.SLIDES]
@@ -290,8 +272,8 @@ def step_until(run, grounds, steps, until, output):
     return clock[Clock.TIME] >= until
 
 
-@allocating
-def step_all_voussoirs(run, grounds, path, steps, output):
+@kernel
+def step_all_voussoirs(run, output):
     """Step all voussoirs for a while, where events accumulate or the mechanism is not known."""
     model, state, work, pace, clock = run.model, run.state, run.work, run.pace, run.state.clock
     unit = run.motion.scales.length / run.motion.scales.speed
@@ -304,31 +286,33 @@ def step_all_voussoirs(run, grounds, path, steps, output):
     cause, joint = int(pace[Pace.SWITCH]), int(pace[Pace.JOINT])
     log_change(state, clock[Clock.TIME], cause, joint, ALL, output)
     move_faces(model, state.position, work.turned, work.face, work.tangent)
-    service.start_moving(state, steps)
+    service.start_moving(state, run.steps)
     clock[Clock.CODE] = service.GO
-    until = clock[Clock.TIME] + pace[Pace.WINDOW]
-    calm = False
+    until, calm = clock[Clock.TIME] + pace[Pace.WINDOW], False
     while not calm:
-        calm = step_until(run, grounds, steps, until, output)
+        calm = step_until(run, until, output)
         if clock[Clock.CODE] != service.GO:
-            code = service.serve(model, grounds, state, work, path, steps, run.limits, output)
+            code = service.serve(
+                model, run.grounds, state, work, run.path, run.steps, run.limits, output
+            )
             if code != service.GO:
                 return DONE
     pace[Pace.QUIET_UNTIL] = clock[Clock.TIME] + pace[Pace.WINDOW]
-    if not service.synchronise(model, grounds, state, work, path):
+    if not service.synchronise(model, run.grounds, state, work, run.path):
         return ALL_VOUSSOIRS
-    run.recent[:] = -np.inf
+    for i in range(CROWD):
+        run.recent[i] = -np.inf
     _set_cause(run, BY_CALM, -1)
     pace[Pace.SWITCH], pace[Pace.LEAVES_REST] = BY_UNSOLVED, 0.0
     return IMPACT
 
 
-@allocating
-def rest_if_still(run, grounds, path, steps, output):
+@kernel
+def rest_if_still(run, output):
     """Rest until the ground moves the chain, if that leaves it where it is now."""
     state, rests = run.state, run.state.count[Count.RESTS]
     code = service.serve_pause(
-        run.model, grounds, state, run.work, path, steps, run.limits, output
+        run.model, run.grounds, state, run.work, run.path, run.steps, run.limits, output
     )
     run.pace[Pace.LEAVES_REST] = 1.0
     if state.count[Count.RESTS] == rests:
@@ -337,7 +321,7 @@ def rest_if_still(run, grounds, path, steps, output):
     return leave_rest(run, code, output)
 
 
-@allocating
+@inlined
 def leave_rest(run, code, output):
     """Begin to move where rest has ended."""
     if code == service.IDLE:
@@ -349,44 +333,66 @@ def leave_rest(run, code, output):
     return MODES
 
 
-@allocating
-def run_phases(run, grounds, path, steps, output, phase):
-    """Follow the table of phases to the end of a run."""
-    while phase != DONE:
-        phase = go_on(run, output, phase)
-        if phase in (UNSOLVED_IMPACT, UNSOLVED_MODES):
-            impact = phase == UNSOLVED_IMPACT
-            phase = ALL_VOUSSOIRS
-            if solve_patiently(run.model, run.state, run.work, path, impact):
-                phase = AFTER_IMPACT if impact else NEW_MODES
-        elif phase == STILL:
-            phase = rest_if_still(run, grounds, path, steps, output)
-        elif phase == ALL_VOUSSOIRS:
-            phase = step_all_voussoirs(run, grounds, path, steps, output)
-
-
-@allocating
-def run_from_rest(run, grounds, path, steps, output):
-    """A run that starts at rest in the chain's own geometry."""
+@inlined
+def start_at_rest(run, output):
+    """Begin a run at rest in the chain's own geometry."""
     model, state, work, limits = run.model, run.state, run.work, run.limits
-    service.begin(model, grounds, state, work, steps, limits, 0, state.clock[Clock.FACTOR])
-    service.write_rest(model, grounds, state, work, path, output)
+    service.begin(model, run.grounds, state, work, run.steps, limits, 0, 1.0)
+    service.write_rest(model, run.grounds, state, work, run.path, output)
     code = service.rest_until_onset(
-        model, grounds, state, steps, limits.rest_plus, limits.rest_minus, output
+        model, run.grounds, state, run.steps, limits.rest_plus, limits.rest_minus, output
     )
     state.clock[Clock.CODE] = code
-    run_phases(run, grounds, path, steps, output, leave_rest(run, code, output))
+    return leave_rest(run, code, output)
 
 
-@allocating
-def run_from_state(run, grounds, path, steps, output):
-    """A run that starts from given positions and velocities."""
-    model, state, work, factor = run.model, run.state, run.work, run.state.clock[Clock.FACTOR]
+@inlined
+def start_in_motion(run):
+    """Begin a run from given positions and velocities."""
+    model, state, work = run.model, run.state, run.work
     service.clear(state)
-    state.clock[Clock.FACTOR] = factor
+    state.clock[Clock.FACTOR] = 1.0
     kinetic, state.clock[Clock.START] = service.energies_of(model, state)
     state.energy[Energy.START_KINETIC] = state.energy[Energy.LARGEST_KINETIC] = kinetic
     move_faces(model, state.position, work.turned, work.face, work.tangent)
     service.read_joints(model, state, work)
     _set_cause(run, BY_START, -1)
-    run_phases(run, grounds, path, steps, output, IMPACT)
+    return IMPACT
+
+
+@kernel
+def follow_phases(run, at_rest, output, results):
+    """A run from its beginning to its end, as a table of phases.
+
+    Parameters
+    ----------
+    run : archfrag.methods.event_driven.integrate.Run
+        With the initial state, unless the chain is at rest in its own geometry.
+    at_rest : bool
+    output : archfrag.methods.time_stepping.recording.Output
+    results : archfrag.methods.time_stepping.service.Results
+        Of one run; overwritten.
+    """
+    phase = start_at_rest(run, output) if at_rest else start_in_motion(run)
+    while phase != DONE:
+        if phase == IMPACT:
+            phase = impact(run)
+        elif phase == MODES:
+            phase = modes_of_accelerations(run)
+        elif phase == ASSEMBLE:
+            phase = assemble_mega_voussoirs(run, output)
+        elif phase == INTEGRATE:
+            phase = integrate_to_next_event(run, output)
+        elif phase == UPON_EVENT:
+            phase = impact_or_mechanism_change(run)
+        elif phase == STILL:
+            phase = rest_if_still(run, output)
+        else:
+            phase = step_all_voussoirs(run, output)
+    service.end_run(
+        run.model, run.grounds, run.state, run.work, run.path, run.limits, output, results, 0
+    )
+    results.model_time[0, FOUR] = run.pace[Pace.FOUR_HINGES]
+    results.model_time[0, MEGA] = run.pace[Pace.MEGA_VOUSSOIRS]
+    farthest = np.sqrt(run.pace[Pace.FARTHEST])
+    results.peak[0, Peak.DISPLACEMENT] = max(results.peak[0, Peak.DISPLACEMENT], farthest)

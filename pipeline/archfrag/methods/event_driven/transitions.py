@@ -8,7 +8,7 @@ solution paths.
 
 import math
 
-from archfrag.mechanics.compile import allocating, inlined, kernel
+from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.blocks import EXACT, FOR_STEPS, Precision, solve_modes
 from archfrag.mechanics.contact.modes import opening_rate, solve_contact, velocity_scale
 from archfrag.mechanics.contact.path import solve_by_path
@@ -288,7 +288,7 @@ def solve_posed(model, state, work, impact, patience):
     return solved
 
 
-@allocating
+@kernel
 def solve_patiently(model, state, work, path, impact):
     """Solve the problem that is posed where the first rounds have not; whether it is solved."""
     count, patience = state.count, 60 + 4 * model.friction.size
