@@ -35,6 +35,8 @@ from archfrag.methods.event_driven.runge_kutta import (
     sliding_rate,
 )
 
+# Joint of the trigger where no law waits to be followed up.
+NONE = -1
 # A law counts as broken beyond this; the contact problem behind it resolves a tenth of it.
 THRESHOLD = 1e-8
 GAP_WEIGHT = 1e4
@@ -82,7 +84,7 @@ def new_laws(n_joint: int) -> Laws:
     shape, gap = (n_joint, N_LAW), (n_joint, 2, 2)
     return Laws(
         np.full(shape, np.inf), np.full(shape, np.inf), np.full(gap, np.inf),
-        np.full(gap, np.inf), np.zeros(2, np.int64),
+        np.full(gap, np.inf), np.full(2, NONE),
     )  # fmt: skip
 
 

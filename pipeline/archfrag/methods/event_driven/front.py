@@ -75,7 +75,6 @@ def new_run(chain: Chain, ground: GroundMotion, options: Options, rest: tuple) -
     scales = Scales(length, speed, resolved, per_weight, float(options.tolerance))
     scheme = THIRD_ORDER if options.tolerance > COARSE else FIFTH_ORDER
     laws, step = new_laws(n_joint), float(options.time_step)
-    laws.trigger[0] = -1
     return Run(
         model=model,
         state=new_state(model),

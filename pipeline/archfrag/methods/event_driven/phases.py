@@ -26,6 +26,7 @@ from archfrag.mechanics.mega_voussoirs.second_level import GAP_0
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.status import Cause, Count, Energy, Peak
 from archfrag.mechanics.status import Model as Rung
+from archfrag.methods.event_driven.events import NONE
 from archfrag.methods.event_driven.integrate import (
     BOUND,
     EVENT,
@@ -60,7 +61,9 @@ from archfrag.methods.time_stepping.step import follow_joints, record_overlap
 BY_START, BY_CROWD, BY_CALM = int(Cause.START), int(Cause.CROWD), int(Cause.CALM)
 BY_UNSOLVED = int(Cause.UNSOLVED)
 FOUR, MEGA, ALL = int(Rung.FOUR_HINGES), int(Rung.MEGA_VOUSSOIRS), int(Rung.ALL_VOUSSOIRS)
-IMPACT, MODES, ASSEMBLE, INTEGRATE, UPON_EVENT, STILL, ALL_VOUSSOIRS, DONE = range(8)
+# Phases of a run: those that follow each other from event to event, and the others.
+IMPACT, MODES, ASSEMBLE, INTEGRATE, UPON_EVENT = 0, 1, 2, 3, 4
+STILL, ALL_VOUSSOIRS, DONE = 5, 6, 7
 # Rest is left where the load is beyond its range by this part of gravity; first look ahead for
 # that, over the time of a fall through a joint's length.
 BEYOND = 1e-7
@@ -108,10 +111,10 @@ def ground_now(run):
 @inlined
 def impact(run):
     """Velocities after an impact (Eqs 8, 9, 11, 21)."""
-    joint, corner = -1, -1
+    trigger, joint, corner = run.motion.laws.trigger, -1, -1
     if run.pace[Pace.CAUSE] == BY_IMPACT:
-        joint, corner = run.motion.laws.trigger[0], run.motion.laws.trigger[1] - GAP_0
-        run.motion.laws.trigger[0] = -1
+        joint, corner = trigger[0], trigger[1] - GAP_0
+    trigger[0] = NONE
     model, state, work = run.model, run.state, run.work
     if pose_impact(run, joint, corner):
         solved = solve_posed(model, state, work, True, 0)
@@ -129,9 +132,9 @@ def modes_of_accelerations(run):
         return ALL_VOUSSOIRS
     x, y = ground_now(run)
     run.pace[Pace.JAMMED] = 1.0 if pose_accelerations(run, x, y) else 0.0
-    if trigger[0] >= 0:
+    if trigger[0] != NONE:
         change_mode(run, int(run.pace[Pace.CAUSE]), trigger[0], trigger[1])
-        trigger[0] = -1
+        trigger[0] = NONE
     model, state, work = run.model, run.state, run.work
     solved = solve_posed(model, state, work, False, 0)
     solved = solved or solve_patiently(model, state, work, run.path, False)
@@ -214,6 +217,7 @@ def integrate_to_next_event(run, output):
     spread(mega, mega.position, mega.velocity, run.state)
     if code == EVENT:
         return UPON_EVENT
+    run.motion.laws.trigger[0] = NONE
     place_chain(run.model, run.state, run.work)
     if code == STOPPED and clock[Clock.TIME] < end:
         return MODES
@@ -248,6 +252,23 @@ def impact_or_mechanism_change(run):
         return IMPACT
     place_chain(run.model, run.state, run.work)
     return MODES
+
+
+@kernel
+def go_on(run, output, phase):
+    """From event to event, as a table of phases, up to the first of the other phases."""
+    while phase <= UPON_EVENT:
+        if phase == IMPACT:
+            phase = impact(run)
+        elif phase == MODES:
+            phase = modes_of_accelerations(run)
+        elif phase == ASSEMBLE:
+            phase = assemble_mega_voussoirs(run, output)
+        elif phase == INTEGRATE:
+            phase = integrate_to_next_event(run, output)
+        else:
+            phase = impact_or_mechanism_change(run)
+    return phase
 
 
 @inlined
@@ -375,16 +396,8 @@ def follow_phases(run, at_rest, output, results):
     """
     phase = start_at_rest(run, output) if at_rest else start_in_motion(run)
     while phase != DONE:
-        if phase == IMPACT:
-            phase = impact(run)
-        elif phase == MODES:
-            phase = modes_of_accelerations(run)
-        elif phase == ASSEMBLE:
-            phase = assemble_mega_voussoirs(run, output)
-        elif phase == INTEGRATE:
-            phase = integrate_to_next_event(run, output)
-        elif phase == UPON_EVENT:
-            phase = impact_or_mechanism_change(run)
+        if phase <= UPON_EVENT:
+            phase = go_on(run, output, phase)
         elif phase == STILL:
             phase = rest_if_still(run, output)
         else:
