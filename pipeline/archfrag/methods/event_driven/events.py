@@ -37,8 +37,8 @@ from archfrag.methods.event_driven.runge_kutta import (
 
 # Joint of the trigger where no law waits to be followed up.
 NONE = -1
-# A law counts as broken beyond this; the contact problem behind it resolves a tenth of it.
-THRESHOLD = 1e-8
+# A law counts as broken beyond this; the contact problem behind it resolves a hundredth of it.
+THRESHOLD = 1e-9
 GAP_WEIGHT = 1e4
 SLIP_WEIGHT = 1e2
 MOST_ROUNDS = 60

@@ -108,7 +108,7 @@ def ground_now(run):
     return x + slope_x * later, y + slope_y * later
 
 
-@inlined
+@kernel
 def impact(run):
     """Velocities after an impact (Eqs 8, 9, 11, 21)."""
     trigger, joint, corner = run.motion.laws.trigger, -1, -1
@@ -117,14 +117,14 @@ def impact(run):
     trigger[0] = NONE
     model, state, work = run.model, run.state, run.work
     if pose_impact(run, joint, corner):
-        solved = solve_posed(model, state, work, True, 0)
-        if not (solved or solve_patiently(model, state, work, run.path, True)):
+        solved = solve_posed(model, state, work, 0)
+        if not (solved or solve_patiently(model, state, work, run.path)):
             return ALL_VOUSSOIRS
     take_impact(run)
     return MODES
 
 
-@inlined
+@kernel
 def modes_of_accelerations(run):
     """Contact modes from now on (Eqs 15-19, 29-35)."""
     trigger = run.motion.laws.trigger
@@ -136,8 +136,8 @@ def modes_of_accelerations(run):
         change_mode(run, int(run.pace[Pace.CAUSE]), trigger[0], trigger[1])
         trigger[0] = NONE
     model, state, work = run.model, run.state, run.work
-    solved = solve_posed(model, state, work, False, 0)
-    solved = solved or solve_patiently(model, state, work, run.path, False)
+    solved = solve_posed(model, state, work, 0)
+    solved = solved or solve_patiently(model, state, work, run.path)
     return ASSEMBLE if solved and take_modes(run) else ALL_VOUSSOIRS
 
 
@@ -164,7 +164,7 @@ def balance_energy(model, state):
     return kinetic
 
 
-@inlined
+@kernel
 def assemble_mega_voussoirs(run, output):
     """Mega-voussoirs of the present modes (section 3.3), ready to move."""
     model, state, work, pace = run.model, run.state, run.work, run.pace
@@ -202,7 +202,7 @@ def assemble_mega_voussoirs(run, output):
     return INTEGRATE
 
 
-@inlined
+@kernel
 def integrate_to_next_event(run, output):
     """Motion of the mega-voussoirs until the next event (section 3.5)."""
     model, state, work, clock = run.model, run.state, run.work, run.state.clock

@@ -9,7 +9,7 @@ solution paths.
 import math
 
 from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.contact.blocks import EXACT, FOR_STEPS, Precision, solve_modes
+from archfrag.mechanics.contact.blocks import EXACT, solve_modes
 from archfrag.mechanics.contact.modes import opening_rate, solve_contact, velocity_scale
 from archfrag.mechanics.contact.path import solve_by_path
 from archfrag.mechanics.contact.placing import (
@@ -271,16 +271,11 @@ def pose_accelerations(run, ground_x, ground_y):
 
 
 @kernel
-def solve_posed(model, state, work, impact, patience):
-    """Solve the problem that is posed by Newton's iteration on the modes; whether it does.
-
-    Velocities after an impact are solved exactly; of accelerations only the modes are wanted.
-    """
+def solve_posed(model, state, work, patience):
+    """Solve the problem that is posed by Newton's iteration on the modes; whether it does."""
     count = state.count
-    slack, left = (EXACT.slack, EXACT.left) if impact else (FOR_STEPS.slack, FOR_STEPS.left)
-    precision = Precision(EXACT.compliance, slack, left)
     solved, _, rounds = solve_contact(
-        model, state.position, work, True, (False, 0.0, 0.0), patience, precision
+        model, state.position, work, True, (False, 0.0, 0.0), patience, EXACT
     )
     count[Count.ITERATIONS] += rounds
     count[Count.LEVELS] += 1.0
@@ -289,11 +284,11 @@ def solve_posed(model, state, work, impact, patience):
 
 
 @kernel
-def solve_patiently(model, state, work, path, impact):
+def solve_patiently(model, state, work, path):
     """Solve the problem that is posed where the first rounds have not; whether it is solved."""
     count, patience = state.count, 60 + 4 * model.friction.size
     count[Count.GENERAL] += 1.0
-    if solve_posed(model, state, work, impact, patience):
+    if solve_posed(model, state, work, patience):
         return True
     solved, _, rounds, breaks = solve_by_path(model, state.position, work, path, MOST_PATHS, 0)
     count[Count.ITERATIONS] += rounds
