@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.acceleration import centripetal_bias, uniform_force
 from archfrag.mechanics.contact.blocks import EXACT, Precision, solve_modes
 from archfrag.mechanics.contact.modes import ask_modes, solve_contact, velocity_scale
 from archfrag.mechanics.contact.path import (
@@ -18,22 +17,27 @@ from archfrag.mechanics.contact.path import (
     new_path,
     solve_by_path,
 )
-from archfrag.mechanics.contact.placing import relative_velocity
-from archfrag.mechanics.delassus import contact_work
-from archfrag.mechanics.delassus import velocity_scale as former_scale
-from archfrag.mechanics.former_contact import solve_contact as former_contact
-from archfrag.mechanics.kinematics import (
-    empty_contacts,
-    joint_lengths,
-    move_faces,
-    place_contacts,
+from archfrag.mechanics.contact.placing import move_faces, place_contacts, relative_velocity
+from archfrag.mechanics.mega_voussoirs.assemble import (
+    assemble,
+    gather_state,
+    in_use,
+    new_mega_voussoirs,
+    split_state,
 )
-from archfrag.mechanics.levels import new_few_bodies, solve_levels, view_few
-from archfrag.mechanics.mechanism import assemble_mechanism, gather_state, new_mechanism
-from archfrag.mechanics.model import Model, new_work
-from archfrag.mechanics.reactions import four_hinges, inner_margins
-from archfrag.mechanics.status import Status
-from archfrag.methods.few_bodies import evaluate, new_few_room, view_motion
+from archfrag.mechanics.mega_voussoirs.first_level import (
+    centripetal_bias,
+    four_hinges,
+    solve_first_level,
+)
+from archfrag.mechanics.mega_voussoirs.second_level import (
+    FORCE_0,
+    FRICTION_MINUS,
+    N_LAW,
+    joint_reactions,
+    solve_second_level,
+)
+from archfrag.mechanics.model import Model, model_of, new_work
 
 
 class Mode(NamedTuple):
@@ -49,7 +53,7 @@ PLUS, MINUS = 1, -1
 
 
 def encode(mode):
-    """Number of a mode in the package."""
+    """Number of a mode in the package's histories."""
     slip = {0: 0, 1: 1, -1: 2}[mode.slip]
     if len(mode.corners) == 2:
         return 7 + slip
@@ -61,12 +65,20 @@ MODES = {encode(m): m for m in (OPEN, *(
 ))}  # fmt: skip
 
 
-def encode_all(modes):
-    return np.array([encode(mode) for mode in modes], np.int8)
-
-
 def decode_all(numbers):
     return [MODES[int(number)] for number in numbers]
+
+
+def set_modes(modes, touch, slide):
+    """Write modes in the layout of the package."""
+    for j, mode in enumerate(modes):
+        touch[j] = [k in mode.corners for k in range(2)]
+        slide[j] = mode.slip
+
+
+def framed(values):
+    """Rows of bodies between rows of the ground, which are zero."""
+    return np.concatenate([0.0 * values[:1], values, 0.0 * values[:1]])
 
 
 @dataclass(frozen=True)
@@ -116,22 +128,11 @@ def wrench_of(reaction, pivot):
     return np.column_stack([reaction[:, :2], moment])
 
 
-def solution_of(solved, work):
-    """Solution in the layout that mega-voussoirs use."""
-    wrench = wrench_of(work.reaction, work.pivot)
-    return Solution(bool(solved), work.velocity.copy(), wrench, decode_all(work.mode))
-
-
 def modes_of(work):
     return [
         Mode(tuple(int(k) for k in np.flatnonzero(touch)), int(slide))
         for touch, slide in zip(work.touch, work.slide)
     ]
-
-
-def _framed(values):
-    """Rows of bodies between rows of the ground, which are zero."""
-    return np.concatenate([0.0 * values[:1], values, 0.0 * values[:1]])
 
 
 def posed(problem):
@@ -140,9 +141,9 @@ def posed(problem):
     n_joint = friction.size
     rough = np.isinf(friction)
     model = Model(
-        mass=_framed(p.mass), inertia=_framed(p.inertia),
-        inverse_mass=_framed(1.0 / p.mass), inverse_inertia=_framed(1.0 / p.inertia),
-        centroid=_framed(p.centroid), corner=np.zeros((n_joint, 2, 2, 2)),
+        mass=framed(p.mass), inertia=framed(p.inertia),
+        inverse_mass=framed(1.0 / p.mass), inverse_inertia=framed(1.0 / p.inertia),
+        centroid=framed(p.centroid), corner=np.zeros((n_joint, 2, 2, 2)),
         tangent=np.zeros((n_joint, 2, 2)), length=np.ones(n_joint), friction=friction,
         ray=np.stack([np.where(rough, 0.0, 1.0), np.where(rough, 1.0, friction)], axis=1),
         gravity=9.81, rounding=0.0,
@@ -155,13 +156,21 @@ def posed(problem):
     work.side_normal[:] = np.stack([p.normal_plus, p.normal_minus], axis=2)
     work.candidate[:], work.known[:], work.bias[:] = p.touching, p.sliding, p.bias
     work.free[1:-1] = p.free
-    for j, mode in enumerate(p.start):
-        work.touch[j] = [k in mode.corners for k in range(2)]
-        work.slide[j] = mode.slip
+    set_modes(p.start, work.touch, work.slide)
     return model, position, work
 
 
-def _solved(solved, work):
+def problem_in(model, position, work):
+    """The problem that a workspace holds; as `posed`."""
+    return Problem(
+        model.mass[1:-1], model.inertia[1:-1], position[1:-1, :2].copy(), work.point.copy(),
+        work.normal.copy(), work.side_normal[:, :, 0].copy(), work.side_normal[:, :, 1].copy(),
+        work.candidate > 0.5, work.known.astype(int), work.bias.copy(), model.friction,
+        work.free[1:-1].copy(), modes_of(work),
+    )  # fmt: skip
+
+
+def solution_in(solved, work):
     wrench = wrench_of(work.reaction, work.pivot)
     return Solution(bool(solved), work.solved[1:-1].copy(), wrench, modes_of(work))
 
@@ -171,7 +180,7 @@ def by_newton(problem):
     model, position, work = posed(problem)
     patience = 100 + 4 * problem.friction.size
     solved, _, _ = solve_contact(model, position, work, True, (False, 0.0, 0.0), patience, EXACT)
-    return _solved(solved, work)
+    return solution_in(solved, work)
 
 
 def by_path(problem):
@@ -180,7 +189,7 @@ def by_path(problem):
     solved, compliant, _, _ = solve_by_path(
         model, position, work, new_path(model), PATHS, SOFT_PATHS
     )
-    return _solved(solved and not compliant, work)
+    return solution_in(solved and not compliant, work)
 
 
 def path_end(problem, attempt, compliance):
@@ -193,7 +202,7 @@ def path_end(problem, attempt, compliance):
     reached, _ = follow_path(position, work, path, scale, compliance, attempt)
     precision = Precision(compliance, 1e-11, np.inf)
     solve_modes(path.model, position, work, scale, precision)
-    return _solved(reached, work)
+    return solution_in(reached, work)
 
 
 class Joint(NamedTuple):
@@ -246,69 +255,83 @@ def proposed(joints, scale=1.0, force_scale=1.0, tolerance=1e-9):
 
 
 def by_four_hinges(mass, inertia, centroid, hinge, corners, spin, free):
-    """First level in closed form: whether it holds, accelerations, forces at the hinges."""
-    contacts, work = empty_contacts(3, 4), contact_work(3, 4)
-    contacts.centroid[:] = centroid
-    for j, c in enumerate(corners):
-        contacts.point[j, c], contacts.point[j, 1 - c] = hinge[j], hinge[j] + [0.3, 0.8]
-        work.mode[j] = encode(Mode((c,)))
-    velocity = np.zeros((3, 3))
-    velocity[:, 2] = spin
-    possible = four_hinges(mass, inertia, velocity, free, contacts, work)
-    return bool(possible), work.velocity.copy(), work.reaction[:, :2].copy(), work.pivot.copy()
+    """First level in closed form: whether it holds, accelerations, wrenches on later bodies."""
+    point = np.repeat(hinge[:, None], 2, axis=1)
+    for j, k in enumerate(corners):
+        point[j, 1 - k] += [0.3, 0.8]
+    none, corner = np.zeros((4, 2)), np.zeros((4, 2, 2))
+    modes = [Mode((k,)) for k in corners]
+    model, position, work = posed(Problem(
+        mass, inertia, centroid, point, none, corner, corner, none, np.zeros(4), corner,
+        np.ones(4), free, modes,
+    ))  # fmt: skip
+    velocity = np.zeros((5, 3))
+    velocity[1:-1, 2] = spin
+    possible = four_hinges(model, position, velocity, work)
+    return bool(possible), *solution_in(possible, work)[1:3]
 
 
 class Posed:
     """A chain in a state: the contact problem of its accelerations, and its two levels."""
 
-    def __init__(self, chain, position, velocity, modes, horizontal, vertical=0.0):
-        n, m = chain.mass.size, chain.friction.size
-        self.given = chain, position, velocity, horizontal, vertical
-        self.chain = chain
-        self.mode = encode_all(modes)
-        self.length, self.slip = joint_lengths(chain), np.zeros(m)
-        self.contacts, self.free = empty_contacts(n, m), np.zeros((n, 3))
-        before, after = np.zeros((2, m, 2, 2))
-        move_faces(chain, position, before, after)
-        place_contacts(position, before, after, self.slip, self.length, self.contacts)
-        for j, mode in enumerate(modes):
-            self.contacts.slip[j] = mode.slip
-            self.contacts.candidate[j] = [c in mode.corners for c in range(2)]
-        uniform_force(n, horizontal, vertical, chain.gravity, self.free)
-        centripetal_bias(self.contacts, self.mode, self.slip, velocity, self.contacts.bias)
-        self.mechanism, self.bodies = new_mechanism(n, m), new_few_bodies(n, m)
+    def __init__(self, chain, position, velocity, modes, horizontal, vertical=0.0, slip=None):
+        self.given = chain, position, velocity, horizontal, vertical, slip
+        self.model = model = model_of(chain)
+        self.work = work = new_work(model)
+        self.slip = np.zeros(chain.friction.size) if slip is None else slip
+        self.position, self.velocity = framed(position), framed(velocity)
+        move_faces(model, self.position, work.turned, work.face, work.tangent)
+        place_contacts(model, self.slip, work.face, work.tangent, work)
+        set_modes(modes, work.touch, work.slide)
+        work.candidate[:], work.known[:] = work.touch, work.slide
+        work.free[1:-1] = -horizontal, -chain.gravity - vertical, 0.0
+        centripetal_bias(self.position, self.velocity, self.slip, work.known, work)
+        self.start = problem_in(model, self.position, work)
 
     def with_modes(self, modes):
         """The same state in other modes."""
-        chain, position, velocity, horizontal, vertical = self.given
-        return Posed(chain, position, velocity, modes, horizontal, vertical)
+        chain, position, velocity, horizontal, vertical, slip = self.given
+        return Posed(chain, position, velocity, modes, horizontal, vertical, slip)
 
     def problem(self):
-        chain = self.chain
-        return problem_of(
-            (chain.mass, chain.inertia, self.contacts, chain.friction, self.free, self.mode)
-        )
-
-    def by_levels(self):
-        """Solution by both levels, and how many rounds it took."""
-        work = contact_work(self.chain.mass.size, self.slip.size)
-        work.mode[:] = self.mode
-        work.pivot[:] = self.contacts.point.mean(axis=1)
-        scale = former_scale(self.contacts, self.free, work)
-        solved, rounds = solve_levels(
-            self.chain, self.contacts, self.slip, self.length, self.given[2], self.free, scale,
-            self.mechanism, self.bodies, work,
-        )  # fmt: skip
-        return solution_of(solved, work), rounds
+        return self.start
 
     def by_contact_problem(self):
         """Solution on the full chain."""
-        chain, work = self.chain, contact_work(self.chain.mass.size, self.slip.size)
-        work.mode[:] = self.mode
-        status, *_, compliant = former_contact(
-            chain.mass, chain.inertia, self.contacts, chain.friction, self.free, work
+        solution = by_newton(self.start)
+        return solution if solution.solved else by_path(self.start)
+
+    def by_levels(self):
+        """Solution by both levels in the modes given; its margins stay in ``self.value``.
+
+        Returns
+        -------
+        Solution
+        """
+        horizontal, vertical = self.given[3:5]
+        model, work, mega = self.model, self.work, new_mega_voussoirs(self.model)
+        assemble(model, work.touch, work.slide, self.slip, mega)
+        gather_state(model, self.position, self.velocity, mega)
+        mega = in_use(mega)
+        solved = mega.count[0] > 0 and solve_first_level(
+            mega, mega.position, mega.velocity, horizontal, vertical, 1e-3 * model.gravity
         )
-        return solution_of(status == Status.STANDING and not compliant, work)
+        self.value = np.full((self.slip.size, N_LAW), np.nan)
+        solve_second_level(
+            model, mega, mega.position, mega.velocity, horizontal, vertical, 1.0, self.value
+        )
+        joint_reactions(mega, work)
+        self._accelerations(mega)
+        return solution_in(solved, work)
+
+    def _accelerations(self, mega):
+        """Accelerations of all voussoirs from those of the mega-voussoirs."""
+        work, place = self.work, np.zeros_like(self.position)
+        split_state(mega, mega.position, mega.work.solved, place, work.solved)
+        for i in np.flatnonzero(mega.group):
+            k = mega.group[i]
+            arm = self.position[i, :2] - mega.position[k, :2]
+            work.solved[i, :2] -= mega.velocity[k, 2] ** 2 * arm
 
     def margins(self):
         """Second level: forces at both corners and margins of Coulomb's law of either sense.
@@ -319,16 +342,9 @@ class Posed:
             nan at joints between mega-voussoirs.
         least : float
         """
-        chain, n_joint = self.chain, self.slip.size
-        n, m = assemble_mechanism(chain, self.mode, self.slip, self.length, self.mechanism)
-        bodies = view_few(self.bodies, n, m)
-        gather_state(chain, self.mechanism, *self.given[1:3], bodies.position, bodies.velocity)
-        room = new_few_room(chain.mass.size, n_joint)
-        few = view_motion(self.mechanism, chain.gravity, bodies, room)
-        assert evaluate(few, few.position, few.velocity, *self.given[3:])
-        value = np.full((n_joint, 4), np.nan)
-        least = inner_margins(
-            chain, self.mechanism, few.position, few.velocity, few.work, self.given[3],
-            self.given[4] + chain.gravity, 1.0, value,
-        )  # fmt: skip
-        return value, least
+        assert self.by_levels().solved
+        value = self.value[:, FORCE_0 : FRICTION_MINUS + 1]
+        inside = np.isfinite(value[:, 0])
+        if np.isinf(self.model.friction).all():
+            value[inside, 2:] = np.inf
+        return value, value[inside].min(initial=np.inf)

@@ -33,24 +33,25 @@ class TestFourHinges:
         for _ in range(300):
             mass, inertia, centroid, hinge, spin, free = random_linkage(rng)
             corners = rng.integers(0, 2, 4)
-            possible, acceleration, force, where = by_four_hinges(
+            possible, acceleration, wrench = by_four_hinges(
                 mass, inertia, centroid, hinge, corners, spin, free
             )
             expected, forces = hinged_motion(mass, inertia, centroid, hinge, spin, free)
             assert possible
-            assert where == pytest.approx(hinge)
             assert np.abs(acceleration - expected).max() < 1e-10 * np.abs(expected).max()
-            assert np.abs(force - forces).max() < 1e-10 * np.abs(forces).max()
+            assert np.abs(wrench[:, :2] - forces).max() < 1e-10 * np.abs(forces).max()
+            moment = cross(hinge, forces)
+            assert np.abs(wrench[:, 2] - moment).max() < 1e-9 * np.abs(moment).max()
 
     def test_of_weightless_outer_bodies_the_reactions_meet_at_the_rotation_centre(self):
         """What the paper says of the whole reactions (Eq 30) holds where nothing else acts."""
         rng = np.random.default_rng(2)
         mass, inertia, centroid, hinge, spin, free = random_linkage(rng)
         mass[[0, 2]], inertia[[0, 2]] = 1e-9, 1e-9
-        _, _, force, _ = by_four_hinges(mass, inertia, centroid, hinge, [1, 0, 1, 0], spin, free)
+        _, _, force = by_four_hinges(mass, inertia, centroid, hinge, [1, 0, 1, 0], spin, free)
         for j, line in ((1, hinge[1] - hinge[0]), (2, hinge[3] - hinge[2])):
-            size = np.linalg.norm(force[j]) * np.linalg.norm(line)
-            assert abs(cross(line, force[j])) < 1e-9 * size
+            size = np.linalg.norm(force[j, :2]) * np.linalg.norm(line)
+            assert abs(cross(line, force[j, :2])) < 1e-9 * size
 
     def test_without_a_rotation_centre_of_the_middle_body_it_declines(self):
         mass, inertia, centroid, _, spin, free = random_linkage(np.random.default_rng(3))
@@ -68,15 +69,12 @@ class TestMegaVoussoirs:
 
     def test_reactions_at_the_hinges(self):
         rng = np.random.default_rng(4)
-        compared = 0
         for _ in range(250):
             arch, state = random_hinged_arch(rng, self.make)
             push = rng.uniform(-1.0, 1.0) * g
             posed = Posed(arch.chain, state.position, state.velocity, state.modes, push)
-            solution, rounds = posed.by_levels()
-            if not solution.solved or rounds > 1:
-                continue
-            compared += 1
+            solution = posed.by_levels()
+            assert solution.solved
             bodies = [joined(arch.chain, body, state.position) for body in state.bodies]
             mass, inertia, centroid = (np.array(part) for part in zip(*bodies))
             spin = np.array([state.velocity[body[0], 2] for body in state.bodies])
@@ -89,4 +87,3 @@ class TestMegaVoussoirs:
             for k, body in enumerate(state.bodies):
                 turning = solution.velocity[body, 2]
                 assert turning == pytest.approx(np.full(body.size, motion[k, 2]), abs=1e-9)
-        assert compared >= 10

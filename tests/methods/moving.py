@@ -5,94 +5,111 @@ Names and layouts of the package stand here only.
 
 import numpy as np
 
-from archfrag.mechanics.kinematics import joint_lengths
-from archfrag.mechanics.ledger import new_ledger
-from archfrag.mechanics.levels import new_few_bodies, view_few
-from archfrag.mechanics.mechanism import assemble_mechanism, gather_state, new_mechanism
-from archfrag.mechanics.status import Count, Energy
-from archfrag.methods.events import (
-    GAP,
-    LAW,
-    PASSING,
-    SLIP_END,
-    THRESHOLD,
-    all_margins,
-    closed_inside,
-    keep_margins,
-    locate,
-    margin_at,
-    may_have_closed,
-    new_margins,
+from archfrag.mechanics.contact.path import new_path
+from archfrag.mechanics.mega_voussoirs.assemble import (
+    assemble,
+    gather_state,
+    in_use,
+    new_mega_voussoirs,
 )
-from archfrag.methods.few_bodies import (
+from archfrag.mechanics.mega_voussoirs.first_level import solve_first_level
+from archfrag.mechanics.mega_voussoirs.second_level import GAP_0, GAP_1, SLIP_END
+from archfrag.mechanics.model import model_of
+from archfrag.mechanics.status import Count, Energy
+from archfrag.mechanics.types import GroundMotion, Options
+from archfrag.methods.event_driven.events import (
+    THRESHOLD,
+    Motion,
+    Scales,
+    find_margins,
+    keep_margins,
+    new_laws,
+)
+from archfrag.methods.event_driven.front import new_run
+from archfrag.methods.event_driven.integrate import check_laws
+from archfrag.methods.event_driven.runge_kutta import (
     BY_FRICTION,
     BY_GROUND,
+    FIFTH_ORDER,
+    GroundSegment,
+    blend,
     dense_state,
-    dense_work,
-    evaluate,
     keep_stage,
     make_dense,
-    new_few_room,
+    new_stages,
     take_step,
-    view_motion,
 )
-from archfrag.methods.resolve import new_whole, resolve_impact
-from tests.mechanics.adapters import decode_all, encode_all, problem_of, solution_of
-
-KINDS = {LAW: "law", LAW + 1: "law", GAP: "gap", GAP + 1: "gap", SLIP_END: "slip", PASSING: "pass"}
+from archfrag.methods.event_driven.transitions import (
+    pose_impact,
+    solve_patiently,
+    solve_posed,
+    take_impact,
+)
+from tests.mechanics.adapters import framed, modes_of, problem_in, set_modes, solution_in
 
 
 class Moving:
     """A chain that moves in given modes; ground acceleration ``(x, its rate, y, its rate)``."""
 
-    def __init__(self, chain, position, velocity, modes, ground):
-        n, m = chain.mass.size, chain.friction.size
-        self.chain, self.ground = chain, ground
-        self.mechanism, self.margins = new_mechanism(n, m), new_margins(m)
-        length = joint_lengths(chain)
-        self.scales = 1.0 / (chain.gravity * chain.mass.sum()), np.sqrt(chain.gravity * length[0])
-        counts = assemble_mechanism(chain, encode_all(modes), np.zeros(m), length, self.mechanism)
-        bodies = view_few(new_few_bodies(n, m), *counts)
-        gather_state(chain, self.mechanism, position, velocity, bodies.position, bodies.velocity)
-        self.few = view_motion(self.mechanism, chain.gravity, bodies, new_few_room(n, m))
+    def __init__(self, chain, position, velocity, modes, ground, scheme=FIFTH_ORDER):
+        model = model_of(chain)
+        n_row, n_joint = model.mass.size, model.friction.size
+        touch, slide = np.zeros((n_joint, 2)), np.zeros(n_joint)
+        set_modes(modes, touch, slide)
+        self.ground, mega = GroundSegment(*ground), new_mega_voussoirs(model)
+        assemble(model, touch, slide, np.zeros(n_joint), mega)
+        gather_state(model, framed(position), framed(velocity), mega)
+        self.mega = in_use(mega)
+        self.resolved = 1e-3 * model.gravity
+        scales = Scales(
+            length=model.length[0], speed=np.sqrt(model.gravity * model.length[0]),
+            acceleration=self.resolved, tolerance=1.0,
+            per_weight=1.0 / (model.gravity * model.mass.sum()),
+        )  # fmt: skip
+        self.motion = Motion(model, new_stages(n_row), scheme, new_laws(n_joint), scales)
         self._begin()
 
     def _begin(self):
-        few, (gx, _, gy, _) = self.few, self.ground
-        assert evaluate(few, few.position, few.velocity, gx, gy)
-        keep_stage(few, 0, few.velocity, gx, gy)
-        self.least_at_start = self._margins(few.position, few.velocity, 0.0)
-        keep_margins(few, self.margins)
+        mega, x, y = self.mega, self.ground.x, self.ground.y
+        assert solve_first_level(mega, mega.position, mega.velocity, x, y, self.resolved)
+        keep_stage(mega, self.motion.stages, 0, mega.position, mega.velocity, x, y)
+        find_margins(self.motion, mega, mega.position, mega.velocity, x, y)
+        keep_margins(mega, self.motion.laws)
 
-    def _margins(self, position, velocity, later):
-        gx, sx, gy, sy = self.ground
-        return all_margins(
-            self.chain, self.mechanism, self.few, position, velocity, gx + sx * later,
-            gy + sy * later, *self.scales, self.margins,
-        )  # fmt: skip
+    @property
+    def state(self):
+        """Position and velocity of the mega-voussoirs, (2, n, 3)."""
+        return np.stack([self.mega.position[1:-1], self.mega.velocity[1:-1]])
 
     def step(self, size):
         """Position, velocity of the mega-voussoirs after a step, and its error by itself [m]."""
-        possible, error = take_step(self.few, size, *self.ground, 1.0, 1.0)
+        possible, error = take_step(
+            self.mega, self.motion.stages, self.motion.scheme, size, self.ground, self.resolved,
+            (1.0, 1.0),
+        )  # fmt: skip
         assert possible
-        make_dense(self.few, size)
-        return self.few.new_position.copy(), self.few.new_velocity.copy(), error
+        make_dense(self.mega, self.motion.stages, self.motion.scheme, size)
+        return self.mega.next_position[1:-1].copy(), self.mega.next_velocity[1:-1].copy(), error
 
     def inside(self, part):
         """Position and velocity at a part of the last step."""
-        position, velocity = np.zeros((2, *self.few.position.shape))
-        dense_state(self.few, part, position, velocity)
-        return position, velocity
+        position, velocity = np.zeros((2, *self.mega.position.shape))
+        dense_state(self.motion.stages, part, position, velocity)
+        return position[1:-1], velocity[1:-1]
 
     def work(self, part):
         """Work of the ground and of friction up to a part of the last step [J]."""
-        return dense_work(self.few, BY_GROUND, part), dense_work(self.few, BY_FRICTION, part)
+        work = self.motion.stages.dense_work
+        return blend(work[BY_GROUND], part), blend(work[BY_FRICTION], part)
 
     def go_on(self, size):
         """Take the end of the last step as the beginning of the next one."""
-        gx, sx, gy, sy = self.ground
-        self.ground = gx + sx * size, sx, gy + sy * size, sy
-        self.few.position[:], self.few.velocity[:] = self.few.new_position, self.few.new_velocity
+        x, slope_x, y, slope_y = self.ground
+        self.ground = GroundSegment(x + slope_x * size, slope_x, y + slope_y * size, slope_y)
+        self.mega.position[:], self.mega.velocity[:] = (
+            self.mega.next_position,
+            self.mega.next_velocity,
+        )
         self._begin()
 
     def first_event(self, size, most=1):
@@ -106,51 +123,44 @@ class Moving:
             Kinds "law", "gap", "slip" (its end), "inside" (a law inside a mega-voussoir).
         """
         for number in range(most):
-            time, used = self._event_in_step(size)
-            if used:
-                return number * size + time, used
+            self.step(size)
+            part, event = check_laws(self.motion, self.mega, size, self.ground)
+            if event:
+                return (number + part) * size, self._used()
             self.go_on(size)
         return np.inf, set()
 
-    def _event_in_step(self, size):
-        self.step(size)
-        few, margins = self.few, self.margins
-        least, last = self._margins(few.new_position, few.new_velocity, size), 1.0
-        if may_have_closed(few, margins, size):
-            inside = closed_inside(few, True)
-            if inside > 0.0:
-                last = inside
-                least = margin_at(
-                    self.chain, self.mechanism, few, last, size, *self.ground, *self.scales,
-                    margins,
-                )  # fmt: skip
-        if least >= -THRESHOLD:
-            return np.inf, set()
-        part = locate(
-            self.chain, self.mechanism, few, size, last, *self.ground, *self.scales, margins
-        )
-        between, inner = margins.between[: few.joint.size], margins.inner
-        used = {
-            (KINDS[q], int(few.joint[k])) for k, q in np.argwhere(np.abs(between) < 10 * THRESHOLD)
+    def _used(self):
+        between = set(self.mega.joint[: self.mega.count[1]].tolist())
+        kinds = {GAP_0: "gap", GAP_1: "gap", SLIP_END: "slip"}
+        gone = np.argwhere(np.abs(self.motion.laws.value) < 10 * THRESHOLD)
+        return {
+            (kinds.get(int(law), "law") if int(j) in between else "inside", int(j))
+            for j, law in gone
         }
-        used |= {("inside", int(j)) for j, _ in np.argwhere(np.abs(inner) < 10 * THRESHOLD)}
-        return part * size, used
+
+
+OPTIONS = Options(1e-3, 1e-9, 1e-3, 0.0, 1000, 0.5, 10, 1.0, 0.0)
 
 
 class Impact:
     """What an impact of a chain does: the problem that it is, its solution and its record."""
 
     def __init__(self, chain, position, velocity, modes, closes=(-1, -1)):
-        n, m = chain.mass.size, chain.friction.size
-        whole, ledger = new_whole(n, m, joint_lengths(chain)), new_ledger()
-        whole.position[:], whole.velocity[:] = position, velocity
-        mode = encode_all(modes)
-        self.solved = resolve_impact(chain, whole, np.zeros(m), mode, *closes, ledger)
-        work = whole.work
-        self.problem = problem_of(
-            (chain.mass, chain.inertia, whole.contacts, chain.friction, velocity, mode)
+        still = GroundMotion(np.zeros(2), np.zeros(2), 1.0)
+        run = new_run(chain, still, OPTIONS, (np.nan, np.nan))
+        state, work = run.state, run.work
+        state.position[1:-1], state.velocity[1:-1] = position, velocity
+        set_modes(modes, state.touch, state.slide)
+        moves = pose_impact(run, *closes)
+        self.problem = problem_in(run.model, state.position, work)
+        self.solved = not moves or bool(
+            solve_posed(run.model, state, work, 0)
+            or solve_patiently(run.model, state, work, new_path(run.model))
         )
-        self.solution = solution_of(self.solved, work)
-        self.velocity, self.modes = whole.velocity.copy(), decode_all(mode)
-        self.energy = ledger.energy[Energy.IMPACT]
-        self.joints_closed = int(ledger.count[Count.IMPACTS])
+        self.solution = solution_in(self.solved, work)
+        if self.solved:
+            take_impact(run)
+        self.velocity, self.modes = state.velocity[1:-1].copy(), modes_of(state)
+        self.energy = state.energy[Energy.IMPACT]
+        self.joints_closed = int(state.count[Count.IMPACTS])

@@ -78,7 +78,7 @@ class TestOrder:
             for _ in range(number):
                 moving.step(SPAN / number)
                 moving.go_on(SPAN / number)
-            end = np.concatenate([moving.few.position, moving.few.velocity])
+            end = np.concatenate(moving.state)
             errors.append(np.abs(end - expected).max())
         assert 4.7 < order(errors) < 6.3
 

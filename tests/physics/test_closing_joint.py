@@ -1,57 +1,62 @@
 """A corner that closes and opens again within a step is seen; none is closed by moving it."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 import archfrag as af
-from archfrag.mechanics.mechanism import (
-    assemble_mechanism,
-    farthest_regrouped,
+from archfrag.mechanics.mega_voussoirs.assemble import (
+    assemble,
+    farthest_move,
     gather_state,
-    new_mechanism,
+    in_use,
+    new_mega_voussoirs,
+    split_state,
 )
-from archfrag.methods.events import may_have_closed
+from archfrag.mechanics.model import model_of
+from tests.mechanics.adapters import CLOSED, Mode, framed, set_modes
+from tests.methods.moving import Moving
 
 ARCH = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7)
+g = 9.80665
 
 
 class TestSuspicion:
-    """Gap and rate at both ends of a step against a parabola in between."""
+    """A block in flight that ground which falls away lets come down and rise again in a step."""
 
-    @pytest.mark.parametrize(("least", "suspect"), [(-1e-3, True), (-1e-6, True), (0.5, False)])
-    def test_a_parabola_that_dips_is_suspected(self, least, suspect):
-        # gap(t) = least + (t - 0.4)**2 over a step of 1 s.
-        few = SimpleNamespace(work=SimpleNamespace(mode=np.array([1], np.int8)))
-        first = np.array([[[np.inf, np.inf], [least + 0.16, -0.8]]])
-        last = np.array([[[np.inf, np.inf], [least + 0.36, 1.2]]])
-        margins = SimpleNamespace(low_gap=first, gap=last)
-        assert may_have_closed.py_func(few, margins, 1.0) == suspect
+    def event(self, least):
+        speed, up, block = 0.1, 5.0, af.Block(1.0, 4.0, friction=0.6).chain
+        position = np.array([[0.0, 2.0 + speed**2 / (2.0 * up) + least, 0.0]])
+        moving = Moving(
+            block, position, np.array([[0.0, -speed, 0.0]]), [Mode(())], (0.0, 0.0, -g - up, 0.0)
+        )
+        return moving.first_event(0.05)
 
-    def test_one_that_only_opens_is_not(self):
-        few = SimpleNamespace(work=SimpleNamespace(mode=np.array([1], np.int8)))
-        first = np.array([[[np.inf, np.inf], [0.0, 0.1]]])
-        last = np.array([[[np.inf, np.inf], [0.2, 0.3]]])
-        margins = SimpleNamespace(low_gap=first, gap=last)
-        assert not may_have_closed.py_func(few, margins, 1.0)
+    @pytest.mark.parametrize(("least", "closes"), [(-1e-3, True), (-1e-6, True), (1e-4, False)])
+    def test_a_gap_that_dips_below_zero_is_an_impact(self, least, closes):
+        time, used = self.event(least)
+        assert used == ({("gap", 0)} if closes else set())
+        assert (time < 0.02) == closes
 
 
 class TestRegrouping:
     def test_is_measured_as_the_farthest_move_of_a_voussoir(self):
-        chain = ARCH.chain
-        length = np.full(8, 1.5)
-        mode = np.full(8, 7, np.int8)
-        mode[[0, 2, 4, 7]] = (4, 1, 4, 1)
-        mechanism = new_mechanism(7, 8)
-        n, _ = assemble_mechanism(chain, mode, np.zeros(8), length, mechanism)
-        assert n == 3
-        position, velocity = np.zeros((7, 3)), np.zeros((7, 3))
-        position[:, :2] = chain.centroid
-        mega, speed = np.zeros((7, 3)), np.zeros((7, 3))
-        gather_state(chain, mechanism, position, velocity, mega, speed)
-        assert farthest_regrouped(mechanism, 1.5, mega, position) < 1e-14
+        model, touch, slide = model_of(ARCH.chain), np.zeros((8, 2)), np.zeros(8)
+        corners = {0: (1,), 2: (0,), 4: (1,), 7: (0,)}
+        modes = [Mode(corners[j]) if j in corners else CLOSED for j in range(8)]
+        set_modes(modes, touch, slide)
+        mega = new_mega_voussoirs(model)
+        assemble(model, touch, slide, np.zeros(8), mega)
+        mega = in_use(mega)
+        assert mega.count[0] == 3
+
+        def moved(position):
+            still, place, speed = np.zeros((3, *position.shape))
+            gather_state(model, position, still, mega)
+            split_state(mega, mega.position, mega.velocity, place, speed)
+            return farthest_move(model, position, place)
+
+        position = framed(np.column_stack([ARCH.chain.centroid, np.zeros(7)]))
+        assert moved(position) < 1e-14
         # The second voussoir of a mega-voussoir, turned against the first.
-        position[1, 2] += 1e-3
-        gather_state(chain, mechanism, position, velocity, mega, speed)
-        assert farthest_regrouped(mechanism, 1.5, mega, position) == pytest.approx(1.5e-3)
+        position[2, 2] += 1e-3
+        assert moved(position) == pytest.approx(1.5e-3)

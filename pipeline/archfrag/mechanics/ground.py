@@ -101,3 +101,54 @@ def end_of_rest(time, ground, gravity, limit_plus, limit_minus):
         before_time = i * dt
         i += 1
     return np.inf
+
+
+@allocating
+def find_breaks(ground):
+    """For each sample the next one at which the ground acceleration changes its slope.
+
+    Parameters
+    ----------
+    ground : archfrag.mechanics.types.GroundMotion
+
+    Returns
+    -------
+    ndarray, (n_sample,) int64
+    """
+    n = ground.horizontal.size
+    out = np.empty(n, np.int64)
+    largest = max(np.max(np.abs(ground.horizontal)), np.max(np.abs(ground.vertical)))
+    out[n - 1] = n - 1
+    following = n - 1
+    for i in range(n - 2, -1, -1):
+        out[i] = following
+        if i > 0:
+            x, y = ground.horizontal, ground.vertical
+            bend = abs(x[i - 1] - 2.0 * x[i] + x[i + 1]) + abs(y[i - 1] - 2.0 * y[i] + y[i + 1])
+            if bend > 1e-12 * largest:
+                following = i
+    return out
+
+
+@kernel
+def segment_at(time, ground, next_break):
+    """Where the ground acceleration is linear in time.
+
+    Returns
+    -------
+    end : float
+        Until when [s]; inf after the record.
+    gx, sx, gy, sy : float
+        Acceleration at `time` and its rate [m/s2], [m/s3].
+    """
+    dt = ground.time_step
+    last = ground.horizontal.size - 1
+    i = int(np.floor(time / dt + 1e-9))
+    if i >= last:
+        return np.inf, 0.0, 0.0, 0.0, 0.0
+    part = time - i * dt
+    sx = (ground.horizontal[i + 1] - ground.horizontal[i]) / dt
+    sy = (ground.vertical[i + 1] - ground.vertical[i]) / dt
+    gx = ground.horizontal[i] + sx * part
+    gy = ground.vertical[i] + sy * part
+    return next_break[i] * dt, gx, sx, gy, sy

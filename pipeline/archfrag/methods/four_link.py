@@ -44,7 +44,7 @@ from typing import NamedTuple
 import numpy as np
 
 from archfrag.mechanics.compile import allocating, kernel
-from archfrag.mechanics.contact.blocks import solve_modes
+from archfrag.mechanics.contact.blocks import EXACT, solve_modes
 from archfrag.mechanics.contact.placing import move_faces, place_contacts
 from archfrag.mechanics.four_bars import (
     Linkage,
@@ -97,8 +97,6 @@ STEP, LONGEST = 1.8, 0.1
 # What a root is sought of, and how closely, over the step.
 OF_CLOSING, OF_TURNING, OF_FALLING = 0, 1, 2
 ROOT = 1e-13
-# Residual of the accelerations that counts as none, in gravities, over that of a contact problem.
-EXACT = 1e-4
 
 
 class Ground(NamedTuple):
@@ -183,7 +181,7 @@ def accelerate(case, linkage, motion, q, speed, late):
                 point = work.point[j, k, c]
                 work.bias[j, k, c] = before * (point - state.position[j, c])
                 work.bias[j, k, c] -= after * (point - state.position[j + 1, c])
-    solve_modes(model, state.position, work, EXACT * model.gravity)
+    solve_modes(model, state.position, work, model.gravity, EXACT)
     return linkage.sense * work.solved[linkage.joint[0] + 1, 2], power
 
 

@@ -47,7 +47,7 @@ def steps_of(options: Options) -> Steps:
     return Steps(max(float(options.largest_step), shortest), shortest, GROWTH)
 
 
-def _limits(model: Model, options: Options, rest: tuple[float, float]) -> Limits:
+def limits_of(model: Model, options: Options, rest: tuple[float, float]) -> Limits:
     return Limits(
         follow=float(options.follow),
         loss_limit=float(options.loss_limit),
@@ -58,14 +58,14 @@ def _limits(model: Model, options: Options, rest: tuple[float, float]) -> Limits
     )
 
 
-def _joined(grounds: Sequence[GroundMotion]) -> Grounds:
+def joined_grounds(grounds: Sequence[GroundMotion]) -> Grounds:
     return grounds_of([(g.horizontal, g.vertical, g.time_step) for g in grounds])
 
 
-def _rest_of(model: Model, options: Options, grounds: Grounds) -> tuple[float, float]:
+def rest_of(model: Model, options: Options, grounds: Grounds) -> tuple[float, float]:
     """Rest range of a chain in its own geometry [g]; nan where no load leaves it at rest."""
     one = new_one(model)
-    limits = _limits(model, options, (np.nan, np.nan))
+    limits = limits_of(model, options, (np.nan, np.nan))
     begin(model, grounds, one.state, one.work, steps_of(options), limits, 0, 0.0)
     found, plus, minus = rest_range(model, one.state, one.work)
     return (plus, minus) if found else (np.nan, np.nan)
@@ -90,8 +90,8 @@ def case_of(
     log: MechanismLog,
 ) -> Case:  # fmt: skip
     """A case that has not been started; its rest range is known where it begins at rest."""
-    model, grounds = model_of(chain), _joined([ground])
-    rest = _rest_of(model, options, grounds) if from_rest else (np.nan, np.nan)
+    model, grounds = model_of(chain), joined_grounds([ground])
+    rest = rest_of(model, options, grounds) if from_rest else (np.nan, np.nan)
     one = new_one(model)
     one.state.clock[Clock.FACTOR] = ground.factor
     return Case(
@@ -101,7 +101,7 @@ def case_of(
         one.work,
         one.path,
         steps_of(options),
-        _limits(model, options, rest),
+        limits_of(model, options, rest),
         output_to(frames, log, options.frame_interval),
         new_results(1),
     )
@@ -190,8 +190,8 @@ def run_many(
     Results
         A row for each run, the same as of `run`.
     """
-    model, joined, results = model_of(chain), _joined(grounds), new_results(len(motion))
-    rest = _rest_of(model, options, joined)
+    model, joined, results = model_of(chain), joined_grounds(grounds), new_results(len(motion))
+    rest = rest_of(model, options, joined)
     jobs = Jobs(
         np.ascontiguousarray(motion, np.int64),
         np.ascontiguousarray(factor, float),
@@ -199,7 +199,7 @@ def run_many(
         np.full(LANES, -1),
     )
     output = no_output(chain.mass.size, chain.friction.size)
-    limits, steps = _limits(model, options, rest), steps_of(options)
+    limits, steps = limits_of(model, options, rest), steps_of(options)
     four, one = new_four(model), new_one(model)
     run_four(model, joined, four, one, steps, limits, jobs, output, results)
     return results

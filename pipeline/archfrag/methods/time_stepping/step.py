@@ -300,7 +300,7 @@ def loss_mode(j, state):
 
 
 @inlined
-def _note_gap(j, state, gap, where):
+def note_gap(j, state, gap, where):
     """Remember a gap, over the joint's length, at both corners of joint j."""
     loss = state.loss
     loss[Loss.WIDEST] = select(where & (gap > loss[Loss.WIDEST]), gap, loss[Loss.WIDEST])
@@ -350,7 +350,7 @@ def follow_joints(model, state, work, where, loss_limit):
             slip = corner_slip(j, dx, dy, first, work.tangent)
             state.slip[j] = select(none | slides, slip, state.slip[j])
             gap = smaller(gap_0, gap_1) * unit
-            _note_gap(j, state, gap, none)
+            note_gap(j, state, gap, none)
             fallen = fallen | (none & (gap > loss_limit))
         fallen = fallen | (where & (abs(state.slip[j]) >= model.length[j]))
         fallen = fallen | (where & (abs(rotation) >= RIGHT_ANGLE))
@@ -396,7 +396,7 @@ def record_motion(model, state, where):
 
 
 @inlined
-def _record_overlap(model, state, work, where):
+def record_overlap(model, state, work, where):
     """Deepest overlap of two neighbours at a corner, over the joint's length."""
     deepest = state.peak[Peak.OVERLAP]
     for j in range(state.slip.shape[0]):
@@ -429,7 +429,7 @@ def make_step(model, state, work, kick, where, loss_limit):
     eighth = count[Count.STEPS] * (1.0 / OVERLAP_INTERVAL)
     looks = where & (eighth == nearest(eighth))
     if some(looks):
-        _record_overlap(model, state, work, looks)
+        record_overlap(model, state, work, looks)
     return fallen, broken
 
 

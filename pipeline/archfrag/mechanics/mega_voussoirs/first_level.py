@@ -1,0 +1,359 @@
+"""First level: accelerations of mega-voussoirs and the reactions between them (section 3.3).
+
+For three of them on four hinges they follow in closed form from the rotation centre of the middle
+one (Eqs 29-33); for any other mechanism from its joints' laws as equations (Eq 26).
+
+The paper takes the whole reaction at the hinges C12 and C23 to point at the rotation centre C2.
+That holds for the part in the plane orthogonal to the middle body's motion (Eqs 30-33). The part
+along the velocity of the hinge, through which the outer bodies take or give power, follows from
+their balance of moments about C1 and C3; without it the outer bodies would move without weight
+and inertia.
+"""
+
+import math
+
+from archfrag.mechanics.compile import inlined, kernel
+from archfrag.mechanics.contact.blocks import (
+    FOR_STEPS,
+    correct,
+    factorise,
+    measure_residual,
+    set_rows,
+    solve_modes,
+)
+from archfrag.mechanics.contact.placing import (
+    MINUS,
+    PLUS,
+    clearance,
+    corner_offset,
+    corner_slip,
+    later_vertex_meets,
+    move_faces,
+    place_contacts,
+)
+
+# Lines to the rotation centre closer to parallel than this leave too few digits (sine).
+PARALLEL = 1e-3
+# Where more than this part of gravity is left of the equations they are near singular.
+ILL_CONDITIONED = 1e-7
+
+
+@inlined
+def cross(a, b):
+    """Scalar product of `a` turned by +90 degrees with `b`, both (x, y)."""
+    return a[0] * b[1] - a[1] * b[0]
+
+
+@inlined
+def _from(a, b):
+    return b[0] - a[0], b[1] - a[1]
+
+
+@inlined
+def _arm(centre, position, k):
+    return position[k, 0] - centre[0], position[k, 1] - centre[1]
+
+
+@kernel
+def slip_normal(j, k, sense, work):
+    """Normal at a corner for a slip of the given sense (Eq 23a or 23b)."""
+    if work.touch[j, 0] > 0.5 and work.touch[j, 1] > 0.5:
+        return work.normal[j, 0], work.normal[j, 1]
+    side = MINUS if sense < 0.0 else PLUS
+    return work.side_normal[j, k, side, 0], work.side_normal[j, k, side, 1]
+
+
+@kernel
+def centripetal_bias(position, velocity, slip, sense, work):
+    """What rotations add to the relative acceleration at each corner (Eqs 17, 18).
+
+    These are the centripetal accelerations of the material points, and where a vertex runs along
+    a rotating face twice the product of both rates.
+
+    Parameters
+    ----------
+    position, velocity : ndarray, (n_body + 2, 3)
+    slip : ndarray, (n_joint,) [m]
+    sense : ndarray, (n_joint,)
+        Of the friction of slips under way; zero: none.
+    work : archfrag.mechanics.model.Work
+        With the contacts placed, and modes in `touch`; `bias` is overwritten [m/s2].
+    """
+    for j in range(work.slide.shape[0]):
+        before, after = velocity[j, 2], velocity[j + 1, 2]
+        for k in range(2):
+            px, py = work.point[j, k, 0], work.point[j, k, 1]
+            ax, ay = px - position[j + 1, 0], py - position[j + 1, 1]
+            bx, by = px - position[j, 0], py - position[j, 1]
+            x = before * before * bx - after * after * ax
+            y = before * before * by - after * after * ay
+            if sense[j] != 0.0:
+                ux = velocity[j + 1, 0] - after * ay - velocity[j, 0] + before * by
+                uy = velocity[j + 1, 1] + after * ax - velocity[j, 1] - before * bx
+                nx, ny = slip_normal(j, k, sense[j], work)
+                place = slip[j] if slip[j] != 0.0 else -sense[j]
+                face = before if later_vertex_meets(k, place) else after
+                twice = 2.0 * face * (nx * uy - ny * ux)
+                x, y = x + twice * nx, y + twice * ny
+            work.bias[j, k, 0], work.bias[j, k, 1] = x, y
+
+
+@kernel
+def is_four_hinges(work, n_row):
+    """Whether the joints are the four hinges, none sliding, of three mega-voussoirs."""
+    if n_row != 5 or work.slide.shape[0] != 4:
+        return False
+    for j in range(4):
+        if work.touch[j, 0] + work.touch[j, 1] != 1.0 or work.slide[j] != 0.0:
+            return False
+    return True
+
+
+@inlined
+def _hinge(j, work):
+    k = 0 if work.touch[j, 0] > 0.5 else 1
+    return work.point[j, k, 0], work.point[j, k, 1]
+
+
+@inlined
+def _turned(rate, arm):
+    """Velocity at the end of an arm that rotates."""
+    return -rate * arm[1], rate * arm[0]
+
+
+@inlined
+def _known(base, rate, acceleration, arm, k, work):
+    """Acceleration of a body without that of the mechanism: of its centre, and by its rates."""
+    x, y = _turned(acceleration, arm)
+    work.solved[k, 0] = base[0] + x - rate * rate * arm[0]
+    work.solved[k, 1] = base[1] + y - rate * rate * arm[1]
+    work.solved[k, 2] = acceleration
+
+
+@inlined
+def _powers(model, work, k, u, x, y):
+    """Inertia of a body along the mechanism, and power of what is not balanced yet (Eq 28)."""
+    inertia = model.mass[k] * (x * x + y * y) + model.inertia[k] * u * u
+    fx, fy = work.free[k, 0] - work.solved[k, 0], work.free[k, 1] - work.solved[k, 1]
+    spin = model.inertia[k] * u * (work.free[k, 2] - work.solved[k, 2])
+    return inertia, model.mass[k] * (x * fx + y * fy) + spin
+
+
+@inlined
+def _add(rate, u, x, y, k, work):
+    work.solved[k, 0] += rate * x
+    work.solved[k, 1] += rate * y
+    work.solved[k, 2] += rate * u
+
+
+@kernel
+def four_hinges(model, position, velocity, work):
+    """Accelerations and reactions of three bodies hinged to each other and to the ground.
+
+    Parameters
+    ----------
+    model : archfrag.mechanics.model.Model
+    position, velocity : ndarray, (5, 3)
+    work : archfrag.mechanics.model.Work
+        With the contacts placed, modes, and accelerations without reactions in `free`; `solved`
+        and `reaction` are overwritten.
+
+    Returns
+    -------
+    bool
+        False where the rotation centre of the middle body is so far off that the reactions do
+        not follow from it.
+    """
+    c1, c12, c23, c3 = _hinge(0, work), _hinge(1, work), _hinge(2, work), _hinge(3, work)
+    p, q, d = _from(c1, c12), _from(c3, c23), _from(c12, c23)
+    area = cross(p, q)
+    if abs(area) < PARALLEL * math.hypot(p[0], p[1]) * math.hypot(q[0], q[1]):
+        return False
+    # The rotation centre C2, where the lines C1 C12 and C3 C23 meet (Fig 10), and the rates of
+    # the bodies about C1, C2 and C3 for which the hinges stay closed.
+    c13 = _from(c1, c3)
+    along_p, along_q = cross(c13, q) / area, cross(c13, p) / area
+    c2 = c1[0] + along_p * p[0], c1[1] + along_p * p[1]
+    u1, u2, u3 = 1.0 - along_p, 1.0, 1.0 - along_q
+    # Centripetal terms (Eqs 17, 18), with no angular acceleration of the middle body.
+    w1, w2, w3 = velocity[1, 2], velocity[2, 2], velocity[3, 2]
+    ex = w1 * w1 * p[0] + w2 * w2 * d[0] - w3 * w3 * q[0]
+    ey = w1 * w1 * p[1] + w2 * w2 * d[1] - w3 * w3 * q[1]
+    a1, a3 = (ex * q[0] + ey * q[1]) / area, (ex * p[0] + ey * p[1]) / area
+    x, y = _turned(a1, p)
+    _known((0.0, 0.0), w1, a1, _arm(c1, position, 1), 1, work)
+    _known((x - w1 * w1 * p[0], y - w1 * w1 * p[1]), w2, 0.0, _arm(c12, position, 2), 2, work)
+    _known((0.0, 0.0), w3, a3, _arm(c3, position, 3), 3, work)
+    # Balance along the mechanism (Eq 28 with inertia) gives the one unknown acceleration.
+    x1, y1 = _turned(u1, _arm(c1, position, 1))
+    x2, y2 = _turned(u2, _arm(c2, position, 2))
+    x3, y3 = _turned(u3, _arm(c3, position, 3))
+    m1, f1 = _powers(model, work, 1, u1, x1, y1)
+    m2, f2 = _powers(model, work, 2, u2, x2, y2)
+    m3, f3 = _powers(model, work, 3, u3, x3, y3)
+    rate = (f1 + f2 + f3) / (m1 + m2 + m3)
+    _add(rate, u1, x1, y1, 1, work)
+    _add(rate, u2, x2, y2, 2, work)
+    _add(rate, u3, x3, y3, 3, work)
+    _hinge_reactions(model, position, (c1, c12, c23, c3), work)
+    return True
+
+
+@inlined
+def _unbalanced(model, work, k):
+    """Force that the reactions of a body have to supply, and moment about its centroid."""
+    x = model.mass[k] * (work.solved[k, 0] - work.free[k, 0])
+    y = model.mass[k] * (work.solved[k, 1] - work.free[k, 1])
+    return (x, y), model.inertia[k] * (work.solved[k, 2] - work.free[k, 2])
+
+
+@inlined
+def _set_reaction(j, hinge, x, y, work):
+    work.reaction[j, 0], work.reaction[j, 1] = x, y
+    arm = hinge[0] - work.pivot[j, 0], hinge[1] - work.pivot[j, 1]
+    work.reaction[j, 2] = cross(arm, (x, y))
+
+
+@inlined
+def _hinge_reactions(model, position, hinge, work):
+    """Reactions at four hinges for given accelerations (Eqs 29-33)."""
+    c1, c12, c23, c3 = hinge
+    p, q = _from(c1, c12), _from(c3, c23)
+    size_p, size_q = math.hypot(p[0], p[1]), math.hypot(q[0], q[1])
+    p, q = (p[0] / size_p, p[1] / size_p), (q[0] / size_q, q[1] / size_q)
+    f1, m1 = _unbalanced(model, work, 1)
+    f2, _ = _unbalanced(model, work, 2)
+    f3, m3 = _unbalanced(model, work, 3)
+    # Moments of the outer bodies about C1 and C3: the parts across p and q.
+    t12 = -(m1 + cross(_arm(c1, position, 1), f1)) / size_p
+    t32 = -(m3 + cross(_arm(c3, position, 3), f3)) / size_q
+    # What is left for the parts along p and q, which meet at C2 (Eq 33).
+    left = f2[0] + t12 * p[1] + t32 * q[1], f2[1] - t12 * p[0] - t32 * q[0]
+    sine = cross(p, q)
+    r12, r32 = cross(left, q) / sine, cross(p, left) / sine
+    x12, y12 = r12 * p[0] - t12 * p[1], r12 * p[1] + t12 * p[0]
+    x32, y32 = r32 * q[0] - t32 * q[1], r32 * q[1] + t32 * q[0]
+    _set_reaction(0, c1, f1[0] + x12, f1[1] + y12, work)
+    _set_reaction(1, c12, x12, y12, work)
+    _set_reaction(2, c23, -x32, -y32, work)
+    _set_reaction(3, c3, -(f3[0] + x32), -(f3[1] + y32), work)
+
+
+@kernel
+def pose(mega, position):
+    """Faces, slips and contacts of mega-voussoirs, where `position` has them.
+
+    The slip of a joint without contact is that of its nearer corner.
+    """
+    model, work, slip = mega.model, mega.work, mega.slip
+    move_faces(model, position, work.turned, work.face, work.tangent)
+    for j in range(slip.shape[0]):
+        at_0, at_1 = work.touch[j, 0] > 0.5, work.touch[j, 1] > 0.5
+        if work.slide[j] != 0.0 or not (at_0 or at_1):
+            gap = clearance(j, 0, work.face, work.tangent)
+            nearer = gap <= clearance(j, 1, work.face, work.tangent)
+            first = at_0 or (nearer and not at_1)
+            k = 0 if first else 1
+            dx = work.face[j, 1, k, 0] - work.face[j, 0, k, 0]
+            dy = work.face[j, 1, k, 1] - work.face[j, 0, k, 1]
+            slip[j] = corner_slip(j, dx, dy, first, work.tangent)
+    place_contacts(model, slip, work.face, work.tangent, work)
+
+
+@kernel
+def solve_first_level(mega, position, velocity, ground_x, ground_y, scale):
+    """Accelerations and reactions of mega-voussoirs in their modes.
+
+    Parameters
+    ----------
+    mega : archfrag.mechanics.mega_voussoirs.assemble.MegaVoussoirs
+        In use; accelerations are written to ``work.solved``, reactions to ``work.reaction``.
+    position, velocity : ndarray, (n + 2, 3)
+    ground_x, ground_y : float
+        Ground acceleration [m/s2].
+    scale : float
+        Accelerations that count as one [m/s2].
+
+    Returns
+    -------
+    bool
+        False where the equations have no solution.
+    """
+    model, work = mega.model, mega.work
+    pose(mega, position)
+    for i in range(1, position.shape[0] - 1):
+        work.free[i, 0] = -ground_x
+        work.free[i, 1] = -model.gravity - ground_y
+        work.free[i, 2] = 0.0
+    if is_four_hinges(work, position.shape[0]) and four_hinges(model, position, velocity, work):
+        return True
+    centripetal_bias(position, velocity, mega.slip, work.slide, work)
+    left = solve_modes(model, position, work, scale, FOR_STEPS)
+    return left <= ILL_CONDITIONED * model.gravity
+
+
+@inlined
+def _set_bias(work, value):
+    for j in range(work.slide.shape[0]):
+        for k in range(2):
+            work.bias[j, k, 0] = work.bias[j, k, 1] = value
+
+
+@kernel
+def project(mega, position, velocity, enough, limit):
+    """Move a state onto its contacts, and its velocities onto their rates, after `pose` there.
+
+    Both in the metric of kinetic energy, and across the joints, without friction: along its cone
+    a projection could gain energy.
+
+    Parameters
+    ----------
+    mega : archfrag.mechanics.mega_voussoirs.assemble.MegaVoussoirs
+        In use.
+    position, velocity : ndarray, (n + 2, 3)
+        Overwritten.
+    enough : tuple of float
+        Distances from the contacts [m] and rates [m/s] up to which nothing is done.
+    limit : float
+        How far any body may be moved [m], rotations by the length of the first joint.
+
+    Returns
+    -------
+    bool
+        False where a body would have to move farther: nothing was done.
+    """
+    model, work, apart = mega.model, mega.work, 0.0
+    set_rows(model, position, work)
+    _set_bias(work, 0.0)
+    for i in range(position.shape[0]):
+        for c in range(3):
+            work.solved[i, c], work.free[i, c] = velocity[i, c], 0.0
+    rate = measure_residual(position, work)
+    for j in range(work.slide.shape[0]):
+        for k in range(2):
+            ex, ey = corner_offset(j, k, work.face, work.tangent, mega.slip[j])
+            work.bias[j, k, 0], work.bias[j, k, 1] = ex, ey
+            apart = max(apart, work.touch[j, k] * (abs(ex) + abs(ey)))
+        for a in range(3):
+            for d in range(4):
+                work.column[j, a, d] = work.row[j, a, d]
+    if apart <= enough[0] and rate <= enough[1]:
+        return True
+    factorise(model, work, FOR_STEPS.compliance)
+    correct(model, position, work, math.inf)
+    farthest = 0.0
+    for i in range(1, position.shape[0] - 1):
+        shift = abs(work.solved[i, 0]) + abs(work.solved[i, 1])
+        farthest = max(farthest, shift, model.length[0] * abs(work.solved[i, 2]))
+    if not farthest <= limit:
+        return False
+    for i in range(position.shape[0]):
+        for c in range(3):
+            position[i, c] += work.solved[i, c]
+            work.free[i, c] = velocity[i, c]
+    _set_bias(work, 0.0)
+    correct(model, position, work, math.inf)
+    for i in range(position.shape[0]):
+        for c in range(3):
+            velocity[i, c] = work.solved[i, c]
+    return True

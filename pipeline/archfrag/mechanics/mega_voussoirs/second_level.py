@@ -1,0 +1,131 @@
+"""Second level: the balance carried from joint to joint inside mega-voussoirs (section 3.4).
+
+It gives the contact centre e of Eq 34 at every joint that is closed and sticks, and with it new
+hinges and slides. Reactions are kept in the axes at rest of the body that they lie in, with the
+moment about its centroid, where the places of its voussoirs do not change.
+"""
+
+import math
+
+from archfrag.mechanics.compile import inlined, kernel
+from archfrag.mechanics.mega_voussoirs.first_level import cross
+
+# Laws of a joint; margins of those that do not concern it are infinite. Normal forces at both
+# corners (at a corner that slides the force on it), Coulomb's law for a friction of either sense,
+# gaps at both corners, end of a slip.
+FORCE_0, FORCE_1, FRICTION_PLUS, FRICTION_MINUS, GAP_0, GAP_1, SLIP_END = 0, 1, 2, 3, 4, 5, 6
+N_LAW = 7
+
+
+@inlined
+def _joint_margins(model, mega, j, fx, fy, moment, per_weight, value):
+    """What is left of Signorini's and Coulomb's laws at one closed joint.
+
+    The forces at the two corners are those whose resultant acts at the contact centre of Eq 34:
+    e = force at corner 1 over their sum.
+    """
+    mega.inner_reaction[j, 0], mega.inner_reaction[j, 1] = fx, fy
+    mega.inner_reaction[j, 2] = moment
+    normal, force = (mega.inner_normal[j, 0], mega.inner_normal[j, 1]), (fx, fy)
+    first = mega.inner_point[j, 0, 0], mega.inner_point[j, 0, 1]
+    second = mega.inner_point[j, 1, 0], mega.inner_point[j, 1, 1]
+    half = cross((first[0] - second[0], first[1] - second[1]), normal)
+    value[j, FORCE_0] = per_weight * (moment - cross(second, force)) / half
+    value[j, FORCE_1] = -per_weight * (moment - cross(first, force)) / half
+    if not math.isinf(model.friction[j]):
+        bound = model.friction[j] * (fx * normal[0] + fy * normal[1])
+        shear = fy * normal[0] - fx * normal[1]
+        value[j, FRICTION_PLUS] = per_weight * (bound - shear)
+        value[j, FRICTION_MINUS] = per_weight * (bound + shear)
+
+
+@inlined
+def _boundary(mega, k, position):
+    """Reaction between mega-voussoirs k and k + 1, with the moment about `position`."""
+    work = mega.work
+    force = work.reaction[k, 0], work.reaction[k, 1]
+    arm = work.pivot[k, 0] - position[0], work.pivot[k, 1] - position[1]
+    return force[0], force[1], work.reaction[k, 2] + cross(arm, force)
+
+
+@kernel
+def solve_second_level(model, mega, position, velocity, ground_x, ground_y, per_weight, value):
+    """Margins of the contact laws at all joints inside mega-voussoirs (Eqs 34-35).
+
+    Parameters
+    ----------
+    model : archfrag.mechanics.model.Model
+        Of the voussoirs.
+    mega : archfrag.mechanics.mega_voussoirs.assemble.MegaVoussoirs
+        In use, after `solve_first_level`; `inner_reaction` is overwritten.
+    position, velocity : ndarray, (n + 2, 3)
+        Of the mega-voussoirs.
+    ground_x, ground_y : float
+        Ground acceleration [m/s2].
+    per_weight : float
+        What forces are multiplied by [1/N].
+    value : ndarray, (n_joint, N_LAW)
+        Margins of joints that are closed and stick are overwritten: forces at both corners, and
+        Coulomb's law if friction is limited.
+    """
+    n_row, work, offset = mega.group.size, mega.work, mega.offset
+    push_y = ground_y + model.gravity
+    for k in range(1, mega.count[0] + 1):
+        c, s = work.turned[k, 0], work.turned[k, 1]
+        x, y, moment = _boundary(mega, k - 1, (position[k, 0], position[k, 1]))
+        fx, fy = c * x + s * y, c * y - s * x
+        x, y = work.solved[k, 0] + ground_x, work.solved[k, 1] + push_y
+        gx, gy = c * x + s * y, c * y - s * x
+        turn, square = work.solved[k, 2], velocity[k, 2] * velocity[k, 2]
+        for i in range(mega.first[k], mega.last[k]):
+            x, y = offset[i, 0], offset[i, 1]
+            hx = model.mass[i] * (gx - turn * y - square * x)
+            hy = model.mass[i] * (gy + turn * x - square * y)
+            fx, fy = fx - hx, fy - hy
+            moment -= cross((x, y), (hx, hy)) + model.inertia[i] * turn
+            _joint_margins(model, mega, i, fx, fy, moment, per_weight, value)
+    if mega.count[1] == 0:
+        return
+    # Voussoirs that rest on the ground before the first joint, and behind the last.
+    fx, fy, moment = _boundary(mega, 0, (0.0, 0.0))
+    for i in range(mega.joint[0], 0, -1):
+        hx, hy = model.mass[i] * ground_x, model.mass[i] * push_y
+        fx, fy = fx + hx, fy + hy
+        moment += cross((offset[i, 0], offset[i, 1]), (hx, hy))
+        _joint_margins(model, mega, i - 1, fx, fy, moment, per_weight, value)
+    if value.shape[0] == n_row - 2:
+        return
+    last = mega.count[1] - 1
+    fx, fy, moment = _boundary(mega, last, (0.0, 0.0))
+    for i in range(mega.joint[last] + 1, n_row - 1):
+        hx, hy = model.mass[i] * ground_x, model.mass[i] * push_y
+        fx, fy = fx - hx, fy - hy
+        moment -= cross((offset[i, 0], offset[i, 1]), (hx, hy))
+        _joint_margins(model, mega, i, fx, fy, moment, per_weight, value)
+
+
+@kernel
+def joint_reactions(mega, work):
+    """Reactions of all joints of the chain after both levels, about the pivots of `work`.
+
+    Parameters
+    ----------
+    mega : archfrag.mechanics.mega_voussoirs.assemble.MegaVoussoirs
+        In use.
+    work : archfrag.mechanics.model.Work
+        Of the chain, with its contacts placed; `reaction` is overwritten.
+    """
+    k = 0
+    for j in range(work.reaction.shape[0]):
+        if k < mega.count[1] and mega.joint[k] == j:
+            x, y, moment = _boundary(mega, k, (work.pivot[j, 0], work.pivot[j, 1]))
+            k += 1
+        else:
+            c, s = mega.work.turned[mega.group[j], 0], mega.work.turned[mega.group[j], 1]
+            x, y = mega.inner_reaction[j, 0], mega.inner_reaction[j, 1]
+            moment = mega.inner_reaction[j, 2]
+            px = 0.5 * (mega.inner_point[j, 0, 0] + mega.inner_point[j, 1, 0])
+            py = 0.5 * (mega.inner_point[j, 0, 1] + mega.inner_point[j, 1, 1])
+            moment -= cross((px, py), (x, y))
+            x, y = c * x - s * y, s * x + c * y
+        work.reaction[j, 0], work.reaction[j, 1], work.reaction[j, 2] = x, y, moment

@@ -1,0 +1,325 @@
+"""Where a mechanism ends: margins of the contact laws, and the instant at which one is used up.
+
+Every margin is dimensionless and positive while the mechanism holds (Sinopoli, section 3.5):
+forces over the weight, gaps over the joint's length, slip rates over the speed of a fall through
+that length. Gaps and rates weigh more, so that all are located to the same threshold. Each law
+has a margin of its own at each joint of the chain: `archfrag.mechanics.mega_voussoirs.
+second_level` numbers them.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from archfrag.mechanics.compile import inlined, kernel
+from archfrag.mechanics.contact.placing import MINUS, PLUS, clearance, move_faces
+from archfrag.mechanics.mega_voussoirs.first_level import solve_first_level
+from archfrag.mechanics.mega_voussoirs.second_level import (
+    FORCE_0,
+    FORCE_1,
+    FRICTION_MINUS,
+    FRICTION_PLUS,
+    GAP_0,
+    GAP_1,
+    N_LAW,
+    SLIP_END,
+    solve_second_level,
+)
+from archfrag.mechanics.model import Model
+from archfrag.methods.event_driven.runge_kutta import (
+    Scheme,
+    Stages,
+    dense_state,
+    ground_after,
+    sliding_rate,
+)
+
+# Joint of the trigger where no law waits to be followed up.
+NONE = -1
+# A law counts as broken beyond this; the contact problem behind it resolves a hundredth of it.
+THRESHOLD = 1e-9
+GAP_WEIGHT = 1e4
+SLIP_WEIGHT = 1e2
+MOST_ROUNDS = 60
+# A corner that overlaps by less than this part of the joint's length and parts has closed a
+# rounding too late; one that overlaps by more has been missed.
+ROUNDING = 1e-9
+
+
+class Laws(NamedTuple):
+    """Margins of all laws, now and at the beginning of a step."""
+
+    value: np.ndarray  # (n_joint, N_LAW)
+    low: np.ndarray  # (n_joint, N_LAW)
+    # (n_joint, 2, 2) corners of joints between mega-voussoirs: gap [m] and its rate [m/s]; inf
+    # where they touch
+    gap: np.ndarray
+    low_gap: np.ndarray  # (n_joint, 2, 2)
+    trigger: np.ndarray  # (2,) int64: joint and law of the smallest margin
+
+
+class Scales(NamedTuple):
+    """What counts as one in a run."""
+
+    length: float  # shortest joint [m]
+    speed: float  # of a fall through it [m/s]
+    acceleration: float  # to a billionth of which equations of motion are solved [m/s2]
+    per_weight: float  # [1/N]
+    tolerance: float  # relative error of a step
+
+
+class Motion(NamedTuple):
+    """What moves mega-voussoirs between events, apart from themselves."""
+
+    model: Model  # of the voussoirs
+    stages: Stages
+    scheme: Scheme
+    laws: Laws
+    scales: Scales
+
+
+def new_laws(n_joint: int) -> Laws:
+    """Workspace for the margins of a chain of so many joints."""
+    shape, gap = (n_joint, N_LAW), (n_joint, 2, 2)
+    return Laws(
+        np.full(shape, np.inf), np.full(shape, np.inf), np.full(gap, np.inf),
+        np.full(gap, np.inf), np.full(2, NONE),
+    )  # fmt: skip
+
+
+@kernel
+def keep_margins(mega, laws):
+    """Note the present margins as those of the beginning of a step."""
+    for j in range(laws.value.shape[0]):
+        for law in range(N_LAW):
+            laws.low[j, law] = laws.value[j, law]
+    for k in range(mega.slip.shape[0]):
+        for c in range(2):
+            for d in range(2):
+                laws.low_gap[k, c, d] = laws.gap[k, c, d]
+
+
+@inlined
+def _force_margins(k, work, per_weight, value):
+    """Normal forces at both corners of a joint that slides whole."""
+    nx, ny = work.normal[k, 0], work.normal[k, 1]
+    normal = work.reaction[k, 0] * nx + work.reaction[k, 1] * ny
+    px, py = work.point[k, 0, 0] - work.pivot[k, 0], work.point[k, 0, 1] - work.pivot[k, 1]
+    difference = work.reaction[k, 2] / (px * ny - py * nx)
+    value[FORCE_0] = 0.5 * per_weight * (normal + difference)
+    value[FORCE_1] = 0.5 * per_weight * (normal - difference)
+
+
+@inlined
+def _cone_margins(k, c, model, work, per_weight, value):
+    """Coulomb's cones at a corner that sticks, or the force at one that slides (Eqs 6, 20, 23)."""
+    across, along, side = model.ray[k, 0], model.ray[k, 1], work.side_normal
+    size = per_weight / math.sqrt(across * across + along * along)
+    fx, fy = size * work.reaction[k, 0], size * work.reaction[k, 1]
+    nx, ny = side[k, c, PLUS, 0], side[k, c, PLUS, 1]
+    high_x, high_y = across * nx - along * ny, across * ny + along * nx
+    nx, ny = side[k, c, MINUS, 0], side[k, c, MINUS, 1]
+    low_x, low_y = across * nx + along * ny, across * ny - along * nx
+    if work.slide[k] == 0.0:
+        value[FRICTION_PLUS] = high_y * fx - high_x * fy
+        value[FRICTION_MINUS] = low_x * fy - low_y * fx
+    elif work.slide[k] > 0.0:
+        value[FORCE_0 + c] = high_x * fx + high_y * fy
+    else:
+        value[FORCE_0 + c] = low_x * fx + low_y * fy
+
+
+@inlined
+def _opening_rate(k, c, position, velocity, work):
+    px, py = work.point[k, c, 0], work.point[k, c, 1]
+    before, after = velocity[k, 2], velocity[k + 1, 2]
+    ux = velocity[k + 1, 0] - after * (py - position[k + 1, 1])
+    uy = velocity[k + 1, 1] + after * (px - position[k + 1, 0])
+    ux -= velocity[k, 0] - before * (py - position[k, 1])
+    uy -= velocity[k, 1] + before * (px - position[k, 0])
+    return work.normal[k, 0] * ux + work.normal[k, 1] * uy
+
+
+@inlined
+def margins_between(mega, laws, scales, position, velocity):
+    """Margins at the joints between mega-voussoirs, after `solve_first_level`."""
+    work = mega.work
+    for k in range(mega.slip.shape[0]):
+        value = laws.value[mega.joint[k]]
+        at = work.touch[k, 0] > 0.5, work.touch[k, 1] > 0.5
+        per_length = 1.0 / mega.model.length[k]
+        for c in range(2):
+            laws.gap[k, c, 0] = laws.gap[k, c, 1] = np.inf
+            if not at[c]:
+                gap = clearance(k, c, work.face, work.tangent)
+                rate = _opening_rate(k, c, position, velocity, work)
+                laws.gap[k, c, 0], laws.gap[k, c, 1] = gap, rate
+                late = gap < 0.0 <= rate and gap * per_length > -ROUNDING
+                value[GAP_0 + c] = 0.0 if late else GAP_WEIGHT * gap * per_length
+        if at[0] and at[1]:
+            _force_margins(k, work, scales.per_weight, value)
+        elif at[0] or at[1]:
+            c = 0 if at[0] else 1
+            _cone_margins(k, c, mega.model, work, scales.per_weight, value)
+        if work.slide[k] != 0.0:
+            rate, _, _ = sliding_rate(k, position, velocity, work)
+            value[SLIP_END] = -SLIP_WEIGHT * work.slide[k] * rate / scales.speed
+
+
+@kernel
+def find_margins(motion, mega, position, velocity, ground_x, ground_y):
+    """Margins of all laws, after `solve_first_level` at this state; the smallest.
+
+    Its joint and law are left in ``motion.laws.trigger``.
+    """
+    laws, scales = motion.laws, motion.scales
+    value = laws.value
+    for j in range(value.shape[0]):
+        for law in range(N_LAW):
+            value[j, law] = np.inf
+    margins_between(mega, laws, scales, position, velocity)
+    solve_second_level(
+        motion.model, mega, position, velocity, ground_x, ground_y, scales.per_weight, value
+    )
+    least = np.inf
+    for j in range(value.shape[0]):
+        for law in range(N_LAW):
+            if not value[j, law] >= least:
+                least = value[j, law]
+                laws.trigger[0], laws.trigger[1] = j, law
+    return least
+
+
+@kernel
+def margins_at(motion, mega, part, step, ground):
+    """Smallest margin at a part of a step, by its dense output; nan without a solution."""
+    position, velocity = mega.next_position, mega.next_velocity
+    dense_state(motion.stages, part, position, velocity)
+    x, y = ground_after(ground, part * step)
+    if not solve_first_level(mega, position, velocity, x, y, motion.scales.acceleration):
+        return np.nan
+    return find_margins(motion, mega, position, velocity, x, y)
+
+
+@kernel
+def _gap_at(motion, mega, part, k, c):
+    """Gap at a corner at a part of a step, by the positions alone [m]."""
+    work, position = mega.work, mega.next_position
+    dense_state(motion.stages, part, position, mega.next_velocity)
+    move_faces(mega.model, position, work.turned, work.face, work.tangent)
+    return clearance(k, c, work.face, work.tangent)
+
+
+@inlined
+def closed_inside(motion, mega, step):
+    """Whether a corner that is open at both ends of a step closes inside it, and where.
+
+    A gap that first shrinks and then grows lies above the tangents at the ends of the step, as
+    long as its rate changes sign only once. Where these allow it to close, it is looked at on the
+    dense output where its rate, taken to be linear, vanishes.
+
+    Returns
+    -------
+    part : float
+        Of the step at which it overlaps; one where none does.
+    searched : bool
+        Whether anything was looked at: then the last solution is lost.
+    """
+    laws, found, searched = motion.laws, 1.0, False
+    for k in range(mega.slip.shape[0]):
+        for c in range(2):
+            first, falls = laws.low_gap[k, c, 0], laws.low_gap[k, c, 1]
+            last, rises = laws.gap[k, c, 0], laws.gap[k, c, 1]
+            if falls < 0.0 < rises and first * rises - last * falls < -falls * rises * step:
+                part, searched = falls / (falls - rises), True
+                gap = _gap_at(motion, mega, part, k, c)
+                found = min(found, part if gap < -ROUNDING * mega.model.length[k] else 1.0)
+    return found, searched
+
+
+@kernel
+def _margin_at(motion, mega, part, step, ground, joint, law):
+    """Margin of one law at a part of a step: a gap by the positions alone."""
+    if law not in (GAP_0, GAP_1):
+        least = margins_at(motion, mega, part, step, ground)
+        return least if np.isnan(least) else motion.laws.value[joint, law]
+    k = 0
+    while mega.joint[k] != joint:
+        k += 1
+    return GAP_WEIGHT * _gap_at(motion, mega, part, k, law - GAP_0) / mega.model.length[k]
+
+
+@inlined
+def _root(motion, mega, step, ground, end, joint, law):
+    """Part of a step, up to `end`, at which one law's margin is used up; Illinois method."""
+    low, high = 0.0, end
+    low_value, high_value = motion.laws.low[joint, law], motion.laws.value[joint, law]
+    if low_value <= THRESHOLD and law in (GAP_0, GAP_1):
+        # A corner that has just opened lies at the threshold: it closes after it was open.
+        while low_value <= THRESHOLD:
+            if high < 1e-6:
+                return 0.0
+            low = 0.5 * high
+            low_value = _margin_at(motion, mega, low, step, ground, joint, law)
+            if low_value < 0.0:
+                high, high_value = low, low_value
+            elif low_value <= THRESHOLD:
+                return low
+    elif low_value <= 0.0:
+        return 0.0
+    side, part = 0, end
+    for number in range(MOST_ROUNDS):
+        part = (low * high_value - high * low_value) / (high_value - low_value)
+        if number % 4 == 3 or not low < part < high:
+            part = 0.5 * (low + high)
+        value = _margin_at(motion, mega, part, step, ground, joint, law) + 0.5 * THRESHOLD
+        if not abs(value) > 0.5 * THRESHOLD or high - low < 1e-15:
+            break
+        if value < 0.0:
+            high, high_value = part, value
+            low_value *= 0.5 if side == -1 else 1.0
+            side = -1
+        else:
+            low, low_value = part, value
+            high_value *= 0.5 if side == 1 else 1.0
+            side = 1
+    return part
+
+
+@inlined
+def locate(motion, mega, step, ground, end):
+    """First instant of a step at which a law ends.
+
+    The law whose margin is smallest where one is broken is followed back to where it is used
+    up, an impact on the gaps alone; then all others are looked at there, until none is broken.
+
+    Parameters
+    ----------
+    motion : Motion
+        With the margins at `end`, where one is used up, and those at the beginning of the step.
+    mega : archfrag.mechanics.mega_voussoirs.assemble.MegaVoussoirs
+        In use.
+    step : float [s]
+    ground : archfrag.methods.event_driven.runge_kutta.GroundSegment
+        From the beginning of the step on.
+    end : float
+        Part of the step in which to look.
+
+    Returns
+    -------
+    float
+        Part of the step; nan where no state could be evaluated. ``mega.next_position``,
+        ``next_velocity`` and the last solution are those at that instant.
+    """
+    trigger, part = motion.laws.trigger, end
+    for _ in range(MOST_ROUNDS):
+        joint, law = trigger[0], trigger[1]
+        part = _root(motion, mega, step, ground, part, joint, law)
+        least = margins_at(motion, mega, part, step, ground)
+        if np.isnan(least):
+            return np.nan
+        if least >= -THRESHOLD or part == 0.0:
+            trigger[0], trigger[1] = joint, law
+            return part
+    return part

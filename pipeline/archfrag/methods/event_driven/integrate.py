@@ -1,0 +1,375 @@
+"""Motion between two events: Runge-Kutta steps of mega-voussoirs, with step control.
+
+Every law of the mechanism is looked at after each step. A step is cut where the slope of the
+ground acceleration changes, and where a law ends.
+"""
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from archfrag.mechanics.collapse import RIGHT_ANGLE
+from archfrag.mechanics.compile import inlined, kernel
+from archfrag.mechanics.contact.path import Path
+from archfrag.mechanics.contact.placing import clearance, move_faces, place_contacts
+from archfrag.mechanics.ground import segment_at
+from archfrag.mechanics.mega_voussoirs.assemble import MegaVoussoirs, split_state
+from archfrag.mechanics.mega_voussoirs.first_level import pose, project, solve_first_level
+from archfrag.mechanics.mega_voussoirs.second_level import joint_reactions
+from archfrag.mechanics.model import Clock, Model, State, Work
+from archfrag.mechanics.numbers import sine_cosine
+from archfrag.mechanics.status import Count, Energy, Peak
+from archfrag.mechanics.types import GroundMotion
+from archfrag.methods.event_driven.events import (
+    THRESHOLD,
+    Motion,
+    closed_inside,
+    find_margins,
+    keep_margins,
+    locate,
+    margins_at,
+)
+from archfrag.methods.event_driven.runge_kutta import (
+    BY_FRICTION,
+    BY_GROUND,
+    GroundSegment,
+    blend,
+    dense_state,
+    ground_after,
+    keep_stage,
+    make_dense,
+    take_step,
+)
+from archfrag.methods.time_stepping.at_impacts import Steps
+from archfrag.methods.time_stepping.motion import Grounds
+from archfrag.methods.time_stepping.recording import write_frame
+from archfrag.methods.time_stepping.service import Limits
+from archfrag.methods.time_stepping.step import note_gap
+
+# How a stretch of motion ends: at the time given, with an event, with a collapse, with the work
+# allowed spent, or where the equations of motion have no solution.
+STOPPED, EVENT, FALLEN, BOUND, BROKEN = 0, 1, 2, 3, 4
+# Largest step, over the time of a fall through a joint's length; first step after an event.
+LONGEST = 0.05
+FIRST = 0.02
+SHORTEST = 1e-9
+# Bringing voussoirs into mega-voussoirs, and those onto their contacts, may move none of them
+# by more than this part of a joint's length; a step may not by more than FARTHEST nor by more
+# than its error.
+REGROUPED = 1e-6
+FARTHEST = 3e-5
+# Distances from the contacts, and rates, that are left after a step, over the error allowed to
+# it; and that are rounding, over the joint's length and the speed of a fall through it.
+DRIFT = 0.01
+ROUNDING = 1e-11
+# Looks for a peak in a step in which a body came to a halt on its way out.
+PEAK_SAMPLES = 8
+# Motions smaller than this part of a joint's length, or of the speed of a fall through it, need
+# not be relatively exact.
+FLOOR = 0.02
+
+
+class Pace(IntEnum):
+    """Entries of ``Run.pace``: what a run remembers apart from its state."""
+
+    STEP = 0  # size of the next step [s]
+    FARTHEST = 1  # square of the largest displacement of a body [m2]
+    FOUR_HINGES = 2  # time spent in that model [s]
+    MEGA_VOUSSOIRS = 3  # time spent in that model [s]
+    WINDOW = 4  # for which all voussoirs are stepped [s]
+    CALM_STEPS = 5  # after so many steps without a change they are no longer
+    QUIET_UNTIL = 6  # stepped again before this the window doubles [s]
+    LEAVES_REST = 7  # one where the chain has just begun to move
+    JAMMED = 8  # one where a slip was ended by unlimited friction
+    CAUSE = 9  # of the next entry of the log
+    JOINT = 10  # of the next entry of the log
+    SWITCH = 11  # cause for which all voussoirs are stepped
+
+
+class Run(NamedTuple):
+    """A run: the chain, its mega-voussoirs, and what moves them."""
+
+    model: Model
+    state: State
+    work: Work
+    mega: MegaVoussoirs
+    motion: Motion
+    pace: np.ndarray  # (len(Pace),)
+    recent: np.ndarray  # (n,) times of the last events [s]
+    outward: np.ndarray  # (n_body + 2,) rate of the squared displacement [m2/s]
+    ground: GroundMotion
+    next_break: np.ndarray  # (n_sample,) next sample at which the slope of the ground changes
+    grounds: Grounds  # the same motion for steps on all voussoirs
+    steps: Steps
+    path: Path
+    limits: Limits
+    most_steps: int
+    crowding: float  # mean time between events below which all voussoirs are stepped [s]
+
+
+@inlined
+def look_outward(run, mega, position, velocity):
+    """Keep at which rates the voussoirs move away from where they rest.
+
+    Returns
+    -------
+    bool
+        Whether one that moved away when they were kept last comes back.
+    """
+    comes_back = False
+    for k in range(1, position.shape[0] - 1):
+        s, c = sine_cosine(position[k, 2])
+        for i in range(mega.first[k], mega.last[k] + 1):
+            x = c * mega.offset[i, 0] - s * mega.offset[i, 1]
+            y = s * mega.offset[i, 0] + c * mega.offset[i, 1]
+            dx = position[k, 0] + x - run.model.centroid[i, 0]
+            dy = position[k, 1] + y - run.model.centroid[i, 1]
+            rate = dx * (velocity[k, 0] - velocity[k, 2] * y)
+            rate += dy * (velocity[k, 1] + velocity[k, 2] * x)
+            comes_back = comes_back or (run.outward[i] > 0.0 > rate)
+            run.outward[i] = rate
+    return comes_back
+
+
+@inlined
+def note_place(run, mega, position):
+    """Largest displacement and rotation up to now."""
+    rotation, farthest = run.state.peak[Peak.ROTATION], run.pace[Pace.FARTHEST]
+    for k in range(1, position.shape[0] - 1):
+        rotation = max(rotation, abs(position[k, 2]))
+        s, c = sine_cosine(position[k, 2])
+        for i in range(mega.first[k], mega.last[k] + 1):
+            x, y = mega.offset[i, 0], mega.offset[i, 1]
+            dx = position[k, 0] + c * x - s * y - run.model.centroid[i, 0]
+            dy = position[k, 1] + s * x + c * y - run.model.centroid[i, 1]
+            farthest = max(farthest, dx * dx + dy * dy)
+    run.state.peak[Peak.ROTATION], run.pace[Pace.FARTHEST] = rotation, farthest
+
+
+@inlined
+def _is_fallen(run, mega, position):
+    """Whether a joint cannot come to bear again; notes the gaps of those without contact."""
+    fallen, work = False, mega.work
+    for k in range(mega.slip.shape[0]):
+        per_length = 1.0 / mega.model.length[k]
+        if work.touch[k, 0] < 0.5 and work.touch[k, 1] < 0.5:
+            gap = clearance(k, 0, work.face, work.tangent)
+            gap = min(gap, clearance(k, 1, work.face, work.tangent)) * per_length
+            note_gap(mega.joint[k], run.state, gap, True)
+            fallen = fallen or gap > run.limits.loss_limit
+        rotation = position[k + 1, 2] - position[k, 2]
+        fallen = fallen or abs(mega.slip[k]) * per_length >= 1.0 or abs(rotation) >= RIGHT_ANGLE
+    return fallen
+
+
+@kernel
+def spread(mega, position, velocity, state):
+    """State of all voussoirs, and slips of their joints, from those of the mega-voussoirs."""
+    split_state(mega, position, velocity, state.position, state.velocity)
+    for k in range(mega.slip.shape[0]):
+        state.slip[mega.joint[k]] = mega.slip[k]
+
+
+@inlined
+def begin_motion(run, mega, x, y):
+    """First evaluation after an event; brings the state onto the contacts.
+
+    Returns
+    -------
+    bool
+        Whether the mechanism can be integrated: its equations of motion have a solution, and the
+        state is not too far from its contacts.
+    """
+    motion, position, velocity = run.motion, mega.position, mega.velocity
+    pose(mega, position)
+    scales = motion.scales
+    enough = ROUNDING * scales.length, ROUNDING * scales.speed
+    if not project(mega, position, velocity, enough, REGROUPED * scales.length):
+        return False
+    if not solve_first_level(mega, position, velocity, x, y, motion.scales.acceleration):
+        return False
+    keep_stage(mega, motion.stages, 0, position, velocity, x, y)
+    least = find_margins(motion, mega, position, velocity, x, y)
+    keep_margins(mega, motion.laws)
+    look_outward(run, mega, position, velocity)
+    return least > -np.inf
+
+
+@kernel
+def spread_reactions(run, mega, position, velocity, x, y):
+    """State of all voussoirs as `spread`, and their reactions by both levels; whether it is."""
+    state, work = run.state, run.work
+    if not solve_first_level(mega, position, velocity, x, y, run.motion.scales.acceleration):
+        return False
+    find_margins(run.motion, mega, position, velocity, x, y)
+    spread(mega, position, velocity, state)
+    move_faces(run.model, state.position, work.turned, work.face, work.tangent)
+    place_contacts(run.model, state.slip, work.face, work.tangent, work)
+    joint_reactions(mega, work)
+    for j in range(state.slip.size):
+        work.touch[j, 0], work.touch[j, 1] = state.touch[j, 0], state.touch[j, 1]
+        work.slide[j] = state.slide[j]
+    return True
+
+
+@kernel
+def write_step(run, mega, start, step, part, ground, output):
+    """Frames that are due in the first `part` of a step, from its dense output."""
+    clock, now = run.state.clock, run.state.clock[Clock.TIME]
+    position, velocity = mega.next_position, mega.next_velocity
+    # A frame due at the end is not left out by rounding.
+    while output.due[0] <= start + part * step + 1e-9 * output.interval:
+        later = min(output.due[0] - start, part * step)
+        dense_state(run.motion.stages, later / step, position, velocity)
+        x, y = ground_after(ground, later)
+        clock[Clock.TIME] = output.due[0]
+        if spread_reactions(run, mega, position, velocity, x, y):
+            write_frame(run.model, run.state, run.work, 0.0, 1.0, output)
+        output.due[0] += output.interval
+    clock[Clock.TIME] = now
+
+
+@inlined
+def _accept(run, mega, part, comes_back):
+    """Take the state that a step, or a part of it, has reached; record works and peaks."""
+    stages, energy, kinetic = run.motion.stages, run.state.energy, 0.0
+    energy[Energy.GROUND] += blend(stages.dense_work[BY_GROUND], part)
+    energy[Energy.FRICTION] += blend(stages.dense_work[BY_FRICTION], part)
+    for i in range(1, mega.position.shape[0] - 1):
+        for c in range(3):
+            mega.position[i, c] = mega.next_position[i, c]
+            mega.velocity[i, c] = mega.next_velocity[i, c]
+        vx, vy, w = mega.velocity[i, 0], mega.velocity[i, 1], mega.velocity[i, 2]
+        kinetic += 0.5 * mega.model.mass[i] * (vx * vx + vy * vy)
+        kinetic += 0.5 * mega.model.inertia[i] * w * w
+    energy[Energy.LARGEST_KINETIC] = max(energy[Energy.LARGEST_KINETIC], kinetic)
+    # The end, and if a body turned back on its way also between.
+    for sample in range(PEAK_SAMPLES if comes_back else 1):
+        note_place(run, mega, mega.next_position)
+        inside = part * (sample + 1) / PEAK_SAMPLES
+        dense_state(stages, inside, mega.next_position, mega.next_velocity)
+
+
+@inlined
+def _shift_stages(mega, stages, last):
+    """The last stage is the first one of the next step."""
+    for i in range(1, mega.position.shape[0] - 1):
+        for c in range(3):
+            stages.velocity[i, 0, c] = stages.velocity[i, last, c]
+            stages.acceleration[i, 0, c] = stages.acceleration[i, last, c]
+    for p in range(2):
+        stages.power[0, p] = stages.power[last, p]
+
+
+@inlined
+def _allowed_errors(mega, motion, farthest):
+    """Errors in position [m] and in velocity [m/s] that count as one."""
+    scales, fastest = motion.scales, 0.0
+    for i in range(1, mega.velocity.shape[0] - 1):
+        fastest = max(fastest, abs(mega.velocity[i, 0]), abs(mega.velocity[i, 1]))
+    size = scales.tolerance * (np.sqrt(farthest) + FLOOR * scales.length)
+    return size, scales.tolerance * (fastest + FLOOR * scales.speed)
+
+
+@inlined
+def check_laws(motion, mega, step, ground):
+    """Look at all laws at the end of a step, and at gaps inside it.
+
+    Returns
+    -------
+    part : float
+        Of the step that can be made; nan where no state in it could be evaluated. The last
+        solution is that at this instant.
+    event : bool
+        Whether a law ends there.
+    """
+    x, y = ground_after(ground, step)
+    least = find_margins(motion, mega, mega.next_position, mega.next_velocity, x, y)
+    make_dense(mega, motion.stages, motion.scheme, step)
+    end, searched = closed_inside(motion, mega, step)
+    if searched:
+        least = margins_at(motion, mega, end, step, ground)
+    if least >= -THRESHOLD:
+        return 1.0, False
+    if np.isnan(least):
+        return np.nan, False
+    return locate(motion, mega, step, ground, end), True
+
+
+@inlined
+def integrate(run, mega, stop, output):
+    """Move mega-voussoirs until a law ends or `stop` is reached.
+
+    Parameters
+    ----------
+    run : Run
+        At ``run.state.clock[Clock.TIME]``, which moves on.
+    mega : archfrag.mechanics.mega_voussoirs.assemble.MegaVoussoirs
+        In use, after `begin_motion`; moved on.
+    stop : float [s]
+    output : archfrag.methods.time_stepping.recording.Output
+
+    Returns
+    -------
+    int
+        How it ends; for an event ``run.motion.laws.trigger`` has the law.
+    """
+    motion, pace, clock, count = run.motion, run.pace, run.state.clock, run.state.count
+    scales, last = motion.scales, motion.scheme.time.shape[0] - 1
+    unit = scales.length / scales.speed
+    while count[Count.STEPS] < run.most_steps:
+        time = clock[Clock.TIME]
+        until, gx, sx, gy, sy = segment_at(time, run.ground, run.next_break)
+        until, ground = min(until, stop), GroundSegment(gx, sx, gy, sy)
+        step = min(pace[Pace.STEP], LONGEST * unit)
+        cut = time + 1.001 * step >= until
+        if cut:
+            step = until - time
+        allowed = _allowed_errors(mega, motion, pace[Pace.FARTHEST])
+        possible, error = take_step(
+            mega, motion.stages, motion.scheme, step, ground, scales.acceleration, allowed
+        )
+        if not possible:
+            return BROKEN
+        count[Count.STEPS] += 1.0
+        part, event, good = 1.0, False, error <= 1.0
+        factor = min(5.0, 0.9 * max(error, 1e-9) ** motion.scheme.power)
+        if good:
+            part, event = check_laws(motion, mega, step, ground)
+            if np.isnan(part):
+                return BROKEN
+            # Other mega-voussoirs are formed of a state that lies on the contacts.
+            drift = 0.0 if event or until >= stop else DRIFT
+            farthest = min(allowed[0], FARTHEST * scales.length)
+            enough = drift * allowed[0], drift * allowed[1]
+            good = project(mega, mega.next_position, mega.next_velocity, enough, farthest)
+            count[Count.REFUSED] += 0.0 if good else 1.0
+            factor = factor if good else 0.25
+        if not good:
+            # Its error is too large, or its drift off the contacts.
+            if event:
+                return BROKEN
+            count[Count.SHORTENED] += 1.0
+            pace[Pace.STEP] = step * max(0.2, factor) if np.isfinite(error) else 0.1 * step
+            if pace[Pace.STEP] < SHORTEST * unit:
+                return BROKEN
+            continue
+        fallen = not event and _is_fallen(run, mega, mega.next_position)
+        comes_back = look_outward(run, mega, mega.next_position, mega.next_velocity)
+        _accept(run, mega, part, comes_back)
+        _shift_stages(mega, motion.stages, last)
+        keep_margins(mega, motion.laws)
+        clock[Clock.TIME] = until if cut and not event else time + part * step
+        if output.due[0] <= clock[Clock.TIME] and output.frames.time.size > 0:
+            joint, law = motion.laws.trigger[0], motion.laws.trigger[1]
+            write_step(run, mega, time, step, part, ground, output)
+            motion.laws.trigger[0], motion.laws.trigger[1] = joint, law
+        if event:
+            return EVENT
+        pace[Pace.STEP] = max(step * factor, pace[Pace.STEP]) if cut else step * factor
+        if fallen:
+            return FALLEN
+        if clock[Clock.TIME] >= stop:
+            return STOPPED
+    return BOUND

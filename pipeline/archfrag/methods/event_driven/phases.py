@@ -1,0 +1,411 @@
+"""Event-driven integration on mega-voussoirs: a run as a table of phases.
+
+Between events the mega-voussoirs that move relative to each other are integrated by a Runge-Kutta
+method with step control (`integrate`), every event is located on its dense output (`events`), and
+what follows it is the contact problem of all voussoirs (`transitions`). While the body force
+stays inside the rest range nothing is integrated. Where events accumulate faster than they can be
+told apart (a rocking body comes to rest through infinitely many impacts), or where a mechanism
+has no unique motion, all voussoirs are stepped for a while
+(`archfrag.methods.time_stepping`).
+"""
+
+import numpy as np
+
+from archfrag.mechanics.compile import inlined, kernel
+from archfrag.mechanics.contact.placing import move_faces
+from archfrag.mechanics.ground import rest_margin, segment_at
+from archfrag.mechanics.mega_voussoirs.assemble import (
+    assemble,
+    farthest_move,
+    gather_state,
+    in_use,
+    split_state,
+)
+from archfrag.mechanics.mega_voussoirs.first_level import is_four_hinges, pose
+from archfrag.mechanics.mega_voussoirs.second_level import GAP_0
+from archfrag.mechanics.model import Clock
+from archfrag.mechanics.status import Cause, Count, Energy, Peak
+from archfrag.mechanics.status import Model as Rung
+from archfrag.methods.event_driven.events import NONE
+from archfrag.methods.event_driven.integrate import (
+    BOUND,
+    EVENT,
+    FALLEN,
+    REGROUPED,
+    STOPPED,
+    Pace,
+    begin_motion,
+    integrate,
+    spread,
+    spread_reactions,
+)
+from archfrag.methods.event_driven.transitions import (
+    BY_IMPACT,
+    cause_of,
+    change_mode,
+    place_chain,
+    pose_accelerations,
+    pose_impact,
+    solve_patiently,
+    solve_posed,
+    take_impact,
+    take_modes,
+)
+from archfrag.methods.time_stepping import service
+from archfrag.methods.time_stepping.at_impacts import next_step
+from archfrag.methods.time_stepping.motion import end_of_motion
+from archfrag.methods.time_stepping.recording import log_change
+from archfrag.methods.time_stepping.run import code_after, try_step
+from archfrag.methods.time_stepping.step import follow_joints, record_overlap
+
+BY_START, BY_CROWD, BY_CALM = int(Cause.START), int(Cause.CROWD), int(Cause.CALM)
+BY_UNSOLVED = int(Cause.UNSOLVED)
+FOUR, MEGA, ALL = int(Rung.FOUR_HINGES), int(Rung.MEGA_VOUSSOIRS), int(Rung.ALL_VOUSSOIRS)
+# Phases of a run: those that follow each other from event to event, and the others.
+IMPACT, MODES, ASSEMBLE, INTEGRATE, UPON_EVENT = 0, 1, 2, 3, 4
+STILL, ALL_VOUSSOIRS, DONE = 5, 6, 7
+# Rest is left where the load is beyond its range by this part of gravity; first look ahead for
+# that, over the time of a fall through a joint's length.
+BEYOND = 1e-7
+SOONEST = 1e-9
+# So many events within this part of that time accumulate; and so many closer to each other than
+# the options allow.
+CROWD = 64
+CROWDED = 1e-2
+SOME = 12
+# All voussoirs are stepped for this part of that time, or until nothing changes in so many steps.
+# Where they have to be again at once both are doubled, up to these.
+WINDOW, LONGEST_WINDOW = 0.05, 1.0
+CALM_STEPS, MOST_CALM_STEPS = 4.0, 64.0
+# Every so many events the residual of the contact problem behind them is measured.
+MEASURED = 16
+
+
+@inlined
+def _unit(run):
+    return run.motion.scales.length / run.motion.scales.speed
+
+
+@inlined
+def _set_cause(run, cause, joint):
+    run.pace[Pace.CAUSE], run.pace[Pace.JOINT] = cause, joint
+
+
+@inlined
+def ground_now(run):
+    """Ground acceleration from now on; at the end of a rest, just outside its range [m/s2]."""
+    time, limits, g = run.state.clock[Clock.TIME], run.limits, run.model.gravity
+    end, x, slope_x, y, slope_y = segment_at(time, run.ground, run.next_break)
+    if run.pace[Pace.LEAVES_REST] == 0.0 or np.isnan(limits.rest_plus):
+        return x, y
+    later = 0.0
+    while time + later < end:
+        ahead_x, ahead_y = x + slope_x * later, y + slope_y * later
+        margin = rest_margin(ahead_x, ahead_y, g, limits.rest_plus, limits.rest_minus)
+        if margin < -BEYOND * g:
+            break
+        later = min(max(2.0 * later, SOONEST * _unit(run)), end - time)
+    return x + slope_x * later, y + slope_y * later
+
+
+@kernel
+def impact(run):
+    """Velocities after an impact (Eqs 8, 9, 11, 21)."""
+    trigger, joint, corner = run.motion.laws.trigger, -1, -1
+    if run.pace[Pace.CAUSE] == BY_IMPACT:
+        joint, corner = trigger[0], trigger[1] - GAP_0
+    trigger[0] = NONE
+    model, state, work = run.model, run.state, run.work
+    if pose_impact(run, joint, corner):
+        solved = solve_posed(model, state, work, 0)
+        if not (solved or solve_patiently(model, state, work, run.path)):
+            return ALL_VOUSSOIRS
+    take_impact(run)
+    return MODES
+
+
+@kernel
+def modes_of_accelerations(run):
+    """Contact modes from now on (Eqs 15-19, 29-35)."""
+    trigger = run.motion.laws.trigger
+    if run.pace[Pace.SWITCH] == BY_CROWD:
+        return ALL_VOUSSOIRS
+    x, y = ground_now(run)
+    run.pace[Pace.JAMMED] = 1.0 if pose_accelerations(run, x, y) else 0.0
+    if trigger[0] != NONE:
+        change_mode(run, int(run.pace[Pace.CAUSE]), trigger[0], trigger[1])
+        trigger[0] = NONE
+    model, state, work = run.model, run.state, run.work
+    solved = solve_posed(model, state, work, 0)
+    solved = solved or solve_patiently(model, state, work, run.path)
+    return ASSEMBLE if solved and take_modes(run) else ALL_VOUSSOIRS
+
+
+@inlined
+def _fastest(run):
+    """Largest speed of any body, rotations times joint length included; nan where none is."""
+    fastest = spoiled = 0.0
+    for i in range(1, run.state.velocity.shape[0] - 1):
+        v = run.state.velocity[i]
+        fastest = max(fastest, abs(v[0]) + abs(v[1]), run.motion.scales.length * abs(v[2]))
+        spoiled += 0.0 * (v[0] + v[1] + v[2])
+    return fastest + spoiled
+
+
+@kernel
+def balance_energy(model, state):
+    """Energy that no work explains, the integrator's error; returns the kinetic energy [J]."""
+    energy = state.energy
+    kinetic, potential = service.energies_of(model, state)
+    change = kinetic - energy[Energy.START_KINETIC] + potential - state.clock[Clock.START]
+    explained = energy[Energy.GROUND] + energy[Energy.FRICTION] + energy[Energy.IMPACT]
+    energy[Energy.STRAY] = change - explained
+    energy[Energy.STRAY_PEAK] = max(energy[Energy.STRAY_PEAK], abs(energy[Energy.STRAY]))
+    return kinetic
+
+
+@kernel
+def assemble_mega_voussoirs(run, output):
+    """Mega-voussoirs of the present modes (section 3.3), ready to move."""
+    model, state, work, pace = run.model, run.state, run.work, run.pace
+    clock, scales = state.clock, run.motion.scales
+    clock[Clock.FASTEST] = _fastest(run)
+    if np.isnan(clock[Clock.FASTEST]):
+        clock[Clock.CODE] = service.BROKEN
+        return DONE
+    had = balance_energy(model, state)
+    if clock[Clock.FASTEST] < run.limits.still and pace[Pace.LEAVES_REST] == 0.0:
+        return STILL
+    pace[Pace.LEAVES_REST] = 0.0
+    if int(state.count[Count.EVENTS]) % MEASURED == MEASURED - 1:
+        service.measure_state(model, state, work)
+        record_overlap(model, state, work, True)
+    assemble(model, state.touch, state.slide, state.slip, run.mega)
+    mega = in_use(run.mega)
+    gather_state(model, state.position, state.velocity, mega)
+    split_state(mega, mega.position, mega.velocity, work.position, work.solved)
+    moved = farthest_move(model, state.position, work.position)
+    if mega.count[0] == 0 or not moved <= REGROUPED * scales.length:
+        state.count[Count.REFUSED] += 1.0 if mega.count[0] > 0 else 0.0
+        return ALL_VOUSSOIRS
+    _, x, _, y, _ = segment_at(clock[Clock.TIME], run.ground, run.next_break)
+    if not begin_motion(run, mega, x, y):
+        return ALL_VOUSSOIRS
+    if pace[Pace.JAMMED] == 1.0:
+        # What a corner without friction limit loses by sticking it loses by an impact.
+        spread(mega, mega.position, mega.velocity, run.state)
+        left, _ = service.energies_of(model, state)
+        state.energy[Energy.IMPACT] += min(left - had, 0.0)
+    rung = FOUR if is_four_hinges(mega.work, mega.position.shape[0]) else MEGA
+    cause, joint = int(pace[Pace.CAUSE]), int(pace[Pace.JOINT])
+    log_change(state, clock[Clock.TIME], cause, joint, rung, output)
+    return INTEGRATE
+
+
+@kernel
+def integrate_to_next_event(run, output):
+    """Motion of the mega-voussoirs until the next event (section 3.5)."""
+    model, state, work, clock = run.model, run.state, run.work, run.state.clock
+    mega, before = in_use(run.mega), clock[Clock.TIME]
+    record_end = (run.ground.horizontal.size - 1) * run.ground.time_step
+    end = record_end + run.limits.follow
+    code = integrate(run, mega, record_end if before < record_end else end, output)
+    rung = is_four_hinges(mega.work, mega.position.shape[0])
+    spent = Pace.FOUR_HINGES if rung else Pace.MEGA_VOUSSOIRS
+    run.pace[spent] += clock[Clock.TIME] - before
+    pose(mega, mega.position)
+    spread(mega, mega.position, mega.velocity, run.state)
+    if code == EVENT:
+        return UPON_EVENT
+    run.motion.laws.trigger[0] = NONE
+    place_chain(run.model, run.state, run.work)
+    if code == STOPPED and clock[Clock.TIME] < end:
+        return MODES
+    if code != STOPPED and code != FALLEN and code != BOUND:
+        return ALL_VOUSSOIRS
+    balance_energy(model, state)
+    _, x, _, y, _ = segment_at(clock[Clock.TIME], run.ground, run.next_break)
+    spread_reactions(run, mega, mega.position, mega.velocity, x, y)
+    clock[Clock.CODE] = service.AT_END if code == STOPPED else service.EXHAUSTED
+    if code == FALLEN:
+        follow_joints(model, state, work, True, run.limits.loss_limit)
+        clock[Clock.CODE] = service.FALLEN
+    written, frames = output.written, output.frames
+    if 0 < written[0] <= frames.time.size and frames.time[written[0] - 1] >= clock[Clock.TIME]:
+        written[0] -= 1  # the last frame is written again
+    return DONE
+
+
+@inlined
+def impact_or_mechanism_change(run):
+    """What an event is; whether events accumulate."""
+    state, pace, recent = run.state, run.pace, run.recent
+    cause, joint = cause_of(run)
+    _set_cause(run, cause, joint)
+    state.count[Count.EVENTS] += 1.0
+    time, slot = state.clock[Clock.TIME], int(state.count[Count.EVENTS]) % CROWD
+    many, some = time - recent[slot], time - recent[slot - SOME]
+    recent[slot] = time
+    if many < CROWDED * _unit(run) or some < SOME * run.crowding:
+        pace[Pace.SWITCH] = BY_CROWD
+    if cause == BY_IMPACT:
+        return IMPACT
+    place_chain(run.model, run.state, run.work)
+    return MODES
+
+
+@kernel
+def go_on(run, output, phase):
+    """From event to event, as a table of phases, up to the first of the other phases."""
+    while phase <= UPON_EVENT:
+        if phase == IMPACT:
+            phase = impact(run)
+        elif phase == MODES:
+            phase = modes_of_accelerations(run)
+        elif phase == ASSEMBLE:
+            phase = assemble_mega_voussoirs(run, output)
+        elif phase == INTEGRATE:
+            phase = integrate_to_next_event(run, output)
+        else:
+            phase = impact_or_mechanism_change(run)
+    return phase
+
+
+@inlined
+def step_until(run, until, output):
+    """Step all voussoirs for as long as nothing stops them and their modes go on changing."""
+    model, state, work, limits, clock = run.model, run.state, run.work, run.limits, run.state.clock
+    grounds, steps = run.grounds, run.steps
+    end, quiet, count = end_of_motion(grounds, clock, limits.follow), 0.0, state.count
+    while clock[Clock.CODE] == service.GO and clock[Clock.TIME] < until:
+        before = count[Count.IMPACTS] + count[Count.OPENINGS] + count[Count.SLIDES]
+        kick, solved, unsolved = try_step(model, grounds, state, work, steps, True)
+        fallen = broken = False
+        if solved:
+            fallen, broken = service.accept_recorded(model, state, work, kick, limits, output)
+            next_step(state, steps, True, end)
+        code = code_after(state, steps, limits, end, (solved, unsolved, fallen, broken))
+        clock[Clock.CODE] = code
+        after = count[Count.IMPACTS] + count[Count.OPENINGS] + count[Count.SLIDES]
+        quiet = quiet + 1.0 if after == before else 0.0
+        if quiet >= run.pace[Pace.CALM_STEPS]:
+            return True
+    return clock[Clock.TIME] >= until
+
+
+@kernel
+def step_all_voussoirs(run, output):
+    """Step all voussoirs for a while, where events accumulate or the mechanism is not known."""
+    model, state, work, pace, clock = run.model, run.state, run.work, run.pace, run.state.clock
+    unit = run.motion.scales.length / run.motion.scales.speed
+    state.count[Count.HAND_OVERS] += 1.0
+    again = clock[Clock.TIME] < pace[Pace.QUIET_UNTIL]
+    pace[Pace.WINDOW] = min(2.0 * pace[Pace.WINDOW], LONGEST_WINDOW * unit)
+    pace[Pace.CALM_STEPS] = min(2.0 * pace[Pace.CALM_STEPS], MOST_CALM_STEPS)
+    if not again:
+        pace[Pace.WINDOW], pace[Pace.CALM_STEPS] = WINDOW * unit, CALM_STEPS
+    cause, joint = int(pace[Pace.SWITCH]), int(pace[Pace.JOINT])
+    log_change(state, clock[Clock.TIME], cause, joint, ALL, output)
+    move_faces(model, state.position, work.turned, work.face, work.tangent)
+    service.start_moving(state, run.steps)
+    clock[Clock.CODE] = service.GO
+    until, calm = clock[Clock.TIME] + pace[Pace.WINDOW], False
+    while not calm:
+        calm = step_until(run, until, output)
+        if clock[Clock.CODE] != service.GO:
+            code = service.serve(
+                model, run.grounds, state, work, run.path, run.steps, run.limits, output
+            )
+            if code != service.GO:
+                return DONE
+    pace[Pace.QUIET_UNTIL] = clock[Clock.TIME] + pace[Pace.WINDOW]
+    if not service.synchronise(model, run.grounds, state, work, run.path):
+        return ALL_VOUSSOIRS
+    for i in range(CROWD):
+        run.recent[i] = -np.inf
+    _set_cause(run, BY_CALM, -1)
+    pace[Pace.SWITCH], pace[Pace.LEAVES_REST] = BY_UNSOLVED, 0.0
+    return IMPACT
+
+
+@kernel
+def rest_if_still(run, output):
+    """Rest until the ground moves the chain, if that leaves it where it is now."""
+    state, rests = run.state, run.state.count[Count.RESTS]
+    code = service.serve_pause(
+        run.model, run.grounds, state, run.work, run.path, run.steps, run.limits, output
+    )
+    run.pace[Pace.LEAVES_REST] = 1.0
+    if state.count[Count.RESTS] == rests:
+        return ASSEMBLE
+    state.clock[Clock.CODE] = code
+    return leave_rest(run, code, output)
+
+
+@inlined
+def leave_rest(run, code, output):
+    """Begin to move where rest has ended."""
+    if code == service.IDLE:
+        return DONE
+    output.written[1] -= 1  # the mechanism that starts writes this entry of the log
+    _set_cause(run, BY_START, -1)
+    run.pace[Pace.LEAVES_REST] = 1.0
+    place_chain(run.model, run.state, run.work)
+    return MODES
+
+
+@inlined
+def start_at_rest(run, output):
+    """Begin a run at rest in the chain's own geometry."""
+    model, state, work, limits = run.model, run.state, run.work, run.limits
+    service.begin(model, run.grounds, state, work, run.steps, limits, 0, 1.0)
+    service.write_rest(model, run.grounds, state, work, run.path, output)
+    code = service.rest_until_onset(
+        model, run.grounds, state, run.steps, limits.rest_plus, limits.rest_minus, output
+    )
+    state.clock[Clock.CODE] = code
+    return leave_rest(run, code, output)
+
+
+@inlined
+def start_in_motion(run):
+    """Begin a run from given positions and velocities."""
+    model, state, work = run.model, run.state, run.work
+    service.clear(state)
+    state.clock[Clock.FACTOR] = 1.0
+    kinetic, state.clock[Clock.START] = service.energies_of(model, state)
+    state.energy[Energy.START_KINETIC] = state.energy[Energy.LARGEST_KINETIC] = kinetic
+    move_faces(model, state.position, work.turned, work.face, work.tangent)
+    service.read_joints(model, state, work)
+    _set_cause(run, BY_START, -1)
+    return IMPACT
+
+
+@kernel
+def follow_phases(run, at_rest, output, results):
+    """A run from its beginning to its end, as a table of phases.
+
+    Parameters
+    ----------
+    run : archfrag.methods.event_driven.integrate.Run
+        With the initial state, unless the chain is at rest in its own geometry.
+    at_rest : bool
+    output : archfrag.methods.time_stepping.recording.Output
+    results : archfrag.methods.time_stepping.service.Results
+        Of one run; overwritten.
+    """
+    phase = start_at_rest(run, output) if at_rest else start_in_motion(run)
+    while phase != DONE:
+        if phase <= UPON_EVENT:
+            phase = go_on(run, output, phase)
+        elif phase == STILL:
+            phase = rest_if_still(run, output)
+        else:
+            phase = step_all_voussoirs(run, output)
+    service.end_run(
+        run.model, run.grounds, run.state, run.work, run.path, run.limits, output, results, 0
+    )
+    results.model_time[0, FOUR] = run.pace[Pace.FOUR_HINGES]
+    results.model_time[0, MEGA] = run.pace[Pace.MEGA_VOUSSOIRS]
+    farthest = np.sqrt(run.pace[Pace.FARTHEST])
+    results.peak[0, Peak.DISPLACEMENT] = max(results.peak[0, Peak.DISPLACEMENT], farthest)

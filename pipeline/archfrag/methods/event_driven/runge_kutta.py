@@ -1,0 +1,233 @@
+"""One Runge-Kutta step of mega-voussoirs, with an error estimate and dense output.
+
+Order 3 (Bogacki and Shampine 1989, *Appl. Math. Lett.* 2(4)) for coarse tolerances, where steps
+are cut by samples of the ground motion and by events, hardly by their error; order 5 (Dormand and
+Prince 1980, *J. Comput. Appl. Math.* 6(1)) for fine ones. Dense output: Hairer, Norsett and
+Wanner, *Solving Ordinary Differential Equations I*, section II.6; of order 3 the cubic that meets
+values and rates at both ends.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from archfrag.mechanics.compile import inlined, kernel
+from archfrag.mechanics.mega_voussoirs.first_level import slip_normal, solve_first_level
+
+N_STAGE = 7
+C = (0.0, 0.2, 0.3, 0.8, 8.0 / 9.0, 1.0, 1.0)
+A = np.array(
+    [
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [1 / 5, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [3 / 40, 9 / 40, 0.0, 0.0, 0.0, 0.0],
+        [44 / 45, -56 / 15, 32 / 9, 0.0, 0.0, 0.0],
+        [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0.0, 0.0],
+        [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0.0],
+        [35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
+    ]
+)
+E = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40)
+D = (
+    -12715105075 / 11282082432,
+    0.0,
+    87487479700 / 32700410799,
+    -10690763975 / 1880347072,
+    701980252875 / 199316789632,
+    -1453857185 / 822651844,
+    69997945 / 29380423,
+)
+BY_GROUND, BY_FRICTION = 0, 1
+
+
+class Scheme(NamedTuple):
+    """Coefficients of a method whose last stage is the first one of the next step."""
+
+    time: np.ndarray  # (n_stage,) of each stage, over the step
+    stage: np.ndarray  # (n_stage, n_stage - 1)
+    error: np.ndarray  # (n_stage,)
+    dense: np.ndarray  # (n_stage,) of the dense output's highest power
+    power: float  # of the error, by which steps are chosen
+
+
+FIFTH_ORDER = Scheme(np.array(C), A, np.array(E), np.array(D), -0.2)
+THIRD_ORDER = Scheme(
+    np.array([0.0, 0.5, 0.75, 1.0]),
+    np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 0.75, 0.0], [2 / 9, 1 / 3, 4 / 9]]),
+    np.array([-5 / 72, 1 / 12, 1 / 9, -1 / 8]),
+    np.zeros(4),
+    -1.0 / 3.0,
+)
+
+
+class Stages(NamedTuple):
+    """What a step leaves of its stages, and its dense output."""
+
+    velocity: np.ndarray  # (n_body + 2, n_stage, 3)
+    acceleration: np.ndarray  # (n_body + 2, n_stage, 3)
+    power: np.ndarray  # (n_stage, 2) of the ground and of friction [W]
+    dense_position: np.ndarray  # (n_body + 2, 3, 5) coefficients over the step
+    dense_velocity: np.ndarray  # (n_body + 2, 3, 5)
+    dense_work: np.ndarray  # (2, 5) [J]
+
+
+class GroundSegment(NamedTuple):
+    """Ground acceleration that is linear in time: at the beginning, and its rate."""
+
+    x: float  # [m/s2]
+    slope_x: float  # [m/s3]
+    y: float
+    slope_y: float
+
+
+def new_stages(n_row: int) -> Stages:
+    """Workspace for the steps of a chain with so many rows of bodies."""
+    shape, dense = (n_row, N_STAGE, 3), (n_row, 3, 5)
+    return Stages(
+        np.zeros(shape), np.zeros(shape), np.zeros((N_STAGE, 2)),
+        np.zeros(dense), np.zeros(dense), np.zeros((2, 5)),
+    )  # fmt: skip
+
+
+@inlined
+def ground_after(ground, time):
+    """Ground acceleration at a time after the beginning of its segment [m/s2]."""
+    return ground.x + ground.slope_x * time, ground.y + ground.slope_y * time
+
+
+@kernel
+def sliding_rate(j, position, velocity, work):
+    """Tangential velocity of the later body at a sliding joint [m/s], and the normal there."""
+    k = 0 if work.touch[j, 0] > 0.5 else 1
+    px, py = work.point[j, k, 0], work.point[j, k, 1]
+    before, after = velocity[j, 2], velocity[j + 1, 2]
+    ux = velocity[j + 1, 0] - after * (py - position[j + 1, 1])
+    uy = velocity[j + 1, 1] + after * (px - position[j + 1, 0])
+    ux -= velocity[j, 0] - before * (py - position[j, 1])
+    uy -= velocity[j, 1] + before * (px - position[j, 0])
+    nx, ny = slip_normal(j, k, work.slide[j], work)
+    return nx * uy - ny * ux, nx, ny
+
+
+@kernel
+def keep_stage(mega, stages, stage, position, velocity, ground_x, ground_y):
+    """Take the last solution of the first level over as a stage of the step."""
+    work, by_ground, by_friction = mega.work, 0.0, 0.0
+    for i in range(1, position.shape[0] - 1):
+        for c in range(3):
+            stages.velocity[i, stage, c] = velocity[i, c]
+            stages.acceleration[i, stage, c] = work.solved[i, c]
+        across = ground_x * velocity[i, 0] + ground_y * velocity[i, 1]
+        by_ground -= mega.model.mass[i] * across
+    for j in range(work.slide.shape[0]):
+        if work.slide[j] != 0.0:
+            rate, nx, ny = sliding_rate(j, position, velocity, work)
+            by_friction += rate * (work.reaction[j, 1] * nx - work.reaction[j, 0] * ny)
+    stages.power[stage, BY_GROUND] = by_ground
+    stages.power[stage, BY_FRICTION] = by_friction
+
+
+@inlined
+def take_step(mega, stages, scheme, step, ground, scale, allowed):
+    """One step from stage 0, which is known.
+
+    Parameters
+    ----------
+    mega : archfrag.mechanics.mega_voussoirs.assemble.MegaVoussoirs
+        In use; `next_position` and `next_velocity` are overwritten, and the stages from 1 on. The
+        last solution of the first level is that at the end of the step.
+    stages : Stages
+    scheme : Scheme
+    step : float [s]
+    ground : GroundSegment
+        From the beginning of the step on.
+    scale : float
+        Accelerations that count as one [m/s2].
+    allowed : tuple of float
+        Errors in position [m] and in velocity [m/s] that count as one; rotations by the length
+        of the first joint.
+
+    Returns
+    -------
+    possible : bool
+    error : float
+    """
+    position, velocity = mega.next_position, mega.next_velocity
+    n_stage, end = scheme.time.shape[0], position.shape[0] - 1
+    for stage in range(1, n_stage):
+        for i in range(1, end):
+            for c in range(3):
+                q = v = 0.0
+                for s in range(stage):
+                    q += scheme.stage[stage, s] * stages.velocity[i, s, c]
+                    v += scheme.stage[stage, s] * stages.acceleration[i, s, c]
+                position[i, c] = mega.position[i, c] + step * q
+                velocity[i, c] = mega.velocity[i, c] + step * v
+        x, y = ground_after(ground, scheme.time[stage] * step)
+        if not solve_first_level(mega, position, velocity, x, y, scale):
+            return False, np.inf
+        keep_stage(mega, stages, stage, position, velocity, x, y)
+    worst = total = 0.0
+    for i in range(1, end):
+        for c in range(3):
+            q = v = 0.0
+            for s in range(n_stage):
+                q += scheme.error[s] * stages.velocity[i, s, c]
+                v += scheme.error[s] * stages.acceleration[i, s, c]
+            arm = step * mega.model.length[0] if c == 2 else step
+            worst = max(worst, abs(q) * arm / allowed[0], abs(v) * arm / allowed[1])
+            total += abs(q) + abs(v)
+    # The maximum of a number and of none is the number.
+    return True, worst if np.isfinite(total) else np.inf
+
+
+@inlined
+def _set_coefficients(out, start, end, first, last, highest):
+    out[0] = start
+    out[1] = end - start
+    out[2] = first - out[1]
+    out[3] = out[1] - last - out[2]
+    out[4] = highest
+
+
+@inlined
+def make_dense(mega, stages, scheme, step):
+    """Coefficients of the continuous extension over the step."""
+    last = scheme.time.shape[0] - 1
+    for i in range(1, mega.position.shape[0] - 1):
+        v, a = stages.velocity[i], stages.acceleration[i]
+        for c in range(3):
+            dv = da = 0.0
+            for s in range(last + 1):
+                dv += scheme.dense[s] * v[s, c]
+                da += scheme.dense[s] * a[s, c]
+            start, end = mega.position[i, c], mega.next_position[i, c]
+            out = stages.dense_position[i, c]
+            _set_coefficients(out, start, end, step * v[0, c], step * v[last, c], step * dv)
+            start, end = mega.velocity[i, c], mega.next_velocity[i, c]
+            out = stages.dense_velocity[i, c]
+            _set_coefficients(out, start, end, step * a[0, c], step * a[last, c], step * da)
+    for p in range(2):
+        highest = end = 0.0
+        for s in range(last + 1):
+            highest += step * scheme.dense[s] * stages.power[s, p]
+            if s < last:
+                end += step * scheme.stage[last, s] * stages.power[s, p]
+        first, final = step * stages.power[0, p], step * stages.power[last, p]
+        _set_coefficients(stages.dense_work[p], 0.0, end, first, final, highest)
+
+
+@inlined
+def blend(r, part):
+    """Value of a dense output at a part of the step."""
+    left = 1.0 - part
+    return r[0] + part * (r[1] + left * (r[2] + part * (r[3] + left * r[4])))
+
+
+@kernel
+def dense_state(stages, part, position, velocity):
+    """State at a part of the step, into `position` and `velocity`."""
+    for i in range(1, position.shape[0] - 1):
+        for c in range(3):
+            position[i, c] = blend(stages.dense_position[i, c], part)
+            velocity[i, c] = blend(stages.dense_velocity[i, c], part)

@@ -1,0 +1,346 @@
+"""What follows an event: impacts, and the mechanism from then on.
+
+Both are the contact problem of all voussoirs, of velocities at an impact (Eqs 8, 9, 11, 21), else
+of accelerations (Eqs 15-19, 29-33). A problem is posed, solved, and its solution taken over; what
+Newton's iteration on the modes does not solve in a few rounds is solved patiently or along
+solution paths.
+"""
+
+import math
+
+from archfrag.mechanics.compile import inlined, kernel
+from archfrag.mechanics.contact.blocks import EXACT, solve_modes
+from archfrag.mechanics.contact.modes import opening_rate, solve_contact, velocity_scale
+from archfrag.mechanics.contact.path import solve_by_path
+from archfrag.mechanics.contact.placing import (
+    MINUS,
+    PLUS,
+    at_point,
+    clearance,
+    corner_slip,
+    move_faces,
+    place_contacts,
+    relative_velocity,
+)
+from archfrag.mechanics.mega_voussoirs.first_level import centripetal_bias
+from archfrag.mechanics.mega_voussoirs.second_level import (
+    FORCE_0,
+    FRICTION_PLUS,
+    GAP_0,
+    GAP_1,
+    SLIP_END,
+)
+from archfrag.mechanics.model import Clock
+from archfrag.mechanics.status import Cause, Count, Energy
+from archfrag.methods.time_stepping.step import follow_joints
+
+BY_HINGE, BY_SLIDE, BY_STICK = int(Cause.HINGE), int(Cause.SLIDE), int(Cause.STICK)
+BY_IMPACT, BY_LOSS = int(Cause.IMPACT), int(Cause.LOSS)
+# Corners this close, over the joint's length, touch; slower than this, over the speed of a fall
+# through it, they stay.
+TOUCHING = 1e-9
+STAYING = 1e-8
+# A slip slower than this part of it may end at once.
+SLIPPING = 1e-6
+# Accelerations beyond this many times gravity are no motion but a state in which rigid bodies
+# with friction have none (Painleve).
+IMPOSSIBLE = 300.0
+# Where so many solution paths lead nowhere, time stepping takes over.
+MOST_PATHS = 2
+# Corners that overlap by more than this part of the joint's length are not taken as closed.
+OVERLAP = 1e-6
+# Relative velocities below this part of it are rounding: nothing is left to an impact.
+PARTING = 1e-8
+# Rocking slower than this times the root of the tolerance, over the speed of a fall, is over:
+# what is left out is of the second order. Below the other its flights are shorter than the gaps
+# to which impacts are located.
+SLOW = 1e-1
+SLOWEST = 3e-6
+
+
+@kernel
+def place_chain(model, state, work):
+    """Faces and contacts of all joints where the voussoirs are.
+
+    The slip of a joint without contact is measured at its nearer corner.
+    """
+    move_faces(model, state.position, work.turned, work.face, work.tangent)
+    for j in range(state.slip.size):
+        at_0, at_1 = state.touch[j, 0] > 0.5, state.touch[j, 1] > 0.5
+        first = at_0
+        if not (at_0 or at_1):
+            gap = clearance(j, 0, work.face, work.tangent)
+            first = gap <= clearance(j, 1, work.face, work.tangent)
+        elif state.slide[j] == 0.0:
+            continue
+        k = 0 if first else 1
+        dx = work.face[j, 1, k, 0] - work.face[j, 0, k, 0]
+        dy = work.face[j, 1, k, 1] - work.face[j, 0, k, 1]
+        slip = corner_slip(j, dx, dy, first, work.tangent)
+        state.slip[j] = 0.0 if abs(slip) < TOUCHING * model.length[j] else slip
+    place_contacts(model, state.slip, work.face, work.tangent, work)
+
+
+@inlined
+def _corner_velocity(j, k, work):
+    px, py = work.point[j, k, 0] - work.pivot[j, 0], work.point[j, k, 1] - work.pivot[j, 1]
+    return at_point(work.relative[j, 0], work.relative[j, 1], work.relative[j, 2], px, py)
+
+
+@inlined
+def pose_impact(run, joint, corner):
+    """Set up the impact at the present state.
+
+    Parameters
+    ----------
+    run : archfrag.methods.event_driven.integrate.Run
+    joint, corner : int
+        What closes, though its gap may not be exactly none; -1 if that is left to the gaps.
+
+    Returns
+    -------
+    bool
+        Whether there is anything that an impact could change.
+    """
+    model, state, work = run.model, run.state, run.work
+    place_chain(model, state, work)
+    for j in range(state.slip.size):
+        for k in range(2):
+            near = clearance(j, k, work.face, work.tangent) <= TOUCHING * model.length[j]
+            held = state.touch[j, k] > 0.5 or (j == joint and k == corner)
+            work.candidate[j, k] = work.touch[j, k] = 1.0 if near or held else 0.0
+            work.bias[j, k, 0] = work.bias[j, k, 1] = 0.0
+        work.slide[j] = work.known[j] = 0.0
+    for i in range(1, state.velocity.shape[0] - 1):
+        for c in range(3):
+            work.free[i, c] = work.solved[i, c] = state.velocity[i, c]
+    relative_velocity(state.position, work.free, work.pivot, work.relative)
+    return velocity_scale(work) > PARTING * run.motion.scales.speed
+
+
+@inlined
+def _kinetic(model, velocity):
+    energy = 0.0
+    for i in range(1, velocity.shape[0] - 1):
+        vx, vy, w = velocity[i, 0], velocity[i, 1], velocity[i, 2]
+        energy += 0.5 * (model.mass[i] * (vx * vx + vy * vy) + model.inertia[i] * w * w)
+    return energy
+
+
+@inlined
+def _close_slow_joints(run):
+    """End in ``work.touch`` and ``work.slide`` what is so slow that its end is as good as reached.
+
+    A joint that rocks from corner to corner loses a fixed part of its rate at each impact and
+    is closed after infinitely many of them, in a finite time; a slip ends by friction in a time
+    in proportion to its rate.
+    """
+    model, work, scales, changed = run.model, run.work, run.motion.scales, False
+    slow = scales.speed * max(SLOW * math.sqrt(scales.tolerance), SLOWEST)
+    for j in range(work.slide.size):
+        at_0, at_1 = work.touch[j, 0] > 0.5, work.touch[j, 1] > 0.5
+        if not (at_0 or at_1):
+            continue
+        nx, ny = work.normal[j, 0], work.normal[j, 1]
+        if at_0 != at_1:
+            k = 1 if at_0 else 0
+            gap = clearance(j, k, work.face, work.tangent)
+            ux, uy = _corner_velocity(j, k, work)
+            near = work.candidate[j, k] > 0.5 and gap > -OVERLAP * model.length[j]
+            if near and nx * ux + ny * uy < slow:
+                work.touch[j, k], changed = 1.0, True
+                if math.isinf(model.friction[j]):
+                    work.slide[j] = 0.0
+        rate = nx * work.relative[j, 1] - ny * work.relative[j, 0]
+        if work.slide[j] != 0.0 and abs(rate) < slow:
+            work.slide[j], changed = 0.0, True
+    return changed
+
+
+@inlined
+def _approaches(run):
+    """Whether the solved velocities close a corner that touches."""
+    work, limit = run.work, -STAYING * run.motion.scales.speed
+    approaches = False
+    for j in range(work.slide.size):
+        for k in range(2):
+            closes = opening_rate(j, k, work) < limit
+            approaches = approaches or (work.candidate[j, k] > 0.5 and closes)
+    return approaches
+
+
+@inlined
+def take_impact(run):
+    """Take the velocities after an impact over, and what it closes for good.
+
+    Parameters
+    ----------
+    run : archfrag.methods.event_driven.integrate.Run
+        With the solution of the impact, or the velocities before it where it changes nothing.
+    """
+    model, state, work = run.model, run.state, run.work
+    had = _kinetic(model, state.velocity)
+    for j in range(state.slip.size):
+        made_0 = work.touch[j, 0] > state.touch[j, 0]
+        made = made_0 or work.touch[j, 1] > state.touch[j, 1]
+        state.count[Count.IMPACTS] += 1.0 if made else 0.0
+    _take_velocities(run)
+    if _close_slow_joints(run):
+        left = _kinetic(model, state.velocity)
+        for i in range(1, state.velocity.shape[0] - 1):
+            for c in range(3):
+                work.free[i, c] = state.velocity[i, c]
+        solve_modes(model, state.position, work, run.motion.scales.speed, EXACT)
+        # Where bringing velocities there would give energy, or another joint would have to be
+        # struck, nothing is closed.
+        if _kinetic(model, work.solved) <= left and not _approaches(run):
+            _take_velocities(run)
+    state.energy[Energy.IMPACT] += _kinetic(model, state.velocity) - had
+
+
+@inlined
+def _take_velocities(run):
+    """Take solved velocities and modes over."""
+    state, work = run.state, run.work
+    for i in range(1, state.velocity.shape[0] - 1):
+        for c in range(3):
+            state.velocity[i, c] = work.solved[i, c]
+    for j in range(state.slip.size):
+        state.slide[j] = work.slide[j]
+        for k in range(2):
+            state.touch[j, k] = work.touch[j, k]
+
+
+@inlined
+def _find_touching(j, run):
+    """Corners of a joint that touch and stay, into ``work.candidate``; its slip rate."""
+    model, state, work = run.model, run.state, run.work
+    rate, speed = 0.0, run.motion.scales.speed
+    for k in range(2):
+        work.candidate[j, k] = 0.0
+        ux, uy = _corner_velocity(j, k, work)
+        if state.touch[j, k] < 0.5:
+            if clearance(j, k, work.face, work.tangent) > TOUCHING * model.length[j]:
+                continue
+            side = work.side_normal
+            plus = side[j, k, PLUS, 0] * ux + side[j, k, PLUS, 1] * uy
+            minus = side[j, k, MINUS, 0] * ux + side[j, k, MINUS, 1] * uy
+            if max(plus, minus) > STAYING * speed:
+                continue
+        work.candidate[j, k] = 1.0
+        along = work.normal[j, 0] * uy - work.normal[j, 1] * ux
+        rate = along if abs(along) > abs(rate) else rate
+    return rate
+
+
+@inlined
+def pose_accelerations(run, ground_x, ground_y):
+    """Set up the problem of accelerations at the present state.
+
+    Parameters
+    ----------
+    run : archfrag.methods.event_driven.integrate.Run
+        With the contacts placed.
+    ground_x, ground_y : float
+        Ground acceleration from now on [m/s2].
+
+    Returns
+    -------
+    bool
+        Whether unlimited friction ends a slip at once.
+    """
+    model, state, work, jammed = run.model, run.state, run.work, False
+    relative_velocity(state.position, state.velocity, work.pivot, work.relative)
+    for j in range(state.slip.size):
+        rate = _find_touching(j, run)
+        slips = abs(rate) > SLIPPING * run.motion.scales.speed
+        rough = math.isinf(model.friction[j])
+        jammed = jammed or (slips and rough)
+        for k in range(2):
+            work.touch[j, k] = state.touch[j, k]
+        work.known[j] = (-1.0 if rate > 0.0 else 1.0) if slips and not rough else 0.0
+        work.slide[j] = work.known[j] if work.known[j] != 0.0 else state.slide[j]
+        if state.touch[j, 0] + state.touch[j, 1] == (2.0 if rough else 0.0):
+            work.slide[j] = 0.0
+    for i in range(1, state.velocity.shape[0] - 1):
+        work.free[i, 0] = -ground_x
+        work.free[i, 1] = -model.gravity - ground_y
+        work.free[i, 2] = 0.0
+    centripetal_bias(state.position, state.velocity, state.slip, work.known, work)
+    return jammed
+
+
+@kernel
+def solve_posed(model, state, work, patience):
+    """Solve the problem that is posed by Newton's iteration on the modes; whether it does."""
+    count = state.count
+    solved, _, rounds = solve_contact(
+        model, state.position, work, True, (False, 0.0, 0.0), patience, EXACT
+    )
+    count[Count.ITERATIONS] += rounds
+    count[Count.LEVELS] += 1.0
+    count[Count.LEVEL_ITERATIONS] += 1.0 if rounds > 1.0 else 0.0
+    return solved
+
+
+@kernel
+def solve_patiently(model, state, work, path):
+    """Solve the problem that is posed where the first rounds have not; whether it is solved."""
+    count, patience = state.count, 60 + 4 * model.friction.size
+    count[Count.GENERAL] += 1.0
+    if solve_posed(model, state, work, patience):
+        return True
+    solved, _, rounds, breaks = solve_by_path(model, state.position, work, path, MOST_PATHS, 0)
+    count[Count.ITERATIONS] += rounds
+    count[Count.PATHS] += 1.0 if breaks > 0 else 0.0
+    return solved
+
+
+@inlined
+def take_modes(run):
+    """Take the modes of accelerations that are solved over; False where these are impossible."""
+    model, state, work = run.model, run.state, run.work
+    for i in range(1, state.position.shape[0] - 1):
+        if not abs(work.solved[i, 0]) + abs(work.solved[i, 1]) <= IMPOSSIBLE * model.gravity:
+            return False
+    for j in range(state.slip.size):
+        touches = work.touch[j, 0] + work.touch[j, 1]
+        if work.known[j] != 0.0 and touches > 0.0 and work.slide[j] != work.known[j]:
+            return False
+        before = state.touch[j, 0] + state.touch[j, 1]
+        slides = work.slide[j] != 0.0 and state.slide[j] == 0.0
+        state.count[Count.SLIDES] += 1.0 if slides else 0.0
+        state.count[Count.OPENINGS] += 1.0 if touches < before else 0.0
+        state.count[Count.LOSSES] += 1.0 if touches == 0.0 and before > 0.0 else 0.0
+    state.clock[Clock.SPAN] = 1.0
+    follow_joints(model, state, work, True, run.limits.loss_limit)
+    return True
+
+
+@inlined
+def cause_of(run):
+    """Why the mechanism ends: cause, and joint of the chain."""
+    joint, law = run.motion.laws.trigger[0], run.motion.laws.trigger[1]
+    touch = run.state.touch
+    if law == SLIP_END:
+        return BY_STICK, joint
+    if law in (GAP_0, GAP_1):
+        return BY_IMPACT, joint
+    if touch[joint, 0] > 0.5 and touch[joint, 1] > 0.5:
+        return (BY_HINGE if law < FRICTION_PLUS else BY_SLIDE), joint
+    rough = math.isinf(run.model.friction[joint])
+    return (BY_LOSS if law < FRICTION_PLUS or rough else BY_SLIDE), joint
+
+
+@inlined
+def change_mode(run, cause, joint, law):
+    """Change the mode of the joint whose law has ended: where the search for modes starts."""
+    touch, slide = run.work.touch, run.work.slide
+    if cause == BY_STICK:
+        slide[joint] = 0.0
+    elif cause == BY_HINGE:
+        touch[joint, law - FORCE_0] = 0.0
+    elif cause == BY_SLIDE:
+        slide[joint] = 1.0 if law == FRICTION_PLUS else -1.0
+    elif cause == BY_LOSS:
+        touch[joint, 0] = touch[joint, 1] = slide[joint] = 0.0
