@@ -5,225 +5,127 @@ again. A collapse is a loss that is not regained (METHOD of Sinopoli, section 3.
 corners has passed a limit, the faces no longer overlap, or a joint has turned by 90 degrees.
 """
 
-from enum import IntEnum
-from typing import NamedTuple
+import math
 
-import numpy as np
-
-from archfrag.mechanics.compile import allocating, kernel
-from archfrag.mechanics.kinematics import clearance, measure_slip
-from archfrag.mechanics.laws import CLOSED_STICK, OPEN, STICK, is_closed, slip_of, touches
-from archfrag.mechanics.status import CollapseMode
+from archfrag.mechanics.compile import inlined, kernel
+from archfrag.mechanics.contact.placing import clearance, corner_slip
+from archfrag.mechanics.model import Clock
+from archfrag.mechanics.numbers import flag, larger, opposite, select, smaller, some
+from archfrag.mechanics.status import CollapseMode, Loss
 
 # Contact lost below this slip over joint length and this rotation [rad] is lift-off.
 SMALL = 0.02
 # A gap at both corners beyond this part of the joint's length is a loss of contact that counts;
 # below it joints part and meet again many times as they rock.
 NOTED_GAP = 0.02
-RIGHT_ANGLE = 0.5 * np.pi
-HINGING = int(CollapseMode.HINGING)
-SLIDING = int(CollapseMode.SLIDING)
-LIFT_OFF = int(CollapseMode.LIFT_OFF)
-OVERTURNING = int(CollapseMode.OVERTURNING)
-NO_MODE = int(CollapseMode.NONE)
+RIGHT_ANGLE = 0.5 * math.pi
+HINGING, SLIDING = float(CollapseMode.HINGING), float(CollapseMode.SLIDING)
+LIFT_OFF = float(CollapseMode.LIFT_OFF)
+NO_MODE, OVERTURNING = int(CollapseMode.NONE), int(CollapseMode.OVERTURNING)
+SLID = int(CollapseMode.SLIDING)
 
 
-class Loss(IntEnum):
-    """Entries of ``JointState.loss``."""
-
-    TIME = 0  # of the first loss of contact that counted [s]; nan if there was none
-    JOINT = 1  # where; -1 if nowhere
-    MODE = 2  # archfrag.mechanics.status.CollapseMode of that joint
-    WIDEST = 3  # largest gap at both corners of a joint, over its length [1]
-
-
-N_LOSS = len(Loss)
+@inlined
+def _note_loss(j, model, state, lost, rotation, time):
+    """Remember the state in which joint j loses its contact."""
+    state.lost_since[j] = select(lost, time, state.lost_since[j])
+    by_slip = abs(state.slip[j]) * (1.0 / model.length[j])
+    state.lost_slip[j] = select(lost, by_slip, state.lost_slip[j])
+    state.lost_rotation[j] = select(lost, abs(rotation), state.lost_rotation[j])
 
 
-class JointState(NamedTuple):
-    """What the joints remember from one instant to the next."""
-
-    slip: np.ndarray  # (n_joint,) [m]
-    mode: np.ndarray  # (n_joint,) int8: contact mode
-    last_contact: np.ndarray  # (n_joint,) int8: last mode that was a contact
-    lost_since: np.ndarray  # (n_joint,) when contact was lost last [s]; nan before
-    lost_slip: np.ndarray  # (n_joint,) slip over length at that instant [1]
-    lost_turn: np.ndarray  # (n_joint,) relative rotation at that instant [rad]
-    loss: np.ndarray  # (len(Loss),)
+@inlined
+def loss_mode(j, state):
+    """How joint j moved when it lost its contact: archfrag.mechanics.status.CollapseMode."""
+    slip, rotation = state.lost_slip[j], state.lost_rotation[j]
+    little = (larger(slip, rotation) < SMALL) & (state.bore_face[j] > 0.5)
+    return select(little, LIFT_OFF, select(slip > rotation, SLIDING, HINGING))
 
 
-@allocating
-def new_loss():
-    """No loss of contact yet, (len(Loss),)."""
-    loss = np.zeros(N_LOSS)
-    loss[Loss.TIME], loss[Loss.JOINT] = np.nan, -1.0
-    return loss
+@inlined
+def note_gap(j, state, gap, where):
+    """Remember a gap, over the joint's length, at both corners of joint j."""
+    loss = state.loss
+    loss[Loss.WIDEST] = select(where & (gap > loss[Loss.WIDEST]), gap, loss[Loss.WIDEST])
+    first = where & (gap > NOTED_GAP) & (loss[Loss.TIME] != loss[Loss.TIME])
+    if some(first):
+        loss[Loss.TIME] = select(first, state.lost_since[j], loss[Loss.TIME])
+        loss[Loss.JOINT] = select(first, float(j), loss[Loss.JOINT])
+        loss[Loss.MODE] = select(first, loss_mode(j, state), loss[Loss.MODE])
 
 
-@allocating
-def new_joint_state(n_joint):
-    """Joints that are closed and have never slipped.
+@inlined
+def _shift(work, j, k, c):
+    return work.face[j, 1, k, c] - work.face[j, 0, k, c]
+
+
+@kernel
+def follow_joints(model, state, work, where, loss_limit):
+    """Bring modes, slips and what joints remember up to the positions that a step has reached.
 
     Parameters
     ----------
-    n_joint : int
-
-    Returns
-    -------
-    JointState
-    """
-    return JointState(
-        np.zeros(n_joint),
-        np.full(n_joint, CLOSED_STICK, np.int8),
-        np.full(n_joint, CLOSED_STICK, np.int8),
-        np.full(n_joint, np.nan),
-        np.zeros(n_joint),
-        np.zeros(n_joint),
-        new_loss(),
-    )
-
-
-@kernel
-def relative_turn(j, position):
-    """Rotation of the body after joint `j` relative to the one before it [rad]."""
-    turn = 0.0
-    if j < position.shape[0]:
-        turn += position[j, 2]
-    if j > 0:
-        turn -= position[j - 1, 2]
-    return turn
-
-
-@kernel
-def note_loss(j, time, position, length, joints):
-    """Remember the state in which joint `j` loses its contact."""
-    joints.lost_since[j] = time
-    joints.lost_slip[j] = abs(joints.slip[j]) / length[j]
-    joints.lost_turn[j] = abs(relative_turn(j, position))
-
-
-@kernel
-def loss_mode(j, joints):
-    """How joint `j` moved when it lost its contact: archfrag.mechanics.status.CollapseMode."""
-    little = max(joints.lost_slip[j], joints.lost_turn[j]) < SMALL
-    if is_closed(joints.last_contact[j]) and little:
-        return LIFT_OFF
-    return SLIDING if joints.lost_slip[j] > joints.lost_turn[j] else HINGING
-
-
-@kernel
-def smallest_gap(k, before, after):
-    """Gap by which a joint without contact is open at both of its corners [m]."""
-    return min(clearance(k, 0, before, after), clearance(k, 1, before, after))
-
-
-@kernel
-def note_gap(j, gap, joints):
-    """Remember a gap, over the joint's length, at both corners of joint `j`."""
-    loss = joints.loss
-    loss[Loss.WIDEST] = max(loss[Loss.WIDEST], gap)
-    if gap > NOTED_GAP and np.isnan(loss[Loss.TIME]):
-        loss[Loss.TIME] = joints.lost_since[j]
-        loss[Loss.JOINT] = j
-        loss[Loss.MODE] = loss_mode(j, joints)
-
-
-@kernel
-def follow_joints(mode, position, before, after, length, time, joints):
-    """Bring slips and what joints remember up to a state that a step has reached.
-
-    Parameters
-    ----------
-    mode : ndarray, (n_joint,) int8
-        Contact modes there; ``joints.mode`` still holds those before.
-    position : ndarray, (n_body, 3)
-    before, after : ndarray, (n_joint, 2, 2)
-        Faces there.
-    length : ndarray, (n_joint,) [m]
-    time : float
-        From when on `mode` has held [s].
-    joints : JointState
-    """
-    for j in range(mode.size):
-        if mode[j] == OPEN:
-            if joints.mode[j] != OPEN:
-                note_loss(j, time, position, length, joints)
-            first = clearance(j, 0, before, after)
-            second = clearance(j, 1, before, after)
-            joints.slip[j] = measure_slip(j, 1 if second < first else 0, before, after)
-            note_gap(j, min(first, second) / length[j], joints)
-        else:
-            joints.last_contact[j] = mode[j]
-            if slip_of(mode[j]) != STICK:
-                joints.slip[j] = measure_slip(j, 0 if touches(mode[j], 0) else 1, before, after)
-        joints.mode[j] = mode[j]
-
-
-@kernel
-def is_beyond_return(mode, gap, slip, turn, loss_limit):
-    """Whether a joint cannot come to bear again.
-
-    Parameters
-    ----------
-    mode : int
-        Contact mode.
-    gap, slip : float
-        Gap at both corners, and slip, over the joint's length [1].
-    turn : float
-        Relative rotation [rad].
+    model : archfrag.mechanics.model.Model
+    state : archfrag.mechanics.model.State
+    work : archfrag.mechanics.model.Work
+        With the solution of the step, and the faces where it has led.
+    where : mask
+        Runs that have made the step.
     loss_limit : float
-        Gap of a joint without contact beyond which its loss is final [1].
+        Gap of a joint without contact, over its length, beyond which its loss is final [1].
 
     Returns
     -------
-    bool
+    mask
+        Where a joint cannot come to bear again: the chain has collapsed.
     """
-    if abs(slip) >= 1.0 or abs(turn) >= RIGHT_ANGLE:
-        return True
-    return mode == OPEN and gap > loss_limit
+    time = state.clock[Clock.TIME]
+    fallen = False
+    for j in range(state.slip.shape[0]):
+        is_0, is_1 = work.touch[j, 0] > 0.5, work.touch[j, 1] > 0.5
+        none = where & opposite(is_0 | is_1)
+        slides = where & (work.slide[j] != 0.0)
+        rotation = state.position[j + 1, 2] - state.position[j, 2]
+        if some(none | slides):
+            unit = 1.0 / model.length[j]
+            had = (state.touch[j, 0] > 0.5) | (state.touch[j, 1] > 0.5)
+            _note_loss(j, model, state, none & had, rotation, time)
+            gap_0 = clearance(j, 0, work.face, work.tangent)
+            gap_1 = clearance(j, 1, work.face, work.tangent)
+            first = select(none, flag(gap_1 >= gap_0), flag(is_0)) > 0.5
+            dx = select(first, _shift(work, j, 0, 0), _shift(work, j, 1, 0))
+            dy = select(first, _shift(work, j, 0, 1), _shift(work, j, 1, 1))
+            slip = corner_slip(j, dx, dy, first, work.tangent)
+            state.slip[j] = select(none | slides, slip, state.slip[j])
+            gap = smaller(gap_0, gap_1) * unit
+            note_gap(j, state, gap, none)
+            fallen = fallen | (none & (gap > loss_limit))
+        fallen = fallen | (where & (abs(state.slip[j]) >= model.length[j]))
+        fallen = fallen | (where & (abs(rotation) >= RIGHT_ANGLE))
+        bears = where & (is_0 | is_1)
+        state.bore_face[j] = select(bears, flag(is_0 & is_1), state.bore_face[j])
+        state.touch[j, 0] = select(where, work.touch[j, 0], state.touch[j, 0])
+        state.touch[j, 1] = select(where, work.touch[j, 1], state.touch[j, 1])
+        state.slide[j] = select(where, work.slide[j], state.slide[j])
+    return fallen
 
 
 @kernel
-def collapse_of(position, before, after, length, joints, loss_limit, time):
-    """The joint at which the chain has collapsed, if any.
-
-    Parameters
-    ----------
-    position : ndarray, (n_body, 3)
-    before, after : ndarray, (n_joint, 2, 2)
-        Faces there.
-    length : ndarray, (n_joint,) [m]
-    joints : JointState
-    loss_limit : float
-        See `is_beyond_return`.
-    time : float [s]
-
-    Returns
-    -------
-    joint : int
-        -1 if none.
-    mode : int
-        archfrag.mechanics.status.CollapseMode.
-    since : float
-        When its contact was lost last [s]; `time` where contact is kept.
-    """
-    found, how, since = -1, NO_MODE, np.nan
-    for j in range(joints.mode.size):
-        gap, slip = 0.0, joints.slip[j]
-        if joints.mode[j] == OPEN:
-            gap = smallest_gap(j, before, after) / length[j]
-        slip /= length[j]
-        turn = relative_turn(j, position)
-        if is_beyond_return(joints.mode[j], gap, slip, turn, loss_limit):
-            found, how, since = j, OVERTURNING, time
-            if joints.mode[j] == OPEN:
-                how, since = loss_mode(j, joints), joints.lost_since[j]
-            elif abs(slip) >= 1.0:
-                how = SLIDING
+def collapse_of(model, state, work, loss_limit):
+    """The joint at which the chain has collapsed: its number or -1, how, and since when [s]."""
+    found, how, since = -1, NO_MODE, math.nan
+    for j in range(state.slip.size):
+        slip = abs(state.slip[j]) / model.length[j]
+        rotation = state.position[j + 1, 2] - state.position[j, 2]
+        none = state.touch[j, 0] < 0.5 and state.touch[j, 1] < 0.5
+        gap = 0.0
+        if none:
+            first = clearance(j, 0, work.face, work.tangent)
+            gap = min(first, clearance(j, 1, work.face, work.tangent)) / model.length[j]
+        if slip >= 1.0 or abs(rotation) >= RIGHT_ANGLE or (none and gap > loss_limit):
+            found, how, since = j, OVERTURNING, state.clock[Clock.TIME]
+            if none:
+                how, since = int(loss_mode(j, state)), state.lost_since[j]
+            elif slip >= 1.0:
+                how = SLID
     return found, how, since
-
-
-@kernel
-def unregained_loss(position, before, after, length, joints, time):
-    """The joint that is without contact where a run ends unfinished; as `collapse_of`."""
-    return collapse_of(position, before, after, length, joints, NOTED_GAP, time)

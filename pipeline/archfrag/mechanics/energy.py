@@ -1,95 +1,128 @@
-"""Energy account of a chain: independent of every method that moves it."""
+"""Energy balance of a run: works of the joints by the law that explains them, and the error."""
 
-from archfrag.mechanics.compile import kernel
-from archfrag.mechanics.laws import STICK, is_closed, slip_of, touches
-
-
-@kernel
-def kinetic_energy(mass, inertia, velocity):
-    """Kinetic energy of the bodies relative to the ground [J].
-
-    Parameters
-    ----------
-    mass, inertia : ndarray, (n_body,) [kg], [kg m2]
-    velocity : ndarray, (n_body, 3) [m/s], [m/s], [rad/s]
-    """
-    total = 0.0
-    for i in range(mass.size):
-        total += mass[i] * (velocity[i, 0] ** 2 + velocity[i, 1] ** 2)
-        total += inertia[i] * velocity[i, 2] ** 2
-    return 0.5 * total
+from archfrag.mechanics.compile import inlined
+from archfrag.mechanics.contact.placing import MINUS, PLUS, at_point, relative_velocity
+from archfrag.mechanics.model import Clock
+from archfrag.mechanics.numbers import larger, opposite, select, some
+from archfrag.mechanics.status import Energy
 
 
-@kernel
-def potential_energy(mass, gravity, position):
-    """Weight times height of the centroids [J]; position as (n_body, 3) [m]."""
-    total = 0.0
-    for i in range(mass.size):
-        total += mass[i] * position[i, 1]
-    return total * gravity
+@inlined
+def _mode_normal(j, work):
+    """Normal and contact point, from the pivot, of a joint in its present mode."""
+    at_0, at_1 = work.touch[j, 0] > 0.5, work.touch[j, 1] > 0.5
+    second, back, side = at_1 & opposite(at_0), work.slide[j] < 0.0, work.side_normal
+    nx = select(back, side[j, 0, MINUS, 0], side[j, 0, PLUS, 0])
+    ny = select(back, side[j, 0, MINUS, 1], side[j, 0, PLUS, 1])
+    nx = select(second, select(back, side[j, 1, MINUS, 0], side[j, 1, PLUS, 0]), nx)
+    ny = select(second, select(back, side[j, 1, MINUS, 1], side[j, 1, PLUS, 1]), ny)
+    nx = select(at_0 & at_1, work.normal[j, 0], nx)
+    ny = select(at_0 & at_1, work.normal[j, 1], ny)
+    px = select(second, work.point[j, 1, 0], work.point[j, 0, 0]) - work.pivot[j, 0]
+    py = select(second, work.point[j, 1, 1], work.point[j, 0, 1]) - work.pivot[j, 1]
+    return nx, ny, px, py
 
 
-@kernel
-def ground_work(mass, impulse_x, impulse_y, mean_velocity):
-    """Work of the inertia forces of a ground motion over one step [J].
+@inlined
+def contact_works(state, work, part):
+    """Work done at the joints over a step, by the law that explains it.
 
     Parameters
     ----------
-    mass : ndarray, (n_body,) [kg]
-    impulse_x, impulse_y : float
-        Integral of the ground acceleration over the step [m/s].
-    mean_velocity : ndarray, (n_body, 3)
-        Mean of the velocities before and after the step.
-    """
-    total = 0.0
-    for i in range(mass.size):
-        total -= mass[i] * (impulse_x * mean_velocity[i, 0] + impulse_y * mean_velocity[i, 1])
-    return total
-
-
-@kernel
-def contact_works(contacts, work, mean_relative, old_mode, fresh):
-    """Work done at the joints over a step, told apart by the law that explains it.
-
-    Parameters
-    ----------
-    contacts, work
-        The solved contact problem of the step; ``work.reaction`` holds impulses [N s].
-    mean_relative : ndarray, (n_joint, 3)
-        Mean relative velocity over the step at the pivots.
-    old_mode : ndarray, (n_joint,)
-        Modes in the step before.
-    fresh : ndarray, (n_joint,)
-        Positive where contact was made in this step or the one before.
+    state : archfrag.mechanics.model.State
+    work : archfrag.mechanics.model.Work
+        With relative velocities before the step in `earlier`, after it in `relative`.
+    part : number
+        Of the kick that acts up to the instant of the positions.
 
     Returns
     -------
-    (float, float, float)
-        Friction, impacts, and what neither explains [J].
+    friction, impact, stray : number
+        Stray is what neither law explains: the energy balance error [J].
+    before : number
+        What of it has been done up to the instant of the positions [J].
+    hits : mask
+        Where an impact is going on.
     """
-    by_friction = by_impact = stray = 0.0
-    for j in range(old_mode.size):
-        fx, fy = work.reaction[j, 0], work.reaction[j, 1]
-        ux, uy, uw = mean_relative[j, 0], mean_relative[j, 1], mean_relative[j, 2]
-        total = fx * ux + fy * uy + work.reaction[j, 2] * uw
-        mode = work.mode[j]
-        slip = slip_of(mode)
-        if fresh[j] > 0:
-            by_impact += total
-            continue
-        if slip == STICK and slip_of(old_mode[j]) == STICK:
-            stray += total
-            continue
-        corner = 0 if touches(mode, 0) else 1
-        if is_closed(mode):
-            nx, ny = contacts.normal[j, 0], contacts.normal[j, 1]
-        elif slip >= STICK:
-            nx, ny = contacts.normal_plus[j, corner, 0], contacts.normal_plus[j, corner, 1]
-        else:
-            nx, ny = contacts.normal_minus[j, corner, 0], contacts.normal_minus[j, corner, 1]
-        ux -= uw * (contacts.point[j, corner, 1] - work.pivot[j, 1])
-        uy += uw * (contacts.point[j, corner, 0] - work.pivot[j, 0])
-        friction = (fy * nx - fx * ny) * (uy * nx - ux * ny)
-        by_friction += friction
-        stray += total - friction
-    return by_friction, by_impact, stray
+    friction = impact = stray = before = 0.0
+    hits = False
+    for j in range(state.slip.shape[0]):
+        fx, fy, moment = work.reaction[j, 0], work.reaction[j, 1], work.reaction[j, 2]
+        ux, uy, u = work.earlier[j, 0], work.earlier[j, 1], work.earlier[j, 2]
+        vx, vy, v = work.relative[j, 0], work.relative[j, 1], work.relative[j, 2]
+        start, finish = fx * ux + fy * uy + moment * u, fx * vx + fy * vy + moment * v
+        fresh = state.impact[j] > 0.0
+        hits = hits | fresh
+        impact += select(fresh, 0.5 * (start + finish), 0.0)
+        slides = opposite(fresh) & ((work.slide[j] != 0.0) | (state.slide[j] != 0.0))
+        if some(slides):
+            nx, ny, px, py = _mode_normal(j, work)
+            tangential = fy * nx - fx * ny
+            ax, ay = at_point(ux, uy, u, px, py)
+            bx, by = at_point(vx, vy, v, px, py)
+            a = select(slides, tangential * (ay * nx - ax * ny), 0.0)
+            b = select(slides, tangential * (by * nx - bx * ny), 0.0)
+            friction += 0.5 * (a + b)
+            start, finish = start - a, finish - b
+        stray += select(fresh, 0.0, 0.5 * (start + finish))
+        before += select(fresh, 0.0, part * (start + 0.5 * part * (finish - start)))
+    return friction, impact, stray, before, hits
+
+
+@inlined
+def record_work(friction, impact, stray, at_instant, where, energy):
+    """Works of all joints over one step [J].
+
+    An impact at one joint and the friction that it causes at others belong together: only what
+    both give in sum is the integrator's error. `at_instant` is the error within the step, where
+    velocities and positions belong to one instant.
+    """
+    most = larger(energy[Energy.STRAY_PEAK], abs(energy[Energy.STRAY] + at_instant))
+    energy[Energy.STRAY_PEAK] = select(where, most, energy[Energy.STRAY_PEAK])
+    makes = friction + impact > 0.0
+    energy[Energy.FRICTION] += select(where & opposite(makes), friction, 0.0)
+    energy[Energy.IMPACT] += select(where & opposite(makes), impact, 0.0)
+    stray += select(makes, friction + impact, 0.0)
+    energy[Energy.STRAY] += select(where, stray, 0.0)
+
+
+@inlined
+def _lift(model, state, work):
+    """Mass times the change of vertical velocity in a step, of all bodies [N s]."""
+    total = 0.0
+    for i in range(1, state.position.shape[0] - 1):
+        total += model.mass[i] * (work.solved[i, 1] - state.velocity[i, 1])
+    return total
+
+
+@inlined
+def change_of_step(model, state, work, step, previous):
+    """Work that weight and height, weighed apart, leave where the step changes [J].
+
+    To be asked before the solved velocities are taken over.
+    """
+    return 0.25 * model.gravity * (step - previous) * _lift(model, state, work)
+
+
+@inlined
+def record_step(model, state, work, step, previous, where):
+    """Works of a solved step, before its velocities are taken over."""
+    relative_velocity(state.position, state.velocity, work.pivot, work.earlier)
+    part = previous / (previous + step)
+    friction, impact, stray, before, hits = contact_works(state, work, part)
+    lift = 0.25 * model.gravity * _lift(model, state, work)
+    stray += (step - previous) * lift
+    before = select(hits, -state.energy[Energy.STRAY], before - part * previous * lift)
+    record_work(friction, impact, stray, before, where, state.energy)
+
+
+@inlined
+def energies_of(model, state):
+    """Kinetic energy, and potential energy at the instant of the velocities [J]."""
+    kinetic = potential = 0.0
+    for i in range(1, state.position.shape[0] - 1):
+        ux, uy, w = state.velocity[i, 0], state.velocity[i, 1], state.velocity[i, 2]
+        kinetic += 0.5 * (model.mass[i] * (ux * ux + uy * uy) + model.inertia[i] * w * w)
+        rise = state.position[i, 1] - 0.5 * state.clock[Clock.PREVIOUS] * uy
+        potential += model.gravity * model.mass[i] * (rise - model.centroid[i, 1])
+    return kinetic, potential

@@ -5,50 +5,6 @@ import numpy as np
 from archfrag.mechanics.compile import allocating, kernel
 
 
-@allocating
-def cumulative_impulse(acceleration, time_step):
-    """Integral of a piecewise-linear acceleration up to each sample, (n_sample,) [m/s]."""
-    out = np.zeros(acceleration.size)
-    for i in range(1, acceleration.size):
-        out[i] = out[i - 1] + 0.5 * time_step * (acceleration[i - 1] + acceleration[i])
-    return out
-
-
-@kernel
-def impulse_until(time, acceleration, cumulative, time_step):
-    """Integral of the acceleration from the first sample to `time` [m/s]."""
-    last = acceleration.size - 1
-    if time <= 0.0:
-        return 0.0
-    place = time / time_step
-    i = int(place)
-    if i >= last:
-        return cumulative[last]
-    f = place - i
-    slope = acceleration[i + 1] - acceleration[i]
-    return cumulative[i] + time_step * f * (acceleration[i] + 0.5 * f * slope)
-
-
-@kernel
-def impulse_between(start, end, acceleration, cumulative, time_step):
-    """Integral of the acceleration from `start` to `end` [m/s]."""
-    return impulse_until(end, acceleration, cumulative, time_step) - impulse_until(
-        start, acceleration, cumulative, time_step
-    )
-
-
-@kernel
-def acceleration_at(time, acceleration, time_step):
-    """Acceleration at `time`, zero outside the record [m/s2]."""
-    last = acceleration.size - 1
-    place = time / time_step
-    if place < 0.0 or place > last:
-        return 0.0
-    i = min(int(place), last - 1)
-    f = place - i
-    return acceleration[i] + f * (acceleration[i + 1] - acceleration[i])
-
-
 @kernel
 def rest_margin(horizontal, vertical, gravity, limit_plus, limit_minus):
     """Distance of a body force from the border of the rest range; negative outside [m/s2].
@@ -64,43 +20,6 @@ def rest_margin(horizontal, vertical, gravity, limit_plus, limit_minus):
     if not np.isinf(limit_minus):
         margin = min(margin, limit_minus * upward + horizontal)
     return margin
-
-
-@kernel
-def end_of_rest(time, ground, gravity, limit_plus, limit_minus):
-    """First instant from `time` on at which the ground motion leaves the rest range [s].
-
-    Returns
-    -------
-    float
-        inf if it never does.
-    """
-    n_sample = ground.horizontal.size
-    dt = ground.time_step
-    i = max(int(np.ceil(time / dt - 1e-9)), 0)
-    before_time = time
-    before = rest_margin(
-        acceleration_at(time, ground.horizontal, dt),
-        acceleration_at(time, ground.vertical, dt),
-        gravity,
-        limit_plus,
-        limit_minus,
-    )
-    if before < 0.0:
-        return time
-    while i < n_sample:
-        margin = rest_margin(
-            ground.horizontal[i], ground.vertical[i], gravity, limit_plus, limit_minus
-        )
-        if margin < 0.0:
-            here = i * dt
-            if here <= before_time:
-                return here
-            return before_time + (here - before_time) * before / (before - margin)
-        before = margin
-        before_time = i * dt
-        i += 1
-    return np.inf
 
 
 @allocating

@@ -29,27 +29,6 @@ MINUS = -1
 
 
 @kernel
-def touches(mode, corner):
-    """Whether a joint in `mode` is in contact at `corner` (0 intrados, 1 extrados)."""
-    return mode >= CLOSED_STICK or (mode > OPEN and (mode - 1) // 3 == corner)
-
-
-@kernel
-def is_closed(mode):
-    """Whether a joint in `mode` is in contact at both corners."""
-    return mode >= CLOSED_STICK
-
-
-@kernel
-def slip_of(mode):
-    """Sense of slip of a mode: STICK, PLUS (friction along +tangent) or MINUS."""
-    if mode == OPEN:
-        return STICK
-    rest = (mode - 1) % 3
-    return STICK if rest == 0 else (PLUS if rest == 1 else MINUS)
-
-
-@kernel
 def corner_mode(corner, slip):
     """Mode of a joint that touches at one corner only."""
     return 1 + 3 * corner + (0 if slip == STICK else (1 if slip == PLUS else 2))
@@ -59,36 +38,6 @@ def corner_mode(corner, slip):
 def closed_mode(slip):
     """Mode of a joint that touches at both corners."""
     return CLOSED_STICK + (0 if slip == STICK else (1 if slip == PLUS else 2))
-
-
-@kernel
-def cross(ax, ay, bx, by):
-    """Scalar product of `a` turned by +90 degrees with `b`."""
-    return ax * by - ay * bx
-
-
-@kernel
-def friction_ray(normal_x, normal_y, friction, slip):
-    """Boundary of Coulomb's cone on which a sliding reaction lies (Eqs 6, 20).
-
-    Parameters
-    ----------
-    normal_x, normal_y : float
-        Unit normal at the corner for this sense of slip.
-    friction : float
-        Coulomb coefficient; inf gives the tangent itself.
-    slip : int
-        PLUS or MINUS: sense of the friction force along the tangent.
-
-    Returns
-    -------
-    (float, float)
-        Direction of the reaction, of unit normal part where friction is finite.
-    """
-    tangent_x, tangent_y = -normal_y, normal_x
-    if math.isinf(friction):
-        return slip * tangent_x, slip * tangent_y
-    return normal_x + slip * friction * tangent_x, normal_y + slip * friction * tangent_y
 
 
 @kernel

@@ -12,9 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.collapse import N_LOSS
 from archfrag.mechanics.numbers import LaneArray, runs_of
-from archfrag.mechanics.status import Count, Energy, Peak
+from archfrag.mechanics.status import Count, Energy, Loss, Peak
 from archfrag.mechanics.types import Chain
 
 # Gaps of this size, relative to the coordinates, are rounding. A closed ring is overdetermined:
@@ -52,7 +51,7 @@ class State(NamedTuple):
     lost_slip: np.ndarray  # (n_joint,) slip over length at that instant [1]
     lost_rotation: np.ndarray  # (n_joint,) relative rotation at that instant [rad]
     impact: np.ndarray  # (n_joint,) steps for which a new contact still counts as an impact
-    loss: np.ndarray  # (len(Loss),) see archfrag.mechanics.collapse
+    loss: np.ndarray  # (len(Loss),) by archfrag.mechanics.status.Loss
     clock: np.ndarray  # (len(Clock),)
     # (len(Count),) by archfrag.mechanics.status.Count
     count: np.ndarray  # type: ignore[assignment]
@@ -155,7 +154,7 @@ def new_state(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) 
     """Zeros for the state of one run, or of four with `lane_array` as `zeros`."""
     n_row, n_joint = model.mass.size, model.friction.size
     joint = ("slide", "slip", "bore_face", "lost_since", "lost_slip", "lost_rotation", "impact")
-    sizes = {"loss": N_LOSS, "clock": N_CLOCK, "count": len(Count), "energy": len(Energy)}
+    sizes = {"loss": len(Loss), "clock": N_CLOCK, "count": len(Count), "energy": len(Energy)}
     arrays = {name: zeros((n_joint,)) for name in joint}
     arrays |= {name: zeros((size,)) for name, size in sizes.items()}
     return State(

@@ -27,6 +27,15 @@ class CollapseMode(IntEnum):
     OVERTURNING = 4
 
 
+class Loss(IntEnum):
+    """Entries of ``State.loss``."""
+
+    TIME = 0  # of the first loss of contact that counted [s]; nan if there was none
+    JOINT = 1  # where; -1 if nowhere
+    MODE = 2  # CollapseMode of that joint
+    WIDEST = 3  # largest gap at both corners of a joint, over its length [1]
+
+
 class Model(IntEnum):
     """Rungs of the ladder of models, from the smallest."""
 

@@ -11,15 +11,8 @@ from archfrag.mechanics.types import Outcome
 from archfrag.methods.time_stepping.front import Case, outcome_of
 from archfrag.methods.time_stepping.recording import log_change
 from archfrag.methods.time_stepping.run import start_at_rest, start_given
-from archfrag.methods.time_stepping.service import (
-    AT_REST,
-    BY_REST,
-    GO,
-    IDLE,
-    PAUSE,
-    end_run,
-    serve,
-)
+from archfrag.methods.time_stepping.service import AT_REST, BY_REST, end_run, serve
+from archfrag.methods.time_stepping.waits import GO, IDLE, PAUSE
 
 
 def start(case: Case, position: np.ndarray, velocity: np.ndarray, from_rest: bool) -> None:

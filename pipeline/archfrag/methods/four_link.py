@@ -46,6 +46,7 @@ import numpy as np
 from archfrag.mechanics.compile import allocating, kernel
 from archfrag.mechanics.contact.blocks import EXACT, solve_modes
 from archfrag.mechanics.contact.placing import move_faces, place_contacts
+from archfrag.mechanics.energy import energies_of
 from archfrag.mechanics.four_bars import (
     Linkage,
     inner_sine,
@@ -68,16 +69,9 @@ from archfrag.methods.base import finish, start
 from archfrag.methods.time_stepping.front import Case, case_of
 from archfrag.methods.time_stepping.motion import end_rest
 from archfrag.methods.time_stepping.recording import dominant_change, log_change, write_frame
-from archfrag.methods.time_stepping.service import (
-    AT_END,
-    EXHAUSTED,
-    FALLEN,
-    GO,
-    IDLE,
-    energies_of,
-    measure_state,
-)
+from archfrag.methods.time_stepping.service import measure_state
 from archfrag.methods.time_stepping.step import count_changes, record_motion
+from archfrag.methods.time_stepping.waits import AT_END, EXHAUSTED, FALLEN, GO, IDLE
 
 HINGING, OVERTURNING = int(CollapseMode.HINGING), int(CollapseMode.OVERTURNING)
 AT_REST, FOUR_HINGES = int(Model.REST), int(Model.FOUR_HINGES)

@@ -101,8 +101,8 @@ def _penalty():
     return run
 
 
-def _ladder():
-    from archfrag.methods.ladder import run
+def _auto():
+    from archfrag.methods.auto import run
 
     return run
 
@@ -113,8 +113,8 @@ def _many_by_steps():
     return run_many
 
 
-def _many_by_ladder():
-    from archfrag.methods.ladder import run_many
+def _many_by_auto():
+    from archfrag.methods.auto import run_many
 
     return run_many
 
@@ -210,9 +210,9 @@ METHODS = {
             ),
         ),
         citation="as event_driven (Dormand and Prince 1980) and time_stepping (Moreau 1988)",
-        load=_ladder,
+        load=_auto,
         step_rule=steps_of_tolerance,
-        load_many=_many_by_ladder,
+        load_many=_many_by_auto,
     ),
     "four_link": MethodInfo(
         name="four_link",

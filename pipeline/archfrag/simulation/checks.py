@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from archfrag.arch import Arch
 from archfrag.errors import InputError
-from archfrag.mechanics.kinematics import clearance, joint_lengths, move_faces
+from archfrag.mechanics.contact.placing import clearance, move_faces
+from archfrag.mechanics.model import model_of, new_state, new_work
 from archfrag.methods.registry import AUTO, METHODS, MethodInfo, Parameter, resolve
 
 COMMON = ("dt", "rtol", "follow")
@@ -35,7 +36,7 @@ def default_of(info: MethodInfo, name: str) -> float:
 
 def own_time(arch: Arch) -> float:
     """Time in which things happen in an arch: root of its shortest joint over gravity [s]."""
-    return math.sqrt(float(joint_lengths(arch.chain).min()) / arch.chain.gravity)
+    return math.sqrt(float(model_of(arch.chain).length.min()) / arch.chain.gravity)
 
 
 def default_steps(info: MethodInfo, tolerance: Any, arch: Arch) -> tuple[float, float]:
@@ -188,14 +189,14 @@ def check_initial(initial: Any, arch: Arch) -> tuple[NDArray, NDArray]:
 
 
 def _check_overlap(shift: NDArray, arch: Arch) -> None:
-    place = shift.copy()
-    place[:, :2] += arch.chain.centroid
-    before, after = np.zeros((2, arch.n_joint, 2, 2))
-    move_faces(arch.chain, place, before, after)
-    length = joint_lengths(arch.chain)
+    model = model_of(arch.chain)
+    work, place = new_work(model), new_state(model).position
+    place[:, :2] = model.centroid
+    place[1:-1] += shift
+    move_faces(model, place, work.turned, work.face, work.tangent)
     for j in range(arch.n_joint):
         for corner in range(2):
-            gap = clearance(j, corner, before, after) / length[j]
+            gap = clearance(j, corner, work.face, work.tangent) / model.length[j]
             if gap < -MOST_OVERLAP:
                 raise InputError(
                     f"initial position lets the bodies at joint {j} overlap by {-gap:.2g} of its "

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from archfrag.mechanics.collapse import Loss
-from archfrag.mechanics.status import CollapseMode, Count, Energy, Model, Peak, Status
+from archfrag.mechanics.status import CollapseMode, Count, Energy, Loss, Model, Peak, Status
 from archfrag.mechanics.types import Outcome
 from archfrag.simulation.mechanism import MechanismChange
 
@@ -96,7 +95,7 @@ class Response:
         Simulated time at which the run ended [s].
     residual : float
         Largest violation of the contact laws that was measured on the way, by one measure for all
-        methods (`archfrag.mechanics.residuals.state_residual`): gaps over joint lengths, slip
+        methods (`archfrag.mechanics.residual.state_residual`): gaps over joint lengths, slip
         rates over the speed of a fall through them, forces over the weight [1].
     overlap : float
         Deepest overlap of two bodies at a corner that was seen on the way, over the joint's

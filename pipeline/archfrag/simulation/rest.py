@@ -12,6 +12,7 @@ from archfrag.arch import Arch
 from archfrag.errors import STATUS_SENTENCE, StabilityError
 from archfrag.mechanics.contact.path import new_path
 from archfrag.mechanics.contact.placing import move_faces, place_contacts
+from archfrag.mechanics.contact.problem import solve_anyhow
 from archfrag.mechanics.model import Model, State, Work, model_of, new_state, new_work
 from archfrag.mechanics.onset import (
     HINGE_EXTRADOS,
@@ -21,7 +22,6 @@ from archfrag.mechanics.onset import (
     rest_limit,
 )
 from archfrag.mechanics.status import Status
-from archfrag.methods.time_stepping.service import solve_anyhow
 from archfrag.simulation.checks import check_arch
 
 STANDS_TOLERANCE = 1e-12

@@ -98,7 +98,7 @@ def sliding_ray(friction, sense):
     """R_t and R_n of a sliding reaction of unit normal part; of unit length without sliding.
 
     An infinite coefficient leaves the reaction of a point that has to slide no normal part: the
-    limit of Coulomb's law, as in `archfrag.mechanics.laws.friction_ray`.
+    limit of Coulomb's law.
     """
     if math.isinf(friction):
         return -1.0 * sense, 0.0

@@ -31,7 +31,7 @@ from archfrag.methods.contact_dynamics.step import (
     new_corners,
     pose_corners,
 )
-from archfrag.methods.time_stepping.service import GO
+from archfrag.methods.time_stepping.waits import GO
 
 
 @kernel

@@ -53,7 +53,7 @@ from archfrag.methods.contact_dynamics.step import (
 )
 from archfrag.methods.time_stepping.front import Case
 from archfrag.methods.time_stepping.motion import Kick
-from archfrag.methods.time_stepping.service import GO, UNSOLVED
+from archfrag.methods.time_stepping.waits import GO, UNSOLVED
 
 # A corner without friction limit sticks from the start where its gap is below this part of the
 # joint; multipliers below NEGLIGIBLE of the largest, and slip slower than that part of what

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.collapse import RIGHT_ANGLE
+from archfrag.mechanics.collapse import RIGHT_ANGLE, note_gap
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.path import Path
 from archfrag.mechanics.contact.placing import clearance, move_faces, place_contacts
@@ -45,7 +45,6 @@ from archfrag.methods.time_stepping.at_impacts import Steps
 from archfrag.methods.time_stepping.motion import Grounds
 from archfrag.methods.time_stepping.recording import write_frame
 from archfrag.methods.time_stepping.service import Limits
-from archfrag.methods.time_stepping.step import note_gap
 
 # How a stretch of motion ends: at the time given, with an event, with a collapse, with the work
 # allowed spent, or where the equations of motion have no solution.

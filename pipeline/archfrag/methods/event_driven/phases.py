@@ -11,8 +11,10 @@ has no unique motion, all voussoirs are stepped for a while
 
 import numpy as np
 
+from archfrag.mechanics.collapse import follow_joints
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.placing import move_faces
+from archfrag.mechanics.energy import energies_of
 from archfrag.mechanics.ground import rest_margin, segment_at
 from archfrag.mechanics.mega_voussoirs.assemble import (
     assemble,
@@ -51,12 +53,12 @@ from archfrag.methods.event_driven.transitions import (
     take_impact,
     take_modes,
 )
-from archfrag.methods.time_stepping import service
+from archfrag.methods.time_stepping import rest, service, waits
 from archfrag.methods.time_stepping.at_impacts import next_step
 from archfrag.methods.time_stepping.motion import end_of_motion
 from archfrag.methods.time_stepping.recording import log_change
 from archfrag.methods.time_stepping.run import code_after, try_step
-from archfrag.methods.time_stepping.step import follow_joints, record_overlap
+from archfrag.methods.time_stepping.step import record_overlap
 
 BY_START, BY_CROWD, BY_CALM = int(Cause.START), int(Cause.CROWD), int(Cause.CALM)
 BY_UNSOLVED = int(Cause.UNSOLVED)
@@ -156,7 +158,7 @@ def _fastest(run):
 def balance_energy(model, state):
     """Energy that no work explains, the integrator's error; returns the kinetic energy [J]."""
     energy = state.energy
-    kinetic, potential = service.energies_of(model, state)
+    kinetic, potential = energies_of(model, state)
     change = kinetic - energy[Energy.START_KINETIC] + potential - state.clock[Clock.START]
     explained = energy[Energy.GROUND] + energy[Energy.FRICTION] + energy[Energy.IMPACT]
     energy[Energy.STRAY] = change - explained
@@ -171,7 +173,7 @@ def assemble_mega_voussoirs(run, output):
     clock, scales = state.clock, run.motion.scales
     clock[Clock.FASTEST] = _fastest(run)
     if np.isnan(clock[Clock.FASTEST]):
-        clock[Clock.CODE] = service.BROKEN
+        clock[Clock.CODE] = waits.BROKEN
         return DONE
     had = balance_energy(model, state)
     if clock[Clock.FASTEST] < run.limits.still and pace[Pace.LEAVES_REST] == 0.0:
@@ -194,7 +196,7 @@ def assemble_mega_voussoirs(run, output):
     if pace[Pace.JAMMED] == 1.0:
         # What a corner without friction limit loses by sticking it loses by an impact.
         spread(mega, mega.position, mega.velocity, run.state)
-        left, _ = service.energies_of(model, state)
+        left, _ = energies_of(model, state)
         state.energy[Energy.IMPACT] += min(left - had, 0.0)
     rung = FOUR if is_four_hinges(mega.work, mega.position.shape[0]) else MEGA
     cause, joint = int(pace[Pace.CAUSE]), int(pace[Pace.JOINT])
@@ -226,10 +228,10 @@ def integrate_to_next_event(run, output):
     balance_energy(model, state)
     _, x, _, y, _ = segment_at(clock[Clock.TIME], run.ground, run.next_break)
     spread_reactions(run, mega, mega.position, mega.velocity, x, y)
-    clock[Clock.CODE] = service.AT_END if code == STOPPED else service.EXHAUSTED
+    clock[Clock.CODE] = waits.AT_END if code == STOPPED else waits.EXHAUSTED
     if code == FALLEN:
         follow_joints(model, state, work, True, run.limits.loss_limit)
-        clock[Clock.CODE] = service.FALLEN
+        clock[Clock.CODE] = waits.FALLEN
     written, frames = output.written, output.frames
     if 0 < written[0] <= frames.time.size and frames.time[written[0] - 1] >= clock[Clock.TIME]:
         written[0] -= 1  # the last frame is written again
@@ -277,7 +279,7 @@ def step_until(run, until, output):
     model, state, work, limits, clock = run.model, run.state, run.work, run.limits, run.state.clock
     grounds, steps = run.grounds, run.steps
     end, quiet, count = end_of_motion(grounds, clock, limits.follow), 0.0, state.count
-    while clock[Clock.CODE] == service.GO and clock[Clock.TIME] < until:
+    while clock[Clock.CODE] == waits.GO and clock[Clock.TIME] < until:
         before = count[Count.IMPACTS] + count[Count.OPENINGS] + count[Count.SLIDES]
         kick, solved, unsolved = try_step(model, grounds, state, work, steps, True)
         fallen = broken = False
@@ -307,16 +309,16 @@ def step_all_voussoirs(run, output):
     cause, joint = int(pace[Pace.SWITCH]), int(pace[Pace.JOINT])
     log_change(state, clock[Clock.TIME], cause, joint, ALL, output)
     move_faces(model, state.position, work.turned, work.face, work.tangent)
-    service.start_moving(state, run.steps)
-    clock[Clock.CODE] = service.GO
+    rest.start_moving(state, run.steps)
+    clock[Clock.CODE] = waits.GO
     until, calm = clock[Clock.TIME] + pace[Pace.WINDOW], False
     while not calm:
         calm = step_until(run, until, output)
-        if clock[Clock.CODE] != service.GO:
+        if clock[Clock.CODE] != waits.GO:
             code = service.serve(
                 model, run.grounds, state, work, run.path, run.steps, run.limits, output
             )
-            if code != service.GO:
+            if code != waits.GO:
                 return DONE
     pace[Pace.QUIET_UNTIL] = clock[Clock.TIME] + pace[Pace.WINDOW]
     if not service.synchronise(model, run.grounds, state, work, run.path):
@@ -345,7 +347,7 @@ def rest_if_still(run, output):
 @inlined
 def leave_rest(run, code, output):
     """Begin to move where rest has ended."""
-    if code == service.IDLE:
+    if code == waits.IDLE:
         return DONE
     output.written[1] -= 1  # the mechanism that starts writes this entry of the log
     _set_cause(run, BY_START, -1)
@@ -359,8 +361,8 @@ def start_at_rest(run, output):
     """Begin a run at rest in the chain's own geometry."""
     model, state, work, limits = run.model, run.state, run.work, run.limits
     service.begin(model, run.grounds, state, work, run.steps, limits, 0, 1.0)
-    service.write_rest(model, run.grounds, state, work, run.path, output)
-    code = service.rest_until_onset(
+    rest.write_rest(model, run.grounds, state, work, run.path, output)
+    code = rest.rest_until_onset(
         model, run.grounds, state, run.steps, limits.rest_plus, limits.rest_minus, output
     )
     state.clock[Clock.CODE] = code
@@ -373,7 +375,7 @@ def start_in_motion(run):
     model, state, work = run.model, run.state, run.work
     service.clear(state)
     state.clock[Clock.FACTOR] = 1.0
-    kinetic, state.clock[Clock.START] = service.energies_of(model, state)
+    kinetic, state.clock[Clock.START] = energies_of(model, state)
     state.energy[Energy.START_KINETIC] = state.energy[Energy.LARGEST_KINETIC] = kinetic
     move_faces(model, state.position, work.turned, work.face, work.tangent)
     service.read_joints(model, state, work)

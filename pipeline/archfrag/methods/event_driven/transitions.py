@@ -8,6 +8,7 @@ solution paths.
 
 import math
 
+from archfrag.mechanics.collapse import follow_joints
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.blocks import EXACT, solve_modes
 from archfrag.mechanics.contact.modes import opening_rate, solve_contact, velocity_scale
@@ -32,7 +33,6 @@ from archfrag.mechanics.mega_voussoirs.second_level import (
 )
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.status import Cause, Count, Energy
-from archfrag.methods.time_stepping.step import follow_joints
 
 BY_HINGE, BY_SLIDE, BY_STICK = int(Cause.HINGE), int(Cause.SLIDE), int(Cause.STICK)
 BY_IMPACT, BY_LOSS = int(Cause.IMPACT), int(Cause.LOSS)

@@ -64,18 +64,9 @@ from archfrag.methods.penalty.springs import (
 from archfrag.methods.time_stepping.front import Case, case_of
 from archfrag.methods.time_stepping.motion import due_kick, end_of_motion
 from archfrag.methods.time_stepping.recording import dominant_change, log_change, write_if_due
-from archfrag.methods.time_stepping.service import (
-    ALL,
-    AT_END,
-    BROKEN,
-    EXHAUSTED,
-    FALLEN,
-    GO,
-    IDLE,
-    PAUSE,
-    measure_state,
-)
+from archfrag.methods.time_stepping.service import ALL, measure_state
 from archfrag.methods.time_stepping.step import count_changes, make_step
+from archfrag.methods.time_stepping.waits import AT_END, BROKEN, EXHAUSTED, FALLEN, GO, IDLE, PAUSE
 
 # A run of more steps than this is refused before it starts.
 MOST_STEPS = 1e9

@@ -21,6 +21,7 @@ from archfrag.mechanics.types import (
 from archfrag.methods.time_stepping.at_impacts import Steps
 from archfrag.methods.time_stepping.motion import Grounds, grounds_of
 from archfrag.methods.time_stepping.recording import Output, no_output, output_to
+from archfrag.methods.time_stepping.rest import rest_range
 from archfrag.methods.time_stepping.run import (
     Jobs,
     new_four,
@@ -29,14 +30,7 @@ from archfrag.methods.time_stepping.run import (
     run_given,
     run_one,
 )
-from archfrag.methods.time_stepping.service import (
-    STILL,
-    Limits,
-    Results,
-    begin,
-    new_results,
-    rest_range,
-)
+from archfrag.methods.time_stepping.service import STILL, Limits, Results, begin, new_results
 
 GROWTH = 4.0
 

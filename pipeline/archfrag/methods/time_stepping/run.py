@@ -15,6 +15,7 @@ from archfrag.mechanics.contact.blocks import FOR_STEPS
 from archfrag.mechanics.contact.modes import solve_contact
 from archfrag.mechanics.contact.path import Path, new_path
 from archfrag.mechanics.contact.placing import move_faces
+from archfrag.mechanics.energy import energies_of
 from archfrag.mechanics.model import Clock, Model, State, Work, new_state, new_work
 from archfrag.mechanics.numbers import (
     LANES,
@@ -30,29 +31,28 @@ from archfrag.mechanics.status import Count, Energy
 from archfrag.methods.time_stepping.at_impacts import LEAD, locates, next_step, shorten
 from archfrag.methods.time_stepping.motion import due_kick, end_of_motion
 from archfrag.methods.time_stepping.recording import log_change
+from archfrag.methods.time_stepping.rest import rest_until_onset, start_moving, write_rest
 from archfrag.methods.time_stepping.service import (
     ALL,
+    BY_START,
+    accept_recorded,
+    begin,
+    clear,
+    end_run,
+    read_joints,
+    serve,
+)
+from archfrag.methods.time_stepping.step import accept_step, pose_step
+from archfrag.methods.time_stepping.waits import (
     AT_END,
     BROKEN,
-    BY_START,
     EXHAUSTED,
     FALLEN,
     GO,
     IDLE,
     PAUSE,
     UNSOLVED,
-    accept_recorded,
-    begin,
-    clear,
-    end_run,
-    energies_of,
-    read_joints,
-    rest_until_onset,
-    serve,
-    start_moving,
-    write_rest,
 )
-from archfrag.methods.time_stepping.step import accept_step, pose_step
 
 # Work that a run may take: so many of the shortest steps for as long as it lasts, and some to
 # begin with. Steps need one or a few linear problems each; so many on average are no progress.

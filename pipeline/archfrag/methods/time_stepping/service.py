@@ -8,11 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.collapse import NOTED_GAP, RIGHT_ANGLE, Loss
-from archfrag.mechanics.compile import allocating, inlined, kernel
-from archfrag.mechanics.contact.blocks import FOR_STEPS
-from archfrag.mechanics.contact.modes import solve_contact
-from archfrag.mechanics.contact.path import PATHS, SOFT_PATHS, solve_by_path
+from archfrag.mechanics.collapse import NOTED_GAP, collapse_of, loss_mode
+from archfrag.mechanics.compile import kernel
 from archfrag.mechanics.contact.placing import (
     clearance,
     corner_slip,
@@ -20,10 +17,11 @@ from archfrag.mechanics.contact.placing import (
     place_contacts,
     relative_velocity,
 )
+from archfrag.mechanics.contact.problem import solve_anyhow
+from archfrag.mechanics.energy import change_of_step, contact_works, energies_of, record_work
 from archfrag.mechanics.model import Clock
-from archfrag.mechanics.onset import rest_limit
 from archfrag.mechanics.residual import state_residual
-from archfrag.mechanics.status import Cause, CollapseMode, Count, Energy, Peak, Status
+from archfrag.mechanics.status import Cause, Count, Energy, Loss, Peak, Status
 from archfrag.mechanics.status import Model as Rung
 from archfrag.methods.time_stepping.at_impacts import next_step
 from archfrag.methods.time_stepping.motion import due_kick, end_of_motion, end_rest, kick_between
@@ -33,31 +31,32 @@ from archfrag.methods.time_stepping.recording import (
     write_frame,
     write_if_due,
 )
-from archfrag.methods.time_stepping.step import (
-    accept_step,
-    change_of_step,
-    contact_works,
-    free_fall,
-    loss_mode,
-    pose_step,
-    record_work,
-    take_velocities,
+from archfrag.methods.time_stepping.rest import (
+    CLOSED_GAP,
+    is_as_built,
+    rest_range,
+    rest_until_onset,
+    write_rest,
+)
+from archfrag.methods.time_stepping.step import accept_step, free_fall, pose_step, take_velocities
+from archfrag.methods.time_stepping.waits import (
+    AT_END,
+    BROKEN,
+    EXHAUSTED,
+    FALLEN,
+    GO,
+    IDLE,
+    PAUSE,
+    UNSOLVED,
 )
 
-# Why a run waits: nothing; modes that do not settle; something is due between steps; collapse;
-# the time is up, or the work allowed is spent; positions overflowed; at rest for good.
-GO, UNSOLVED, PAUSE, FALLEN, AT_END, EXHAUSTED, BROKEN, IDLE = 0, 1, 2, 3, 4, 5, 6, 7
 STANDING, COLLAPSED = int(Status.STANDING), int(Status.COLLAPSED)
 UNFINISHED, NO_SOLUTION = int(Status.UNFINISHED), int(Status.NO_CONTACT_SOLUTION)
 NOT_FINITE, WORK_BOUND = int(Status.NOT_FINITE), int(Status.WORK_BOUND)
-NO_MODE, OVERTURNING = int(CollapseMode.NONE), int(CollapseMode.OVERTURNING)
-SLID = int(CollapseMode.SLIDING)
 BY_START, BY_REST = int(Cause.START), int(Cause.REST)
 AT_REST, ALL = int(Rung.REST), int(Rung.ALL_VOUSSOIRS)
 # Speed over that of a fall through the longest joint below which a chain may be at rest [1].
 STILL = 1e-7
-# Gap over joint length below which a corner is closed in a chain at rest [1].
-CLOSED_GAP = 1e-7
 # A step whose contact problem no method solves is halved, down to this part of the shortest.
 SHORTEST = 1.0 / 100.0
 
@@ -71,35 +70,6 @@ class Limits(NamedTuple):
     still: float  # speed below which the chain may be at rest [m/s]
     rest_plus: float  # rest range of the chain in its own geometry [g]; nan: not known
     rest_minus: float
-
-
-@kernel
-def solve_anyhow(model, state, work, path):
-    """Solve a contact problem that is posed: by Newton's iteration, or by the solution's path.
-
-    Returns
-    -------
-    solved, compliant : bool
-        Compliant where the solution is that of slightly compliant joints.
-    """
-    count = state.count
-    for j in range(state.slip.size):
-        work.touch[j, 0], work.touch[j, 1] = state.touch[j, 0], state.touch[j, 1]
-        work.slide[j], work.known[j] = state.slide[j], 0.0
-    patience = 60 + 4 * model.friction.size
-    solved, _, rounds = solve_contact(
-        model, state.position, work, True, (False, 0.0, 0.0), patience, FOR_STEPS
-    )
-    count[Count.ITERATIONS] += rounds
-    if solved:
-        return True, False
-    solved, compliant, rounds, breaks = solve_by_path(
-        model, state.position, work, path, PATHS, SOFT_PATHS
-    )
-    count[Count.ITERATIONS] += rounds
-    count[Count.PATHS] += breaks > 0
-    count[Count.COMPLIANT] += compliant
-    return solved, compliant
 
 
 @kernel
@@ -141,112 +111,6 @@ def serve_unsolved(model, grounds, state, work, path, steps, limits, output):
         return UNSOLVED
     clock[Clock.STEP] *= 0.5
     state.count[Count.SHORTENED] += 1.0
-    return GO
-
-
-@kernel
-def is_as_built(model, state):
-    """Whether all joints are closed and none has slipped: the chain is in its own geometry."""
-    for j in range(state.slip.size):
-        if state.touch[j, 0] < 0.5 or state.touch[j, 1] < 0.5:
-            return False
-        if abs(state.slip[j]) > CLOSED_GAP * model.length[j]:
-            return False
-    return True
-
-
-@allocating
-def rest_range(model, state, work):
-    """Load factors between which a configuration stays at rest.
-
-    Parameters
-    ----------
-    model : archfrag.mechanics.model.Model
-    state : archfrag.mechanics.model.State
-    work : archfrag.mechanics.model.Work
-        With the faces where the bodies are; its contacts are overwritten.
-
-    Returns
-    -------
-    found : bool
-    plus, minus : float [g]
-    """
-    place_contacts(model, state.slip, work.face, work.tangent, work)
-    n_joint = state.slip.size
-    candidate = np.ones((n_joint, 2), np.int8)
-    for j in range(n_joint):
-        for k in range(2):
-            if clearance(j, k, work.face, work.tangent) > CLOSED_GAP * model.length[j]:
-                candidate[j, k] = 0
-    centroid = state.position[1:-1, :2].copy()
-    found = np.ones(2, np.bool_)
-    factor = np.zeros(2)
-    for k in range(2):
-        sense = 1.0 - 2.0 * k
-        limit = rest_limit(
-            model.mass[1:-1],
-            centroid,
-            work.point,
-            work.normal,
-            candidate,
-            model.friction,
-            model.gravity,
-            sense,
-        )
-        found[k], factor[k] = limit.found, sense * limit.load_factor
-    return found[0] and found[1], factor[0], factor[1]
-
-
-@kernel
-def start_moving(state, steps):
-    """Begin to move from the positions of a state, with velocities at the same instant."""
-    clock = state.clock
-    clock[Clock.PREVIOUS], clock[Clock.STEP] = 0.0, steps.impact
-    clock[Clock.IMPACT] = -np.inf
-    for j in range(state.impact.size):
-        state.impact[j] = 0.0
-
-
-@kernel
-def write_rest(model, grounds, state, work, path, output):
-    """Frame of the chain at rest, with the reactions that balance the body force."""
-    if output.frames.time.size == 0:
-        return
-    clock = state.clock
-    place_contacts(model, state.slip, work.face, work.tangent, work)
-    tiny = 1e-9 * grounds.time_step[int(clock[Clock.MOTION])]
-    time = clock[Clock.TIME]
-    kick = kick_between(grounds, clock, time - tiny, time + tiny)
-    for i in range(1, state.position.shape[0] - 1):
-        work.free[i, 0] = -kick.x / kick.span
-        work.free[i, 1] = -kick.y / kick.span - model.gravity
-        work.free[i, 2] = 0.0
-    for j in range(state.slip.size):
-        for k in range(2):
-            work.bias[j, k, 0] = work.bias[j, k, 1] = 0.0
-            work.candidate[j, k] = state.touch[j, k]
-    count = state.count
-    taken = count[Count.ITERATIONS], count[Count.PATHS], count[Count.COMPLIANT]
-    solved, _ = solve_anyhow(model, state, work, path)
-    # A history does not change what a run has taken.
-    count[Count.ITERATIONS], count[Count.PATHS], count[Count.COMPLIANT] = taken
-    if not solved:
-        work.reaction[:] = 0.0
-    write_frame(model, state, work, 0.0, 1.0, output)
-
-
-@kernel
-def rest_until_onset(model, grounds, state, steps, plus, minus, output):
-    """Let a chain rest until the ground motion moves it; returns the code."""
-    clock = state.clock
-    leave, for_good = end_rest(model, grounds, clock, plus, minus)
-    clock[Clock.RESTING] += leave - clock[Clock.TIME]
-    clock[Clock.TIME] = leave
-    if for_good:
-        return IDLE
-    start_moving(state, steps)
-    output.due[0] = leave
-    log_change(state, leave, BY_START, -1, ALL, output)
     return GO
 
 
@@ -327,39 +191,6 @@ def synchronise(model, grounds, state, work, path):
     take_velocities(model, state, work, kick, True)
     clock[Clock.PREVIOUS], clock[Clock.SPAN] = 0.0, kick.span
     return True
-
-
-@kernel
-def collapse_of(model, state, work, loss_limit):
-    """The joint at which the chain has collapsed: its number or -1, how, and since when [s]."""
-    found, how, since = -1, NO_MODE, np.nan
-    for j in range(state.slip.size):
-        slip = abs(state.slip[j]) / model.length[j]
-        rotation = state.position[j + 1, 2] - state.position[j, 2]
-        none = state.touch[j, 0] < 0.5 and state.touch[j, 1] < 0.5
-        gap = 0.0
-        if none:
-            first = clearance(j, 0, work.face, work.tangent)
-            gap = min(first, clearance(j, 1, work.face, work.tangent)) / model.length[j]
-        if slip >= 1.0 or abs(rotation) >= RIGHT_ANGLE or (none and gap > loss_limit):
-            found, how, since = j, OVERTURNING, state.clock[Clock.TIME]
-            if none:
-                how, since = int(loss_mode(j, state)), state.lost_since[j]
-            elif slip >= 1.0:
-                how = SLID
-    return found, how, since
-
-
-@inlined
-def energies_of(model, state):
-    """Kinetic energy, and potential energy at the instant of the velocities [J]."""
-    kinetic = potential = 0.0
-    for i in range(1, state.position.shape[0] - 1):
-        ux, uy, w = state.velocity[i, 0], state.velocity[i, 1], state.velocity[i, 2]
-        kinetic += 0.5 * (model.mass[i] * (ux * ux + uy * uy) + model.inertia[i] * w * w)
-        rise = state.position[i, 1] - 0.5 * state.clock[Clock.PREVIOUS] * uy
-        potential += model.gravity * model.mass[i] * (rise - model.centroid[i, 1])
-    return kinetic, potential
 
 
 @kernel

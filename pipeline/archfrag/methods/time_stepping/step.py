@@ -10,19 +10,17 @@ within its step.
 
 import math
 
-from archfrag.mechanics.collapse import NOTED_GAP, RIGHT_ANGLE, SMALL, Loss
+from archfrag.mechanics.collapse import follow_joints
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.placing import (
-    MINUS,
-    PLUS,
     at_point,
     clearance,
     corner_offset,
-    corner_slip,
     move_faces,
     place_contacts,
     relative_velocity,
 )
+from archfrag.mechanics.energy import record_step
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.numbers import flag, larger, nearest, opposite, select, smaller, some
 from archfrag.mechanics.status import CollapseMode, Count, Energy, Peak
@@ -141,103 +139,6 @@ def pose_step(model, state, work, kick, step):
 
 
 @inlined
-def _mode_normal(j, work):
-    """Normal and contact point, from the pivot, of a joint in its present mode."""
-    at_0, at_1 = work.touch[j, 0] > 0.5, work.touch[j, 1] > 0.5
-    second, back, side = at_1 & opposite(at_0), work.slide[j] < 0.0, work.side_normal
-    nx = select(back, side[j, 0, MINUS, 0], side[j, 0, PLUS, 0])
-    ny = select(back, side[j, 0, MINUS, 1], side[j, 0, PLUS, 1])
-    nx = select(second, select(back, side[j, 1, MINUS, 0], side[j, 1, PLUS, 0]), nx)
-    ny = select(second, select(back, side[j, 1, MINUS, 1], side[j, 1, PLUS, 1]), ny)
-    nx = select(at_0 & at_1, work.normal[j, 0], nx)
-    ny = select(at_0 & at_1, work.normal[j, 1], ny)
-    px = select(second, work.point[j, 1, 0], work.point[j, 0, 0]) - work.pivot[j, 0]
-    py = select(second, work.point[j, 1, 1], work.point[j, 0, 1]) - work.pivot[j, 1]
-    return nx, ny, px, py
-
-
-@inlined
-def contact_works(state, work, part):
-    """Work done at the joints over a step, by the law that explains it.
-
-    Parameters
-    ----------
-    state : archfrag.mechanics.model.State
-    work : archfrag.mechanics.model.Work
-        With relative velocities before the step in `earlier`, after it in `relative`.
-    part : number
-        Of the kick that acts up to the instant of the positions.
-
-    Returns
-    -------
-    friction, impact, stray : number
-        Stray is what neither law explains: the energy balance error [J].
-    before : number
-        What of it has been done up to the instant of the positions [J].
-    hits : mask
-        Where an impact is going on.
-    """
-    friction = impact = stray = before = 0.0
-    hits = False
-    for j in range(state.slip.shape[0]):
-        fx, fy, moment = work.reaction[j, 0], work.reaction[j, 1], work.reaction[j, 2]
-        ux, uy, u = work.earlier[j, 0], work.earlier[j, 1], work.earlier[j, 2]
-        vx, vy, v = work.relative[j, 0], work.relative[j, 1], work.relative[j, 2]
-        start, finish = fx * ux + fy * uy + moment * u, fx * vx + fy * vy + moment * v
-        fresh = state.impact[j] > 0.0
-        hits = hits | fresh
-        impact += select(fresh, 0.5 * (start + finish), 0.0)
-        slides = opposite(fresh) & ((work.slide[j] != 0.0) | (state.slide[j] != 0.0))
-        if some(slides):
-            nx, ny, px, py = _mode_normal(j, work)
-            tangential = fy * nx - fx * ny
-            ax, ay = at_point(ux, uy, u, px, py)
-            bx, by = at_point(vx, vy, v, px, py)
-            a = select(slides, tangential * (ay * nx - ax * ny), 0.0)
-            b = select(slides, tangential * (by * nx - bx * ny), 0.0)
-            friction += 0.5 * (a + b)
-            start, finish = start - a, finish - b
-        stray += select(fresh, 0.0, 0.5 * (start + finish))
-        before += select(fresh, 0.0, part * (start + 0.5 * part * (finish - start)))
-    return friction, impact, stray, before, hits
-
-
-@inlined
-def record_work(friction, impact, stray, at_instant, where, energy):
-    """Works of all joints over one step [J].
-
-    An impact at one joint and the friction that it causes at others belong together: only what
-    both give in sum is the integrator's error. `at_instant` is the error within the step, where
-    velocities and positions belong to one instant.
-    """
-    most = larger(energy[Energy.STRAY_PEAK], abs(energy[Energy.STRAY] + at_instant))
-    energy[Energy.STRAY_PEAK] = select(where, most, energy[Energy.STRAY_PEAK])
-    makes = friction + impact > 0.0
-    energy[Energy.FRICTION] += select(where & opposite(makes), friction, 0.0)
-    energy[Energy.IMPACT] += select(where & opposite(makes), impact, 0.0)
-    stray += select(makes, friction + impact, 0.0)
-    energy[Energy.STRAY] += select(where, stray, 0.0)
-
-
-@inlined
-def _lift(model, state, work):
-    """Mass times the change of vertical velocity in a step, of all bodies [N s]."""
-    total = 0.0
-    for i in range(1, state.position.shape[0] - 1):
-        total += model.mass[i] * (work.solved[i, 1] - state.velocity[i, 1])
-    return total
-
-
-@inlined
-def change_of_step(model, state, work, step, previous):
-    """Work that weight and height, weighed apart, leave where the step changes [J].
-
-    To be asked before the solved velocities are taken over.
-    """
-    return 0.25 * model.gravity * (step - previous) * _lift(model, state, work)
-
-
-@inlined
 def take_velocities(model, state, work, kick, where):
     """Take the solved velocities over, and record the work of the ground."""
     given = 0.0
@@ -248,18 +149,6 @@ def take_velocities(model, state, work, kick, where):
         for c in range(3):
             state.velocity[i, c] = select(where, work.solved[i, c], state.velocity[i, c])
     state.energy[Energy.GROUND] += select(where, given, 0.0)
-
-
-@inlined
-def _record_energy(model, state, work, step, previous, where):
-    """Works of a solved step, before its velocities are taken over."""
-    relative_velocity(state.position, state.velocity, work.pivot, work.earlier)
-    part = previous / (previous + step)
-    friction, impact, stray, before, hits = contact_works(state, work, part)
-    lift = 0.25 * model.gravity * _lift(model, state, work)
-    stray += (step - previous) * lift
-    before = select(hits, -state.energy[Energy.STRAY], before - part * previous * lift)
-    record_work(friction, impact, stray, before, where, state.energy)
 
 
 @inlined
@@ -280,91 +169,6 @@ def count_changes(state, work, where):
             count[Count.SLIDES] += flag(slides)
             count[Count.LOSSES] += flag(differs & opposite(is_0 | is_1))
             state.impact[j] = select(made, IMPACT_STEPS, state.impact[j])
-
-
-@inlined
-def _note_loss(j, model, state, lost, rotation, time):
-    """Remember the state in which joint j loses its contact."""
-    state.lost_since[j] = select(lost, time, state.lost_since[j])
-    by_slip = abs(state.slip[j]) * (1.0 / model.length[j])
-    state.lost_slip[j] = select(lost, by_slip, state.lost_slip[j])
-    state.lost_rotation[j] = select(lost, abs(rotation), state.lost_rotation[j])
-
-
-@inlined
-def loss_mode(j, state):
-    """How joint j moved when it lost its contact: archfrag.mechanics.status.CollapseMode."""
-    slip, rotation = state.lost_slip[j], state.lost_rotation[j]
-    little = (larger(slip, rotation) < SMALL) & (state.bore_face[j] > 0.5)
-    return select(little, LIFT_OFF, select(slip > rotation, SLIDING, HINGING))
-
-
-@inlined
-def note_gap(j, state, gap, where):
-    """Remember a gap, over the joint's length, at both corners of joint j."""
-    loss = state.loss
-    loss[Loss.WIDEST] = select(where & (gap > loss[Loss.WIDEST]), gap, loss[Loss.WIDEST])
-    first = where & (gap > NOTED_GAP) & (loss[Loss.TIME] != loss[Loss.TIME])
-    if some(first):
-        loss[Loss.TIME] = select(first, state.lost_since[j], loss[Loss.TIME])
-        loss[Loss.JOINT] = select(first, float(j), loss[Loss.JOINT])
-        loss[Loss.MODE] = select(first, loss_mode(j, state), loss[Loss.MODE])
-
-
-@kernel
-def follow_joints(model, state, work, where, loss_limit):
-    """Bring modes, slips and what joints remember up to the positions that a step has reached.
-
-    Parameters
-    ----------
-    model : archfrag.mechanics.model.Model
-    state : archfrag.mechanics.model.State
-    work : archfrag.mechanics.model.Work
-        With the solution of the step, and the faces where it has led.
-    where : mask
-        Runs that have made the step.
-    loss_limit : float
-        Gap of a joint without contact, over its length, beyond which its loss is final [1].
-
-    Returns
-    -------
-    mask
-        Where a joint cannot come to bear again: the chain has collapsed.
-    """
-    time = state.clock[Clock.TIME]
-    fallen = False
-    for j in range(state.slip.shape[0]):
-        is_0, is_1 = work.touch[j, 0] > 0.5, work.touch[j, 1] > 0.5
-        none = where & opposite(is_0 | is_1)
-        slides = where & (work.slide[j] != 0.0)
-        rotation = state.position[j + 1, 2] - state.position[j, 2]
-        if some(none | slides):
-            unit = 1.0 / model.length[j]
-            had = (state.touch[j, 0] > 0.5) | (state.touch[j, 1] > 0.5)
-            _note_loss(j, model, state, none & had, rotation, time)
-            gap_0 = clearance(j, 0, work.face, work.tangent)
-            gap_1 = clearance(j, 1, work.face, work.tangent)
-            first = select(none, flag(gap_1 >= gap_0), flag(is_0)) > 0.5
-            dx = select(first, _shift(work, j, 0, 0), _shift(work, j, 1, 0))
-            dy = select(first, _shift(work, j, 0, 1), _shift(work, j, 1, 1))
-            slip = corner_slip(j, dx, dy, first, work.tangent)
-            state.slip[j] = select(none | slides, slip, state.slip[j])
-            gap = smaller(gap_0, gap_1) * unit
-            note_gap(j, state, gap, none)
-            fallen = fallen | (none & (gap > loss_limit))
-        fallen = fallen | (where & (abs(state.slip[j]) >= model.length[j]))
-        fallen = fallen | (where & (abs(rotation) >= RIGHT_ANGLE))
-        bears = where & (is_0 | is_1)
-        state.bore_face[j] = select(bears, flag(is_0 & is_1), state.bore_face[j])
-        state.touch[j, 0] = select(where, work.touch[j, 0], state.touch[j, 0])
-        state.touch[j, 1] = select(where, work.touch[j, 1], state.touch[j, 1])
-        state.slide[j] = select(where, work.slide[j], state.slide[j])
-    return fallen
-
-
-@inlined
-def _shift(work, j, k, c):
-    return work.face[j, 1, k, c] - work.face[j, 0, k, c]
 
 
 @inlined
@@ -455,5 +259,5 @@ def accept_step(model, state, work, kick, where, loss_limit):
     """
     clock = state.clock
     count_changes(state, work, where)
-    _record_energy(model, state, work, clock[Clock.STEP], clock[Clock.PREVIOUS], where)
+    record_step(model, state, work, clock[Clock.STEP], clock[Clock.PREVIOUS], where)
     return make_step(model, state, work, kick, where, loss_limit)

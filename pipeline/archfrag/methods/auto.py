@@ -19,7 +19,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from archfrag.mechanics.collapse import NO_MODE
-from archfrag.mechanics.kinematics import joint_lengths
+from archfrag.mechanics.model import model_of
 from archfrag.mechanics.status import Count, Energy, Peak, Status
 from archfrag.mechanics.types import (
     Chain,
@@ -77,7 +77,7 @@ def is_accurate(chain: Chain, options: Options, results: Results) -> np.ndarray:
     allowed = max(event_driven.ENERGY_ALLOWED * options.accuracy, event_driven.LEAST_ENERGY)
     largest = np.maximum(energy[:, Energy.LARGEST_KINETIC], energy[:, Energy.START_KINETIC])
     weight = chain.gravity * float(np.sum(chain.mass))
-    tiny = NEGLIGIBLE * weight * float(joint_lengths(chain).max())
+    tiny = NEGLIGIBLE * weight * float(model_of(chain).length.max())
     deepest = max(event_driven.OVERLAP_ALLOWED * options.accuracy, event_driven.LEAST_OVERLAP)
     good = energy[:, Energy.STRAY_PEAK] <= allowed * largest + tiny
     ended = np.isin(results.status, (int(Status.STANDING), int(Status.COLLAPSED)))

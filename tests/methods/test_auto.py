@@ -62,7 +62,7 @@ def test_a_run_that_breaks_its_tolerance_is_made_again_with_a_tighter_one(monkey
     many = af.simulate_many(ARCH, MOTION, [1.0])
     assert many.steps.values[0] == again.steps
     monkeypatch.setattr("archfrag.methods.event_driven.ENERGY_ALLOWED", 0.0)
-    monkeypatch.setattr("archfrag.methods.ladder.NEGLIGIBLE", 0.0)
+    monkeypatch.setattr("archfrag.methods.auto.NEGLIGIBLE", 0.0)
     refused = run(1e-3)
     assert refused.status == Status.INACCURATE
     assert refused.collapsed is None
