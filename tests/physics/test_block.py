@@ -30,11 +30,11 @@ from archfrag.mechanics.block.regions import painleve_friction, rocking_friction
 from archfrag.mechanics.compile import kernel
 from archfrag.mechanics.contact.blocks import EXACT
 from archfrag.mechanics.contact.modes import solve_contact
-from archfrag.mechanics.contact.path import new_path
+from archfrag.mechanics.contact.path import PATHS, SOFT_PATHS, new_path, solve_by_path
 from archfrag.mechanics.contact.placing import move_faces, place_contacts
 from archfrag.mechanics.model import model_of, new_state, new_work
 from archfrag.methods.time_stepping.motion import Kick
-from archfrag.methods.time_stepping.service import clear, solve_anyhow
+from archfrag.methods.time_stepping.service import clear
 from archfrag.methods.time_stepping.step import pose_step
 from tests.mechanics.adapters import Mode, Problem, solve
 
@@ -42,6 +42,7 @@ GRID = 400
 STEP = 1e-4
 NEAR = 1e-9
 STILL = 2e-11
+PATIENCE = 100
 RIGHT, LEFT = 0, 1  # a chain's corners of the base: intrados and extrados
 BASES = (0.2, 0.7, 2.5)  # b/h
 VERTICAL = (0.0, 0.35)
@@ -75,15 +76,27 @@ def set_friction(model, friction):
 
 
 @kernel
-def start_by_contact_problem(model, state, work, ground_x, ground_y):
-    """Solve the contact problem of the accelerations over g of a block that stands."""
+def pose_accelerations(model, state, work, ground_x, ground_y):
+    """Pose the contact problem of the accelerations over g of a block that stands."""
     place_contacts(model, state.slip, work.face, work.tangent, work)
     work.free[1, 0], work.free[1, 1], work.free[1, 2] = -ground_x, -1.0 - ground_y, 0.0
-    work.known[0] = work.slide[0] = 0.0
+    work.slide[0] = 0.0
     for k in range(2):
         work.bias[0, k, 0] = work.bias[0, k, 1] = 0.0
         work.candidate[0, k] = work.touch[0, k] = 1.0
-    return solve_contact(model, state.position, work, True, (False, 0.0, 0.0), 100, EXACT)[0]
+
+
+@kernel
+def solved_motion(model, state, work, path, block, speed):
+    """Motion of the problem posed, velocities counted over `speed`; -1 if none is found."""
+    solved, _, _ = solve_contact(
+        model, state.position, work, True, (False, 0.0, 0.0), PATIENCE, EXACT
+    )
+    if not solved:
+        solved, _, _, _ = solve_by_path(model, state.position, work, path, PATHS, SOFT_PATHS)
+    x, y, rotation = work.solved[1, 0], work.solved[1, 1], work.solved[1, 2]
+    name = motion_name(x / speed, y / speed, rotation / speed, block.rise, block.reach_a)
+    return name if solved else -1
 
 
 @kernel
@@ -94,20 +107,17 @@ def first_motions(model, state, work, path, block, ground_x, ground_y, friction,
     """
     clear(state)
     move_faces(model, state.position, work.turned, work.face, work.tangent)
-    reach, speed = block.reach_a, STEP * model.gravity
+    speed = STEP * model.gravity
     for i in range(ground_x.size):
         set_friction(model, friction[i])
         set_friction(path.model, friction[i])
         found[i, 0] = starting_region(block, ground_x[i], ground_y, friction[i])[0]
         start = starting_motion(block, ground_x[i], ground_y, friction[i], 1.0)
         found[i, 1] = start.mechanism if start.solutions == 1 else -1
-        solved = start_by_contact_problem(model, state, work, ground_x[i], ground_y)
-        w = work.solved[1]
-        found[i, 2] = motion_name(w[0], w[1], w[2], block.rise, reach) if solved else -1
+        pose_accelerations(model, state, work, ground_x[i], ground_y)
+        found[i, 2] = solved_motion(model, state, work, path, block, 1.0)
         pose_step(model, state, work, Kick(speed * ground_x[i], speed * ground_y, STEP), STEP)
-        solved, _ = solve_anyhow(model, state, work, path)
-        x, y, rotation = w[0] / speed, w[1] / speed, w[2] / speed
-        found[i, 3] = motion_name(x, y, rotation, block.rise, reach) if solved else -1
+        found[i, 3] = solved_motion(model, state, work, path, block, speed)
 
 
 def border_distance(base, ground_x, ground_y, friction):
