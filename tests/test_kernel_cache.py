@@ -16,18 +16,16 @@ import archfrag
 
 PACKAGE = Path(archfrag.__file__).parent
 ASK = """
-import numpy as np
-from archfrag.mechanics.energy import potential_energy
 from archfrag.mechanics.caller import twice
-print(twice(np.ones(1), 10.0, np.array([[0.0, 2.0, 0.0]])))
+print(twice(1.0))
 """
 CALLER = """
 from archfrag.mechanics.compile import kernel
-from archfrag.mechanics.energy import potential_energy
+from archfrag.mechanics.ground import rest_margin
 
 @kernel
-def twice(mass, gravity, position):
-    return 2.0 * potential_energy(mass, gravity, position)
+def twice(across):
+    return 2.0 * rest_margin(across, 0.0, 10.0, 0.5, 0.5)
 """
 
 
@@ -46,22 +44,22 @@ def test_an_edited_helper_is_compiled_anew(tmp_path):
     shutil.copytree(PACKAGE, tmp_path / "archfrag", ignore=shutil.ignore_patterns("__pycache__"))
     (tmp_path / "archfrag" / "mechanics" / "caller.py").write_text(CALLER)
     cache = tmp_path / "cache"
-    assert ask(tmp_path, cache) == 40.0
-    assert ask(tmp_path, cache) == 40.0
+    assert ask(tmp_path, cache) == 8.0
+    assert ask(tmp_path, cache) == 8.0
     assert len(list(cache.glob("k-*"))) == 1
-    helper = tmp_path / "archfrag" / "mechanics" / "energy.py"
+    helper = tmp_path / "archfrag" / "mechanics" / "ground.py"
     text = helper.read_text()
-    assert "return total * gravity" in text
-    helper.write_text(text.replace("return total * gravity", "return total * gravity + 1.0"))
-    assert ask(tmp_path, cache) == 42.0
+    assert text.count("return margin\n") == 1
+    helper.write_text(text.replace("return margin\n", "return margin + 1.0\n"))
+    assert ask(tmp_path, cache) == 10.0
     assert len(list(cache.glob("k-*"))) == 2
 
 
 def test_kernels_are_found_again(tmp_path):
     code = (
-        "import archfrag.mechanics.energy as e, numpy as np;"
-        "e.kinetic_energy(np.ones(1), np.ones(1), np.ones((1, 3)));"
-        "print(sum(e.kinetic_energy.stats.cache_hits.values()))"
+        "import archfrag.mechanics.ground as g;"
+        "g.rest_margin(3.5, 0.0, 10.0, 0.5, 0.5);"
+        "print(sum(g.rest_margin.stats.cache_hits.values()))"
     )
     hits = [
         subprocess.run(
@@ -80,8 +78,8 @@ def test_a_cache_that_cannot_be_written_is_replaced(tmp_path):
     in_the_way = tmp_path / "file"
     in_the_way.write_text("")
     done = subprocess.run(
-        [sys.executable, "-c", "import archfrag.mechanics.energy as e;"
-         "print(e.kinetic_energy.stats.cache_path)"],
+        [sys.executable, "-c", "import archfrag.mechanics.ground as g;"
+         "print(g.rest_margin.stats.cache_path)"],
         env={**os.environ, "NUMBA_CACHE_DIR": str(in_the_way), "TMPDIR": str(tmp_path)},
         capture_output=True,
         text=True,
@@ -111,9 +109,9 @@ def test_only_what_kernels_are_made_of_counts(tmp_path):
 
 def test_a_second_clone_compiles_nothing(tmp_path):
     code = (
-        "import archfrag.mechanics.energy as e, numpy as np;"
-        "e.kinetic_energy(np.ones(1), np.ones(1), np.ones((1, 3)));"
-        "print(sum(e.kinetic_energy.stats.cache_hits.values()))"
+        "import archfrag.mechanics.ground as g;"
+        "g.rest_margin(3.5, 0.0, 10.0, 0.5, 0.5);"
+        "print(sum(g.rest_margin.stats.cache_hits.values()))"
     )
     hits = []
     for name in ("first", "second"):
@@ -135,10 +133,10 @@ def test_a_second_clone_compiles_nothing(tmp_path):
     assert hits == ["0", "1"]
 
 
-ENERGY = (
-    "import archfrag.mechanics.energy as e, numpy as np;"
-    "print(e.kinetic_energy(np.ones(1), np.ones(1), np.ones((1, 3))),"
-    "sum(e.kinetic_energy.stats.cache_hits.values()), e.kinetic_energy.stats.cache_path)"
+MARGIN = (
+    "import archfrag.mechanics.ground as g;"
+    "print(g.rest_margin(3.5, 0.0, 10.0, 0.5, 0.5),"
+    "sum(g.rest_margin.stats.cache_hits.values()), g.rest_margin.stats.cache_path)"
 )
 
 
@@ -155,9 +153,9 @@ def python(code, umask=-1, **environment):
     ).stdout
 
 
-def energy(**environment):
-    """Number of kernels found, and the folder, where a process computes an energy."""
-    value, found, folder = python(ENERGY, **environment).split()
+def margin(**environment):
+    """Number of kernels found, and the folder, where a process computes a margin."""
+    value, found, folder = python(MARGIN, **environment).split()
     assert float(value) == 1.5
     return int(found), Path(folder)
 
@@ -190,7 +188,7 @@ def plant(folder, marker):
 @pytest.fixture(scope="module")
 def compiled(tmp_path_factory):
     base = tmp_path_factory.mktemp("compiled")
-    energy(NUMBA_CACHE_DIR=base)
+    margin(NUMBA_CACHE_DIR=base)
     return base
 
 
@@ -222,7 +220,7 @@ class TestOthers:
         base = tmp_path / "base"
         shutil.copytree(compiled, base)
         plant(base, tmp_path / "ran")
-        energy(NUMBA_CACHE_DIR=base)
+        margin(NUMBA_CACHE_DIR=base)
         assert (tmp_path / "ran").exists()
 
     @as_root
@@ -231,7 +229,7 @@ class TestOthers:
         shutil.copytree(compiled, base)
         plant(base, tmp_path / "ran")
         own(base, 61002)
-        found, folder = energy(**HOMELESS, TMPDIR=shared)
+        found, folder = margin(**HOMELESS, TMPDIR=shared)
         assert found == 0
         assert not (tmp_path / "ran").exists()
         assert folder.is_relative_to(shared)
@@ -267,7 +265,7 @@ class TestOthers:
         place = tmp_path / "open"
         place.mkdir()
         place.chmod(0o777)
-        assert energy(**HOMELESS, TMPDIR=place) == (0, Path("None"))
+        assert margin(**HOMELESS, TMPDIR=place) == (0, Path("None"))
         assert not list(place.iterdir())
 
 
@@ -307,12 +305,12 @@ class TestFiles:
     def test_damaged_ones_count_as_missing(self, compiled, tmp_path):
         shutil.copytree(compiled, tmp_path / "base")
         code = (
-            "import glob, os, numpy as np, archfrag.mechanics.energy as e\n"
+            "import glob, os, archfrag.mechanics.ground as g\n"
             "(file,) = glob.glob(os.environ['NUMBA_CACHE_DIR'] + '/*/*.kernel')\n"
             "whole = open(file, 'rb').read()\n"
-            "print(e.kinetic_energy(np.ones(1), np.ones(1), np.ones((1, 3))))\n"
-            "cache, context = e.kinetic_energy._cache, e.kinetic_energy.targetctx\n"
-            "(sig,) = e.kinetic_energy.overloads\n"
+            "print(g.rest_margin(3.5, 0.0, 10.0, 0.5, 0.5))\n"
+            "cache, context = g.rest_margin._cache, g.rest_margin.targetctx\n"
+            "(sig,) = g.rest_margin.overloads\n"
             "for text in (whole[:100], b'', whole[:-1] + bytes([whole[-1] ^ 1]), whole):\n"
             "    open(file, 'wb').write(text)\n"
             "    print(cache.load_overload(sig, context) is not None)\n"
@@ -323,11 +321,11 @@ class TestFiles:
     def test_processes_that_compile_at_once(self, tmp_path):
         # Two versions of one kernel by each of four processes, each version by two of them.
         code = (
-            "import sys, time, numpy as np, archfrag.mechanics.energy as e\n"
+            "import sys, time, numpy as np, archfrag.mechanics.ground as g\n"
             "while time.time() < float(sys.argv[1]): time.sleep(0.001)\n"
             "for kind in sys.argv[2:]:\n"
-            "    print(kind, e.potential_energy(np.full(2, 1, kind), 2.0, np.ones((2, 3))))\n"
-            "print(len(e.potential_energy.stats.cache_hits), len(e.potential_energy.overloads))"
+            "    print(kind, g.rest_margin(np.dtype(kind).type(1), 0.0, 10.0, 0.5, 0.5))\n"
+            "print(len(g.rest_margin.stats.cache_hits), len(g.rest_margin.overloads))"
         )
         start = str(time.time() + 3.0)
         pairs = (["f8", "f4"], ["f4", "f8"], ["i8", "f8"], ["f4", "i8"])
@@ -347,10 +345,10 @@ class TestFiles:
 
     def test_a_full_disk_stops_nothing(self, tmp_path):
         code = (
-            "import resource, warnings, numpy as np, archfrag.mechanics.energy as e\n"
+            "import resource, warnings, archfrag.mechanics.ground as g\n"
             "resource.setrlimit(resource.RLIMIT_FSIZE, (10, 10))\n"
             "with warnings.catch_warnings(record=True) as caught:\n"
-            "    print(e.kinetic_energy(np.ones(1), np.ones(1), np.ones((1, 3))))\n"
+            "    print(g.rest_margin(3.5, 0.0, 10.0, 0.5, 0.5))\n"
             "print(*(w.message for w in caught))"
         )
         done = subprocess.run(

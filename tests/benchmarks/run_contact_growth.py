@@ -1,7 +1,8 @@
 """How the cost of a contact problem grows with the number of voussoirs.
 
-Prints the median time of one solution for each number, warm-started as in a time step, and the
-exponent of a power law fitted to them. Run it alone on a quiet machine.
+Prints the median time of one solution for each number, from the modes of the state itself and
+warm-started as in a time step, and the exponent of a power law fitted to them. Run it alone on a
+quiet machine.
 """
 
 import sys
@@ -12,13 +13,34 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
+from tests.mechanics.adapters import posed
 from tests.physics.random_states import KINDS, random_state
 
-from archfrag.mechanics.former_contact import contact_work, solve_contact
+from archfrag.mechanics.compile import kernel
+from archfrag.mechanics.contact.blocks import FOR_STEPS
+from archfrag.mechanics.contact.modes import solve_contact
+from archfrag.mechanics.contact.path import PATHS, SOFT_PATHS, new_path, solve_by_path
 
 NUMBERS = (9, 18, 36, 54, 81, 108)
 STATES = 40
-REPEATS = 5
+REPEATS = 50
+
+
+@kernel
+def solve_often(model, position, work, path, touch, slide, repeats):
+    """Solve one contact problem from the same modes so many times; whether it was solved."""
+    patience = 60 + 4 * slide.size
+    solved = False
+    for _ in range(repeats):
+        for j in range(slide.size):
+            work.touch[j, 0], work.touch[j, 1] = touch[j, 0], touch[j, 1]
+            work.slide[j] = slide[j]
+        solved, _, _ = solve_contact(
+            model, position, work, True, (False, 0.0, 0.0), patience, FOR_STEPS
+        )
+        if not solved:
+            solved, _, _, _ = solve_by_path(model, position, work, path, PATHS, SOFT_PATHS)
+    return solved
 
 
 def measure(n_body: int) -> tuple[float, float]:
@@ -26,19 +48,14 @@ def measure(n_body: int) -> tuple[float, float]:
     rng = np.random.default_rng(n_body)
     cold, warm = [], []
     for trial in range(STATES):
-        mass, inertia, contacts, friction, free, mode = random_state(
-            rng, n_body, rng.uniform(0.2, 1.2), KINDS[trial % len(KINDS)]
-        )
-        work = contact_work(n_body, n_body + 1)
-        for times, start in ((cold, lambda m=mode: m), (warm, lambda w=work: w.mode.copy())):
-            first = start()
-            spent = []
-            for _ in range(REPEATS):
-                work.mode[:] = first
-                began = time.perf_counter()
-                solve_contact(mass, inertia, contacts, friction, free, work)
-                spent.append(time.perf_counter() - began)
-            times.append(float(np.median(spent)))
+        problem = random_state(rng, n_body, rng.uniform(0.2, 1.2), KINDS[trial % len(KINDS)])
+        model, position, work = posed(problem)
+        path = new_path(model)
+        for times in (cold, warm):
+            touch, slide = work.touch.copy(), work.slide.copy()
+            began = time.perf_counter()
+            assert solve_often(model, position, work, path, touch, slide, REPEATS)
+            times.append((time.perf_counter() - began) / REPEATS)
     return float(np.median(cold)), float(np.median(warm))
 
 

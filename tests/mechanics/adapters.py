@@ -38,6 +38,7 @@ from archfrag.mechanics.mega_voussoirs.second_level import (
     solve_second_level,
 )
 from archfrag.mechanics.model import Model, model_of, new_work
+from archfrag.mechanics.residual import contact_residual
 
 
 class Mode(NamedTuple):
@@ -112,16 +113,6 @@ class Solution(NamedTuple):
     modes: list
 
 
-def problem_of(state):
-    """Problem of a state of `tests.physics.random_states`."""
-    mass, inertia, contacts, friction, free, mode = state
-    return Problem(
-        mass, inertia, contacts.centroid, contacts.point, contacts.normal, contacts.normal_plus,
-        contacts.normal_minus, contacts.candidate.astype(bool), contacts.slip, contacts.bias,
-        friction, free, decode_all(mode),
-    )  # fmt: skip
-
-
 def wrench_of(reaction, pivot):
     """Force and moment about the origin from force and moment about a pivot."""
     moment = reaction[:, 2] + pivot[:, 0] * reaction[:, 1] - pivot[:, 1] * reaction[:, 0]
@@ -190,6 +181,36 @@ def by_path(problem):
         model, position, work, new_path(model), PATHS, SOFT_PATHS
     )
     return solution_in(solved and not compliant, work)
+
+
+def solve(problem):
+    """Solution by the iteration on the modes, along solution paths where that finds none."""
+    solution = by_newton(problem)
+    return solution if solution.solved else by_path(problem)
+
+
+def in_modes(problem, combinations):
+    """The solution in each of many combinations of modes, whatever the joints ask for."""
+    model, position, work = posed(problem)
+    relative_velocity(position, work.free, work.pivot, work.relative)
+    scale = velocity_scale(work)
+    for modes in combinations:
+        set_modes(modes, work.touch, work.slide)
+        left = solve_modes(model, position, work, scale, EXACT)
+        yield solution_in(left < 1e-8 * scale, work)
+
+
+def residual(problem, solution, rates, scale):
+    """How far a solution is from the laws by the package's own measure.
+
+    `rates` (m, 2, 2) are the relative velocities of the corners, counted over `scale`.
+    """
+    model, _, work = posed(problem)
+    reaction, pivot = solution.wrench, work.pivot
+    work.parting[:], work.reaction[:, :2] = rates, reaction[:, :2]
+    about = pivot[:, 0] * reaction[:, 1] - pivot[:, 1] * reaction[:, 0]
+    work.reaction[:, 2] = reaction[:, 2] - about
+    return contact_residual(model, work, scale, np.abs(reaction[:, :2]).max() or 1.0)
 
 
 def path_end(problem, attempt, compliance):
@@ -298,8 +319,7 @@ class Posed:
 
     def by_contact_problem(self):
         """Solution on the full chain."""
-        solution = by_newton(self.start)
-        return solution if solution.solved else by_path(self.start)
+        return solve(self.start)
 
     def by_levels(self):
         """Solution by both levels in the modes given; its margins stay in ``self.value``.

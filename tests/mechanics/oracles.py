@@ -8,7 +8,7 @@ import itertools
 
 import numpy as np
 
-from tests.mechanics.adapters import CLOSED, MINUS, OPEN, PLUS, Mode
+from tests.mechanics.adapters import CLOSED, MINUS, OPEN, PLUS, Mode, framed
 
 
 def cross(a, b):
@@ -40,7 +40,14 @@ def masses(problem):
 
 def corner_rates(problem, velocity):
     """Relative velocity at both corners of all joints, with bias, (m, 2, 2)."""
-    return motion_matrix(problem) @ velocity.ravel() + problem.bias
+    centroid, motion = framed(problem.centroid)[:, None], framed(velocity)[:, None]
+    m = problem.friction.size
+    after, before = (
+        motion[i : i + m, :, :2]
+        + motion[i : i + m, :, 2:] * turned(problem.point - centroid[i : i + m])
+        for i in (1, 0)
+    )
+    return after - before + problem.bias
 
 
 def balance_error(problem, solution):

@@ -1,49 +1,47 @@
-"""Ground motion between its samples: exact impulses, and where it leaves the rest range."""
+"""Ground motion between its samples: where it is linear, and what of it a chain at rest bears."""
 
 import numpy as np
 import pytest
 
-from archfrag.mechanics.ground import (
-    acceleration_at,
-    cumulative_impulse,
-    end_of_rest,
-    impulse_between,
-)
+from archfrag.mechanics.ground import find_breaks, rest_margin, segment_at
 from archfrag.mechanics.types import GroundMotion
 
-RNG = np.random.default_rng(2)
-SAMPLES = RNG.normal(size=50)
-DT = 0.02
 
+class TestSegments:
+    """Pieces over which the acceleration is linear in time."""
 
-class TestPiecewiseLinear:
-    def test_impulse_is_the_exact_integral(self):
-        cumulative = cumulative_impulse(SAMPLES, DT)
-        knots = np.arange(SAMPLES.size) * DT
-        for start, end in RNG.uniform(-0.1, 1.1, (50, 2)):
-            grid = np.union1d(knots, [start, end])
-            grid = grid[(grid >= min(start, end)) & (grid <= max(start, end))]
-            values = np.interp(grid, knots, SAMPLES, left=0.0, right=0.0)
-            inside = (grid[:-1] >= 0.0) & (grid[1:] <= knots[-1] + 1e-12)
-            pieces = 0.5 * (values[1:] + values[:-1]) * np.diff(grid)
-            expected = pieces[inside].sum() * np.sign(end - start)
-            found = impulse_between(start, end, SAMPLES, cumulative, DT)
-            assert found == pytest.approx(expected, abs=1e-13)
+    across = np.array([0.0, 1.0, 2.0, 3.0, 1.0, -1.0, -1.0])
+    upward = np.array([0.0, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0])
+    ground = GroundMotion(across, upward, 0.5)
 
-    def test_acceleration_is_zero_outside_the_record(self):
-        assert acceleration_at(-1e-9, SAMPLES, DT) == 0.0
-        assert acceleration_at(49.001 * DT, SAMPLES, DT) == 0.0
-        assert acceleration_at(3.5 * DT, SAMPLES, DT) == pytest.approx(SAMPLES[3:5].mean())
+    def test_breaks_are_where_either_component_bends(self):
+        assert list(find_breaks(self.ground)) == [2, 2, 3, 5, 5, 6, 6]
+
+    def test_acceleration_is_the_line_between_the_samples_up_to_the_next_break(self):
+        breaks, knots = find_breaks(self.ground), 0.5 * np.arange(7)
+        for time in np.random.default_rng(2).uniform(0.0, 3.0, 200):
+            end, x, rate_x, y, rate_y = segment_at(time, self.ground, breaks)
+            assert end >= time
+            for later in np.linspace(time, end, 5):
+                ahead = later - time
+                assert x + rate_x * ahead == pytest.approx(np.interp(later, knots, self.across))
+                assert y + rate_y * ahead == pytest.approx(np.interp(later, knots, self.upward))
+
+    def test_nothing_moves_the_ground_after_the_record(self):
+        breaks = find_breaks(self.ground)
+        assert segment_at(3.0, self.ground, breaks) == (np.inf, 0.0, 0.0, 0.0, 0.0)
 
 
 class TestRestRange:
-    def test_leaves_where_the_line_between_samples_crosses_the_limit(self):
-        ground = GroundMotion(np.array([0.0, 1.0, 3.0, 0.0]), np.zeros(4), 0.5)
-        assert end_of_rest(0.0, ground, 10.0, 0.2, 0.2) == pytest.approx(0.75)
-        assert end_of_rest(0.0, ground, 10.0, 0.35, 0.2) == np.inf
+    def test_margin_is_what_is_left_to_the_nearer_limit(self):
+        assert rest_margin(1.0, 0.0, 10.0, 0.35, 0.2) == pytest.approx(2.5)
+        assert rest_margin(-1.0, 0.0, 10.0, 0.35, 0.2) == pytest.approx(1.0)
+        assert rest_margin(4.0, 0.0, 10.0, 0.35, 0.2) == pytest.approx(-0.5)
 
     def test_upward_acceleration_widens_the_range(self):
-        up = GroundMotion(np.array([0.0, 2.5, 2.5]), np.array([0.0, 5.0, 5.0]), 0.5)
-        assert end_of_rest(0.0, up, 10.0, 0.2, 0.2) == np.inf
-        down = GroundMotion(np.array([0.0, 1.5, 1.5]), np.array([0.0, -5.0, -5.0]), 0.5)
-        assert end_of_rest(0.0, down, 10.0, 0.2, 0.2) < 0.5
+        assert rest_margin(2.5, 5.0, 10.0, 0.2, 0.2) == pytest.approx(0.5)
+        assert rest_margin(2.5, -5.0, 10.0, 0.2, 0.2) == pytest.approx(-1.5)
+
+    def test_what_no_push_moves_leaves_its_ground_where_that_falls_faster(self):
+        assert rest_margin(99.0, -9.0, 10.0, np.inf, np.inf) == pytest.approx(1.0)
+        assert rest_margin(0.0, -11.0, 10.0, np.inf, np.inf) == pytest.approx(-1.0)

@@ -15,7 +15,6 @@ from tests.mechanics.adapters import (
     by_newton,
     by_path,
     path_end,
-    problem_of,
 )
 from tests.mechanics.oracles import (
     Dense,
@@ -33,7 +32,7 @@ def random_problem(rng, n, kind, mu=None):
     """A random state; accelerations in motion with what turning adds to the laws of a joint."""
     if mu is None:
         mu = FRICTION[rng.integers(len(FRICTION))]
-    problem = problem_of(random_state(rng, n, mu, kind))
+    problem = random_state(rng, n, mu, kind)
     if kind in ("resting", "impact"):
         return problem
     bias = rng.uniform(-1.0, 1.0, (n + 1, 1, 2)) * np.ones((1, 2, 1))

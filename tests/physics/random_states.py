@@ -2,21 +2,9 @@
 
 import numpy as np
 
-from archfrag.mechanics.delassus import relative_velocity, velocity_scale
-from archfrag.mechanics.former_contact import Contacts
-from archfrag.mechanics.residuals import contact_residual
+from tests.mechanics.adapters import CLOSED, Mode, Problem
 
 KINDS = ("resting", "hinged", "sliding", "impact")
-
-
-def problem_residual(contacts, friction, free, work, least_scale=0.0):
-    """How far the solution in `work` of a contact problem is from the laws [1]."""
-    scale = max(velocity_scale(contacts, free, work), least_scale)
-    relative_velocity(contacts, work.velocity, work.pivot, work.relative)
-    force = np.abs(work.reaction[:, :2]).max() or 1.0
-    return contact_residual(
-        contacts, friction, work.relative, work.reaction, work.pivot, scale, force
-    )
 
 
 def turned(vector, angle):
@@ -53,7 +41,7 @@ def random_state(rng, n, mu, kind):
 
     Returns
     -------
-    mass, inertia, contacts, friction, free_velocity, mode
+    tests.mechanics.adapters.Problem
     """
     inner, outer = arch_blocks(rng, n)
     mass, inertia = np.empty(n), np.empty(n)
@@ -79,8 +67,8 @@ def random_state(rng, n, mu, kind):
     point = np.empty((n + 1, 2, 2))
     normal = np.empty((n + 1, 2))
     plus, minus = np.empty((n + 1, 2, 2)), np.empty((n + 1, 2, 2))
-    mode = np.zeros(n + 1, np.int8)
-    candidate = np.ones((n + 1, 2), np.int8)
+    modes = []
+    touching = np.ones((n + 1, 2), bool)
     for j in range(n + 1):
         tangent_before = (before[1] - before[0]) / np.linalg.norm(before[1] - before[0])
         step = angle + (0.0 if joint[j] == 0 else opening[j] * (1 if joint[j] == 2 else -1))
@@ -109,22 +97,21 @@ def random_state(rng, n, mu, kind):
         mid = tangent_before + tangent_after
         normal[j] = turned(mid / np.linalg.norm(mid), -np.pi / 2)
         if joint[j] == 0:
-            mode[j] = 7
+            modes.append(CLOSED)
         else:
-            mode[j] = 1 + 3 * corner
-            candidate[j, 1 - corner] = 0
+            modes.append(Mode((corner,)))
+            touching[j, 1 - corner] = False
         angle = step
         if j < n:
             before = position[j] + np.array([turned(p, step) for p in local_last[j]])
 
-    slip = np.zeros(n + 1, np.int8)
-    bias = np.zeros((n + 1, 2, 2))
     if kind == "impact":
         free = rng.normal(size=(n, 3)) * np.array([1.0, 1.0, 0.3]) * rng.uniform(0.01, 1)
     else:
         free = np.zeros((n, 3))
         free[:, 0] = rng.uniform(-1, 1) * 9.81
         free[:, 1] = -9.81 * (1 + rng.uniform(-0.3, 0.3))
-    friction = np.full(n + 1, mu)
-    contacts = Contacts(position, point, normal, plus, minus, candidate, slip, bias)
-    return mass, inertia, contacts, friction, free, mode
+    return Problem(
+        mass, inertia, position, point, normal, plus, minus, touching, np.zeros(n + 1),
+        np.zeros((n + 1, 2, 2)), np.full(n + 1, mu), free, modes,
+    )  # fmt: skip

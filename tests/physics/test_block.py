@@ -27,18 +27,22 @@ from archfrag.mechanics.block.motion import (
     starting_motion,
 )
 from archfrag.mechanics.block.regions import painleve_friction, rocking_friction, starting_region
-from archfrag.mechanics.collapse import new_joint_state
-from archfrag.mechanics.compile import allocating
-from archfrag.mechanics.former_contact import contact_work, path_contact, solve_contact
-from archfrag.mechanics.kinematics import empty_contacts, joint_lengths, move_faces, place_contacts
-from archfrag.mechanics.laws import CLOSED_STICK, MINUS, PLUS, STICK, closed_mode, corner_mode
-from archfrag.mechanics.types import GroundMotion
-from archfrag.methods.stepping import Kick, new_stepper, try_step
+from archfrag.mechanics.compile import kernel
+from archfrag.mechanics.contact.blocks import EXACT
+from archfrag.mechanics.contact.modes import solve_contact
+from archfrag.mechanics.contact.path import PATHS, SOFT_PATHS, new_path, solve_by_path
+from archfrag.mechanics.contact.placing import move_faces, place_contacts
+from archfrag.mechanics.model import model_of, new_state, new_work
+from archfrag.methods.time_stepping.motion import Kick
+from archfrag.methods.time_stepping.service import clear
+from archfrag.methods.time_stepping.step import pose_step
+from tests.mechanics.adapters import Mode, Problem, solve
 
 GRID = 400
 STEP = 1e-4
 NEAR = 1e-9
 STILL = 2e-11
+PATIENCE = 100
 RIGHT, LEFT = 0, 1  # a chain's corners of the base: intrados and extrados
 BASES = (0.2, 0.7, 2.5)  # b/h
 VERTICAL = (0.0, 0.35)
@@ -54,7 +58,7 @@ def vector(*values):
     return np.array(values)
 
 
-@allocating
+@kernel
 def motion_name(x, y, rotation, rise, reach):
     """Motion by velocities (or accelerations over g) of a block that stood flat."""
     slip = x + rise * rotation
@@ -65,51 +69,55 @@ def motion_name(x, y, rotation, rise, reach):
     return REST if abs(slip) <= STILL else SLIDE
 
 
-@allocating
-def pose(chain, position, contacts, before, after):
-    move_faces(chain, position, before, after)
-    place_contacts(position, before, after, np.zeros(1), joint_lengths(chain), contacts)
+@kernel
+def set_friction(model, friction):
+    model.friction[0] = friction
+    model.ray[0, 0], model.ray[0, 1] = 1.0, friction
 
 
-@allocating
-def first_motions(chain, ground, block, ground_x, ground_y, friction, found):
+@kernel
+def pose_accelerations(model, state, work, ground_x, ground_y):
+    """Pose the contact problem of the accelerations over g of a block that stands."""
+    place_contacts(model, state.slip, work.face, work.tangent, work)
+    work.free[1, 0], work.free[1, 1], work.free[1, 2] = -ground_x, -1.0 - ground_y, 0.0
+    work.slide[0] = 0.0
+    for k in range(2):
+        work.bias[0, k, 0] = work.bias[0, k, 1] = 0.0
+        work.candidate[0, k] = work.touch[0, k] = 1.0
+
+
+@kernel
+def solved_motion(model, state, work, path, block, speed):
+    """Motion of the problem posed, velocities counted over `speed`; -1 if none is found."""
+    solved, _, _ = solve_contact(
+        model, state.position, work, True, (False, 0.0, 0.0), PATIENCE, EXACT
+    )
+    if not solved:
+        solved, _, _, _ = solve_by_path(model, state.position, work, path, PATHS, SOFT_PATHS)
+    x, y, rotation = work.solved[1, 0], work.solved[1, 1], work.solved[1, 2]
+    name = motion_name(x / speed, y / speed, rotation / speed, block.rise, block.reach_a)
+    return name if solved else -1
+
+
+@kernel
+def first_motions(model, state, work, path, block, ground_x, ground_y, friction, found):
     """Motion that starts at each point, four times: region, block problem, contact problem, step.
 
     `friction` and `ground_x` (n,); `found` (n, 4) is overwritten.
     """
-    position = np.zeros((1, 3))
-    position[0, :2] = chain.centroid[0]
-    contacts, work = empty_contacts(1, 1), contact_work(1, 1)
-    before, after = np.zeros((1, 2, 2)), np.zeros((1, 2, 2))
-    free, velocity = np.zeros((1, 3)), np.zeros((1, 3))
-    stepper, joints = new_stepper(chain, ground, position), new_joint_state(1)
-    move_faces(chain, position, stepper.before, stepper.after)
-    reach = block.reach_a
+    clear(state)
+    move_faces(model, state.position, work.turned, work.face, work.tangent)
+    speed = STEP * model.gravity
     for i in range(ground_x.size):
-        chain.friction[0] = friction[i]
-        load = 1.0 + ground_y
+        set_friction(model, friction[i])
+        set_friction(path.model, friction[i])
         found[i, 0] = starting_region(block, ground_x[i], ground_y, friction[i])[0]
         start = starting_motion(block, ground_x[i], ground_y, friction[i], 1.0)
         found[i, 1] = start.mechanism if start.solutions == 1 else -1
-
-        pose(chain, position, contacts, before, after)
-        free[0, 0], free[0, 1], free[0, 2] = -ground_x[i], -load, 0.0
-        work.mode[0] = CLOSED_STICK
-        status = solve_contact(chain.mass, chain.inertia, contacts, chain.friction, free, work)[0]
-        w = work.velocity[0]
-        found[i, 2] = motion_name(w[0], w[1], w[2], block.rise, reach) if status == 0 else -1
-
-        stepper.work.mode[0] = CLOSED_STICK
-        speed = STEP * chain.gravity
-        kick = Kick(speed * ground_x[i], speed * ground_y, STEP)
-        status = try_step(chain, stepper, joints, position, velocity, kick, STEP)[0]
-        if status != 0:
-            status = path_contact(
-                chain.mass, chain.inertia, stepper.contacts, chain.friction, stepper.free,
-                stepper.work,
-            )[0]  # fmt: skip
-        w = stepper.work.velocity[0] / speed
-        found[i, 3] = motion_name(w[0], w[1], w[2], block.rise, reach) if status == 0 else -1
+        pose_accelerations(model, state, work, ground_x[i], ground_y)
+        found[i, 2] = solved_motion(model, state, work, path, block, 1.0)
+        pose_step(model, state, work, Kick(speed * ground_x[i], speed * ground_y, STEP), STEP)
+        found[i, 3] = solved_motion(model, state, work, path, block, speed)
 
 
 def border_distance(base, ground_x, ground_y, friction):
@@ -129,9 +137,11 @@ def border_distance(base, ground_x, ground_y, friction):
 def all_first_motions(base, ground_x, ground_y, friction):
     chain = af.Block(base, 1.0, friction=1.0).chain
     block = RigidBlock(chain.mass[0], chain.inertia[0], 0.5 * base, 0.5 * base, 0.5)
+    model = model_of(chain)
+    state, work, path = new_state(model), new_work(model), new_path(model)
+    state.position[1, :2] = chain.centroid[0]
     found = np.zeros((ground_x.size, 4), np.int64)
-    still = GroundMotion(np.zeros(2), np.zeros(2), 1.0)
-    first_motions(chain, still, block, ground_x, ground_y, friction, found)
+    first_motions(model, state, work, path, block, ground_x, ground_y, friction, found)
     return found
 
 
@@ -376,26 +386,28 @@ class TestPlane:
 
 def contact_answer(block, corners, rotation, free, friction, bias, slip):
     """The contact problem of a chain of one body that touches flat ground at `corners`."""
-    contacts, work = empty_contacts(1, 1), contact_work(1, 1)
-    contacts.centroid[0] = 0.0
-    contacts.normal[0] = contacts.normal_plus[0] = contacts.normal_minus[0] = (0.0, 1.0)
-    contacts.candidate[0] = 0
+    point, touching = np.zeros((1, 2, 2)), np.zeros((1, 2), bool)
     for corner, side in ((RIGHT, CORNER_B), (LEFT, CORNER_A)):
-        arm = formulas.corner_arm(block, side, rotation)
-        contacts.point[0, corner] = arm
-        contacts.candidate[0, corner] = side in corners
-        contacts.bias[0, corner] = -(bias**2) * vector(*arm)
-    sense = STICK if slip == 0.0 else (PLUS if slip > 0.0 else MINUS)
-    contacts.slip[0] = sense
-    work.mode[0] = closed_mode(sense)
-    if len(corners) == 1:
-        work.mode[0] = corner_mode(LEFT if CORNER_A in corners else RIGHT, sense)
-    status = solve_contact(
-        vector(block.mass), vector(block.inertia), contacts, vector(friction), free[None], work
-    )[0]
-    fx, fy, moment = work.reaction[0]
-    px, py = work.pivot[0]
-    return status, work.velocity[0], vector(fx, fy, moment + px * fy - py * fx)
+        point[0, corner] = formulas.corner_arm(block, side, rotation)
+        touching[0, corner] = side in corners
+    up, sense = np.array([[0.0, 1.0]]), int(np.sign(slip))
+    return solve(
+        Problem(
+            mass=vector(block.mass),
+            inertia=vector(block.inertia),
+            centroid=np.zeros((1, 2)),
+            point=point,
+            normal=up,
+            normal_plus=np.stack([up, up], axis=1),
+            normal_minus=np.stack([up, up], axis=1),
+            touching=touching,
+            sliding=vector(sense),
+            bias=-(bias**2) * point,
+            friction=vector(friction),
+            free=free[None],
+            start=[Mode(tuple(np.flatnonzero(touching[0])), sense)],
+        )
+    )
 
 
 def least_painleve_friction(block):
@@ -403,8 +415,8 @@ def least_painleve_friction(block):
 
 
 def same_answer(found, answer, block, rotation, scale):
-    status, motion, reaction = answer
-    assert status == 0
+    assert answer.solved
+    motion, reaction = answer.velocity[0], answer.wrench[0]
     assert vector(found.x, found.y) == pytest.approx(motion[:2], abs=1e-9 * scale)
     size = math.sqrt(block.inertia / block.mass)
     assert size * found.rotation == pytest.approx(size * motion[2], abs=1e-9 * scale)

@@ -8,14 +8,7 @@ from scipy.optimize import linprog
 
 import archfrag as af
 from archfrag.errors import StabilityError
-from archfrag.mechanics.former_contact import contact_work, solve_contact
-from archfrag.mechanics.kinematics import (
-    empty_contacts,
-    joint_lengths,
-    move_faces,
-    place_contacts,
-)
-from archfrag.mechanics.laws import CLOSED_STICK
+from tests.mechanics.adapters import CLOSED, Posed
 
 g = 9.80665
 DENSITY = 2000.0
@@ -136,31 +129,14 @@ def random_column(rng):
     return arch, lines[:n], weight, centre, friction
 
 
-def spread_contacts(arch):
-    """Contacts of an arch in its own geometry."""
-    position = np.zeros((arch.n_voussoir, 3))
-    position[:, :2] = arch.chain.centroid
-    before, after = np.zeros((2, arch.n_joint, 2, 2))
-    contacts = empty_contacts(arch.n_voussoir, arch.n_joint)
-    move_faces(arch.chain, position, before, after)
-    slip = np.zeros(arch.n_joint)
-    place_contacts(position, before, after, slip, joint_lengths(arch.chain), contacts)
-    return contacts
-
-
 def first_acceleration(arch, horizontal, vertical=0.0):
     """Largest acceleration of any voussoir under a steady ground acceleration [g]."""
-    chain = arch.chain
-    work = contact_work(arch.n_voussoir, arch.n_joint)
-    work.mode[:] = CLOSED_STICK
-    free = np.zeros((arch.n_voussoir, 3))
-    free[:, 0] = -horizontal * g
-    free[:, 1] = -(1.0 + vertical) * g
-    status, *_ = solve_contact(
-        chain.mass, chain.inertia, spread_contacts(arch), chain.friction, free, work
-    )
-    assert status == 0
-    return np.abs(work.velocity[:, :2]).max() / g
+    position = np.column_stack([arch.chain.centroid, np.zeros(arch.n_voussoir)])
+    solution = Posed(
+        arch.chain, position, 0.0 * position, [CLOSED] * arch.n_joint, horizontal * g, vertical * g
+    ).by_contact_problem()
+    assert solution.solved
+    return np.abs(solution.velocity[:, :2]).max() / g
 
 
 class TestStaticTheorem:

@@ -1,0 +1,98 @@
+"""Faces, gaps and contacts of displaced bodies."""
+
+import numpy as np
+import pytest
+
+import archfrag as af
+from archfrag.mechanics.contact.placing import (
+    clearance,
+    corner_offset,
+    corner_slip,
+    later_vertex_meets,
+    move_faces,
+    place_contacts,
+)
+from archfrag.mechanics.model import model_of, new_work
+
+ARCH = af.Arch.circular(10.0, 1.5, 157.5, 5, 0.7, sector=False)
+MODEL = model_of(ARCH.chain)
+
+
+def placed(position):
+    """Workspace with the faces of bodies at (n_voussoir + 2, 3)."""
+    work = new_work(MODEL)
+    move_faces(MODEL, position, work.turned, work.face, work.tangent)
+    return work
+
+
+def at_rest():
+    return np.column_stack([MODEL.centroid, np.zeros(ARCH.n_voussoir + 2)])
+
+
+class TestFaces:
+    def test_meet_at_rest_where_the_outline_says(self):
+        face = placed(at_rest()).face
+        assert face[:, 0] == pytest.approx(face[:, 1], abs=1e-12)
+        assert face[:, 0, 0] == pytest.approx(ARCH.intrados, abs=1e-12)
+        assert face[:, 0, 1] == pytest.approx(ARCH.extrados, abs=1e-12)
+
+    def test_turn_with_their_body_about_its_centroid(self):
+        position = at_rest()
+        position[3] += [0.1, -0.2, 0.3]
+        work = placed(position)
+        arm = ARCH.intrados[2] - ARCH.chain.centroid[2]
+        c, s = np.cos(0.3), np.sin(0.3)
+        expected = position[3, :2] + [c * arm[0] - s * arm[1], s * arm[0] + c * arm[1]]
+        assert work.face[2, 1, 0] == pytest.approx(expected)
+        along = work.face[2, 1, 1] - work.face[2, 1, 0]
+        assert work.tangent[2, 1] == pytest.approx(along / np.linalg.norm(along))
+
+    def test_lengths(self):
+        assert MODEL.length == pytest.approx(np.full(6, 1.5))
+
+
+class TestGaps:
+    def test_gap_is_measured_along_the_normal_and_slip_along_the_face(self):
+        work = placed(at_rest())
+        tangent = work.tangent[3, 0]
+        away = 0.02 * np.array([tangent[1], -tangent[0]]) + 0.05 * tangent
+        work.face[3, 1] += away
+        for corner in (0, 1):
+            assert clearance(3, corner, work.face, work.tangent) == pytest.approx(0.02)
+            assert corner_slip(3, *away, corner == 0, work.tangent) == pytest.approx(0.05)
+
+    def test_offset_from_a_slipped_contact_is_none_where_it_holds(self):
+        work = placed(at_rest())
+        work.face[3, 1] -= 0.05 * work.tangent[3, 0]
+        for corner in (0, 1):
+            offset = corner_offset(3, corner, work.face, work.tangent, -0.05)
+            assert offset == pytest.approx((0.0, 0.0))
+
+    def test_vertex_and_face_change_roles_with_slip_and_corner(self):
+        assert later_vertex_meets(0, 0.1)
+        assert not later_vertex_meets(0, -0.1)
+        assert not later_vertex_meets(1, 0.1)
+        assert later_vertex_meets(1, -0.1)
+
+
+class TestContacts:
+    def test_both_laws_have_one_normal_at_a_closed_joint_and_two_at_an_open_one(self):
+        position = at_rest()
+        pivot = ARCH.extrados[0]
+        turn = -0.1
+        arm = ARCH.chain.centroid[0] - pivot
+        c, s = np.cos(turn), np.sin(turn)
+        position[1] = [
+            pivot[0] + c * arm[0] - s * arm[1], pivot[1] + s * arm[0] + c * arm[1], turn
+        ]  # fmt: skip
+        work = placed(position)
+        place_contacts(MODEL, np.zeros(ARCH.n_joint), work.face, work.tangent, work)
+        plus, minus = work.side_normal[:, :, 0], work.side_normal[:, :, 1]
+        assert plus[4] == pytest.approx(minus[4])
+        angle = np.arccos(plus[0, 1] @ minus[0, 1])
+        assert angle == pytest.approx(0.1)
+        assert work.point[0, 1] == pytest.approx(pivot)
+        middle = plus[0, 1] + minus[0, 1]
+        assert work.normal[0] == pytest.approx(middle / np.linalg.norm(middle))
+        # From the ground into the first voussoir: upwards at the left springing.
+        assert work.normal[0, 1] > 0.0
