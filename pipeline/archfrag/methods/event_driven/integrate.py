@@ -51,7 +51,7 @@ from archfrag.methods.time_stepping.step import note_gap
 # allowed spent, or where the equations of motion have no solution.
 STOPPED, EVENT, FALLEN, BOUND, BROKEN = 0, 1, 2, 3, 4
 # Largest step, over the time of a fall through a joint's length; first step after an event.
-LONGEST = 0.05
+LONGEST = 0.1
 FIRST = 0.02
 SHORTEST = 1e-9
 # Bringing voussoirs into mega-voussoirs, and those onto their contacts, may move none of them
@@ -59,10 +59,8 @@ SHORTEST = 1e-9
 # than its error.
 REGROUPED = 1e-6
 FARTHEST = 3e-5
-# Distances from the contacts, and rates, that are left after a step, over the error allowed to
-# it; and that are rounding, over the joint's length and the speed of a fall through it.
+# Distances from the contacts, and rates, that are left after a step, over the error allowed to it.
 DRIFT = 0.01
-ROUNDING = 1e-11
 # Looks for a peak in a step in which a body came to a halt on its way out.
 PEAK_SAMPLES = 8
 # Motions smaller than this part of a joint's length, or of the speed of a fall through it, need
@@ -184,10 +182,9 @@ def begin_motion(run, mega, x, y):
     motion, position, velocity = run.motion, mega.position, mega.velocity
     pose(mega, position)
     scales = motion.scales
-    enough = ROUNDING * scales.length, ROUNDING * scales.speed
-    if not project(mega, position, velocity, enough, REGROUPED * scales.length):
+    if not project(mega, position, velocity, (0.0, 0.0), REGROUPED * scales.length):
         return False
-    if not solve_first_level(mega, position, velocity, x, y, motion.scales.acceleration):
+    if not solve_first_level(mega, position, velocity, x, y, scales.acceleration):
         return False
     keep_stage(mega, motion.stages, 0, position, velocity, x, y)
     least = find_margins(motion, mega, position, velocity, x, y)
