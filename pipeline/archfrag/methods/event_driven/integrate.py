@@ -324,11 +324,9 @@ def integrate(run, mega, stop, output):
         if cut:
             step = until - time
         allowed = _allowed_errors(mega, motion, pace[Pace.FARTHEST])
-        possible, error = take_step(
+        error = take_step(
             mega, motion.stages, motion.scheme, step, ground, scales.acceleration, allowed
         )
-        if not possible:
-            return BROKEN
         count[Count.STEPS] += 1.0
         part, event, good = 1.0, False, error <= 1.0
         factor = min(5.0, 0.9 * max(error, 1e-9) ** motion.scheme.power)
@@ -345,8 +343,6 @@ def integrate(run, mega, stop, output):
             factor = factor if good else 0.25
         if not good:
             # Its error is too large, or its drift off the contacts.
-            if event:
-                return BROKEN
             count[Count.SHORTENED] += 1.0
             pace[Pace.STEP] = step * max(0.2, factor) if np.isfinite(error) else 0.1 * step
             if pace[Pace.STEP] < SHORTEST * unit:
