@@ -50,7 +50,7 @@ from archfrag.methods.time_stepping.service import Limits
 # allowed spent, or where the equations of motion have no solution.
 STOPPED, EVENT, FALLEN, BOUND, BROKEN = 0, 1, 2, 3, 4
 # Largest step, over the time of a fall through a joint's length; first step after an event.
-LONGEST = 0.05
+LONGEST = 0.1
 FIRST = 0.02
 SHORTEST = 1e-9
 # Bringing voussoirs into mega-voussoirs, and those onto their contacts, may move none of them
@@ -58,10 +58,8 @@ SHORTEST = 1e-9
 # than its error.
 REGROUPED = 1e-6
 FARTHEST = 3e-5
-# Distances from the contacts, and rates, that are left after a step, over the error allowed to
-# it; and that are rounding, over the joint's length and the speed of a fall through it.
+# Distances from the contacts, and rates, that are left after a step, over the error allowed to it.
 DRIFT = 0.01
-ROUNDING = 1e-11
 # Looks for a peak in a step in which a body came to a halt on its way out.
 PEAK_SAMPLES = 8
 # Motions smaller than this part of a joint's length, or of the speed of a fall through it, need
@@ -183,10 +181,9 @@ def begin_motion(run, mega, x, y):
     motion, position, velocity = run.motion, mega.position, mega.velocity
     pose(mega, position)
     scales = motion.scales
-    enough = ROUNDING * scales.length, ROUNDING * scales.speed
-    if not project(mega, position, velocity, enough, REGROUPED * scales.length):
+    if not project(mega, position, velocity, (0.0, 0.0), REGROUPED * scales.length):
         return False
-    if not solve_first_level(mega, position, velocity, x, y, motion.scales.acceleration):
+    if not solve_first_level(mega, position, velocity, x, y, scales.acceleration):
         return False
     keep_stage(mega, motion.stages, 0, position, velocity, x, y)
     least = find_margins(motion, mega, position, velocity, x, y)
@@ -326,11 +323,9 @@ def integrate(run, mega, stop, output):
         if cut:
             step = until - time
         allowed = _allowed_errors(mega, motion, pace[Pace.FARTHEST])
-        possible, error = take_step(
+        error = take_step(
             mega, motion.stages, motion.scheme, step, ground, scales.acceleration, allowed
         )
-        if not possible:
-            return BROKEN
         count[Count.STEPS] += 1.0
         part, event, good = 1.0, False, error <= 1.0
         factor = min(5.0, 0.9 * max(error, 1e-9) ** motion.scheme.power)
@@ -347,8 +342,6 @@ def integrate(run, mega, stop, output):
             factor = factor if good else 0.25
         if not good:
             # Its error is too large, or its drift off the contacts.
-            if event:
-                return BROKEN
             count[Count.SHORTENED] += 1.0
             pace[Pace.STEP] = step * max(0.2, factor) if np.isfinite(error) else 0.1 * step
             if pace[Pace.STEP] < SHORTEST * unit:

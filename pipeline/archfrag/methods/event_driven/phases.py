@@ -310,6 +310,7 @@ def step_all_voussoirs(run, output):
     log_change(state, clock[Clock.TIME], cause, joint, ALL, output)
     move_faces(model, state.position, work.turned, work.face, work.tangent)
     rest.start_moving(state, run.steps)
+    work.known[:] = 0.0  # the sense of friction at slips under way: no step may be held to it
     clock[Clock.CODE] = waits.GO
     until, calm = clock[Clock.TIME] + pace[Pace.WINDOW], False
     while not calm:

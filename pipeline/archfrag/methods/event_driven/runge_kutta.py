@@ -149,8 +149,8 @@ def take_step(mega, stages, scheme, step, ground, scale, allowed):
 
     Returns
     -------
-    possible : bool
-    error : float
+    float
+        Error; inf where a stage has no solution.
     """
     position, velocity = mega.next_position, mega.next_velocity
     n_stage, end = scheme.time.shape[0], position.shape[0] - 1
@@ -165,7 +165,7 @@ def take_step(mega, stages, scheme, step, ground, scale, allowed):
                 velocity[i, c] = mega.velocity[i, c] + step * v
         x, y = ground_after(ground, scheme.time[stage] * step)
         if not solve_first_level(mega, position, velocity, x, y, scale):
-            return False, np.inf
+            return np.inf
         keep_stage(mega, stages, stage, position, velocity, x, y)
     worst = total = 0.0
     for i in range(1, end):
@@ -178,7 +178,7 @@ def take_step(mega, stages, scheme, step, ground, scale, allowed):
             worst = max(worst, abs(q) * arm / allowed[0], abs(v) * arm / allowed[1])
             total += abs(q) + abs(v)
     # The maximum of a number and of none is the number.
-    return True, worst if np.isfinite(total) else np.inf
+    return worst if np.isfinite(total) else np.inf
 
 
 @inlined
