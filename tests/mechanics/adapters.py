@@ -292,6 +292,11 @@ def by_four_hinges(mass, inertia, centroid, hinge, corners, spin, free):
     return bool(possible), *solution_in(possible, work)[1:3]
 
 
+def views_of(mega):
+    """Arrays of assembled mega-voussoirs cut to their size; as Python, for a kernel's are not."""
+    return getattr(in_use, "py_func", in_use)(mega)
+
+
 class Posed:
     """A chain in a state: the contact problem of its accelerations, and its two levels."""
 
@@ -332,7 +337,7 @@ class Posed:
         model, work, mega = self.model, self.work, new_mega_voussoirs(self.model)
         assemble(model, work.touch, work.slide, self.slip, mega)
         gather_state(model, self.position, self.velocity, mega)
-        mega = in_use(mega)
+        mega = views_of(mega)
         solved = mega.count[0] > 0 and solve_first_level(
             mega, mega.position, mega.velocity, horizontal, vertical, 1e-3 * model.gravity
         )

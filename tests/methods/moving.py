@@ -9,7 +9,6 @@ from archfrag.mechanics.contact.path import new_path
 from archfrag.mechanics.mega_voussoirs.assemble import (
     assemble,
     gather_state,
-    in_use,
     new_mega_voussoirs,
 )
 from archfrag.mechanics.mega_voussoirs.first_level import solve_first_level
@@ -45,7 +44,7 @@ from archfrag.methods.event_driven.transitions import (
     solve_posed,
     take_impact,
 )
-from tests.mechanics.adapters import framed, modes_of, problem_in, set_modes, solution_in
+from tests.mechanics.adapters import framed, modes_of, problem_in, set_modes, solution_in, views_of
 
 
 class Moving:
@@ -59,7 +58,7 @@ class Moving:
         self.ground, mega = GroundSegment(*ground), new_mega_voussoirs(model)
         assemble(model, touch, slide, np.zeros(n_joint), mega)
         gather_state(model, framed(position), framed(velocity), mega)
-        self.mega = in_use(mega)
+        self.mega = views_of(mega)
         self.resolved = 1e-3 * model.gravity
         scales = Scales(
             length=model.length[0], speed=np.sqrt(model.gravity * model.length[0]),

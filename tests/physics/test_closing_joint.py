@@ -8,12 +8,11 @@ from archfrag.mechanics.mega_voussoirs.assemble import (
     assemble,
     farthest_move,
     gather_state,
-    in_use,
     new_mega_voussoirs,
     split_state,
 )
 from archfrag.mechanics.model import model_of
-from tests.mechanics.adapters import CLOSED, Mode, framed, set_modes
+from tests.mechanics.adapters import CLOSED, Mode, framed, set_modes, views_of
 from tests.methods.moving import Moving
 
 ARCH = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7)
@@ -46,7 +45,7 @@ class TestRegrouping:
         set_modes(modes, touch, slide)
         mega = new_mega_voussoirs(model)
         assemble(model, touch, slide, np.zeros(8), mega)
-        mega = in_use(mega)
+        mega = views_of(mega)
         assert mega.count[0] == 3
 
         def moved(position):

@@ -71,7 +71,7 @@ def is_accurate(chain: Chain, options: Options, results: Results) -> np.ndarray:
     Returns
     -------
     ndarray of bool, (n_run,)
-        As `archfrag.methods.event_driven.is_accurate`; True for runs that have not ended.
+        As `archfrag.methods.event_driven.front.is_accurate`; True for runs that have not ended.
     """
     energy, overlap = results.energy, results.peak[:, Peak.OVERLAP]
     allowed = max(event_driven.ENERGY_ALLOWED * options.accuracy, event_driven.LEAST_ENERGY)

@@ -14,7 +14,7 @@ import math
 
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.blocks import (
-    FOR_STEPS,
+    EXACT,
     correct,
     factorise,
     measure_residual,
@@ -288,7 +288,7 @@ def solve_first_level(mega, position, velocity, ground_x, ground_y, scale):
     if is_four_hinges(work, position.shape[0]) and four_hinges(model, position, velocity, work):
         return True
     centripetal_bias(position, velocity, mega.slip, work.slide, work)
-    left = solve_modes(model, position, work, scale, FOR_STEPS)
+    left = solve_modes(model, position, work, scale, EXACT)
     return left <= ILL_CONDITIONED * model.gravity
 
 
@@ -339,7 +339,7 @@ def project(mega, position, velocity, enough, limit):
                 work.column[j, a, d] = work.row[j, a, d]
     if apart <= enough[0] and rate <= enough[1]:
         return True
-    factorise(model, work, FOR_STEPS.compliance)
+    factorise(model, work, EXACT.compliance)
     correct(model, position, work, math.inf)
     farthest = 0.0
     for i in range(1, position.shape[0] - 1):
