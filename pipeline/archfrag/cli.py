@@ -455,7 +455,7 @@ def report(study: Any, say: Callable[[str], None]) -> None:
     """Write the report: one HTML file that needs no network."""
     import pandas as pd
 
-    from archfrag.report.page import ReportInputs, write_curves, write_report
+    from archfrag.report.page import ReportInputs, write_report
     from archfrag.simulate import onset as find_onset
     from archfrag.study.cube import CUBE, TIMINGS
     from archfrag.study.fits import FITS, load_fits, open_cube
@@ -476,7 +476,6 @@ def report(study: Any, say: Callable[[str], None]) -> None:
         timings=pd.read_csv(timings) if timings.is_file() else None,
         title=study.title,
     )
-    write_curves(inputs, study.folder)
     say(f"report: {write_report(inputs, study.folder / 'report.html')}")
 
 

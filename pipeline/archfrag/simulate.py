@@ -256,7 +256,7 @@ def warmup(method: str | None = None, progress: Callable[[str], object] | None =
         The one whose kernels are wanted; all methods that are installed if not given.
     progress : callable, optional
         Called with a message such as "loading kernels" or "compiling kernels, once: 12 s of
-        about 150 s", at once and while it compiles about every second, from another thread.
+        about 80 s", at once and while it compiles about every second, from another thread.
 
     Returns
     -------

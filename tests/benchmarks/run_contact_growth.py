@@ -18,7 +18,7 @@ from tests.physics.random_states import KINDS, random_state
 
 from archfrag.mechanics.compile import kernel
 from archfrag.mechanics.contact.blocks import FOR_STEPS
-from archfrag.mechanics.contact.modes import solve_contact
+from archfrag.mechanics.contact.modes import settle_modes, solve_contact, velocity_scale
 from archfrag.mechanics.contact.path import PATHS, SOFT_PATHS, new_path, solve_by_path
 
 NUMBERS = (9, 18, 36, 54, 81, 108)
@@ -29,15 +29,16 @@ REPEATS = 50
 @kernel
 def solve_often(model, position, work, path, touch, slide, repeats):
     """Solve one contact problem from the same modes so many times; whether it was solved."""
-    patience = 60 + 4 * slide.size
     solved = False
     for _ in range(repeats):
         for j in range(slide.size):
             work.touch[j, 0], work.touch[j, 1] = touch[j, 0], touch[j, 1]
             work.slide[j] = slide[j]
-        solved, _, _ = solve_contact(
-            model, position, work, True, (False, 0.0, 0.0), patience, FOR_STEPS
-        )
+        never = False, 0.0, 0.0
+        solved, _, _ = solve_contact(model, position, work, True, never, FOR_STEPS)
+        if not solved:
+            scale = velocity_scale(work)
+            solved, _ = settle_modes(model, position, work, scale, FOR_STEPS, 1)
         if not solved:
             solved, _, _, _ = solve_by_path(model, position, work, path, PATHS, SOFT_PATHS)
     return solved

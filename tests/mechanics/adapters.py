@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from archfrag.mechanics.contact.blocks import EXACT, Precision, solve_modes
-from archfrag.mechanics.contact.modes import ask_modes, solve_contact, velocity_scale
+from archfrag.mechanics.contact.modes import ask_modes, settle_modes, velocity_scale
 from archfrag.mechanics.contact.path import (
     PATHS,
     SOFT_PATHS,
@@ -169,8 +169,8 @@ def solution_in(solved, work):
 def by_newton(problem):
     """Solution by the iteration on the modes alone."""
     model, position, work = posed(problem)
-    patience = 100 + 4 * problem.friction.size
-    solved, _, _ = solve_contact(model, position, work, True, (False, 0.0, 0.0), patience, EXACT)
+    relative_velocity(position, work.free, work.pivot, work.relative)
+    solved, _ = settle_modes(model, position, work, velocity_scale(work), EXACT, 8)
     return solution_in(solved, work)
 
 

@@ -154,7 +154,7 @@ class Impact:
         moves = pose_impact(run, *closes)
         self.problem = problem_in(run.model, state.position, work)
         self.solved = not moves or bool(
-            solve_posed(run.model, state, work, 0)
+            solve_posed(run.model, state, work)
             or solve_patiently(run.model, state, work, new_path(run.model))
         )
         self.solution = solution_in(self.solved, work)

@@ -29,9 +29,9 @@ from archfrag.mechanics.block.motion import (
 from archfrag.mechanics.block.regions import painleve_friction, rocking_friction, starting_region
 from archfrag.mechanics.compile import kernel
 from archfrag.mechanics.contact.blocks import EXACT
-from archfrag.mechanics.contact.modes import solve_contact
+from archfrag.mechanics.contact.modes import settle_modes, velocity_scale
 from archfrag.mechanics.contact.path import PATHS, SOFT_PATHS, new_path, solve_by_path
-from archfrag.mechanics.contact.placing import move_faces, place_contacts
+from archfrag.mechanics.contact.placing import move_faces, place_contacts, relative_velocity
 from archfrag.mechanics.model import model_of, new_state, new_work
 from archfrag.methods.time_stepping.motion import Kick
 from archfrag.methods.time_stepping.service import clear
@@ -42,7 +42,6 @@ GRID = 400
 STEP = 1e-4
 NEAR = 1e-9
 STILL = 2e-11
-PATIENCE = 100
 RIGHT, LEFT = 0, 1  # a chain's corners of the base: intrados and extrados
 BASES = (0.2, 0.7, 2.5)  # b/h
 VERTICAL = (0.0, 0.35)
@@ -89,9 +88,8 @@ def pose_accelerations(model, state, work, ground_x, ground_y):
 @kernel
 def solved_motion(model, state, work, path, block, speed):
     """Motion of the problem posed, velocities counted over `speed`; -1 if none is found."""
-    solved, _, _ = solve_contact(
-        model, state.position, work, True, (False, 0.0, 0.0), PATIENCE, EXACT
-    )
+    relative_velocity(state.position, work.free, work.pivot, work.relative)
+    solved, _ = settle_modes(model, state.position, work, velocity_scale(work), EXACT, 8)
     if not solved:
         solved, _, _, _ = solve_by_path(model, state.position, work, path, PATHS, SOFT_PATHS)
     x, y, rotation = work.solved[1, 0], work.solved[1, 1], work.solved[1, 2]

@@ -152,7 +152,7 @@ def slips_of(arch, position):
         k = int(np.argmin([clearance(j, k, work.face, work.tangent) for k in range(2)]))
         apart = work.face[j, 1, k] - work.face[j, 0, k]
         slip = corner_slip(j, *apart, k == 0, work.tangent)
-        slips[j] = slip if abs(slip) > 1e-8 else 0.0
+        slips[j] = slip if abs(slip) > 1e-11 else 0.0
     return slips
 
 
@@ -165,7 +165,7 @@ def is_rigid(posed, modes):
 
 
 # Least part of the states in which every mega-voussoir is rigid, by the number of voussoirs.
-LEAST_COMPARED = {3: 0.95, 7: 0.95, 27: 0.8, 81: 0.35}
+LEAST_COMPARED = {3: 0.95, 7: 0.95, 27: 0.6, 81: 0.35}
 
 
 @pytest.mark.parametrize("friction", [0.36, 0.5, 0.7, np.inf])
@@ -195,9 +195,9 @@ class TestLevels:
                 count["not unique"] += 1
                 continue
             scale = np.abs(theirs.velocity).max() + g
-            assert np.abs(ours.velocity - theirs.velocity).max() < 1e-7 * scale
+            assert np.abs(ours.velocity - theirs.velocity).max() < 1e-9 * scale
             force = np.abs(theirs.wrench).max()
-            assert np.abs(ours.wrench - theirs.wrench).max() < 1e-8 * force
+            assert np.abs(ours.wrench - theirs.wrench).max() < 1e-9 * force
             assert law_violation(posed.problem(), ours) < 1e-8
         assert count["compared"] >= LEAST_COMPARED[voussoirs] * count["states"]
         assert count["not unique"] <= 0.01 * count["compared"]

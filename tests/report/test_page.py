@@ -343,7 +343,7 @@ class TestWrittenWhole:
     def test_written_and_readable(self, study, html, tmp_path):
         out = write_report(study, tmp_path / "report.html")
         assert out.read_text(encoding="utf-8") == html
-        assert os.listdir(tmp_path) == ["report.html"]
+        assert sorted(os.listdir(tmp_path)) == ["curve-ring.svg", "report.html"]
         assert out.stat().st_mode & 0o777 == 0o644
 
     def test_a_failed_write_keeps_the_old_page(self, study, tmp_path, monkeypatch):
@@ -354,7 +354,7 @@ class TestWrittenWhole:
             raise OSError(28, "No space left on device")
 
         monkeypatch.setattr(os, "replace", full)
-        with pytest.raises(OutputError, match=r"report\.html: No space left on device; choose"):
+        with pytest.raises(OutputError, match=r"ring\.svg: No space left on device; choose"):
             write_report(study, out)
         assert out.read_text() == "old"
         assert os.listdir(tmp_path) == ["report.html"]

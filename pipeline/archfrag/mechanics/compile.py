@@ -170,11 +170,18 @@ def _wait_for(file: int, made: Path) -> None:
 
 
 class _ForLinking(JITCodeLibrary):
-    """Code of a kernel that is only linked into its callers: optimised, not made machine code.
+    """Code of a kernel that is only linked into its callers, and optimised there, once.
 
     What is made machine code in its place are the variables in which numba keeps what belongs to
     a function; a caller's copy shares them.
     """
+
+    def _optimize_final_module(self) -> None:
+        """Leave out what nothing uses; addresses of this process, which no file can hold."""
+        passes = llvm.create_new_module_pass_manager()
+        passes.add_aggressive_dce_pass()
+        passes.add_global_dead_code_eliminate_pass()
+        passes.run(self._final_module, self._codegen._pass_builder())
 
     def _finalize_final_module(self) -> None:
         whole = self._final_module
@@ -193,12 +200,24 @@ class _ForLinking(JITCodeLibrary):
         self._final_module = whole
 
 
+def _of_many(given: Any) -> bool:
+    """Whether a type is a tuple with numbers of several runs in it."""
+    entries = getattr(given, "types", ())
+    return any(getattr(getattr(entry, "dtype", entry), "lanes", False) for entry in entries)
+
+
 class _CompilerForLinking(compiler.Compiler):
-    def __init__(self, typingctx: Any, targetctx: Any, library: Any, *others: Any) -> None:
+    def __init__(
+        self, typingctx: Any, targetctx: Any, library: Any, args: Any, result: Any, flags: Any,
+        *others: Any,
+    ) -> None:  # fmt: skip
         if library is None:
             library = _ForLinking(targetctx.codegen(), "kernel")
             library.enable_object_caching()
-        super().__init__(typingctx, targetctx, library, *others)
+        # Several runs are stepped by kernels that are called from one place each; a call that
+        # hands over State and Work writes hundreds of pointers and sizes.
+        flags.forceinline = any(map(_of_many, args))
+        super().__init__(typingctx, targetctx, library, args, result, flags, *others)
 
 
 class _Compiled(CPUDispatcher):

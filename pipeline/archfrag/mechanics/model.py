@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.numbers import LaneArray, runs_of
+from archfrag.mechanics.compile import inlined
+from archfrag.mechanics.numbers import LaneArray, runs_of, shaped
 from archfrag.mechanics.status import Count, Energy, Loss, Peak
 from archfrag.mechanics.types import Chain
 
@@ -114,6 +115,27 @@ class Work(NamedTuple):
 
 
 N_CLOCK = len(Clock)
+# Shapes of workspace behind the first dimension.
+OF_JOINTS = {
+    "face": (2, 2, 2), "tangent": (2, 2), "next_face": (2, 2, 2), "next_tangent": (2, 2),
+    "point": (2, 2), "pivot": (2,), "normal": (2,), "side_normal": (2, 2, 2),
+    "candidate": (2,), "known": (), "bias": (2, 2), "touch": (2,), "slide": (),
+    "asked_touch": (2,), "asked_slide": (), "row": (3, 4), "column": (3, 4),
+    "block": (3, 3), "lower": (3, 3), "upper": (3, 3), "unknown": (3,), "residual": (3,),
+    "reaction": (3,), "relative": (3,), "earlier": (3,), "parting": (2, 2),
+}  # fmt: skip
+OF_BODIES = {"turned": (2,), "free": (3,), "solved": (3,), "position": (3,)}
+_WORK_SHAPES = tuple({**OF_JOINTS, **OF_BODIES}[name] for name in Work._fields)
+_STATE_SHAPES = ((3,), (3,), (2,)) + ((),) * (len(State._fields) - 3)
+_MODEL_SHAPES = ((), (), (), (), (2,), (2, 2, 2), (2, 2), (), (), (2,), (), ())
+
+
+@inlined
+def with_shapes(model, state, work):
+    """The same, for a kernel that does much with them: with shapes that the compiler knows."""
+    return (
+        shaped(model, _MODEL_SHAPES), shaped(state, _STATE_SHAPES), shaped(work, _WORK_SHAPES)
+    )  # fmt: skip
 
 
 def model_of(chain: Chain) -> Model:
@@ -169,18 +191,10 @@ def new_state(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) 
 def new_work(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) -> Work:
     """Workspace for one run, or for four with `lane_array` as `zeros`."""
     n_row, n_joint = model.mass.size, model.friction.size
-    shapes = {
-        "face": (2, 2, 2), "tangent": (2, 2), "next_face": (2, 2, 2), "next_tangent": (2, 2),
-        "point": (2, 2), "pivot": (2,), "normal": (2,), "side_normal": (2, 2, 2),
-        "candidate": (2,), "known": (), "bias": (2, 2), "touch": (2,), "slide": (),
-        "asked_touch": (2,), "asked_slide": (), "row": (3, 4), "column": (3, 4),
-        "block": (3, 3), "lower": (3, 3), "upper": (3, 3), "unknown": (3,), "residual": (3,),
-        "reaction": (3,), "relative": (3,), "earlier": (3,), "parting": (2, 2),
-    }  # fmt: skip
-    arrays = {name: zeros((n_joint, *shape)) for name, shape in shapes.items()}
-    for name in ("free", "solved", "position"):
-        arrays[name] = zeros((n_row, 3))
-    turned = zeros((n_row, 2))
+    arrays = {name: zeros((n_joint, *shape)) for name, shape in OF_JOINTS.items()}
+    for name, shape in OF_BODIES.items():
+        arrays[name] = zeros((n_row, *shape))
+    turned = arrays["turned"]
     runs = runs_of(turned) if isinstance(turned, LaneArray) else turned
     runs[:, 0] = 1.0
-    return Work(turned=turned, **arrays)
+    return Work(**arrays)

@@ -16,6 +16,7 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.imputils import impl_ret_borrowed
 from numba.core.typeconv import Conversion
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import (
@@ -27,6 +28,7 @@ from numba.extending import (
     register_model,
     typeof_impl,
 )
+from numba.np.arrayobj import make_array
 
 from archfrag.mechanics.compile import inlined
 
@@ -38,6 +40,8 @@ _ALIGNMENT = 64
 
 class _LanesType(types.Type):
     """Numbers of four runs."""
+
+    lanes = True
 
     def __init__(self) -> None:
         super().__init__(name=f"Lanes{LANES}")
@@ -308,6 +312,45 @@ def fused(x, y, z):
 @overload(fused)
 def _fused_number(x, y, z):
     return lambda x, y, z: _fused(x, y, z)
+
+
+@intrinsic
+def _shaped(typingctx: Any, arrays: Any, shapes: Any) -> Any:
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        whole, known = args
+        for k, kind in enumerate(arrays):
+            if not isinstance(kind, types.Array) or len(shapes[k]) == 0:
+                continue
+            array = make_array(kind)(context, builder, builder.extract_value(whole, k))
+            sizes = cgutils.unpack_tuple(builder, array.shape)[:1]
+            sizes += cgutils.unpack_tuple(builder, builder.extract_value(known, k))
+            item = context.get_abi_sizeof(context.get_data_type(kind.dtype))
+            strides = [ir.Constant(ir.IntType(64), item)]
+            for size in sizes[:0:-1]:
+                strides.insert(0, builder.mul(strides[0], size))
+            array.shape = cgutils.pack_array(builder, sizes)
+            array.strides = cgutils.pack_array(builder, strides)
+            whole = builder.insert_value(whole, array._getvalue(), k)
+        return impl_ret_borrowed(context, builder, arrays, whole)
+
+    return arrays(arrays, shapes), lower
+
+
+def shaped(arrays, shapes):
+    """The same named tuple of arrays, with shapes that the compiler knows.
+
+    Parameters
+    ----------
+    arrays : NamedTuple of C-contiguous arrays, and of what else
+    shapes : tuple of tuples of int
+        Of each entry, behind its first dimension; a constant. Empty for what stays as it is.
+    """
+    return arrays
+
+
+@overload(shaped)
+def _shaped_arrays(arrays, shapes):
+    return lambda arrays, shapes: _shaped(arrays, shapes)
 
 
 def select(mask, x, y):

@@ -125,34 +125,6 @@ def joint_inequalities(mass, centroid, point, normal, candidate, friction, gravi
 
 
 @allocating
-def _solve_small(matrix, right, transpose, out):
-    n = right.size
-    m = matrix.T.copy() if transpose else matrix.copy()
-    out[:] = right
-    for k in range(n):
-        p = k
-        for i in range(k + 1, n):
-            if abs(m[i, k]) > abs(m[p, k]):
-                p = i
-        if m[p, k] == 0.0:
-            return False
-        if p != k:
-            for c in range(n):
-                m[k, c], m[p, c] = m[p, c], m[k, c]
-            out[k], out[p] = out[p], out[k]
-        for i in range(k + 1, n):
-            f = m[i, k] / m[k, k]
-            for c in range(k, n):
-                m[i, c] -= f * m[k, c]
-            out[i] -= f * out[k]
-    for k in range(n - 1, -1, -1):
-        for c in range(k + 1, n):
-            out[k] -= m[k, c] * out[c]
-        out[k] /= m[k, k]
-    return True
-
-
-@allocating
 def largest_load_factor(a, b, sense):
     """Dual simplex: maximise ``sense * x[3]`` subject to ``a x <= b`` in four unknowns.
 
@@ -166,52 +138,61 @@ def largest_load_factor(a, b, sense):
     iterations : int
     """
     n_row = b.size
-    active = np.empty(N_UNKNOWN, np.int64)
-    basis = np.zeros((N_UNKNOWN, N_UNKNOWN))
+    active = n_row + np.arange(N_UNKNOWN)
+    basis, inverse = np.eye(N_UNKNOWN), np.eye(N_UNKNOWN)
+    basis[3, 3] = inverse[3, 3] = sense
     level = np.full(N_UNKNOWN, BOX)
-    multiplier = np.zeros(N_UNKNOWN)
-    weights = np.empty(N_UNKNOWN)
-    x = np.empty(N_UNKNOWN)
-    gradient = np.zeros(N_UNKNOWN)
-    gradient[3] = sense
+    x, multiplier, weights = np.empty(N_UNKNOWN), np.empty(N_UNKNOWN), np.empty(N_UNKNOWN)
     for k in range(N_UNKNOWN):
-        active[k] = n_row + k
-        basis[k, k] = sense if k == 3 else 1.0
         if np.all(a[:, k] == 0.0):
             level[k] = 0.0
     for iteration in range(50 + 20 * N_UNKNOWN + n_row):
-        if not _solve_small(basis, level, False, x):
-            return False, x, active, multiplier, iteration
-        _solve_small(basis, gradient, True, multiplier)
-        entering = -1
-        worst = 0.0
-        reach = 1.0
+        _vertex(basis, inverse, level, x)
         for k in range(N_UNKNOWN):
-            reach = max(reach, abs(x[k]))
+            multiplier[k] = sense * inverse[3, k]
+        entering, worst = -1, FEASIBLE * max(1.0, np.abs(x).max())
         for q in range(n_row):
             violation = a[q, 0] * x[0] + a[q, 1] * x[1] + a[q, 2] * x[2] + a[q, 3] * x[3] - b[q]
             if violation > worst:
-                worst = violation
-                entering = q
-        if entering < 0 or worst <= FEASIBLE * reach:
+                worst, entering = violation, q
+        if entering < 0:
             return True, x, active, multiplier, iteration
-        _solve_small(basis, a[entering], True, weights)
-        leaving = -1
-        best = np.inf
-        size = 0.0
+        for k in range(N_UNKNOWN):
+            weights[k] = 0.0
+            for i in range(N_UNKNOWN):
+                weights[k] += a[entering, i] * inverse[i, k]
+        leaving, best, size = -1, np.inf, 0.0
         for k in range(N_UNKNOWN):
             if weights[k] > 1e-11:
                 ratio = max(multiplier[k], 0.0) / weights[k]
                 if ratio < best - 1e-13 or (ratio <= best + 1e-13 and weights[k] > size):
-                    best = min(ratio, best)
-                    leaving = k
-                    size = weights[k]
+                    best, leaving, size = min(ratio, best), k, weights[k]
         if leaving < 0:
             return False, x, active, multiplier, iteration
-        active[leaving] = entering
-        basis[leaving] = a[entering]
-        level[leaving] = b[entering]
+        active[leaving], level[leaving] = entering, b[entering]
+        for i in range(N_UNKNOWN):
+            basis[leaving, i] = a[entering, i]
+            inverse[i, leaving] /= weights[leaving]
+            for k in range(N_UNKNOWN):
+                if k != leaving:
+                    inverse[i, k] -= weights[k] * inverse[i, leaving]
     return False, x, active, multiplier, -1
+
+
+@allocating
+def _vertex(basis, inverse, level, x):
+    """Where the active inequalities are tight; corrected once for the rounding of the inverse."""
+    left = level.copy()
+    for i in range(N_UNKNOWN):
+        x[i] = 0.0
+    for _ in range(2):
+        for i in range(N_UNKNOWN):
+            for k in range(N_UNKNOWN):
+                x[i] += inverse[i, k] * left[k]
+        for k in range(N_UNKNOWN):
+            left[k] = level[k]
+            for i in range(N_UNKNOWN):
+                left[k] -= basis[k, i] * x[i]
 
 
 @allocating

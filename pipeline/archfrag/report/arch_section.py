@@ -15,7 +15,6 @@ from archfrag.report import (
     tables,
     timeline,
 )
-from archfrag.report.canvas import Picture
 from archfrag.report.summary import ArchResults
 from archfrag.study.cautions import undecided
 
@@ -24,21 +23,6 @@ if TYPE_CHECKING:
     from archfrag.simulate import Onset
 
 _ENTRIES = 60  # of the log, in words
-
-
-def arch_curve(
-    inputs: "ReportInputs", results: ArchResults, prefix: str
-) -> tuple[Picture, figures.Resampled | None]:
-    """Fragility curve of an arch, and its band from resampled records if there is one."""
-    given = inputs.fits[results.arch]
-    fit = given if isinstance(given, Fragility) else None
-    resampled = (
-        None
-        if fit is None or len(results.records) < 2
-        else figures.resample(results, inputs.confidence)
-    )
-    shown = figures.curve(results, fit, f"{prefix}-curve", inputs.confidence, resampled)
-    return shown, resampled
 
 
 def arch_section(
@@ -64,7 +48,9 @@ def arch_section(
     given = inputs.fits[results.arch]
     fit = given if isinstance(given, Fragility) else None
     counts = results.counts
-    curve, resampled = arch_curve(inputs, results, prefix)
+    resampled = None
+    if fit is not None and len(results.records) > 1:
+        resampled = figures.resample(results, inputs.confidence)
     return {
         "id": prefix,
         "name": results.arch,
@@ -80,7 +66,7 @@ def arch_section(
             "stood_after_loss": results.stood_after_loss,
         },
         "caution": undecided(counts, results.level_texts),
-        "curve": curve,
+        "curve": figures.curve(results, fit, f"{prefix}-curve", inputs.confidence, resampled),
         "levels": tables.levels(results, fit, inputs.confidence),
         "verdicts": figures.verdict_map(results, f"{prefix}-verdicts"),
         "arch": arch_figure.arch_at_onset(arch, onset, results.arch, f"{prefix}-onset"),

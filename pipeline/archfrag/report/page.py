@@ -19,7 +19,7 @@ from archfrag.arch import Arch
 from archfrag.errors import InputError, OutputError
 from archfrag.fragility.fit import Fragility
 from archfrag.report import motion_figures, tables
-from archfrag.report.arch_section import arch_curve, arch_section
+from archfrag.report.arch_section import arch_section
 from archfrag.report.canvas import Picture, standalone
 from archfrag.report.motion_figures import PERIODS, Spectrum
 from archfrag.report.summary import Scale, arch_results, reading_scale
@@ -72,7 +72,7 @@ class ReportInputs:
 
 
 def write_report(study_results: ReportInputs, out: Path) -> Path:
-    """Write the report, whole or not at all.
+    """Write the report, and beside it each arch's curve as ``curve-<arch>.svg``; each file whole.
 
     Parameters
     ----------
@@ -90,42 +90,15 @@ def write_report(study_results: ReportInputs, out: Path) -> Path:
     InputError
         If the parts do not belong together.
     OutputError
-        If the file cannot be written.
+        If a file cannot be written.
     """
     out = Path(out)
-    _write_whole(out, render(study_results))
-    return out
-
-
-def write_curves(study_results: ReportInputs, folder: Path) -> list[Path]:
-    """Write each arch's fragility curve as a figure of its own, ``curve-<arch>.svg``.
-
-    Parameters
-    ----------
-    study_results : ReportInputs
-    folder : Path
-
-    Returns
-    -------
-    list of Path
-        The figures, in the order of the arches.
-
-    Raises
-    ------
-    InputError, OutputError
-        See `write_report`.
-    """
-    written = []
     with _opened(study_results) as cube:
-        scale = reading_scale(cube, study_results.measure)
-        _check(study_results, cube)
-        for name, _, _ in study_results.arches:
-            results = arch_results(cube, name, scale)
-            picture, _ = arch_curve(study_results, results, "curve")
-            out = Path(folder) / f"curve-{name}.svg"
-            _write_whole(out, standalone(picture))
-            written.append(out)
-    return written
+        text, sections = _render(study_results, cube)
+    for section in sections:
+        _write_whole(out.parent / f"curve-{section['name']}.svg", standalone(section["curve"]))
+    _write_whole(out, text)
+    return out
 
 
 def _write_whole(out: Path, text: str) -> None:
@@ -168,10 +141,10 @@ def render(study_results: ReportInputs) -> str:
         If the parts do not belong together.
     """
     with _opened(study_results) as cube:
-        return _render(study_results, cube)
+        return _render(study_results, cube)[0]
 
 
-def _render(inputs: ReportInputs, cube: xr.Dataset) -> str:
+def _render(inputs: ReportInputs, cube: xr.Dataset) -> tuple[str, list[dict[str, Any]]]:
     scale = reading_scale(cube, inputs.measure)
     _check(inputs, cube)
     sections = [
@@ -188,7 +161,7 @@ def _render(inputs: ReportInputs, cube: xr.Dataset) -> str:
     environment.filters["inline"] = lambda shown: Markup(shown.svg)
     provenance = dict(inputs.provenance) or dict(cube.attrs)
     levels = [scale.text(level) for level in cube["intensity"].values.tolist()]
-    return environment.get_template("report.html.j2").render(
+    text = environment.get_template("report.html.j2").render(
         title=inputs.title,
         sections=sections,
         scale=scale,
@@ -201,6 +174,7 @@ def _render(inputs: ReportInputs, cube: xr.Dataset) -> str:
         facts=[(k, v) for k, v in map(_plain, provenance.items()) if "\n" not in v],
         documents=[(k, v) for k, v in map(_plain, provenance.items()) if "\n" in v],
     )
+    return text, sections
 
 
 def _loss_limit(cube: xr.Dataset) -> str | None:

@@ -16,6 +16,8 @@ from archfrag.mechanics.numbers import flag, fused, larger, opposite, select, so
 
 # Part of the bodies' velocities below which relative ones are not told apart.
 ROUNDING = 1e-5
+# Rounds that one run may take, beside four for each joint.
+MOST_ROUNDS = 60
 
 
 @inlined
@@ -219,9 +221,28 @@ def take_asked(work, where, half):
         work.slide[j] = select(where, work.asked_slide[j], work.slide[j])
 
 
+@inlined
+def straight_rounds(work):
+    """Rounds after which modes that have not settled hardly ever do so by themselves."""
+    return 8 + work.slide.shape[0] // 4
+
+
+@inlined
+def _mark(work):
+    """A number that tells apart the modes asked for."""
+    mark, weight = 0.0, 0.618
+    for j in range(work.slide.shape[0]):
+        mode = work.asked_touch[j, 0] + 2.0 * work.asked_touch[j, 1] + 5.0 * work.asked_slide[j]
+        mark = fused(weight, mode, mark)
+        weight = 3.7 * weight * (1.0 - weight)  # between 0 and 1, and never the same again
+    return mark
+
+
 @kernel
-def solve_contact(model, position, work, live, looks, patience, precision):
-    """Solve one contact problem by Newton's iteration on the modes.
+def solve_contact(model, position, work, live, looks, precision):
+    """Solve one contact problem by Newton's iteration, every joint taking the mode it asks for.
+
+    A run whose modes come back after two rounds, or do not settle in a few, is given up.
 
     Parameters
     ----------
@@ -235,9 +256,6 @@ def solve_contact(model, position, work, live, looks, patience, precision):
     looks : tuple of mask, number, number
         Runs that give up at once where a corner closes, since their step is to end before; the
         step, and a time after it in which none may close either [s].
-    patience : int
-        Rounds allowed after those in which every joint takes the mode it asks for; where these go
-        round in circles, a changing half of the joints does.
     precision : archfrag.mechanics.contact.blocks.Precision
 
     Returns
@@ -248,20 +266,56 @@ def solve_contact(model, position, work, live, looks, patience, precision):
     """
     relative_velocity(position, work.free, work.pivot, work.relative)
     scale = velocity_scale(work)
-    active, refused = live, False
-    rounds = 0.0
-    left = scale
-    straight = 8 + work.slide.shape[0] // 4
     slack = precision.slack * scale
-    for number in range(straight + patience):
+    active, refused, circling = live, False, False
+    left, last, before = scale, -1.0 * scale, -1.0 * scale
+    made = 0.0
+    for number in range(straight_rounds(work)):
         left = solve_modes(model, position, work, scale, precision)
-        rounds += flag(active)
+        made += flag(active)
         changed = ask_modes(model, work, slack, precision.slack * largest_force(work))
         if number == 0 and some(looks[0]):
             refused = active & looks[0] & _closes(work, looks[1], looks[2])
         active = active & changed & opposite(refused)
+        mark = _mark(work)
+        circling = circling | (active & (mark == before))
+        active = active & opposite(circling)
+        before, last = last, mark
         if not some(active):
             break
-        take_asked(work, active, number - straight + 1)
-    solved = live & opposite(active | refused) & (left <= precision.left * scale)
-    return solved, refused, rounds
+        take_asked(work, active, 0)
+    solved = live & opposite(active | refused | circling) & (left <= precision.left * scale)
+    return solved, refused, made
+
+
+@kernel
+def settle_modes(model, position, work, scale, precision, straight):
+    """Newton's iteration on the modes of one run, for as long as it takes.
+
+    Parameters
+    ----------
+    model : archfrag.mechanics.model.Model
+    position : array, (n_body + 2, 3)
+    work : archfrag.mechanics.model.Work
+        As for `solve_contact`.
+    scale : float
+        `velocity_scale`.
+    precision : archfrag.mechanics.contact.blocks.Precision
+    straight : int
+        Rounds after which no longer all joints take the modes that they ask for, but a part of
+        them, another in each round.
+
+    Returns
+    -------
+    solved : bool
+    rounds : int
+        Linear problems solved.
+    """
+    limit = MOST_ROUNDS + 4 * work.slide.shape[0]
+    for number in range(limit):
+        left = solve_modes(model, position, work, scale, precision)
+        slack_force = precision.slack * largest_force(work)
+        if not ask_modes(model, work, precision.slack * scale, slack_force):
+            return left <= precision.left * scale, number + 1
+        take_asked(work, True, number - straight + 1)
+    return False, limit

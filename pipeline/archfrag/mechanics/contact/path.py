@@ -17,7 +17,7 @@ import numpy as np
 
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.blocks import EXACT, Precision, correct, factorise, set_rows
-from archfrag.mechanics.contact.modes import ask_modes, largest_force, take_asked, velocity_scale
+from archfrag.mechanics.contact.modes import settle_modes, straight_rounds, velocity_scale
 from archfrag.mechanics.contact.placing import MINUS, PLUS, relative_velocity
 from archfrag.mechanics.model import Model
 
@@ -340,23 +340,6 @@ def follow_path(position, work, path, scale, compliance, attempt):
 
 
 @kernel
-def settle_modes(model, position, work, scale, precision):
-    """Newton's iteration from modes near the solution; whether it converges, and its rounds."""
-    n_joint = work.slide.size
-    straight, limit = 8 + n_joint // 4, 100 + 4 * n_joint
-    enough = precision.left * scale
-    for number in range(limit):
-        set_rows(model, position, work)
-        factorise(model, work, precision.compliance)
-        left = correct(model, position, work, enough)
-        slack_force = precision.slack * largest_force(work)
-        if not ask_modes(model, work, precision.slack * scale, slack_force):
-            return left <= enough, number + 1
-        take_asked(work, True, number - straight + 1)
-    return False, limit
-
-
-@kernel
 def _stick_rough(model, work):
     """Closed joints without friction limit stick again, whatever a path took them through."""
     for j in range(work.slide.size):
@@ -393,6 +376,7 @@ def solve_by_path(model, position, work, path, most_paths, soft_paths):
         for k in range(2):
             path.bias[j, k, 0], path.bias[j, k, 1] = work.bias[j, k, 0], work.bias[j, k, 1]
     rounds = breaks = 0
+    straight = straight_rounds(work)
     if not math.isfinite(scale):
         return False, False, rounds, breaks
     for attempt in range(most_paths):
@@ -402,11 +386,11 @@ def solve_by_path(model, position, work, path, most_paths, soft_paths):
         _stick_rough(model, work)
         while compliance > 2.0 * EXACT.compliance:
             soft = Precision(compliance, EXACT.slack, np.inf)
-            rounds += settle_modes(model, position, work, scale, soft)[1]
+            rounds += settle_modes(model, position, work, scale, soft, straight)[1]
             compliance *= 0.1
         for slack in (EXACT.slack, DEGENERATE):
             exact = Precision(EXACT.compliance, slack, slack)
-            solved, more = settle_modes(model, position, work, scale, exact)
+            solved, more = settle_modes(model, position, work, scale, exact, straight)
             rounds += more
             if solved:
                 return True, False, rounds, breaks
@@ -416,7 +400,7 @@ def solve_by_path(model, position, work, path, most_paths, soft_paths):
         breaks += max(more, 1)
         _stick_rough(model, work)
         soft = Precision(compliance, DEGENERATE, np.inf)
-        solved, more = settle_modes(model, position, work, scale, soft)
+        solved, more = settle_modes(model, position, work, scale, soft, straight)
         rounds += more
         if solved:
             return True, True, rounds, breaks

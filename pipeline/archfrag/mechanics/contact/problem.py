@@ -2,14 +2,25 @@
 
 from archfrag.mechanics.compile import kernel
 from archfrag.mechanics.contact.blocks import FOR_STEPS
-from archfrag.mechanics.contact.modes import solve_contact
+from archfrag.mechanics.contact.modes import settle_modes, velocity_scale
 from archfrag.mechanics.contact.path import PATHS, SOFT_PATHS, solve_by_path
+from archfrag.mechanics.contact.placing import relative_velocity
 from archfrag.mechanics.status import Count
+
+# Rounds in which all joints take the modes that they ask for; mostly these have been tried.
+STRAIGHT = 1
 
 
 @kernel
 def solve_anyhow(model, state, work, path):
     """Solve a contact problem that is posed: by Newton's iteration, or by the solution's path.
+
+    Parameters
+    ----------
+    model : archfrag.mechanics.model.Model
+    state : archfrag.mechanics.model.State
+    work : archfrag.mechanics.model.Work
+    path : archfrag.mechanics.contact.path.Path
 
     Returns
     -------
@@ -20,11 +31,10 @@ def solve_anyhow(model, state, work, path):
     for j in range(state.slip.size):
         work.touch[j, 0], work.touch[j, 1] = state.touch[j, 0], state.touch[j, 1]
         work.slide[j], work.known[j] = state.slide[j], 0.0
-    patience = 60 + 4 * model.friction.size
-    solved, _, rounds = solve_contact(
-        model, state.position, work, True, (False, 0.0, 0.0), patience, FOR_STEPS
-    )
-    count[Count.ITERATIONS] += rounds
+    relative_velocity(state.position, work.free, work.pivot, work.relative)
+    scale = velocity_scale(work)
+    solved, made = settle_modes(model, state.position, work, scale, FOR_STEPS, STRAIGHT)
+    count[Count.ITERATIONS] += made
     if solved:
         return True, False
     solved, compliant, rounds, breaks = solve_by_path(

@@ -119,7 +119,7 @@ def impact(run):
     trigger[0] = NONE
     model, state, work = run.model, run.state, run.work
     if pose_impact(run, joint, corner):
-        solved = solve_posed(model, state, work, 0)
+        solved = solve_posed(model, state, work)
         if not (solved or solve_patiently(model, state, work, run.path)):
             return ALL_VOUSSOIRS
     take_impact(run)
@@ -138,7 +138,7 @@ def modes_of_accelerations(run):
         change_mode(run, int(run.pace[Pace.CAUSE]), trigger[0], trigger[1])
         trigger[0] = NONE
     model, state, work = run.model, run.state, run.work
-    solved = solve_posed(model, state, work, 0)
+    solved = solve_posed(model, state, work)
     solved = solved or solve_patiently(model, state, work, run.path)
     return ASSEMBLE if solved and take_modes(run) else ALL_VOUSSOIRS
 

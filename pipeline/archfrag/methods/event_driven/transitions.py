@@ -11,7 +11,12 @@ import math
 from archfrag.mechanics.collapse import follow_joints
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.blocks import EXACT, solve_modes
-from archfrag.mechanics.contact.modes import opening_rate, solve_contact, velocity_scale
+from archfrag.mechanics.contact.modes import (
+    opening_rate,
+    settle_modes,
+    solve_contact,
+    velocity_scale,
+)
 from archfrag.mechanics.contact.path import solve_by_path
 from archfrag.mechanics.contact.placing import (
     MINUS,
@@ -271,12 +276,11 @@ def pose_accelerations(run, ground_x, ground_y):
 
 
 @kernel
-def solve_posed(model, state, work, patience):
+def solve_posed(model, state, work):
     """Solve the problem that is posed by Newton's iteration on the modes; whether it does."""
     count = state.count
-    solved, _, rounds = solve_contact(
-        model, state.position, work, True, (False, 0.0, 0.0), patience, EXACT
-    )
+    never = False, 0.0, 0.0
+    solved, _, rounds = solve_contact(model, state.position, work, True, never, EXACT)
     count[Count.ITERATIONS] += rounds
     count[Count.LEVELS] += 1.0
     count[Count.LEVEL_ITERATIONS] += 1.0 if rounds > 1.0 else 0.0
@@ -286,9 +290,11 @@ def solve_posed(model, state, work, patience):
 @kernel
 def solve_patiently(model, state, work, path):
     """Solve the problem that is posed where the first rounds have not; whether it is solved."""
-    count, patience = state.count, 60 + 4 * model.friction.size
+    count = state.count
     count[Count.GENERAL] += 1.0
-    if solve_posed(model, state, work, patience):
+    solved, rounds = settle_modes(model, state.position, work, velocity_scale(work), EXACT, 1)
+    count[Count.ITERATIONS] += rounds
+    if solved:
         return True
     solved, _, rounds, breaks = solve_by_path(model, state.position, work, path, MOST_PATHS, 0)
     count[Count.ITERATIONS] += rounds

@@ -16,7 +16,7 @@ from archfrag.mechanics.contact.modes import solve_contact
 from archfrag.mechanics.contact.path import Path, new_path
 from archfrag.mechanics.contact.placing import move_faces
 from archfrag.mechanics.energy import energies_of
-from archfrag.mechanics.model import Clock, Model, State, Work, new_state, new_work
+from archfrag.mechanics.model import Clock, Model, State, Work, new_state, new_work, with_shapes
 from archfrag.mechanics.numbers import (
     LANES,
     lane,
@@ -73,8 +73,8 @@ def try_step(model, grounds, state, work, steps, live):
     kick = due_kick(grounds, state.clock)
     pose_step(model, state, work, kick, step)
     looks = (locates(state, steps, live), step, LEAD * steps.impact)
-    solved, refused, rounds = solve_contact(model, state.position, work, live, looks, 0, FOR_STEPS)
-    state.count[Count.ITERATIONS] += rounds
+    solved, refused, made = solve_contact(model, state.position, work, live, looks, FOR_STEPS)
+    state.count[Count.ITERATIONS] += made
     failed = live & opposite(solved | refused)
     halved = failed & (step > 1.5 * steps.impact)
     if some(refused | halved):
@@ -106,6 +106,7 @@ def code_after(state, steps, limits, until, outcome):
 @kernel
 def step_four(model, grounds, state, work, steps, limits):
     """Step four runs for as long as none waits; why is left in ``state.clock[Clock.CODE]``."""
+    model, state, work = with_shapes(model, state, work)
     clock = state.clock
     until = end_of_motion(grounds, clock, limits.follow)
     waits = False
