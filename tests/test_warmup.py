@@ -103,7 +103,7 @@ class TestMessages:
         with warm.compiling(["auto"], said.append):
             time.sleep(0.2)
         assert len(said) > 3
-        assert set(said) == {"compiling kernels, once: 0 s of about 150 s"}
+        assert set(said) == {"compiling kernels, once: 0 s of about 80 s"}
         assert warm.are_compiled(["auto"])
         assert not warm.are_compiled(["auto", "penalty"])
         said.clear()
@@ -131,7 +131,7 @@ class TestMessages:
         said = []
         with warm.compiling(["auto"], said.append):
             pass
-        assert said[0] == "compiling kernels, once: 0 s of about 150 s"
+        assert said[0] == "compiling kernels, once: 0 s of about 80 s"
 
 
 class TestSecondProcess:
