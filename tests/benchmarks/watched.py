@@ -38,11 +38,13 @@ class Watched:
         self.name, self.run = f"watched {method}", info.load()
         METHODS[self.name] = info._replace(load=lambda: self)
 
-    def __call__(self, chain, ground, position, velocity, from_rest, options, *room):
+    def __call__(self, chain, ground, position, velocity, from_rest, options, *room, **own):
         """Run it; the signature of every method."""
         self.position, self.velocity, self.options = position, velocity, options
         began = time.process_time()
-        self.outcome = self.run(chain, ground, position, velocity, from_rest, options, *room)
+        self.outcome = self.run(
+            chain, ground, position, velocity, from_rest, options, *room, **own
+        )
         self.cpu_time = time.process_time() - began
         return self.outcome
 

@@ -21,11 +21,17 @@ _EVENTS = {
     "events": Count.EVENTS,
     "hand_overs": Count.HAND_OVERS,
 }
-_WORK = (
-    Count.STEPS, Count.ITERATIONS, Count.PATHS, Count.COMPLIANT, Count.SHORTENED, Count.LEVELS,
-    Count.LEVEL_ITERATIONS, Count.GENERAL, Count.SWEEPS, Count.UNCONVERGED, Count.REFUSED,
-    Count.REFINED,
-)  # fmt: skip
+_WORK = {
+    entry.name.lower(): entry
+    for entry in (
+        Count.STEPS, Count.ITERATIONS, Count.PATHS, Count.COMPLIANT, Count.SHORTENED,
+        Count.LEVELS, Count.LEVEL_ITERATIONS, Count.GENERAL, Count.SWEEPS, Count.UNCONVERGED,
+        Count.REFUSED, Count.REFINED,
+    )
+}  # fmt: skip
+_MODELS = {model.name.lower(): model for model in Model}
+_COLLAPSE_MODES = [mode.name.lower() for mode in CollapseMode]
+_COLLAPSED = {Status.STANDING: False, Status.COLLAPSED: True}
 _ENERGY = {
     "kinetic": Energy.KINETIC,
     "potential": Energy.POTENTIAL,
@@ -179,29 +185,29 @@ def response_of(
         As in `Response`.
     """
     status = Status(outcome.status)
-    count, energy, model_time, peak = outcome.ledger
-    largest = float(energy[Energy.LARGEST_KINETIC])
+    count, energy, model_time, peak = (values.tolist() for values in outcome.ledger)
+    loss, largest = outcome.loss.tolist(), energy[Energy.LARGEST_KINETIC]
     return Response(
         status=status,
-        collapsed={Status.STANDING: False, Status.COLLAPSED: True}.get(status),
+        collapsed=_COLLAPSED.get(status),
         collapse_time=float(outcome.collapse_time),
         collapse_joint=int(outcome.collapse_joint),
-        collapse_mode=CollapseMode(outcome.collapse_mode).name.lower(),
-        lost_contact_time=float(outcome.loss[Loss.TIME]),
-        lost_contact_joint=int(outcome.loss[Loss.JOINT]),
-        lost_contact_mode=CollapseMode(int(outcome.loss[Loss.MODE])).name.lower(),
-        widest_gap=float(outcome.loss[Loss.WIDEST]),
-        peak_rotation=float(peak[Peak.ROTATION]),
-        peak_displacement=float(peak[Peak.DISPLACEMENT]),
+        collapse_mode=_COLLAPSE_MODES[outcome.collapse_mode],
+        lost_contact_time=loss[Loss.TIME],
+        lost_contact_joint=int(loss[Loss.JOINT]),
+        lost_contact_mode=_COLLAPSE_MODES[int(loss[Loss.MODE])],
+        widest_gap=loss[Loss.WIDEST],
+        peak_rotation=peak[Peak.ROTATION],
+        peak_displacement=peak[Peak.DISPLACEMENT],
         events={name: int(count[entry]) for name, entry in _EVENTS.items()},
-        model_time={model.name.lower(): float(model_time[model]) for model in Model},
-        energy_error=float(energy[Energy.STRAY_PEAK]) / largest if largest > 0.0 else 0.0,
-        energy={name: float(energy[entry]) for name, entry in _ENERGY.items()},
-        work={entry.name.lower(): int(count[entry]) for entry in _WORK},
+        model_time={name: model_time[model] for name, model in _MODELS.items()},
+        energy_error=energy[Energy.STRAY_PEAK] / largest if largest > 0.0 else 0.0,
+        energy={name: energy[entry] for name, entry in _ENERGY.items()},
+        work={name: int(count[entry]) for name, entry in _WORK.items()},
         wall_time=wall_time,
         end_time=float(outcome.end_time),
-        residual=float(peak[Peak.RESIDUAL]),
-        overlap=float(peak[Peak.OVERLAP]),
+        residual=peak[Peak.RESIDUAL],
+        overlap=peak[Peak.OVERLAP],
         method=method,
         mechanism=mechanism,
         history=history,

@@ -27,6 +27,7 @@ from archfrag.study.worker import run_chunk
 # A worker is to stay below 400 MB; dask ends one that reaches 95 % of the limit.
 MEMORY_LIMIT = 800 * 10**6
 IN_FLIGHT = 2
+LOOK_AFTER = 0.5  # between looks whether workers are there [s]
 LOSSES_ALLOWED = 3
 PATIENCE = 60.0
 ANSWER_WITHIN = 10.0
@@ -274,15 +275,18 @@ class _Crew:
         self._client = client
         self._seen = set(self._addresses())
         self.size = len(self._seen)
-        self._alive_at = time.monotonic()
+        self._alive_at = self._looked_at = time.monotonic()
 
     def _addresses(self) -> list[str]:
         return list(self._client.scheduler_info(n_workers=-1)["workers"])
 
     def check(self) -> None:
+        now = time.monotonic()
+        if now - self._looked_at < LOOK_AFTER:
+            return
+        self._looked_at = now
         present = self._addresses()
         self._seen.update(present)
-        now = time.monotonic()
         if present:
             self._alive_at = now
         lost = len(self._seen) - max(self.size, len(present))
