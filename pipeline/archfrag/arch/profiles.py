@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 from scipy.special import ellipeinc
 
 from archfrag.arch.geometry import cross
@@ -62,6 +61,8 @@ def ellipse(span: float, rise: float, fraction: NDArray[np.float64]) -> CentreLi
     With a = span/2, b = rise and the point (a sin u, b cos u), the length from the crown is
     a E(u | 1 − b²/a²), the incomplete elliptic integral of the second kind.
     """
+    from scipy.optimize import brentq
+
     a, b = 0.5 * span, rise
     parameter = 1.0 - (b / a) ** 2
     quarter = float(ellipeinc(0.5 * math.pi, parameter))
@@ -103,6 +104,8 @@ def catenary(span: float, rise: float, fraction: NDArray[np.float64]) -> CentreL
     y = rise − c (cosh(x/c) − 1) with c = span/(2 w) from (cosh w − 1)/w = 2 rise/span; the
     length from the crown is c sinh(x/c).
     """
+    from scipy.optimize import brentq
+
     wanted = 2.0 * rise / span
 
     def excess(w: float) -> float:

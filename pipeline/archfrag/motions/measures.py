@@ -9,8 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.integrate import cumulative_trapezoid
-from scipy.signal import lfilter
 
 from archfrag.errors import InputError
 from archfrag.motions.motion import Motion
@@ -169,6 +167,8 @@ def average_spectral_acceleration(
 
 
 def _husid(motion: Motion) -> NDArray[np.float64]:
+    from scipy.integrate import cumulative_trapezoid
+
     squared = cumulative_trapezoid(motion.acceleration**2, dx=motion.dt, initial=0.0)
     return np.pi / (2.0 * STANDARD_GRAVITY) * squared
 
@@ -194,6 +194,8 @@ def _oscillator(
     The state x = (u, u') obeys x[k+1] = A x[k] + P a[k] + Q a[k+1]; eliminating u' gives a
     second-order filter whose initial state below makes x[0] zero although a[0] is not.
     """
+    from scipy.signal import lfilter
+
     damped = frequency * np.sqrt(1.0 - damping**2)
     decay = np.exp(-damping * frequency * step)
     cosine, sine = np.cos(damped * step), np.sin(damped * step)

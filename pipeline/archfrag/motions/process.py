@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_trapezoid
-from scipy.signal import butter, sosfiltfilt
 
 from archfrag.errors import InputError
 from archfrag.motions.motion import Motion
@@ -45,6 +43,8 @@ def bandpass(motion: Motion, lowest: float, highest: float, order: int = 4) -> M
     InputError
         Unless 0 < lowest < highest < 1 / (2 dt).
     """
+    from scipy.signal import butter, sosfiltfilt
+
     nyquist = 0.5 / motion.dt
     if not 0.0 < lowest < highest < nyquist:
         raise InputError(
@@ -91,9 +91,13 @@ def cut(motion: Motion, start: float, end: float) -> Motion:
 
 def velocity(motion: Motion) -> NDArray[np.float64]:
     """Horizontal ground velocity by the trapezoid rule from rest, shape (n_sample,) [m/s]."""
+    from scipy.integrate import cumulative_trapezoid
+
     return cumulative_trapezoid(motion.acceleration, dx=motion.dt, initial=0.0)
 
 
 def displacement(motion: Motion) -> NDArray[np.float64]:
     """Horizontal ground displacement by the trapezoid rule twice, shape (n_sample,) [m]."""
+    from scipy.integrate import cumulative_trapezoid
+
     return cumulative_trapezoid(velocity(motion), dx=motion.dt, initial=0.0)

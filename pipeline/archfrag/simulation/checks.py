@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from archfrag.arch import Arch
 from archfrag.errors import InputError
-from archfrag.mechanics.contact.placing import clearance, move_faces
-from archfrag.mechanics.model import model_of, new_state, new_work
 from archfrag.methods.registry import AUTO, METHODS, MethodInfo, Parameter, resolve
 
 COMMON = ("dt", "rtol", "follow")
@@ -36,6 +34,8 @@ def default_of(info: MethodInfo, name: str) -> float:
 
 def own_time(arch: Arch) -> float:
     """Time in which things happen in an arch: root of its shortest joint over gravity [s]."""
+    from archfrag.mechanics.model import model_of
+
     return math.sqrt(float(model_of(arch.chain).length.min()) / arch.chain.gravity)
 
 
@@ -189,6 +189,9 @@ def check_initial(initial: Any, arch: Arch) -> tuple[NDArray, NDArray]:
 
 
 def _check_overlap(shift: NDArray, arch: Arch) -> None:
+    from archfrag.mechanics.contact.placing import clearance, move_faces
+    from archfrag.mechanics.model import model_of, new_state, new_work
+
     model = model_of(arch.chain)
     work, place = new_work(model), new_state(model).position
     place[:, :2] = model.centroid
