@@ -14,11 +14,13 @@ from archfrag.evidence.judge import joint_faces, overlaps
 from archfrag.mechanics.compile import kernel
 from archfrag.mechanics.contact.placing import corner_slip, move_faces
 from archfrag.mechanics.model import Clock, model_of
-from archfrag.mechanics.status import Status
+from archfrag.mechanics.status import Count, Status
+from archfrag.methods.time_stepping.at_impacts import Steps
 from archfrag.methods.time_stepping.motion import Kick
-from archfrag.methods.time_stepping.run import new_one
-from archfrag.methods.time_stepping.service import clear, solve_anyhow
+from archfrag.methods.time_stepping.run import code_after, new_one
+from archfrag.methods.time_stepping.service import Limits, clear, solve_anyhow
 from archfrag.methods.time_stepping.step import accept_step, pose_step
+from archfrag.methods.time_stepping.waits import AT_END, EXHAUSTED, PAUSE
 from tests.physics.audit import (
     g,
     impulse,
@@ -29,6 +31,12 @@ from tests.physics.audit import (
 )
 
 simulate = functools.partial(af.simulate, method="time_stepping")
+
+
+@kernel
+def code_of(state, steps, limits, until):
+    """Why a run waits that has just made a step."""
+    return code_after(state, steps, limits, until, (True, False, False, False))
 
 
 @pytest.fixture
@@ -119,6 +127,16 @@ class TestRest:
         held = af.Motion(np.full(101, 0.04 * g), 0.01)
         response = simulate(column, held, initial=(still, still))
         assert response.collapsed is True
+
+    @pytest.mark.parametrize(
+        ("time", "steps", "ends"), [(0.5, 10, PAUSE), (2.0, 10, AT_END), (0.5, 1e9, EXHAUSTED)]
+    )
+    def test_a_still_chain_that_finds_no_rest_range_ends_in_time(self, time, steps, ends):
+        state = new_one(model_of(af.Block(0.6, 1.8, friction=0.4).chain)).state
+        state.clock[Clock.TIME], state.count[Count.STEPS] = time, steps
+        assert state.clock[Clock.FASTEST] == 0.0
+        limits = Limits(1.0, 0.5, 64, 1e-6, np.nan, np.nan)
+        assert code_of(state, Steps(1e-3, 1e-3, 4.0), limits, 2.0) == ends
 
 
 class TestFreeFlight:
