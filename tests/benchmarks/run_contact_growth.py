@@ -37,7 +37,7 @@ def solve_often(model, position, work, path, touch, slide, repeats):
         never = False, 0.0, 0.0
         solved, _, _ = solve_contact(model, position, work, True, never, FOR_STEPS)
         if not solved:
-            scale = velocity_scale(work)
+            scale = velocity_scale(position, work)
             solved, _ = settle_modes(model, position, work, scale, FOR_STEPS, 1)
         if not solved:
             solved, _, _, _ = solve_by_path(model, position, work, path, PATHS, SOFT_PATHS)

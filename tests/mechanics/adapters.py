@@ -17,7 +17,7 @@ from archfrag.mechanics.contact.path import (
     new_path,
     solve_by_path,
 )
-from archfrag.mechanics.contact.placing import move_faces, place_contacts, relative_velocity
+from archfrag.mechanics.contact.placing import move_faces, place_contacts
 from archfrag.mechanics.mega_voussoirs.assemble import (
     assemble,
     gather_state,
@@ -169,8 +169,7 @@ def solution_in(solved, work):
 def by_newton(problem):
     """Solution by the iteration on the modes alone."""
     model, position, work = posed(problem)
-    relative_velocity(position, work.free, work.pivot, work.relative)
-    solved, _ = settle_modes(model, position, work, velocity_scale(work), EXACT, 8)
+    solved, _ = settle_modes(model, position, work, velocity_scale(position, work), EXACT, 8)
     return solution_in(solved, work)
 
 
@@ -192,8 +191,7 @@ def solve(problem):
 def in_modes(problem, combinations):
     """The solution in each of many combinations of modes, whatever the joints ask for."""
     model, position, work = posed(problem)
-    relative_velocity(position, work.free, work.pivot, work.relative)
-    scale = velocity_scale(work)
+    scale = velocity_scale(position, work)
     for modes in combinations:
         set_modes(modes, work.touch, work.slide)
         left = solve_modes(model, position, work, scale, EXACT)
@@ -216,10 +214,9 @@ def residual(problem, solution, rates, scale):
 def path_end(problem, attempt, compliance):
     """What stands at the end of one solution path, of slightly compliant joints."""
     model, position, work = posed(problem)
-    relative_velocity(position, work.free, work.pivot, work.relative)
     path = new_path(model)
     path.bias[:] = work.bias
-    scale = velocity_scale(work)
+    scale = velocity_scale(position, work)
     reached, _ = follow_path(position, work, path, scale, compliance, attempt)
     precision = Precision(compliance, 1e-11, np.inf)
     solve_modes(path.model, position, work, scale, precision)

@@ -8,9 +8,13 @@ h (N0 - N1) about the middle of the joint.
 
 import math
 
+import numpy as np
 import pytest
 
-from tests.mechanics.adapters import CLOSED, MINUS, OPEN, PLUS, Joint, Mode, proposed
+from archfrag.mechanics.contact.blocks import EXACT
+from archfrag.mechanics.contact.modes import settle_modes, velocity_scale
+from tests.mechanics.adapters import CLOSED, MINUS, OPEN, PLUS, Joint, Mode, posed, proposed
+from tests.physics.random_states import KINDS, random_state
 
 HALF = 0.5
 STILL = (0.0, 0.0, 0.0)
@@ -223,3 +227,12 @@ class TestManyJoints:
         assert proposed(joints, tolerance=0.4) == ([CLOSED, OPEN], False)
         assert proposed(joints, scale=10.0, tolerance=0.1) == ([Mode((0, 1), PLUS), OPEN], True)
         assert proposed(joints, force_scale=10.0, tolerance=0.1) == ([CLOSED, Mode((0,))], True)
+
+
+class TestVelocityScale:
+    @pytest.mark.parametrize("kind", KINDS)
+    def test_is_that_of_free_bodies_whatever_was_solved_before(self, kind):
+        model, position, work = posed(random_state(np.random.default_rng(3), 12, 0.6, kind))
+        before = velocity_scale(position, work)
+        settle_modes(model, position, work, before, EXACT, 8)
+        assert velocity_scale(position, work) == before > 0.0

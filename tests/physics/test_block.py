@@ -31,7 +31,7 @@ from archfrag.mechanics.compile import kernel
 from archfrag.mechanics.contact.blocks import EXACT
 from archfrag.mechanics.contact.modes import settle_modes, velocity_scale
 from archfrag.mechanics.contact.path import PATHS, SOFT_PATHS, new_path, solve_by_path
-from archfrag.mechanics.contact.placing import move_faces, place_contacts, relative_velocity
+from archfrag.mechanics.contact.placing import move_faces, place_contacts
 from archfrag.mechanics.model import model_of, new_state, new_work
 from archfrag.methods.time_stepping.motion import Kick
 from archfrag.methods.time_stepping.service import clear
@@ -88,8 +88,8 @@ def pose_accelerations(model, state, work, ground_x, ground_y):
 @kernel
 def solved_motion(model, state, work, path, block, speed):
     """Motion of the problem posed, velocities counted over `speed`; -1 if none is found."""
-    relative_velocity(state.position, work.free, work.pivot, work.relative)
-    solved, _ = settle_modes(model, state.position, work, velocity_scale(work), EXACT, 8)
+    scale = velocity_scale(state.position, work)
+    solved, _ = settle_modes(model, state.position, work, scale, EXACT, 8)
     if not solved:
         solved, _, _, _ = solve_by_path(model, state.position, work, path, PATHS, SOFT_PATHS)
     x, y, rotation = work.solved[1, 0], work.solved[1, 1], work.solved[1, 2]

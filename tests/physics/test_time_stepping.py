@@ -20,7 +20,7 @@ from archfrag.methods.time_stepping.motion import Kick
 from archfrag.methods.time_stepping.run import code_after, new_one
 from archfrag.methods.time_stepping.service import Limits, clear, solve_anyhow
 from archfrag.methods.time_stepping.step import accept_step, pose_step
-from archfrag.methods.time_stepping.waits import AT_END, EXHAUSTED, PAUSE
+from archfrag.methods.time_stepping.waits import AT_END, EXHAUSTED, PAUSE, UNSOLVED
 from tests.physics.audit import (
     g,
     impulse,
@@ -34,9 +34,9 @@ simulate = functools.partial(af.simulate, method="time_stepping")
 
 
 @kernel
-def code_of(state, steps, limits, until):
-    """Why a run waits that has just made a step."""
-    return code_after(state, steps, limits, until, (True, False, False, False))
+def code_of(state, steps, limits, until, solved):
+    """Why a run waits that has made a step, or could not."""
+    return code_after(state, steps, limits, until, (solved, not solved, False, False))
 
 
 @pytest.fixture
@@ -128,15 +128,17 @@ class TestRest:
         response = simulate(column, held, initial=(still, still))
         assert response.collapsed is True
 
+    @pytest.mark.parametrize(("solved", "else_"), [(True, PAUSE), (False, UNSOLVED)])
     @pytest.mark.parametrize(
-        ("time", "steps", "ends"), [(0.5, 10, PAUSE), (2.0, 10, AT_END), (0.5, 1e9, EXHAUSTED)]
+        ("time", "steps", "ends"), [(0.5, 10, None), (2.0, 10, AT_END), (0.5, 1e9, EXHAUSTED)]
     )
-    def test_a_still_chain_that_finds_no_rest_range_ends_in_time(self, time, steps, ends):
+    def test_ends_in_time_though_every_step_needs_service(self, time, steps, ends, solved, else_):
         state = new_one(model_of(af.Block(0.6, 1.8, friction=0.4).chain)).state
         state.clock[Clock.TIME], state.count[Count.STEPS] = time, steps
         assert state.clock[Clock.FASTEST] == 0.0
         limits = Limits(1.0, 0.5, 64, 1e-6, np.nan, np.nan)
-        assert code_of(state, Steps(1e-3, 1e-3, 4.0), limits, 2.0) == ends
+        found = code_of(state, Steps(1e-3, 1e-3, 4.0), limits, 2.0, solved)
+        assert found == (else_ if ends is None else ends)
 
 
 class TestFreeFlight:

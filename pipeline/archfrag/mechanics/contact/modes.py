@@ -3,8 +3,8 @@
 For given modes the contact problem is linear (`blocks`). Its solution tells of each joint whether
 it keeps Signorini's and Coulomb's laws in the mode assumed, and which mode it asks for: three
 functions, for an open joint, a closed one and one that touches at a corner. The modes asked for
-are taken until none changes. A run whose modes do not come to rest in a few rounds is left to
-`archfrag.mechanics.contact.path`.
+are taken until none changes (`solve_contact`); where that goes round in circles, by a changing
+part of the joints (`settle_modes`), and behind that `archfrag.mechanics.contact.path` is left.
 """
 
 import math
@@ -157,11 +157,13 @@ def ask_modes(model, work, slack, slack_force):
 
 
 @kernel
-def velocity_scale(work):
+def velocity_scale(position, work):
     """Largest relative velocity that corners which may touch would have without reactions.
 
     At least what rounding leaves of velocities, for a chain in flight that moves as one body.
+    ``work.relative`` is overwritten.
     """
+    relative_velocity(position, work.free, work.pivot, work.relative)
     scale = 0.0
     for i in range(1, work.free.shape[0] - 1):
         fastest = larger(abs(work.free[i, 0]), abs(work.free[i, 1]))
@@ -180,6 +182,7 @@ def velocity_scale(work):
 
 @kernel
 def largest_force(work):
+    """Largest component of a reaction; one where there are none."""
     largest = 0.0
     for j in range(work.slide.shape[0]):
         force = larger(abs(work.reaction[j, 0]), abs(work.reaction[j, 1]))
@@ -229,12 +232,12 @@ def straight_rounds(work):
 
 @inlined
 def _mark(work):
-    """A number that tells apart the modes asked for."""
+    """A number that tells apart the modes asked for: their sum with irregular weights."""
     mark, weight = 0.0, 0.618
     for j in range(work.slide.shape[0]):
         mode = work.asked_touch[j, 0] + 2.0 * work.asked_touch[j, 1] + 5.0 * work.asked_slide[j]
         mark = fused(weight, mode, mark)
-        weight = 3.7 * weight * (1.0 - weight)  # between 0 and 1, and never the same again
+        weight = 3.7 * weight * (1.0 - weight)  # stays between 0.25 and 0.93
     return mark
 
 
@@ -264,8 +267,7 @@ def solve_contact(model, position, work, live, looks, precision):
     rounds : number
         Linear problems solved.
     """
-    relative_velocity(position, work.free, work.pivot, work.relative)
-    scale = velocity_scale(work)
+    scale = velocity_scale(position, work)
     slack = precision.slack * scale
     active, refused, circling = live, False, False
     left, last, before = scale, -1.0 * scale, -1.0 * scale

@@ -18,7 +18,7 @@ import numpy as np
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.blocks import EXACT, Precision, correct, factorise, set_rows
 from archfrag.mechanics.contact.modes import settle_modes, straight_rounds, velocity_scale
-from archfrag.mechanics.contact.placing import MINUS, PLUS, relative_velocity
+from archfrag.mechanics.contact.placing import MINUS, PLUS
 from archfrag.mechanics.model import Model
 
 # Friction without limit is at most this on the way; at its end joints stick again.
@@ -370,8 +370,7 @@ def solve_by_path(model, position, work, path, most_paths, soft_paths):
     rounds, breaks : int
         Linear problems solved by the iteration on modes, and pieces of paths followed.
     """
-    relative_velocity(position, work.free, work.pivot, work.relative)
-    scale = velocity_scale(work)
+    scale = velocity_scale(position, work)
     for j in range(work.slide.size):
         for k in range(2):
             path.bias[j, k, 0], path.bias[j, k, 1] = work.bias[j, k, 0], work.bias[j, k, 1]

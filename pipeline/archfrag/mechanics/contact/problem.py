@@ -4,7 +4,6 @@ from archfrag.mechanics.compile import kernel
 from archfrag.mechanics.contact.blocks import FOR_STEPS
 from archfrag.mechanics.contact.modes import settle_modes, velocity_scale
 from archfrag.mechanics.contact.path import PATHS, SOFT_PATHS, solve_by_path
-from archfrag.mechanics.contact.placing import relative_velocity
 from archfrag.mechanics.status import Count
 
 # Rounds in which all joints take the modes that they ask for; mostly these have been tried.
@@ -31,8 +30,7 @@ def solve_anyhow(model, state, work, path):
     for j in range(state.slip.size):
         work.touch[j, 0], work.touch[j, 1] = state.touch[j, 0], state.touch[j, 1]
         work.slide[j], work.known[j] = state.slide[j], 0.0
-    relative_velocity(state.position, work.free, work.pivot, work.relative)
-    scale = velocity_scale(work)
+    scale = velocity_scale(state.position, work)
     solved, made = settle_modes(model, state.position, work, scale, FOR_STEPS, STRAIGHT)
     count[Count.ITERATIONS] += made
     if solved:

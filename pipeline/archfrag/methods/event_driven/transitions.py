@@ -119,8 +119,7 @@ def pose_impact(run, joint, corner):
     for i in range(1, state.velocity.shape[0] - 1):
         for c in range(3):
             work.free[i, c] = work.solved[i, c] = state.velocity[i, c]
-    relative_velocity(state.position, work.free, work.pivot, work.relative)
-    return velocity_scale(work) > PARTING * run.motion.scales.speed
+    return velocity_scale(state.position, work) > PARTING * run.motion.scales.speed
 
 
 @inlined
@@ -292,7 +291,8 @@ def solve_patiently(model, state, work, path):
     """Solve the problem that is posed where the first rounds have not; whether it is solved."""
     count = state.count
     count[Count.GENERAL] += 1.0
-    solved, rounds = settle_modes(model, state.position, work, velocity_scale(work), EXACT, 1)
+    scale = velocity_scale(state.position, work)
+    solved, rounds = settle_modes(model, state.position, work, scale, EXACT, 1)
     count[Count.ITERATIONS] += rounds
     if solved:
         return True

@@ -97,7 +97,7 @@ def code_after(state, steps, limits, until, outcome):
     code = select(fallen, float(FALLEN), code)
     code = select(broken, float(BROKEN), code)
     over = clock[Clock.TIME] >= until
-    code = select((code <= PAUSE) & (code != UNSOLVED) & over, float(AT_END), code)
+    code = select((code <= PAUSE) & over, float(AT_END), code)
     most = FIRST_STEPS + until * (MOST_STEPS / steps.impact)
     spent = (count[Count.STEPS] >= most) | (count[Count.ITERATIONS] >= ROUNDS_PER_STEP * most)
     return select((code <= PAUSE) & spent, float(EXHAUSTED), code)
