@@ -125,16 +125,16 @@ OF_JOINTS = {
     "reaction": (3,), "relative": (3,), "earlier": (3,), "parting": (2, 2),
 }  # fmt: skip
 OF_BODIES = {"turned": (2,), "free": (3,), "solved": (3,), "position": (3,)}
-_WORK_SHAPES = tuple({**OF_JOINTS, **OF_BODIES}[name] for name in Work._fields)
-_STATE_SHAPES = ((3,), (3,), (2,)) + ((),) * (len(State._fields) - 3)
-_MODEL_SHAPES = ((), (), (), (), (2,), (2, 2, 2), (2, 2), (), (), (2,), (), ())
+WORK_SHAPES = tuple({**OF_JOINTS, **OF_BODIES}[name] for name in Work._fields)
+STATE_SHAPES = ((3,), (3,), (2,)) + ((),) * (len(State._fields) - 3)
+MODEL_SHAPES = ((), (), (), (), (2,), (2, 2, 2), (2, 2), (), (), (2,), (), ())
 
 
 @inlined
 def with_shapes(model, state, work):
     """The same, for a kernel that does much with them: with shapes that the compiler knows."""
     return (
-        shaped(model, _MODEL_SHAPES), shaped(state, _STATE_SHAPES), shaped(work, _WORK_SHAPES)
+        shaped(model, MODEL_SHAPES), shaped(state, STATE_SHAPES), shaped(work, WORK_SHAPES)
     )  # fmt: skip
 
 
