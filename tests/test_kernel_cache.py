@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import archfrag
+from archfrag.kernel_cache import HOLDS_NO_KERNEL, KERNEL_FOLDERS
 
 PACKAGE = Path(archfrag.__file__).parent
 ASK = """
@@ -101,10 +102,21 @@ def test_only_what_kernels_are_made_of_counts(tmp_path):
         ).stdout  # fmt: skip
 
     before = digest()
-    for name, same in (("registry.py", True), ("springs.py", False)):
+    for name, same in (("registry.py", True), ("auto.py", True), ("springs.py", False)):
         with open(tmp_path / "archfrag" / "methods" / name, "a", encoding="utf-8") as file:
             file.write("\n# edited\n")
         assert (digest() == before) is same
+
+
+def test_what_does_not_count_holds_no_kernel():
+    left_out = [
+        path
+        for folder in KERNEL_FOLDERS
+        for path in (PACKAGE / folder).rglob("*.py")
+        if path.name in HOLDS_NO_KERNEL
+    ]
+    assert len(left_out) >= 4
+    assert [path for path in left_out if "mechanics.compile" in path.read_text()] == []
 
 
 def test_a_second_clone_compiles_nothing(tmp_path):

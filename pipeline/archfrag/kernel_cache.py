@@ -24,7 +24,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 KERNEL_FOLDERS = ("mechanics", "methods")
-HOLDS_NO_KERNEL = ("registry.py",)
+HOLDS_NO_KERNEL = ("registry.py", "auto.py", "front.py")
 KEPT = 8
 KEPT_FOR_SURE = 30 * 86400.0
 # Names the temporary cache of this process to the processes that it starts.

@@ -6,6 +6,7 @@ import pytest
 import archfrag as af
 from archfrag.errors import InputError
 from archfrag.mechanics.status import Status
+from archfrag.methods.auto import count_breaks, goes_by_events
 from archfrag.methods.registry import steps_of_tolerance
 from archfrag.simulation.checks import own_time
 
@@ -51,22 +52,61 @@ def test_steps_of_long_chains_are_equal():
 def test_a_run_that_breaks_its_tolerance_is_made_again_with_a_tighter_one(monkeypatch):
     plain = run(1e-3)
     assert plain.work["refined"] == 0
-    monkeypatch.setattr("archfrag.methods.event_driven.LEAST_ENERGY", 0.0)
-    monkeypatch.setattr(
-        "archfrag.methods.event_driven.ENERGY_ALLOWED", 0.5 * plain.energy_error / 1e-3
-    )
+    monkeypatch.setattr("archfrag.methods.base.LEAST_ENERGY", 0.0)
+    monkeypatch.setattr("archfrag.methods.base.ENERGY_ALLOWED", 0.5 * plain.energy_error / 1e-3)
     again = run(1e-3)
     assert again.work["refined"] >= 1
     assert again.energy_error < 0.5 * plain.energy_error
     assert again.steps > 2 * plain.steps
     many = af.simulate_many(ARCH, MOTION, [1.0])
     assert many.steps.values[0] == again.steps
-    monkeypatch.setattr("archfrag.methods.event_driven.ENERGY_ALLOWED", 0.0)
+    monkeypatch.setattr("archfrag.methods.base.ENERGY_ALLOWED", 0.0)
     monkeypatch.setattr("archfrag.methods.auto.NEGLIGIBLE", 0.0)
     refused = run(1e-3)
     assert refused.status == Status.INACCURATE
     assert refused.collapsed is None
     assert af.simulate_many(ARCH, MOTION, [1.0]).status.values[0] == "inaccurate"
+
+
+def test_a_pulse_on_a_short_chain_goes_by_events_alone_and_in_a_study():
+    pulse = af.Motion(np.where(TIME < 0.3, 5.0, 0.0), dt=0.001)
+    factors = [0.9, 1.0, 1.2]
+    many = af.simulate_many(ARCH, pulse, factors, rtol=1e-2)
+    for row, factor in enumerate(factors):
+        alone = af.simulate(ARCH, pulse, scale=factor, rtol=1e-2, history=True)
+        assert alone.model_time["all_voussoirs"] < 0.1 * alone.end_time
+        assert alone.events["events"] > 0
+        assert many.peak_rotation.values[row] == alone.peak_rotation
+    stepped = af.simulate(ARCH, pulse, rtol=1e-2, settings={"coarse": 0.0}, history=True)
+    assert stepped.model_time["mega_voussoirs"] == stepped.model_time["four_hinges"] == 0.0
+
+
+def test_many_runs_by_events_are_those_made_alone():
+    many = af.simulate_many(ARCH, MOTION, [0.8, 1.0], method="event_driven", rtol=1e-3)
+    for row, factor in enumerate([0.8, 1.0]):
+        alone = af.simulate(ARCH, MOTION, scale=factor, method="event_driven", rtol=1e-3)
+        assert many.peak_rotation.values[row] == alone.peak_rotation
+        assert many.steps.values[row] == alone.steps
+
+
+def test_events_are_few_for_blocks_and_for_pulses_on_short_chains():
+    cases = {
+        (1, 4000, 1e-3): True,
+        (7, 4, 1e-3): True,
+        (7, 4000, 1e-3): False,
+        (7, 4000, 1e-4): True,
+        (27, 4, 1e-3): False,
+        (7, 4, 0.3): False,
+    }
+    assert {key: goes_by_events(*key, 2e-4) for key in cases} == cases
+    assert not goes_by_events(7, 4, 1e-3, 0.0)
+
+
+def test_breaks_are_counted_in_both_components():
+    ramp = np.minimum(np.arange(50.0), 20.0)
+    assert count_breaks(ramp) == 1
+    assert count_breaks(ramp, np.sin(np.arange(50.0))) == 48
+    assert count_breaks(np.zeros(50), np.zeros(50)) == 0
 
 
 def test_the_more_events_are_handed_over_the_longer_all_voussoirs_are_stepped():

@@ -7,15 +7,16 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 
 import psutil
 import pytest
 
 from archfrag.errors import InputError, StabilityError, WorkerError
 from archfrag.study import batch as batch_module
-from archfrag.study.batch import longest_first, run_batch
+from archfrag.study.batch import kernels_needed, longest_first, run_batch
 from archfrag.study.checks import check_arches
-from archfrag.study.config import load_study
+from archfrag.study.config import Method, load_study
 from archfrag.study.parts import read_part
 from archfrag.study.plan import make_plan
 from tests.study.small import files, small_study
@@ -180,6 +181,22 @@ def test_the_longest_chunks_go_first(done):
     longer = replace(done.plan.records[1], duration=1e3)
     plan = replace(done.plan, records=(done.plan.records[0], longer))
     assert longest_first(plan, [0, 1, 2, 3])[0] == 2
+
+
+@pytest.mark.parametrize(
+    ("method", "breaks", "expected"),
+    [
+        ({"name": "time_stepping"}, (4, 4000), ["time_stepping"]),
+        ({"name": "auto"}, (4000,), ["auto"]),
+        ({"name": "auto"}, (4, 4000), ["auto", "event_driven"]),
+        ({"name": "auto", "rtol": 1e-5}, (4000,), ["event_driven"]),
+    ],
+)
+def test_only_the_kernels_that_the_runs_need(done, method, breaks, expected):
+    arches = tuple(entry for entry in done.study.arches if entry.build().n_voussoir > 2)
+    study = done.study.model_copy(update={"method": Method(**method), "arches": arches})
+    records = tuple(replace(done.plan.records[0], breaks=number) for number in breaks)
+    assert kernels_needed(study, replace(done.plan, records=records)) == expected
 
 
 def slow(done, step):

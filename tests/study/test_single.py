@@ -56,7 +56,7 @@ class TestText:
     def test_tells_models_events_and_work(self, response):
         lines = response_text(response, 1.0).splitlines()
         (times,) = [line for line in lines if line.startswith("simulated time: ")]
-        assert f"all voussoirs {response.model_time['all_voussoirs']:.3f} s" in times
+        assert f"mega voussoirs {response.model_time['mega_voussoirs']:.3f} s" in times
         (events,) = [line for line in lines if line.startswith("events: ")]
         assert f"impacts {response.events['impacts']}" in events
         (work,) = [line for line in lines if line.startswith("work: ")]

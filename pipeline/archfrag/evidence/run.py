@@ -18,6 +18,7 @@ from archfrag.mechanics.status import Status
 from archfrag.methods.registry import METHODS
 from archfrag.motions.motion import Motion
 from archfrag.motions.read import read_motion
+from archfrag.simulation.many import simulate_runs
 from archfrag.simulation.response import Response
 
 Verdict = bool | None
@@ -179,6 +180,38 @@ def run_scene(scene: Scene, way: Way, *, history: bool = False, **options: Any) 
         # An initial state lets an arch that cannot stand fall instead of being refused.
         given.setdefault("initial", scene.initial_state())
     return af.simulate(arch, motion, history=history, **given)
+
+
+def run_study(scene: Scene, way: Way, factors: Sequence[float]) -> list[Response] | None:
+    """Run a scene with its motion scaled by several factors in one call, as a study does.
+
+    Parameters
+    ----------
+    scene : Scene
+        Without a record that is still to be read.
+    way : Way
+    factors : sequence of float
+
+    Returns
+    -------
+    list of archfrag.simulate.Response or None
+        The wall time of them all is shared out. None for methods that make one run at a time, and
+        for scenes that do not begin at rest.
+
+    Examples
+    --------
+    >>> from archfrag.evidence.run import Way, run_study
+    >>> from archfrag.evidence.scene import load_scene
+    >>> runs = run_study(load_scene("arch7_pulse"), Way("time_stepping", "dt", 1e-3), [0.5, 1.0])
+    >>> [run.collapsed for run in runs]
+    [False, False]
+    """
+    if scene.initial is not None or scene.motion["kind"] == "none":
+        return None
+    motion = motion_of(scene)
+    follow = max(0.0, scene.duration - motion.dt * (motion.acceleration.size - 1))
+    given = {"follow": follow, **way.options}
+    return simulate_runs(arch_of(scene), [motion] * len(factors), factors, **given)
 
 
 def verdict(response: Response) -> Verdict:

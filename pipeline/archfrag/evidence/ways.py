@@ -16,6 +16,7 @@ from archfrag.simulation.response import Response
 
 STEPS = (8e-3, 4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1.25e-4)
 TOLERANCES = tuple(10.0**-k for k in range(1, 9))
+TOLERANCES_OF_AUTO = (3e-1, 1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, *TOLERANCES[3:])
 STIFFNESSES = (1e8, 1e9, 1e10, 1e11, 1e12)
 
 
@@ -52,7 +53,7 @@ def _tolerances(method: str, tolerances: tuple[float, ...]) -> tuple[Way, ...]:
 LADDERS: tuple[Line, ...] = (
     Line("time_stepping", _steps("time_stepping")),
     Line("event_driven", _tolerances("event_driven", TOLERANCES)),
-    Line("auto", _tolerances(AUTO, (1e-1, 3e-2, *TOLERANCES[1:]))),
+    Line("auto", _tolerances(AUTO, TOLERANCES_OF_AUTO)),
     # Its error is the joints' compliance; the step follows from the stiffness.
     Line(
         "penalty",
@@ -72,7 +73,7 @@ AUTO_LIMITS = (
 # Every second setting in the quick set, from which those named are taken.
 QUICK_STEPS = (8e-3, 4e-3, 2e-3, 1e-3, 5e-4)
 QUICK_TOLERANCES = (1e-1, 1e-2, 1e-4, 1e-6)
-QUICK_OF_AUTO = (1e-1, 3e-2, 1e-2, 1e-3, 1e-4, 1e-6)
+QUICK_OF_AUTO = (*TOLERANCES_OF_AUTO[:8], 1e-6)
 QUICK_STIFFNESSES = (1e8, 1e10)
 
 

@@ -1,26 +1,27 @@
 """`auto`: the cheapest of our methods that holds a tolerance.
 
 1. Rest, while the body force stays inside the rest range: nothing is integrated.
-2. Steps on all voussoirs for tolerances above `coarse` (2e-4), short at impacts and long between
-   them, or equal ones for more than 20 voussoirs: per step a linear problem or two, and four
-   runs at a time; the cheapest at the accuracy that a fragility curve or the outcome of a run
-   after impacts can use.
-3. Mega-voussoirs from event to event for finer tolerances: after impacts steps are of first order,
-   and a hundredth of the error would take a hundred times as many. Where events follow each other
-   more closely than `hand_over` steps, all voussoirs are stepped.
+2. Mega-voussoirs from event to event for tolerances of `coarse` (2e-4) and below: after impacts
+   steps are of first order, and a hundredth of the error would take a hundred times as many.
+   Above it, too, where events are few and so cheaper and far more accurate than steps: for
+   `FEWEST_BODIES` bodies, or for `FEW_BODIES` whose ground motion has few breaks, as a pulse.
+   Where many events follow each other more closely than `hand_over` steps, all voussoirs are
+   stepped.
+3. Otherwise steps on all voussoirs, short at impacts and long between them, or equal ones for
+   more than 20 voussoirs: per step a linear problem or two, and four runs at a time.
 4. A run that has made or lost more energy, or let bodies overlap more, than its tolerance
-   allows is made again with a tenth of it, and again; then it is refused.
+   allows is made again with a tenth of it, and again by steps; then it is refused.
 
 The mechanism log of a run says which of them moved it when.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from types import ModuleType
 
 import numpy as np
 
-from archfrag.mechanics.collapse import NO_MODE
-from archfrag.mechanics.model import model_of
-from archfrag.mechanics.status import Count, Energy, Peak, Status
+from archfrag.mechanics.status import Count, Status
 from archfrag.mechanics.types import (
     Chain,
     Frames,
@@ -29,9 +30,10 @@ from archfrag.mechanics.types import (
     Options,
     Outcome,
 )
-from archfrag.methods import event_driven
+from archfrag.methods.base import is_accurate, refuse
+from archfrag.methods.event_driven import front as events
 from archfrag.methods.time_stepping import front as stepper
-from archfrag.methods.time_stepping.service import Results, new_results
+from archfrag.methods.time_stepping.service import Results
 
 # A run that is not accurate is made again with a tolerance smaller by this factor, and with the
 # steps that go with it.
@@ -43,6 +45,55 @@ ATTEMPTS = 3
 NEGLIGIBLE = 1e-6
 # Between events all voussoirs are stepped at so many times the step that steps at impacts take.
 STEADY = 2.0
+# Tolerances above this ask for no more than a few long steps.
+COARSEST = 0.2
+FEWEST_BODIES, FEW_BODIES, FEW_BREAKS = 2, 10, 50
+
+
+def goes_by_events(n_body: int, n_break: int, tolerance: float, coarse: float) -> bool:
+    """Whether runs go from event to event rather than by steps on all voussoirs.
+
+    Parameters
+    ----------
+    n_body : int
+    n_break : int
+        Times at which the ground acceleration is not linear (`count_breaks`).
+    tolerance, coarse : float
+
+    Examples
+    --------
+    >>> from archfrag.methods.auto import goes_by_events
+    >>> [goes_by_events(7, n_break, 1e-3, 2e-4) for n_break in (4, 4000)]
+    [True, False]
+    """
+    if tolerance <= coarse:
+        return True
+    few = n_body <= FEWEST_BODIES or (n_body <= FEW_BODIES and n_break <= FEW_BREAKS)
+    return few and tolerance <= COARSEST and coarse > 0.0
+
+
+def count_breaks(*parts: np.ndarray) -> int:
+    """Number of samples at which the components of a ground acceleration are not linear in time.
+
+    Parameters
+    ----------
+    *parts : ndarray, (n_sample,)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from archfrag.methods.auto import count_breaks
+    >>> count_breaks(np.where(np.arange(900) < 300, 1.0, 0.0), np.zeros(900))
+    2
+    """
+    largest = max(float(np.abs(part).max()) for part in parts)
+    bend = sum(np.abs(np.diff(part, 2)) for part in parts)
+    return int(np.count_nonzero(bend > 1e-12 * largest))
+
+
+def _sparse(chain: Chain, ground: GroundMotion, options: Options, coarse: float) -> bool:
+    n_break = count_breaks(ground.horizontal, ground.vertical)
+    return goes_by_events(chain.mass.size, n_break, options.tolerance, coarse)
 
 
 def refined(options: Options, factor: float) -> Options:
@@ -54,63 +105,36 @@ def refined(options: Options, factor: float) -> Options:
     )
 
 
-def _attempts(options: Options) -> Iterator[tuple[int, Options]]:
-    for number in range(ATTEMPTS):
-        yield number, refined(options, TIGHTER**number)
+def _attempts(
+    options: Options, by_events: bool, hand_over: float, coarse: float
+) -> Iterator[tuple[ModuleType, Options]]:
+    """Methods and their options, each for runs that the one before did not make well enough."""
+    if not by_events:
+        for number in range(ATTEMPTS):
+            yield stepper, refined(options, TIGHTER**number)
+        return
+    fixed = options.largest_step <= options.time_step
+    # Where events are few, those that follow each other closely are soon over.
+    closest = hand_over if options.tolerance <= coarse else 0.0
+    for number in range(ATTEMPTS - 1):
+        given = refined(options, TIGHTER**number)
+        step = given.time_step if fixed else STEADY * given.time_step
+        yield events, given._replace(time_step=step, crowding=closest * step)
+    yield stepper, refined(options, TIGHTER)
 
 
-def is_accurate(chain: Chain, options: Options, results: Results) -> np.ndarray:
-    """Which runs are as good as their tolerance allows, by what they measured themselves.
-
-    Parameters
-    ----------
-    chain : archfrag.mechanics.types.Chain
-    options : archfrag.mechanics.types.Options
-    results : archfrag.methods.time_stepping.service.Results
-
-    Returns
-    -------
-    ndarray of bool, (n_run,)
-        As `archfrag.methods.event_driven.front.is_accurate`; True for runs that have not ended.
-    """
-    energy, overlap = results.energy, results.peak[:, Peak.OVERLAP]
-    allowed = max(event_driven.ENERGY_ALLOWED * options.accuracy, event_driven.LEAST_ENERGY)
-    largest = np.maximum(energy[:, Energy.LARGEST_KINETIC], energy[:, Energy.START_KINETIC])
-    weight = chain.gravity * float(np.sum(chain.mass))
-    tiny = NEGLIGIBLE * weight * float(model_of(chain).length.max())
-    deepest = max(event_driven.OVERLAP_ALLOWED * options.accuracy, event_driven.LEAST_OVERLAP)
-    good = energy[:, Energy.STRAY_PEAK] <= allowed * largest + tiny
-    ended = np.isin(results.status, (int(Status.STANDING), int(Status.COLLAPSED)))
-    return ~ended | (good & (overlap <= deepest))
-
-
-def _as_good_as_asked(chain: Chain, options: Options, outcome: Outcome) -> bool:
-    row = new_results(1)
-    row.status[0], row.energy[0], row.peak[0] = outcome.status, *outcome.ledger[1::2]
-    return bool(is_accurate(chain, options, row)[0])
-
-
-def _refuse(results: Results, rows: np.ndarray) -> None:
-    results.status[rows] = int(Status.INACCURATE)
-    results.collapse_time[rows] = np.nan
-    results.collapse_joint[rows] = -1
-    results.collapse_mode[rows] = NO_MODE
-
-
-def run_many(
+def _made_well(
     chain: Chain,
-    grounds: Sequence[GroundMotion],
-    motion: np.ndarray,
-    factor: np.ndarray,
-    options: Options,
+    attempts: Iterator[tuple[ModuleType, Options]],
+    n_run: int,
+    make: Callable[[ModuleType, Options, np.ndarray], Results],
 ) -> Results:
-    """Many runs by steps at impacts; as `archfrag.methods.time_stepping.front.run_many`."""
-    rows = np.arange(len(motion))
-    results = None
-    for number, given in _attempts(options):
-        made = stepper.run_many(chain, grounds, motion[rows], factor[rows], given)
+    """Runs, again by the next attempt where they are not accurate; refused after the last."""
+    results, rows = None, np.arange(n_run)
+    for number, (method, given) in enumerate(attempts):
+        made = make(method, given, rows)
         made.count[:, Count.REFINED] = number
-        good = is_accurate(chain, options, made)
+        good = is_accurate(chain, given, made, NEGLIGIBLE) & (made.status != Status.INACCURATE)
         if results is None:
             results = made
         else:
@@ -120,32 +144,35 @@ def run_many(
         if rows.size == 0:
             break
     assert results is not None
-    _refuse(results, rows)
+    refuse(results, rows)
     return results
 
 
-def _run_stepped(
+def run_many(
     chain: Chain,
-    ground: GroundMotion,
-    position: np.ndarray,
-    velocity: np.ndarray,
-    from_rest: bool,
+    grounds: Sequence[GroundMotion],
+    motion: np.ndarray,
+    factor: np.ndarray,
     options: Options,
-    frames: Frames,
-    log: MechanismLog,
-) -> Outcome:
-    start = position.copy(), velocity.copy()
-    for number, given in _attempts(options):
-        position[:], velocity[:] = start
-        results = stepper.results_of(
-            chain, ground, position, velocity, from_rest, given, frames, log
-        )
-        results.count[:, Count.REFINED] = number
-        bad = np.flatnonzero(~is_accurate(chain, options, results))
-        if bad.size == 0:
-            break
-    _refuse(results, bad)
-    return stepper.outcome_of(results, 0)
+    hand_over: float,
+    coarse: float,
+) -> Results:
+    """Many runs; as `archfrag.methods.time_stepping.front.run_many`, settings as for `run`."""
+
+    def make(runs: np.ndarray, method: ModuleType, given: Options, rows: np.ndarray) -> Results:
+        chosen = runs[rows]
+        return method.run_many(chain, grounds, motion[chosen], factor[chosen], given)
+
+    sparse = np.array([_sparse(chain, ground, options, coarse) for ground in grounds])[motion]
+    results = stepper.new_results(len(motion))
+    for by_events in (False, True):
+        runs = np.flatnonzero(sparse == by_events)
+        if runs.size:
+            attempts = _attempts(options, by_events, hand_over, coarse)
+            made = _made_well(chain, attempts, runs.size, partial(make, runs))
+            for whole, part in zip(results, made):
+                whole[runs] = part
+    return results
 
 
 def run(
@@ -167,40 +194,18 @@ def run(
     hand_over : float
         Mean time between events, in time steps, below which all voussoirs are stepped.
     coarse : float
-        Tolerance above which all voussoirs are stepped throughout.
+        Tolerance above which all voussoirs are stepped, unless events are few; 0: always.
 
     Returns
     -------
     archfrag.mechanics.types.Outcome
     """
-    if options.tolerance > coarse:
-        return _run_stepped(chain, ground, position, velocity, from_rest, options, frames, log)
     start = position.copy(), velocity.copy()
-    scaled = ground._replace(
-        horizontal=ground.factor * ground.horizontal,
-        vertical=ground.factor * ground.vertical,
-        factor=1.0,
-    )
-    fixed = options.largest_step <= options.time_step
-    for number in range(ATTEMPTS):
+
+    def make(method: ModuleType, given: Options, rows: np.ndarray) -> Results:
         position[:], velocity[:] = start
-        given = refined(options, TIGHTER ** min(number, 1))
-        if number == ATTEMPTS - 1:
-            outcome = stepper.run(chain, ground, position, velocity, from_rest, given, frames, log)
-        else:
-            step = given.time_step if fixed else STEADY * given.time_step
-            given = given._replace(time_step=step, crowding=hand_over * step)
-            outcome = event_driven.run(
-                chain, scaled, position, velocity, from_rest, given, frames, log
-            )
-        outcome.ledger.count[Count.REFINED] = number
-        if not _as_good_as_asked(chain, options, outcome):
-            outcome = outcome._replace(
-                status=int(Status.INACCURATE),
-                collapse_time=np.nan,
-                collapse_joint=-1,
-                collapse_mode=NO_MODE,
-            )
-        if outcome.status != Status.INACCURATE:
-            break
-    return outcome
+        return method.results_of(chain, ground, position, velocity, from_rest, given, frames, log)
+
+    sparse = _sparse(chain, ground, options, coarse)
+    attempts = _attempts(options, sparse, hand_over, coarse)
+    return stepper.outcome_of(_made_well(chain, attempts, 1, make), 0)

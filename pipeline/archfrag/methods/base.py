@@ -1,18 +1,60 @@
-"""What baselines share with each other and with time stepping: beginning, rests, end of a run."""
+"""What methods share with time stepping: beginning, rests, end of a run, and its accuracy."""
 
 from collections.abc import Callable
 
 import numpy as np
 
+from archfrag.mechanics.collapse import NO_MODE
 from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.model import Clock
-from archfrag.mechanics.status import Count
-from archfrag.mechanics.types import Outcome
+from archfrag.mechanics.model import Clock, model_of
+from archfrag.mechanics.status import Count, Energy, Peak, Status
+from archfrag.mechanics.types import Chain, Options, Outcome
 from archfrag.methods.time_stepping.front import Case, outcome_of
 from archfrag.methods.time_stepping.recording import log_change
 from archfrag.methods.time_stepping.run import start_at_rest, start_given
-from archfrag.methods.time_stepping.service import AT_REST, BY_REST, end_run, serve
+from archfrag.methods.time_stepping.service import AT_REST, BY_REST, Results, end_run, serve
 from archfrag.methods.time_stepping.waits import GO, IDLE, PAUSE
+
+# A run is refused that makes or loses more energy than this many times its accuracy, over the
+# largest kinetic energy, or whose bodies overlap by more than this many times it, over a joint's
+# length; an accuracy finer than the default counts as the default.
+ENERGY_ALLOWED, LEAST_ENERGY = 10.0, 1e-2
+OVERLAP_ALLOWED, LEAST_OVERLAP = 0.1, 1e-4
+
+
+def is_accurate(chain: Chain, options: Options, results: Results, negligible: float) -> np.ndarray:
+    """Which runs are as good as their tolerance allows, by what they measured themselves.
+
+    Parameters
+    ----------
+    chain : archfrag.mechanics.types.Chain
+    options : archfrag.mechanics.types.Options
+    results : archfrag.methods.time_stepping.service.Results
+    negligible : float
+        Energy that counts for nothing, over weight times the longest joint's length [1].
+
+    Returns
+    -------
+    ndarray of bool, (n_run,)
+        True for runs that have not ended.
+    """
+    energy, overlap = results.energy, results.peak[:, Peak.OVERLAP]
+    allowed = max(ENERGY_ALLOWED * options.accuracy, LEAST_ENERGY)
+    largest = np.maximum(energy[:, Energy.LARGEST_KINETIC], energy[:, Energy.START_KINETIC])
+    weight = chain.gravity * float(np.sum(chain.mass))
+    tiny = negligible * weight * float(model_of(chain).length.max())
+    deepest = max(OVERLAP_ALLOWED * options.accuracy, LEAST_OVERLAP)
+    good = energy[:, Energy.STRAY_PEAK] <= allowed * largest + tiny
+    ended = np.isin(results.status, (int(Status.STANDING), int(Status.COLLAPSED)))
+    return ~ended | (good & (overlap <= deepest))
+
+
+def refuse(results: Results, rows: np.ndarray) -> None:
+    """Make inaccurate runs failures, which are neither collapse nor survival."""
+    results.status[rows] = int(Status.INACCURATE)
+    results.collapse_time[rows] = np.nan
+    results.collapse_joint[rows] = -1
+    results.collapse_mode[rows] = NO_MODE
 
 
 def start(case: Case, position: np.ndarray, velocity: np.ndarray, from_rest: bool) -> None:

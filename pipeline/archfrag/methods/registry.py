@@ -34,7 +34,7 @@ class MethodInfo(NamedTuple):
     # length over gravity [1]; equal ones are fixed.
     step_rule: Callable[[float, int], tuple[float, float]] | None = None
     # For methods that scale ground motions themselves: many runs at once, as
-    # `archfrag.methods.time_stepping.front.run_many`.
+    # `archfrag.methods.time_stepping.front.run_many`; own parameters follow by keyword.
     load_many: Callable[[], Callable] | None = None
 
 
@@ -77,7 +77,7 @@ def steps_of_tolerance(rtol: float, n_body: int) -> tuple[float, float]:
     [0.010143, 0.002548, 0.00064, 0.000161, 2.6e-05]
     """
     scale = rtol / 1e-3
-    impact = 0.5 * OWN_STEP * min(max(scale**0.6, 0.04), 16.0)
+    impact = 0.5 * OWN_STEP * min(max(scale**0.6, 0.04), 32.0)
     if n_body > FEW_IMPACTS:
         return 8.0 * impact, 8.0 * impact
     return impact, max(8.0 * OWN_STEP * min(max(scale**0.4, 0.1), 4.0), impact)
@@ -109,6 +109,12 @@ def _auto():
 
 def _many_by_steps():
     from archfrag.methods.time_stepping.front import run_many
+
+    return run_many
+
+
+def _many_by_events():
+    from archfrag.methods.event_driven import run_many
 
     return run_many
 
@@ -176,6 +182,7 @@ METHODS = {
         ),
         load=_event_driven,
         step_rule=own_step,
+        load_many=_many_by_events,
     ),
     AUTO: MethodInfo(
         name=AUTO,
@@ -204,7 +211,7 @@ METHODS = {
                 "coarse",
                 "1",
                 2e-4,
-                "tolerance above which all voussoirs are stepped throughout",
+                "tolerance above which voussoirs are stepped, unless events are few; 0: always",
                 0.0,
                 1.0,
             ),

@@ -102,7 +102,7 @@ def simulate_runs(
     for factor in factors:
         check_numbers(factor, tolerance, follow, 1.0 if dt is None else dt, loss_limit)
     own = checks.check_settings(info, settings)
-    if info.load_many is None or not tolerance > own.get("coarse", 0.0):
+    if info.load_many is None:
         return None
     check_stands(arch)
     unique = list({id(motion): motion for motion in motions}.values())
@@ -116,6 +116,7 @@ def simulate_runs(
         np.array([number[id(motion)] for motion in motions]),
         np.array(factors, float),
         options,
+        **own,
     )
     spent = time.perf_counter() - started
     from archfrag.methods.time_stepping.front import outcome_of

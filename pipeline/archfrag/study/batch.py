@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from archfrag.errors import ArchfragError, WorkerError
 from archfrag.study.checks import check_arches
-from archfrag.study.config import Method, Study
+from archfrag.study.config import Study
 from archfrag.study.files import make_folder
 from archfrag.study.parts import read_part
 from archfrag.study.plan import Plan, chunks_of_batch, make_plan, run_table
@@ -100,7 +100,7 @@ def run_batch(
         log.workers = min(workers or study.execution.workers or available_cores(), len(missing))
         with _progress(log, quiet) as bar, contextlib.ExitStack() as stack:
             with _ticking(bar):
-                _load_kernels(study, bar)
+                _load_kernels(kernels_needed(study, plan), bar)
                 check_arches(study)
                 bar.set_description("starting workers")
                 client = stack.enter_context(_client(study, log.workers))
@@ -114,27 +114,33 @@ def run_batch(
     return log
 
 
-def _load_kernels(study: Study, bar: tqdm) -> None:
-    """Load the kernels of the study's method, or compile them, which the bar then says."""
+def _load_kernels(names: list[str], bar: tqdm) -> None:
+    """Load the kernels of some methods, or compile them, which the bar then says."""
     from archfrag.simulate import warmup
 
     bar.set_description("loading kernels")
     options: dict[str, Any] = {}
     if "progress" in inspect.signature(warmup).parameters:
         options["progress"] = bar.set_description
-    warmup(kernels_needed(study.method), **options)
+    for name in names:
+        warmup(name, **options)
 
 
-def kernels_needed(method: Method) -> str:
-    """Name of the method whose kernels a study's method uses: `auto` may go by events."""
+def kernels_needed(study: Study, plan: Plan) -> list[str]:
+    """Names of the methods whose kernels a study's method uses: `auto` may go by events."""
+    from archfrag.methods.auto import goes_by_events
     from archfrag.methods.registry import AUTO, METHODS
 
+    method = study.method
     if method.name != AUTO:
-        return method.name
+        return [method.name]
     defaults = {parameter.name: parameter.default for parameter in METHODS[AUTO].parameters}
     rtol = defaults["rtol"] if method.rtol is None else method.rtol
     coarse = (method.settings or {}).get("coarse", defaults["coarse"])
-    return AUTO if rtol > coarse else "event_driven"
+    bodies = {entry.build().n_voussoir for entry in study.arches}
+    breaks = {record.breaks for record in plan.records}
+    found = {goes_by_events(n, each, rtol, coarse) for n in bodies for each in breaks}
+    return [name for by, name in ((False, AUTO), (True, "event_driven")) if by in found]
 
 
 def longest_first(plan: Plan, chunks: list[int]) -> list[int]:

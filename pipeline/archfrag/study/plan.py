@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 # Source, beside the kernels, that an edit of which may change results.
 DECIDING = (
-    "arch", "simulate.py", "simulation", "study/arches.py", "study/case.py", "study/outcome.py",
-    "study/worker.py",
+    "arch", "mechanics", "methods", "simulate.py", "simulation", "study/arches.py",
+    "study/case.py", "study/outcome.py", "study/worker.py",
 )  # fmt: skip
 # Enough parts for an even share among workers, few enough for a file system; runs enough in each
 # that four go side by side to near its end.

@@ -55,6 +55,7 @@ class PreparedRecord:
     distance: float | None  # [km]
     factors: tuple[float, ...]  # (n_level,) [1]
     accepted: str = ""  # what is implausible and was accepted by a key of the study
+    breaks: int = 10**9  # samples at which the motion is not linear in time; many if not counted
 
 
 def find_sources(study: Study) -> list[Source]:
@@ -282,12 +283,14 @@ def prepare_motions(study: Study, progress: Any = None) -> list[PreparedRecord]:
 
 def _store(study: Study, folder: Path, progress: Any) -> list[PreparedRecord]:
     """Store all motions in a folder, and tell of each in the order of the study."""
+    from archfrag.methods.auto import count_breaks
     from archfrag.motions.store import save_motions
 
     records: list[PreparedRecord] = []
     for motion in read_sources(study):
         path = folder / f"{len(records):05d}.npz"
         factors = scale_factors(motion, study)
+        parts = [part for part in (motion.acceleration, motion.vertical) if part is not None]
         save_motions(path, [motion])
         records.append(
             PreparedRecord(
@@ -302,6 +305,7 @@ def _store(study: Study, folder: Path, progress: Any) -> list[PreparedRecord]:
                 distance=_number(motion.metadata.get("distance_km")),
                 factors=factors,
                 accepted=str(motion.metadata.get("accepted") or ""),
+                breaks=count_breaks(*parts),
             )
         )
         if progress is not None:

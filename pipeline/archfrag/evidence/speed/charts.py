@@ -47,7 +47,7 @@ def chart(points: pd.DataFrame, references: pd.DataFrame, quantity: str) -> Pict
         for axes in list(grid.flat)[len(scenes) :]:
             axes.set_axis_off()
         figure.supxlabel(QUANTITIES[quantity].label, fontsize=8.5)
-        figure.supylabel("cost [s]", fontsize=8.5)
+        figure.supylabel("cost of a run [s]", fontsize=8.5)
         handles = [
             Line2D([], [], color=style.colour, marker=style.marker, linestyle=style.stroke, lw=1.0,
                    markersize=4.0, label=style.label)

@@ -1,4 +1,8 @@
-"""Every way of every line on one scene: cost, interleaved, and errors against the reference."""
+"""Every way of every line on one scene: cost, interleaved, and errors against the reference.
+
+The cost of a run is its share of a study of `STUDY` runs where a method makes many at once, as
+all studies do, and that of a single run where it does not.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +12,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from archfrag.errors import ArchfragError
-from archfrag.evidence.run import Way, motion_of, verdict
+from archfrag.evidence.run import Way, motion_of, run_study, verdict
 from archfrag.evidence.scene import Scene
 from archfrag.evidence.speed.first_change import nearest_change
 from archfrag.evidence.speed.quantities import OF_A_RUN, Observed, errors_of, observe
@@ -19,8 +24,12 @@ from archfrag.evidence.ways import Line, clocked, step_of
 from archfrag.simulation.many import COARSEST_FRAMES
 from archfrag.simulation.response import Response
 
+Array = NDArray[np.float64]
+
 NEAR = 0.9  # of the reference's collapse amplitude: where the cost of that row is taken
 REACH = 0.5
+# Runs of a study, all but equal: two full lanes of four.
+STUDY = tuple(1.0 + 1e-5 * k for k in range(8))
 # Short runs are repeated until they add up to so much [s], up to so many times.
 SHORT, MOST = 0.1, 15
 # Finer settings of a line are left out where one takes longer [s of CPU].
@@ -46,6 +55,19 @@ class Tried:
     def run(self, scene: Scene, **options: Any) -> Response:
         """Run a scene."""
         return clocked(scene, self.way, **options)[0]
+
+    def seconds(self, scene: Scene) -> float:
+        """What a run costs [s]."""
+        runs = run_study(scene, self.way, STUDY)
+        if runs is None:
+            return self.run(scene).wall_time
+        return sum(run.wall_time for run in runs) / len(runs)
+
+    def runs_at(self, scene: Scene, amplitudes: Array) -> list[Response]:
+        """Runs of a scene at several amplitudes."""
+        own = scene.motion.get("amplitude", 1.0)
+        runs = run_study(scene, self.way, (amplitudes / own).tolist())
+        return runs or [self.run(scene.at(amplitude)) for amplitude in amplitudes.tolist()]
 
     def interval(self, scene: Scene) -> float:
         """Between frames of its history [s], as `archfrag.simulate` sets it."""
@@ -78,10 +100,10 @@ def try_lines(
     for repeat in range(1, MOST):
         for each in tried:
             enough = repeats if each.own[0] + each.near[0] < LONGEST else 3
-            if repeat >= enough and sum(each.own) > SHORT:
+            if repeat >= enough and len(STUDY) * sum(each.own) > SHORT:
                 continue
-            each.own.append(each.run(scene).wall_time)
-            each.near.append(each.run(near).wall_time)
+            each.own.append(each.seconds(scene))
+            each.near.append(each.seconds(near))
     points = []
     for each in tried:
         response = each.run(scene, history=True)
@@ -105,15 +127,13 @@ def _first_round(reference: Reference, lines: Iterable[Line]) -> tuple[list[Trie
         for place, way in enumerate(line.ways):
             each = Tried(line, way, place)
             try:
-                first, dearest = clocked(scene, way)
-                second, seconds = clocked(near, way)
+                dearest = max(clocked(scene, way)[1], clocked(near, way)[1])
             except ArchfragError as reason:
                 left_out.append(f"{scene.name}: {line.label} is not run: {reason}")
                 break
             tried.append(each)
-            each.own.append(first.wall_time)
-            each.near.append(second.wall_time)
-            dearest = max(dearest, seconds)
+            each.own.append(each.seconds(scene))
+            each.near.append(each.seconds(near))
             if dearest > LONGEST and place + 1 < len(line.ways):
                 left_out.append(
                     f"{scene.name}: {line.label} finer than {way} is not run: "
@@ -139,7 +159,7 @@ def _points(reference: Reference, each: Tried) -> list[dict[str, Any]]:
             "no verdict" if found.failed else "no change found" if math.isnan(found.offset) else ""
         )
         rows.append(_row(reference, each, "amplitude", each.near, abs(found.offset), status))
-        runs = [each.run(scene.at(amplitude)) for amplitude in reference.grid.tolist()]
+        runs = each.runs_at(scene, reference.grid)
         wrong = [
             verdict(run) is not bool(true) for run, true in zip(runs, reference.truth, strict=True)
         ]

@@ -1,11 +1,5 @@
 """Event-driven integration on mega-voussoirs (Sinopoli, section 3.5)."""
 
-from archfrag.methods.event_driven.front import (
-    ENERGY_ALLOWED,
-    LEAST_ENERGY,
-    LEAST_OVERLAP,
-    OVERLAP_ALLOWED,
-    run,
-)
+from archfrag.methods.event_driven.front import run, run_many
 
-__all__ = ["ENERGY_ALLOWED", "LEAST_ENERGY", "LEAST_OVERLAP", "OVERLAP_ALLOWED", "run"]
+__all__ = ["run", "run_many"]

@@ -1,13 +1,14 @@
 """The event-driven method from a chain and its ground motion to an outcome."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from archfrag.mechanics.collapse import NO_MODE
 from archfrag.mechanics.contact.path import new_path
 from archfrag.mechanics.ground import find_breaks
 from archfrag.mechanics.mega_voussoirs.assemble import new_mega_voussoirs
 from archfrag.mechanics.model import model_of, new_state, new_work
-from archfrag.mechanics.status import Count, Energy, Peak, Status
+from archfrag.mechanics.status import Count
 from archfrag.mechanics.types import (
     Chain,
     Frames,
@@ -16,6 +17,7 @@ from archfrag.mechanics.types import (
     Options,
     Outcome,
 )
+from archfrag.methods.base import is_accurate, refuse
 from archfrag.methods.event_driven.events import Motion, Scales, new_laws
 from archfrag.methods.event_driven.integrate import FIRST, Pace, Run
 from archfrag.methods.event_driven.phases import (
@@ -26,42 +28,13 @@ from archfrag.methods.event_driven.phases import (
 from archfrag.methods.event_driven.runge_kutta import FIFTH_ORDER, THIRD_ORDER, new_stages
 from archfrag.methods.time_stepping.at_impacts import Steps
 from archfrag.methods.time_stepping.front import joined_grounds, limits_of, outcome_of, rest_of
-from archfrag.methods.time_stepping.recording import output_to
-from archfrag.methods.time_stepping.service import new_results
+from archfrag.methods.time_stepping.recording import no_output, output_to
+from archfrag.methods.time_stepping.service import Results, new_results
 
-# Tolerances above this are met by the method of order 3.
-COARSE = 2e-4
-# A run is refused that makes or loses more energy than this many times its accuracy, over the
-# largest kinetic energy, or whose bodies overlap by more than this many times it, over a joint's
-# length; less energy than ROUNDING times weight times length is rounding.
-ENERGY_ALLOWED, LEAST_ENERGY = 10.0, 1e-2
-OVERLAP_ALLOWED, LEAST_OVERLAP = 0.1, 1e-4
+# Tolerances above this are met by the method of order 3: what only grazes a joint needs order 5.
+COARSE = 1e-3
+# Less energy than this, over weight times length, is rounding.
 ROUNDING = 1e-12
-
-
-def is_accurate(chain: Chain, options: Options, outcome: Outcome) -> bool:
-    """Whether a run that ended is as good as its tolerance allows, by what it measured itself.
-
-    Parameters
-    ----------
-    chain : archfrag.mechanics.types.Chain
-    options : archfrag.mechanics.types.Options
-    outcome : archfrag.mechanics.types.Outcome
-
-    Returns
-    -------
-    bool
-        False where more energy than `ENERGY_ALLOWED` times the accuracy was made or lost, or
-        bodies overlapped by more than `OVERLAP_ALLOWED` times it; an accuracy finer than the
-        default counts as the default.
-    """
-    energy, peak = outcome.ledger.energy, outcome.ledger.peak
-    largest = max(energy[Energy.LARGEST_KINETIC], energy[Energy.START_KINETIC])
-    allowed = max(ENERGY_ALLOWED * options.accuracy, LEAST_ENERGY) * largest
-    length = float(model_of(chain).length.max())
-    allowed += ROUNDING * chain.gravity * float(chain.mass.sum()) * length
-    overlap = max(OVERLAP_ALLOWED * options.accuracy, LEAST_OVERLAP)
-    return bool(energy[Energy.STRAY_PEAK] <= allowed and peak[Peak.OVERLAP] <= overlap)
 
 
 def new_run(chain: Chain, ground: GroundMotion, options: Options, rest: tuple) -> Run:
@@ -95,6 +68,40 @@ def new_run(chain: Chain, ground: GroundMotion, options: Options, rest: tuple) -
     )
 
 
+def _scaled(ground: GroundMotion, factor: float) -> GroundMotion:
+    return ground._replace(
+        horizontal=factor * ground.horizontal, vertical=factor * ground.vertical, factor=1.0
+    )
+
+
+def _refused(chain: Chain, options: Options, results: Results) -> Results:
+    refuse(results, np.flatnonzero(~is_accurate(chain, options, results, ROUNDING)))
+    return results
+
+
+def results_of(
+    chain: Chain,
+    ground: GroundMotion,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    from_rest: bool,
+    options: Options,
+    frames: Frames,
+    log: MechanismLog,
+) -> Results:
+    """As `run`, as the one row of results."""
+    scaled = _scaled(ground, ground.factor)
+    model, grounds = model_of(chain), joined_grounds([scaled])
+    rest = rest_of(model, options, grounds) if from_rest else (np.nan, np.nan)
+    given, results = new_run(chain, scaled, options, rest), new_results(1)
+    state, output = given.state, output_to(frames, log, options.frame_interval)
+    state.position[1:-1], state.velocity[1:-1] = position, velocity
+    follow_phases(given, from_rest and not np.isnan(rest[0]), output, results)
+    position[:], velocity[:] = state.position[1:-1], state.velocity[1:-1]
+    results.count[0, Count.FRAMES], results.count[0, Count.LOG_ENTRIES] = output.written
+    return _refused(chain, options, results)
+
+
 def run(
     chain: Chain,
     ground: GroundMotion,
@@ -125,25 +132,27 @@ def run(
     -------
     archfrag.mechanics.types.Outcome
     """
-    scaled = ground._replace(
-        horizontal=ground.factor * ground.horizontal,
-        vertical=ground.factor * ground.vertical,
-        factor=1.0,
+    return outcome_of(
+        results_of(chain, ground, position, velocity, from_rest, options, frames, log), 0
     )
-    model, grounds = model_of(chain), joined_grounds([scaled])
-    rest = rest_of(model, options, grounds) if from_rest else (np.nan, np.nan)
-    given, results = new_run(chain, scaled, options, rest), new_results(1)
-    state, output = given.state, output_to(frames, log, options.frame_interval)
-    at_rest = from_rest and not np.isnan(rest[0])
-    state.position[1:-1], state.velocity[1:-1] = position, velocity
-    follow_phases(given, at_rest, output, results)
-    position[:], velocity[:] = state.position[1:-1], state.velocity[1:-1]
-    results.count[0, Count.FRAMES], results.count[0, Count.LOG_ENTRIES] = output.written
-    outcome = outcome_of(results, 0)
-    ended = outcome.status in (Status.STANDING, Status.COLLAPSED)
-    if ended and not is_accurate(chain, options, outcome):
-        refused = int(Status.INACCURATE)
-        return outcome._replace(
-            status=refused, collapse_time=np.nan, collapse_joint=-1, collapse_mode=NO_MODE
-        )
-    return outcome
+
+
+def run_many(
+    chain: Chain,
+    grounds: Sequence[GroundMotion],
+    motion: np.ndarray,
+    factor: np.ndarray,
+    options: Options,
+) -> Results:
+    """One run after the other; as `archfrag.methods.time_stepping.front.run_many`."""
+    model, results = model_of(chain), new_results(len(motion))
+    rest = rest_of(model, options, joined_grounds(grounds))
+    output = no_output(chain.mass.size, chain.friction.size)
+    for row, (number, by) in enumerate(zip(motion, factor)):
+        given = new_run(chain, _scaled(grounds[number], by), options, rest)
+        given.state.position[1:-1, :2] = chain.centroid
+        one = new_results(1)
+        follow_phases(given, not np.isnan(rest[0]), output, one)
+        for whole, part in zip(results, one):
+            whole[row] = part[0]
+    return _refused(chain, options, results)
