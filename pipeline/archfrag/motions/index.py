@@ -18,6 +18,7 @@ COLUMNS = (
     "terms", "seed", "model",
 )  # fmt: skip
 _NEEDED = ("id", "file", "unit")
+_FILLED = ("id", "file")
 _NUMBERS = ("Mw", "distance_km", "Vs30_mps", "dt_s")
 
 
@@ -31,7 +32,8 @@ class IndexEntry:
     path : Path
         The record; the ``file`` of a row is relative to the folder of the index.
     unit : str
-        Unit of the samples, a key of ``units.METRES_PER_SECOND_SQUARED``.
+        Unit of the samples, a key of ``units.METRES_PER_SECOND_SQUARED``; empty where the file
+        or its StationXML says it.
     sha256 : str
         Of the file, or of its first bytes in hexadecimal; empty if not given.
     metadata : dict
@@ -52,8 +54,9 @@ class IndexEntry:
 def load_index(path: str | Path) -> list[IndexEntry]:
     """Read an ``index.csv``, or the one in a folder.
 
-    Columns ``id``, ``file`` and ``unit`` are needed; see ``COLUMNS`` for the others. A column
-    ``accept`` may say what to let pass (``pga``, ``time_step``, ``samples``, blanks between).
+    Columns ``id``, ``file`` and ``unit`` are needed; see ``COLUMNS`` for the others. Of a file
+    with several horizontals ``component`` names the one that is meant. A column ``accept`` may
+    say what to let pass (``pga``, ``time_step``, ``samples``, blanks between).
 
     Raises
     ------
@@ -130,10 +133,11 @@ def _is_index(path: Path) -> bool:
 def _entry(row: dict[str, str], source: Path, line: int) -> IndexEntry:
     place = f"{source}, line {line}"
     values = {key: (value or "").strip() for key, value in row.items() if isinstance(key, str)}
-    for column in _NEEDED:
+    for column in _FILLED:
         if not values[column]:
             raise RecordError(f"{place}: {column} is empty")
-    unit_factor(values["unit"], place)
+    if values["unit"]:
+        unit_factor(values["unit"], place)
     metadata: dict[str, Any] = {
         key: value
         for key, value in values.items()

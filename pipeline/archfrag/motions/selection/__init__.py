@@ -1,0 +1,21 @@
+"""Selection of records from a flatfile, to a target spectrum and its scatter.
+
+Spectral accelerations are in g here, as in flatfiles and ground-motion models.
+"""
+
+from archfrag.motions.selection.baker_jayaram import correlation
+from archfrag.motions.selection.candidates import screen
+from archfrag.motions.selection.models import MODELS, Prediction, Rupture, predict
+from archfrag.motions.selection.select import Selection, select_records
+from archfrag.motions.selection.target import (
+    PERIODS,
+    Target,
+    conditional_spectrum,
+    read_target,
+    spectrum_target,
+)
+
+__all__ = [
+    "MODELS", "PERIODS", "Prediction", "Rupture", "Selection", "Target", "conditional_spectrum",
+    "correlation", "predict", "read_target", "screen", "select_records", "spectrum_target",
+]  # fmt: skip

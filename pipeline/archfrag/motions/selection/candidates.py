@@ -1,0 +1,192 @@
+"""Records of a flatfile that may be selected, and their spectra."""
+
+import re
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from archfrag.errors import RecordError
+
+_SPECTRAL = re.compile(r"T(\d+(?:\.\d+)?)S")
+_WIDEST = 2.0  # ratio of neighbouring periods between which ln Sa is interpolated
+Range = tuple[float | None, float | None]
+
+
+def screen(
+    table: pd.DataFrame,
+    *,
+    magnitude: Range | None = None,
+    distance_km: Range | None = None,
+    vs30_mps: Range | None = None,
+    pulse: bool | None = None,
+) -> pd.DataFrame:
+    """Rows of a flatfile within ranges; a row without the value asked about is left out.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        Flatfile with columns ``magnitude``, ``distance_km``, ``vs30_mps`` and ``pulse`` as far
+        as they are asked about.
+    magnitude, distance_km, vs30_mps : (float or None, float or None), optional
+        Least and largest value, both included; None for an open end.
+    pulse : bool, optional
+        True for records with a velocity pulse only, False for those without.
+
+    Returns
+    -------
+    pandas.DataFrame
+
+    Raises
+    ------
+    RecordError
+        If a column is missing, a range is upside down, or nothing is left, with what each
+        condition left.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from archfrag.motions.selection import screen
+    >>> flatfile = pd.DataFrame({"record": ["a", "b"], "magnitude": [5.6, 6.8]})
+    >>> list(screen(flatfile, magnitude=(6.0, None))["record"])
+    ['b']
+    """
+    kept, story = table, [f"{len(table)} records"]
+    ranges = {"magnitude": magnitude, "distance_km": distance_km, "vs30_mps": vs30_mps}
+    for column, limits in ranges.items():
+        if limits is None:
+            continue
+        low, high = (-np.inf if limits[0] is None else limits[0],
+                     np.inf if limits[1] is None else limits[1])  # fmt: skip
+        if not low <= high:
+            raise RecordError(f"{column} from {low:g} to {high:g} is upside down")
+        values = numbers(kept, column)
+        kept = kept[(values >= low) & (values <= high)]
+        story.append(f"{column} from {low:g} to {high:g} leaves {len(kept)}")
+    if pulse is not None:
+        _need(kept, ("pulse",))
+        kept = kept[[_truth(value) is pulse for value in kept["pulse"]]]
+        story.append(f"pulse = {str(pulse).lower()} leaves {len(kept)}")
+    if kept.empty:
+        raise RecordError(f"{name_of(table)}: no record is left; {', '.join(story)}")
+    return kept
+
+
+def sorted_candidates(table: pd.DataFrame) -> pd.DataFrame:
+    """The rows in the order of their ids, so that a selection does not hang on that of a file.
+
+    Raises
+    ------
+    RecordError
+        If there is no column ``record``, no row, or two rows have one id.
+    """
+    _need(table, ("record",))
+    if table.empty:
+        raise RecordError(f"{name_of(table)}: has no record")
+    ids = table["record"].astype(str)
+    if ids.duplicated().any():
+        raise RecordError(
+            f"{name_of(table)}: record {ids[ids.duplicated()].iloc[0]!r} is there twice"
+        )
+    ordered = table.iloc[np.argsort(ids.to_numpy(dtype=str))].reset_index(drop=True)
+    ordered.attrs = dict(table.attrs)
+    return ordered
+
+
+def spectra(table: pd.DataFrame, periods: ArrayLike) -> NDArray[np.float64]:
+    """ln Sa of the records of a flatfile, shape (n_record, n_period), Sa in g.
+
+    Linear in ln T between columns ``T0.100S`` (g) that are at most a factor 2 apart. A record
+    with a value that is missing or not positive (-999 in NGA flatfiles) has nan there.
+
+    Raises
+    ------
+    RecordError
+        If there are no such columns, or a period is outside them or in a wider gap.
+    """
+    found = _columns(table)
+    if not found:
+        raise RecordError(f"{name_of(table)}: has no column of Sa, such as T0.100S in g")
+    have = np.array([period for period, _ in found])
+    wanted = np.atleast_1d(np.asarray(periods, dtype=np.float64))
+    outside = wanted[(wanted < have[0] * (1.0 - 1e-6)) | (wanted > have[-1] * (1.0 + 1e-6))]
+    if outside.size:
+        raise RecordError(
+            f"{name_of(table)}: has Sa from {have[0]:g} to {have[-1]:g} s, and the target asks "
+            f"for {outside[0]:g} s"
+        )
+    ln_sa = np.column_stack([numbers(table, column) for _, column in found])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ln_sa = np.log(np.where(ln_sa > 0.0, ln_sa, np.nan))
+    result = np.empty((len(table), wanted.size))
+    for column, period in enumerate(wanted):
+        same = np.flatnonzero(np.abs(np.log(have / period)) < 1e-6)
+        if same.size:
+            result[:, column] = ln_sa[:, same[0]]
+            continue
+        after = int(np.searchsorted(have, period))
+        if have[after] / have[after - 1] > _WIDEST * (1.0 + 1e-6):
+            raise RecordError(
+                f"{name_of(table)}: has no Sa between {have[after - 1]:g} and {have[after]:g} s, "
+                f"too far apart to interpolate the target's {period:g} s"
+            )
+        part = np.log(period / have[after - 1]) / np.log(have[after] / have[after - 1])
+        result[:, column] = (1.0 - part) * ln_sa[:, after - 1] + part * ln_sa[:, after]
+    return result
+
+
+def is_column(table: pd.DataFrame, period: float) -> bool:
+    """Whether a flatfile has Sa at a period itself, so that it need not be interpolated."""
+    return any(abs(np.log(have / period)) < 1e-6 for have, _ in _columns(table))
+
+
+def groups(table: pd.DataFrame, columns: Iterable[str]) -> NDArray[np.int64]:
+    """A number for each row, the same where all these columns say the same, shape (n_record,).
+
+    A row with an empty value is alone.
+    """
+    known = table.reindex(columns=list(columns))
+    text = known.astype(object).where(known.notna(), "").astype(str)
+    full = (text.map(str.strip) != "").all(axis=1).to_numpy()
+    rows = zip(text.itertuples(index=False, name=None), full)
+    keys = [row if complete else number for number, (row, complete) in enumerate(rows)]
+    codes: dict[Any, int] = {}
+    return np.array([codes.setdefault(key, len(codes)) for key in keys], dtype=np.int64)
+
+
+def numbers(table: pd.DataFrame, column: str) -> NDArray[np.float64]:
+    """A column as numbers; nan where it is empty. RecordError if it is missing or holds text."""
+    _need(table, (column,))
+    values = table[column]
+    converted = pd.to_numeric(values, errors="coerce")
+    wrong = values[converted.isna() & values.notna() & (values.astype(str).str.strip() != "")]
+    if len(wrong):
+        raise RecordError(f"{name_of(table)}: {column} = {wrong.iloc[0]!r} is not a number")
+    return converted.to_numpy(dtype=np.float64)
+
+
+def name_of(table: pd.DataFrame) -> str:
+    """What messages call a flatfile: its ``attrs["source"]`` where it has one."""
+    return str(table.attrs.get("source", "the flatfile"))
+
+
+def _columns(table: pd.DataFrame) -> list[tuple[float, str]]:
+    """Periods [s] and names of the columns of Sa, with rising periods."""
+    names = [str(column) for column in table.columns]
+    return sorted((float(m[1]), name) for name in names if (m := _SPECTRAL.fullmatch(name)))
+
+
+def _need(table: pd.DataFrame, columns: Iterable[str]) -> None:
+    for column in columns:
+        if column not in table.columns:
+            raise RecordError(f"{name_of(table)}: column {column!r} is missing")
+
+
+def _truth(value: Any) -> bool | None:
+    """True, False or None for what a CSV may hold of a bool."""
+    text = str(value).strip().lower()
+    return {"true": True, "1": True, "1.0": True, "false": False, "0": False, "0.0": False}.get(
+        text
+    )

@@ -1,0 +1,277 @@
+"""What the spectra of selected records shall be distributed as."""
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from archfrag.errors import InputError
+from archfrag.motions.selection.baker_jayaram import correlation
+from archfrag.motions.selection.models import Rupture, predict
+
+PERIODS = tuple(float(f"{period:.3g}") for period in np.geomspace(0.05, 5.0, 20))
+_SAME = 1e-6  # relative difference of periods that are the same
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """Distribution of ln Sa that records are selected to.
+
+    Attributes
+    ----------
+    periods : numpy.ndarray, shape (n_period,) [s]
+        Increasing.
+    ln_mean : numpy.ndarray, shape (n_period,)
+        Mean of ln Sa, Sa in g.
+    covariance : numpy.ndarray, shape (n_period, n_period)
+        Of ln Sa; zero for a spectrum that is a mean only.
+    conditioning : float or None [s]
+        Period T* at which Sa is given, so that every record is scaled to it.
+    notes : tuple of str
+        What whoever uses the target should know.
+    """
+
+    periods: NDArray[np.float64]
+    ln_mean: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    conditioning: float | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def median(self) -> NDArray[np.float64]:
+        """exp of the mean of ln Sa, shape (n_period,) [g]."""
+        return np.exp(self.ln_mean)
+
+    @property
+    def sd(self) -> NDArray[np.float64]:
+        """Standard deviation of ln Sa, shape (n_period,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def given(self) -> int | None:
+        """Index of the conditioning period; None without one."""
+        if self.conditioning is None:
+            return None
+        return int(np.abs(np.log(self.periods / self.conditioning)).argmin())
+
+
+def conditional_spectrum(
+    ruptures: Rupture | Sequence[Rupture],
+    level: float,
+    conditioning: float,
+    periods: ArrayLike = PERIODS,
+    models: Mapping[str, float] | Sequence[str] = ("CY14",),
+) -> Target:
+    """Mean and covariance of ln Sa, given Sa at one period.
+
+    For one rupture and model, with median exp(mu), standard deviation sigma and correlation rho,
+    and epsilon = (ln level - mu*) / sigma* at the conditioning period T*:
+
+    mean_i = mu_i + rho_i* epsilon sigma_i
+    covariance_ij = sigma_i sigma_j (rho_ij - rho_i* rho_j*)
+
+    Baker (2011), J. Struct. Eng. 137(3); Jayaram, Lin and Baker (2011), Earthquake Spectra
+    27(3), 797-815. Several ruptures and models are mixed by their weights: the mean is the mean
+    of means, the covariance the mean of covariances and the covariance of means; Lin, Harmsen,
+    Baker and Luco (2013), BSSA 103(2A), 1103-1116, whose exact form this is where the weights
+    are those given Sa(T*) (deaggregation by rupture and model).
+
+    Parameters
+    ----------
+    ruptures : Rupture or sequence of Rupture
+    level : float [g]
+        Sa at the conditioning period.
+    conditioning : float [s]
+        T*; added to the periods if it is none of them.
+    periods : array_like, shape (n_period,) [s]
+        Twenty from 0.05 to 5 s where not given.
+    models : mapping or sequence of str
+        Ground-motion models with their weights, or their names, weighted equally; see `predict`.
+
+    Returns
+    -------
+    Target
+
+    Raises
+    ------
+    InputError
+        If a number is not positive, a period occurs twice, or is outside the model's or the
+        correlation's range.
+
+    Examples
+    --------
+    >>> from archfrag.motions.selection import Rupture, conditional_spectrum
+    >>> crustal = Rupture(magnitude=7.0, distance_km=15.0, vs30_mps=500.0)
+    >>> target = conditional_spectrum(crustal, 0.4, 1.0, [0.2, 0.5, 1.0, 2.0])
+    >>> target.median.round(2), target.sd.round(2)
+    (array([0.72, 0.63, 0.4 , 0.15]), array([0.54, 0.43, 0.  , 0.46]))
+    """
+    if not (np.isfinite(level) and level > 0.0):
+        raise InputError(f"level = {level} g of Sa({conditioning} s) must be a number above 0")
+    if not (np.isfinite(conditioning) and conditioning > 0.0):
+        raise InputError(f"conditioning period {conditioning} s must be a number above 0")
+    grid = _with_period(_rising(periods, "periods"), conditioning)
+    known = int(np.abs(np.log(grid / conditioning)).argmin())
+    rho = correlation(grid[:, None], grid)
+    means, covariances, weights, notes = [], [], [], dict[str, None]()
+    for rupture in (ruptures,) if isinstance(ruptures, Rupture) else tuple(ruptures):
+        for model, weight in _weighted(models).items():
+            median, sd, said = predict(rupture, model, grid)
+            epsilon = (np.log(level) - median[known]) / sd[known]
+            means.append(median + rho[known] * epsilon * sd)
+            covariances.append(np.outer(sd, sd) * (rho - np.outer(rho[known], rho[known])))
+            weights.append(rupture.weight * weight)
+            notes |= dict.fromkeys(said)
+    if not weights:
+        raise InputError("a conditional spectrum needs at least one rupture and one model")
+    fraction = np.array(weights) / np.sum(weights)
+    mean = fraction @ np.array(means)
+    apart = np.array(means) - mean
+    covariance = np.tensordot(fraction, covariances, 1) + (fraction[:, None] * apart).T @ apart
+    covariance[known, :] = covariance[:, known] = 0.0
+    mean[known] = np.log(level)
+    return Target(grid, mean, covariance, float(conditioning), tuple(notes))
+
+
+def spectrum_target(
+    periods: ArrayLike, median: ArrayLike, sd: ArrayLike | None = None, source: str = "target"
+) -> Target:
+    """A target from a spectrum: of a code, of uniform hazard, or with a scatter of its own.
+
+    Parameters
+    ----------
+    periods : array_like, shape (n_period,) [s]
+    median : array_like, shape (n_period,) [g]
+        exp of the mean of ln Sa.
+    sd : array_like, shape (n_period,), optional
+        Standard deviation of ln Sa. Where it is 0 at one period, this is the conditioning
+        period. Without it, or with zeros only, the target is a mean: records are sought that
+        lie close to it. Correlations are those of Baker and Jayaram (2008).
+    source : str
+        What messages call it.
+
+    Raises
+    ------
+    InputError
+        If numbers are missing, not positive or not finite, a period occurs twice, or the sd is
+        0 at several periods but not at all.
+    """
+    given = np.asarray(periods, dtype=np.float64)
+    rising = _rising(given, f"{source}: periods")
+    order = np.argsort(given)
+    sa = _like(median, given, f"{source}: median Sa")[order]
+    if not (sa > 0.0).all():
+        raise InputError(f"{source}: median Sa {sa.min():g} g must be above 0")
+    spread = np.zeros(given.size) if sd is None else _like(sd, given, f"{source}: sd")[order]
+    if (spread < 0.0).any():
+        raise InputError(f"{source}: sd {spread.min():g} must not be below 0")
+    zero = np.flatnonzero(spread == 0.0)
+    if zero.size == spread.size:
+        return Target(rising, np.log(sa), np.zeros((sa.size, sa.size)))
+    if zero.size > 1:
+        raise InputError(
+            f"{source}: sd is 0 at {zero.size} periods; it may be at one, which then is the "
+            "conditioning period, or at all"
+        )
+    rho = correlation(rising[:, None], rising)
+    if zero.size:
+        star = rho[zero[0]]
+        rest = np.sqrt(np.where(star < 1.0, 1.0 - star**2, 1.0))
+        rho = (rho - np.outer(star, star)) / np.outer(rest, rest)
+        np.fill_diagonal(rho, 1.0)
+    conditioning = float(rising[zero[0]]) if zero.size else None
+    return Target(rising, np.log(sa), np.outer(spread, spread) * rho, conditioning)
+
+
+def read_target(path: str | Path) -> Target:
+    """Read a target from CSV with columns ``period_s``, ``Sa_g`` and, if it has one, ``sd``.
+
+    See `spectrum_target` for what the columns mean.
+
+    Raises
+    ------
+    InputError
+        Naming the file and, for a value, its line and column.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from archfrag.motions.selection import read_target
+    >>> rows = ["period_s,Sa_g,sd", "0.2,0.9,0.5", "1.0,0.4,0", "2.0,0.2,0.4"]
+    >>> _ = Path("target.csv").write_text("\\n".join(rows))
+    >>> read_target("target.csv").conditioning
+    1.0
+    """
+    try:
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            reader = csv.DictReader(file)
+            rows, columns = list(reader), [name for name in reader.fieldnames or () if name]
+    except OSError as error:
+        raise InputError(f"{path}: the target cannot be read ({error.strerror})") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: the target is not a table in CSV ({error})") from None
+    for name in ("period_s", "Sa_g"):
+        if name not in columns:
+            raise InputError(
+                f"{path}: column {name!r} is missing; a target has period_s, Sa_g and, for its "
+                "scatter, sd"
+            )
+    if not rows:
+        raise InputError(f"{path}: the target has no rows")
+    wanted = ("period_s", "Sa_g", *(("sd",) if "sd" in columns else ()))
+    numbers = [
+        [_number(row[name], f"{path}, line {line}: {name}") for name in wanted]
+        for line, row in enumerate(rows, start=2)
+    ]
+    table = np.array(numbers)
+    sd = table[:, 2] if "sd" in columns else None
+    return spectrum_target(table[:, 0], table[:, 1], sd, str(path))
+
+
+def _number(text: str | None, place: str) -> float:
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise InputError(f"{place} = {text!r} is not a finite number")
+    return value
+
+
+def _weighted(models: Mapping[str, float] | Sequence[str]) -> dict[str, float]:
+    names = [models] if isinstance(models, str) else models
+    weights = dict(names) if isinstance(names, Mapping) else dict.fromkeys(names, 1.0)
+    for model, weight in weights.items():
+        if not (np.isfinite(weight) and weight > 0.0):
+            raise InputError(f"weight {weight} of model {model} must be a number above 0")
+    return weights
+
+
+def _rising(periods: ArrayLike, name: str) -> NDArray[np.float64]:
+    values = np.asarray(periods, dtype=np.float64)
+    if values.ndim != 1 or not values.size:
+        raise InputError(f"{name} must be one row of numbers, not of shape {values.shape}")
+    values = np.sort(values)
+    if not (np.isfinite(values).all() and values[0] > 0.0):
+        raise InputError(f"{name} {values.tolist()} must be positive numbers of seconds")
+    twice = np.flatnonzero(np.diff(np.log(values)) < _SAME)
+    if twice.size:
+        raise InputError(f"{name}: {values[twice[0]]:g} s is there twice")
+    return values
+
+
+def _like(values: ArrayLike, periods: NDArray[np.float64], name: str) -> NDArray[np.float64]:
+    row = np.asarray(values, dtype=np.float64)
+    if row.shape != periods.shape:
+        raise InputError(f"{name} has shape {row.shape}; the periods have {periods.shape}")
+    if not np.isfinite(row).all():
+        raise InputError(f"{name} {row.tolist()} must be finite numbers")
+    return row
+
+
+def _with_period(grid: NDArray[np.float64], period: float) -> NDArray[np.float64]:
+    near = np.abs(np.log(grid / period)) < _SAME
+    return np.where(near, period, grid) if near.any() else np.sort(np.append(grid, period))
