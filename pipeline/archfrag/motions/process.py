@@ -232,7 +232,7 @@ def resample(motion: Motion, dt: float) -> Motion:
     ratio = motion.dt / dt if dt > 0.0 else 0.0
     parts = Fraction(ratio).limit_denominator(_MOST_PARTS)
     up, down = parts.numerator, parts.denominator
-    if not 0 < up <= _MOST_PARTS or abs(up / down - ratio) > 1e-6 * ratio:
+    if not 0 < up <= _MOST_PARTS or abs(up / down - ratio) > 1e-9 * ratio:
         raise InputError(
             f"{motion.id or 'motion'}: cannot be resampled from {motion.dt:g} s to {dt:g} s; the "
             f"ratio must be one of whole numbers up to {_MOST_PARTS}"

@@ -168,6 +168,7 @@ class Components:
         from archfrag.motions.partners import other_horizontal, with_across, with_vertical
         from archfrag.motions.read import read_vertical
 
+        alone = motion
         if not self.study.motions.vertical and motion.vertical is not None:
             labels = {**motion.metadata, "vertical_component": ""}
             motion = motion._replaced(
@@ -179,15 +180,20 @@ class Components:
                     f"{source.path}: record {motion.id} has no vertical component, in this file "
                     "or in one beside it, and motions.vertical asks for it"
                 )
+            entry = source.entry
             upward = read_vertical(
-                source.upward, source.unit, inventory=source.inventory, accept=source.accept
+                source.upward,
+                source.unit if entry is None else entry.unit,
+                inventory=source.inventory,
+                accept=source.accept if entry is None else entry.accept,
             )
-            motion = with_vertical(motion, upward)
+            motion = with_vertical(motion, _as_listed(upward, source))
         if not self._pairs:
             return motion
-        other = other_horizontal(motion, motions)
+        other = other_horizontal(alone, motions)
         if other is None and source.beside is not None:
-            beside = replace(source, path=source.beside, entry=None, name=None)
+            unit = source.unit if source.entry is None else source.entry.unit
+            beside = replace(source, path=source.beside, unit=unit, entry=None, name=None)
             found = _read(beside)
             other = found[0] if len(found) == 1 else None
         if other is None:
@@ -195,7 +201,7 @@ class Components:
                 f"{source.path}: record {motion.id} has no other horizontal component, in this "
                 "file or in one beside it, and motions.processing or intensity.measure needs both"
             )
-        motion = with_across(motion, other)
+        motion = with_across(motion, _as_listed(other, source))
         return motion._replaced(metadata={**motion.metadata, "id_across": other.id})
 
     def _is_turned_already(self, motion: "Motion") -> bool:
@@ -231,6 +237,17 @@ class Components:
             if step.name == "rotate":
                 motion = motion._replaced(id=_name_of_pair(motion))
         return motion
+
+
+def _as_listed(partner: "Motion", source: "Source") -> "Motion":
+    """A component as it is named in the index, if a row of it names the record.
+
+    Rows are paired by the index alone: what it calls event and station need not be the header's.
+    """
+    if source.entry is None:
+        return partner
+    unknown = dict.fromkeys(("event", "date", "station"), "")
+    return partner._replaced(metadata={**partner.metadata, **unknown})
 
 
 def _name_of_pair(motion: "Motion") -> str:
