@@ -101,8 +101,9 @@ BAD = {
     ),
     "unknown measure": (
         ("measure: PGA", "measure: Sa"),
-        "intensity.measure: unknown intensity measure 'Sa'; allowed are PGA, PGV, Arias, D5_95, "
-        "Sa(T), AvgSA(T1,T2) with periods in seconds",
+        "intensity.measure: unknown intensity measure 'Sa'; allowed are PGA, PGV, PGD, Arias, "
+        "CAV, CAVstd, D5_75, D5_95, HI, ASI, Sa(T), AvgSA(T1,T2), FIV3(T) with periods in "
+        "seconds, and RotD50() or RotD100() of PGA, PGV or Sa(T)",
     ),
     "a duration": (
         ("measure: PGA", "measure: D5_95"),

@@ -1,33 +1,70 @@
-"""Intensity measures of a ground motion, all in SI units and of its horizontal component.
+"""Intensity measures of a ground motion, all in SI units.
 
-No measure changes the record: nothing is demeaned, filtered or tapered here (see `process`).
+They are those of its horizontal component, but for RotD50 and RotD100, which need the other
+horizontal one too. No measure changes the record: nothing is demeaned, filtered or tapered here
+(see `process`).
 """
 
 import difflib
 import re
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError
+from archfrag.motions.integrals import (
+    arias,
+    cav,
+    cav_standardised,
+    fiv3,
+    pgd,
+    pgv,
+    significant_duration,
+)
 from archfrag.motions.motion import Motion
 from archfrag.motions.process import velocity
-from archfrag.motions.units import STANDARD_GRAVITY
+from archfrag.motions.spectra import peaks_by_angle, response_spectrum, rotated_spectrum
 
-SAMPLES_PER_PERIOD = 60
+__all__ = [
+    "Measure", "arias", "average_spectral_acceleration", "cav", "cav_standardised", "fiv3",
+    "measure", "measure_all", "measure_unit", "parse_measure", "pga", "pgd", "pgv",
+    "rotated_percentile", "scaling_exponent", "significant_duration", "spectral_acceleration",
+    "spectrum_intensity",
+]  # fmt: skip
+
 AVERAGED_PERIODS = 10
-_PLAIN = {"PGA": "m/s2", "PGV": "m/s", "Arias": "m/s", "D5_95": "s"}
-_ALLOWED = "PGA, PGV, Arias, D5_95, Sa(T), AvgSA(T1,T2) with periods in seconds"
-_SPECTRAL = re.compile(r"(Sa|AvgSA)\(([^()]*)\)")
+_PLAIN = {
+    "PGA": "m/s2", "PGV": "m/s", "PGD": "m", "Arias": "m/s", "CAV": "m/s", "CAVstd": "m/s",
+    "D5_75": "s", "D5_95": "s", "HI": "m", "ASI": "m/s",
+}  # fmt: skip
+_OF_PERIODS = {"Sa": (1, "m/s2"), "AvgSA": (2, "m/s2"), "FIV3": (1, "m/s")}
+_SPELLINGS = {"SA": "Sa", "SaAvg": "AvgSA"}
+_ROTATED = re.compile(r"(RotD(?:50|100))\((.*)\)")
+_WITH_PERIODS = re.compile(r"(Sa|SA|AvgSA|SaAvg|FIV3)\(([^()]*)\)")
+_ALLOWED = (
+    f"{', '.join(_PLAIN)}, Sa(T), AvgSA(T1,T2), FIV3(T) with periods in seconds, and RotD50() or "
+    "RotD100() of PGA, PGV or Sa(T)"
+)
+# Integrals of a spectrum over these periods [s].
+_INTEGRALS = {"HI": np.linspace(0.1, 2.5, 121), "ASI": np.linspace(0.1, 0.5, 41)}
+_SIMPLE = {
+    "PGV": pgv, "PGD": pgd, "Arias": arias, "CAV": cav, "CAVstd": cav_standardised,
+    "D5_95": significant_duration,
+}  # fmt: skip
 
 
 class Measure(NamedTuple):
-    """A parsed name: its kind, its periods [s] if any, and the SI unit of its values."""
+    """A parsed name: its kind, its periods [s] if any, and the SI unit of its values.
+
+    `rotated` is RotD50 or RotD100 where it is one of those of the kind, else empty.
+    """
 
     kind: str
     periods: tuple[float, ...]
     unit: str
+    rotated: str = ""
 
 
 def parse_measure(name: str) -> Measure:
@@ -36,84 +73,98 @@ def parse_measure(name: str) -> Measure:
     Parameters
     ----------
     name : str
-        ``PGA``, ``PGV``, ``Arias``, ``D5_95``, ``Sa(0.5)`` or ``AvgSA(0.2,1.0)``.
+        ``PGA``, ``PGV``, ``PGD``, ``Arias``, ``CAV``, ``CAVstd``, ``D5_75``, ``D5_95``, ``HI``,
+        ``ASI``, ``Sa(0.5)`` or ``SA(0.5)``, ``AvgSA(0.2,1.0)`` or ``SaAvg(0.2,1.0)``,
+        ``FIV3(0.5)``, ``RotD50(Sa(0.5))``, ``RotD100(PGA)``.
 
     Raises
     ------
     InputError
         If the name is none of these or a period is not a positive number.
+
+    Examples
+    --------
+    >>> from archfrag.motions.measures import parse_measure
+    >>> parse_measure("SaAvg(0.2, 1.0)")
+    Measure(kind='AvgSA', periods=(0.2, 1.0), unit='m/s2', rotated='')
     """
     text = name.strip() if isinstance(name, str) else ""
+    rotated = _ROTATED.fullmatch(text)
+    if rotated:
+        inner = parse_measure(rotated.group(2))
+        if inner.kind not in ("PGA", "PGV", "Sa") or inner.rotated:
+            raise InputError(f"intensity measure {name!r} must be of PGA, PGV or Sa(T)")
+        return inner._replace(rotated=rotated.group(1))
     if text in _PLAIN:
         return Measure(text, (), _PLAIN[text])
-    found = _SPECTRAL.fullmatch(text)
+    found = _WITH_PERIODS.fullmatch(text)
     if not found:
-        close = difflib.get_close_matches(text.upper(), [key.upper() for key in _PLAIN], 1)
-        meant = [key for key in _PLAIN if key.upper() in close]
-        hint = f" (did you mean {meant[0]}?)" if meant else ""
-        raise InputError(f"unknown intensity measure {name!r}{hint}; allowed are {_ALLOWED}")
-    kind = found.group(1)
+        raise InputError(
+            f"unknown intensity measure {name!r}{_hint(text)}; allowed are {_ALLOWED}"
+        )
+    kind = _SPELLINGS.get(found.group(1), found.group(1))
     try:
         periods = tuple(float(part) for part in found.group(2).split(","))
     except ValueError:
         periods = ()
-    count = 1 if kind == "Sa" else 2
+    count, unit = _OF_PERIODS[kind]
     if len(periods) != count or not all(np.isfinite(p) and p > 0.0 for p in periods):
         raise InputError(
             f"intensity measure {name!r} needs {count} period(s) in seconds, each above 0"
         )
     if kind == "AvgSA" and periods[0] >= periods[1]:
         raise InputError(f"intensity measure {name!r} needs its shorter period first")
-    return Measure(kind, periods, "m/s2")
+    return Measure(kind, periods, unit)
 
 
 def measure_unit(name: str) -> str:
-    """SI unit of the values of an intensity measure: ``m/s2``, ``m/s`` or ``s``."""
+    """SI unit of the values of an intensity measure: ``m/s2``, ``m/s``, ``m`` or ``s``."""
     return parse_measure(name).unit
+
+
+def scaling_exponent(name: str) -> int:
+    """Power of a factor on a motion with which a measure grows; 0 if it follows no power."""
+    kind = parse_measure(name).kind
+    return 0 if kind in ("D5_75", "D5_95", "CAVstd") else 2 if kind == "Arias" else 1
 
 
 def measure(motion: Motion, name: str) -> float:
     """Value of the named intensity measure in its SI unit (see `parse_measure`)."""
-    kind, periods, _ = parse_measure(name)
-    if kind == "Sa":
-        return float(spectral_acceleration(motion, periods)[0])
-    if kind == "AvgSA":
-        return average_spectral_acceleration(motion, *periods)
-    return {"PGA": pga, "PGV": pgv, "Arias": arias, "D5_95": significant_duration}[kind](motion)
+    return measure_all(motion, (name,))[name]
+
+
+def measure_all(motion: Motion, names: Iterable[str]) -> dict[str, float]:
+    """Values of several intensity measures by name, in SI units; one pass for all spectra.
+
+    Raises
+    ------
+    InputError
+        If a name is none that `parse_measure` knows, or needs the other horizontal component and
+        the motion has none.
+
+    Examples
+    --------
+    >>> import numpy as np, archfrag as af
+    >>> from archfrag.motions.measures import measure_all
+    >>> motion = af.Motion(np.sin(np.arange(0.0, 4.0 * np.pi, 0.01)), dt=0.01)
+    >>> {name: round(value, 2) for name, value in measure_all(motion, ["PGA", "CAV"]).items()}
+    {'PGA': 1.0, 'CAV': 8.0}
+    """
+    wanted = {name: parse_measure(name) for name in names}
+    plain = {name: found for name, found in wanted.items() if not found.rotated}
+    periods = sorted({t for found in plain.values() for t in _spectral_periods(found)})
+    spectrum = dict(zip(periods, spectral_acceleration(motion, periods) if periods else ()))
+    values = {name: _value(motion, found, spectrum) for name, found in plain.items()}
+    for name, found in wanted.items():
+        if found.rotated:
+            percentile = 50.0 if found.rotated == "RotD50" else 100.0
+            values[name] = rotated_percentile(motion, found, percentile)
+    return {name: values[name] for name in wanted}
 
 
 def pga(motion: Motion) -> float:
     """Peak ground acceleration: the largest absolute sample [m/s2]."""
-    return float(np.abs(motion.acceleration).max())
-
-
-def pgv(motion: Motion) -> float:
-    """Peak ground velocity [m/s]: acceleration integrated from rest by the trapezoid rule.
-
-    The record is taken as it is, so that of a raw record must be filtered first.
-    """
-    return float(np.abs(velocity(motion)).max())
-
-
-def arias(motion: Motion) -> float:
-    """Arias intensity, pi / (2 g) times the integral of the squared acceleration [m/s].
-
-    Trapezoid rule on the squared samples. Arias (1970), "A measure of earthquake intensity".
-    """
-    return float(_husid(motion)[-1])
-
-
-def significant_duration(motion: Motion, start: float = 0.05, end: float = 0.95) -> float:
-    """Time in which the Arias intensity grows from one share of its total to another [s].
-
-    Trifunac and Brady (1975), BSSA 65(3), with 5 and 95 %; linear between samples. A record
-    without motion has no duration: 0.
-    """
-    husid = _husid(motion)
-    if husid[-1] == 0.0:
-        return 0.0
-    begin, finish = np.interp((start * husid[-1], end * husid[-1]), husid, motion.time)
-    return float(finish - begin)
+    return float(max(motion.acceleration.max(), -motion.acceleration.min()))
 
 
 def spectral_acceleration(
@@ -122,17 +173,16 @@ def spectral_acceleration(
     """Pseudo-spectral acceleration of linear oscillators [m/s2].
 
     The largest (2 pi / T)^2 |u| of u'' + 2 z w u' + w^2 u = -a(t) from rest, with a(t) linear
-    between samples and zero after the last: the exact recursion of Nigam and Jennings (1969),
-    BSSA 59(2), run as a digital filter. Where a period has fewer than 60 samples the record is
-    refined by linear interpolation, which changes neither a(t) nor the exactness but finds the
-    peak between samples (to 0.14 % at worst). The free vibration after the record counts.
+    between samples, by the exact recursion of Nigam and Jennings (1969), BSSA 59(2). Peaks are
+    looked for at 60 points of a period or more, between samples where a period has fewer of them
+    (to 0.14 % at worst). The free vibration after the record counts.
 
     Parameters
     ----------
     motion : Motion
     periods : array_like, shape (n_period,) [s]
     damping : float
-        Share of critical damping, in [0, 1).
+        Fraction of critical damping, in [0, 1).
 
     Returns
     -------
@@ -143,12 +193,7 @@ def spectral_acceleration(
     InputError
         If a period is not positive or the damping is outside [0, 1).
     """
-    period_list = np.atleast_1d(np.asarray(periods, dtype=np.float64))
-    if not (np.isfinite(period_list).all() and (period_list > 0.0).all()):
-        raise InputError(f"periods {period_list.tolist()} must be positive numbers of seconds")
-    if not 0.0 <= damping < 1.0:
-        raise InputError(f"damping {damping} must be in [0, 1)")
-    return np.array([_peak_pseudo_acceleration(motion, period, damping) for period in period_list])
+    return response_spectrum(motion.acceleration, motion.dt, periods, damping)
 
 
 def average_spectral_acceleration(
@@ -158,72 +203,77 @@ def average_spectral_acceleration(
 
     Returns m/s2.  Eads, Miranda and Lignos (2015), EESD 44(12).
     """
-    spectrum = spectral_acceleration(
-        motion, np.geomspace(shortest, longest, AVERAGED_PERIODS), damping
-    )
-    if not spectrum.all():
-        return 0.0
-    return float(np.exp(np.log(spectrum).mean()))
+    periods = np.geomspace(shortest, longest, AVERAGED_PERIODS)
+    return _geometric_mean(spectral_acceleration(motion, periods, damping))
 
 
-def _husid(motion: Motion) -> NDArray[np.float64]:
-    from scipy.integrate import cumulative_trapezoid
+def spectrum_intensity(motion: Motion, name: str) -> float:
+    """Housner's intensity (``HI``) [m] or the acceleration spectrum intensity (``ASI``) [m/s].
 
-    squared = cumulative_trapezoid(motion.acceleration**2, dx=motion.dt, initial=0.0)
-    return np.pi / (2.0 * STANDARD_GRAVITY) * squared
-
-
-def _peak_pseudo_acceleration(motion: Motion, period: float, damping: float) -> float:
-    frequency = 2.0 * np.pi / period
-    refinement = max(1, int(np.ceil(SAMPLES_PER_PERIOD * motion.dt / period)))
-    step = motion.dt / refinement
-    record = motion.acceleration
-    if refinement > 1:
-        fine = np.arange((record.size - 1) * refinement + 1) / refinement
-        record = np.interp(fine, np.arange(record.size), record)
-    after = np.zeros(int(np.ceil(period / step)) + 1)
-    response = _oscillator(np.concatenate((record, after)), step, frequency, damping)
-    return float(frequency**2 * np.abs(response).max())
-
-
-def _oscillator(
-    record: NDArray[np.float64], step: float, frequency: float, damping: float
-) -> NDArray[np.float64]:
-    """Relative displacement at the samples, from rest at the first, shape of `record` [m].
-
-    The state x = (u, u') obeys x[k+1] = A x[k] + P a[k] + Q a[k+1]; eliminating u' gives a
-    second-order filter whose initial state below makes x[0] zero although a[0] is not.
+    HI: integral of the pseudo-spectral velocity, damping 5 %, from 0.1 to 2.5 s (Housner 1952,
+    "Spectrum intensities of strong-motion earthquakes"). ASI: integral of Sa, damping 5 %, from
+    0.1 to 0.5 s (Von Thun et al. 1988). Trapezoid rule, steps of 0.02 and 0.01 s.
     """
-    from scipy.signal import lfilter
+    return measure(motion, name)
 
-    damped = frequency * np.sqrt(1.0 - damping**2)
-    decay = np.exp(-damping * frequency * step)
-    cosine, sine = np.cos(damped * step), np.sin(damped * step)
-    slope = damping * frequency / damped
-    transition = decay * np.array(
-        [
-            [cosine + slope * sine, sine / damped],
-            [-(frequency**2) / damped * sine, cosine - slope * sine],
-        ]
-    )
-    # Particular solution for -a0 - s t:  u = -(a0 + s t) / w^2 + 2 z s / w^3.
-    ramp = 2.0 * damping / frequency**3
-    start_constant = np.array([1.0, 0.0]) / frequency**2
-    start_ramp = np.array([-ramp, 1.0 / frequency**2])
-    end_ramp = np.array([-ramp + step / frequency**2, 1.0 / frequency**2])
-    unit_constant = transition @ start_constant - start_constant
-    unit_ramp = transition @ start_ramp - end_ramp
-    after = unit_ramp / step
-    before = unit_constant - after
 
-    trace, determinant = np.trace(transition), decay**2
-    numerator = np.array(
-        [
-            after[0],
-            before[0] - transition[1, 1] * after[0] + transition[0, 1] * after[1],
-            -transition[1, 1] * before[0] + transition[0, 1] * before[1],
-        ]
-    )
-    first = record[0]
-    initial = np.array([-numerator[0] * first, (before[0] - numerator[1]) * first])
-    return lfilter(numerator, [1.0, -trace, determinant], record, zi=initial)[0]
+def rotated_percentile(motion: Motion, found: Measure, percentile: float) -> float:
+    """A percentile over 180 directions of the horizontal plane: 50 for RotD50, 100 for RotD100.
+
+    Boore (2010), BSSA 100(4). Of PGA, PGV or Sa as `found` says, in its SI unit.
+
+    Raises
+    ------
+    InputError
+        If the motion has only one horizontal component.
+    """
+    if motion.across is None:
+        raise InputError(
+            f"{motion.id or 'motion'}: {found.rotated or 'RotD'} needs two horizontal components, "
+            "and there is one"
+        )
+    pair = (motion.acceleration, motion.across)
+    if found.kind == "Sa":
+        peaks = rotated_spectrum(pair, motion.dt, found.periods)[0]
+    else:
+        if found.kind == "PGV":
+            pair = (velocity(motion), velocity(motion._replaced(acceleration=motion.across)))
+        peaks = peaks_by_angle(*pair)
+    return float(np.percentile(peaks, percentile))
+
+
+def _spectral_periods(found: Measure) -> tuple[float, ...]:
+    """Periods at which Sa is needed for a measure."""
+    if found.kind == "AvgSA":
+        shortest, longest = found.periods
+        return tuple(np.geomspace(shortest, longest, AVERAGED_PERIODS).tolist())
+    if found.kind in _INTEGRALS:
+        return tuple(_INTEGRALS[found.kind].tolist())
+    return found.periods if found.kind == "Sa" else ()
+
+
+def _value(motion: Motion, found: Measure, spectrum: dict[float, float]) -> float:
+    at = np.array([spectrum[period] for period in _spectral_periods(found)])
+    if found.kind == "Sa":
+        return float(at[0])
+    if found.kind == "AvgSA":
+        return _geometric_mean(at)
+    if found.kind in _INTEGRALS:
+        periods = _INTEGRALS[found.kind]
+        velocities = at * periods / (2.0 * np.pi) if found.kind == "HI" else at
+        return float(np.trapezoid(velocities, periods))
+    if found.kind == "FIV3":
+        return fiv3(motion, found.periods[0])
+    if found.kind == "D5_75":
+        return significant_duration(motion, 0.05, 0.75)
+    return pga(motion) if found.kind == "PGA" else _SIMPLE[found.kind](motion)
+
+
+def _geometric_mean(values: NDArray[np.float64]) -> float:
+    return float(np.exp(np.log(values).mean())) if values.all() else 0.0
+
+
+def _hint(text: str) -> str:
+    close = difflib.get_close_matches(text.upper(), [key.upper() for key in _PLAIN], 1)
+    meant = [key for key in _PLAIN if key.upper() in close]
+    return f" (did you mean {meant[0]}?)" if meant else ""

@@ -1,7 +1,7 @@
 """One ground motion: what the ground does to the springings of an arch."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -29,12 +29,14 @@ class Motion:
         motion is to be stored.
     log : tuple of str
         One sentence for each thing done to the samples since they left the file.
+    across : array_like, shape (n_sample,) [m/s2], optional
+        The other horizontal component, perpendicular to the first: measured, never simulated.
 
     Raises
     ------
     RecordError
         If a sample is not finite, the samples are not one row of at least two, `dt` is not
-        positive, or the vertical has another length.
+        positive, or another component has another length.
 
     Examples
     --------
@@ -50,6 +52,7 @@ class Motion:
     id: str = ""
     metadata: Mapping[str, Any] = field(default_factory=dict)
     log: tuple[str, ...] = ()
+    across: NDArray[np.float64] | None = None
 
     def __init__(
         self,
@@ -59,23 +62,64 @@ class Motion:
         id: str = "",
         metadata: Mapping[str, Any] | None = None,
         log: tuple[str, ...] = (),
+        across: ArrayLike | None = None,
     ) -> None:
+        copies = [
+            None if samples is None else np.array(_numbers(samples, id, word), dtype=np.float64)
+            for samples, word in ((acceleration, "acceleration"), (vertical, "vertical"),
+                                  (across, "other horizontal component"))
+        ]  # fmt: skip
+        self._take(dt, id, dict(metadata or {}), tuple(log), *copies)
+
+    def _take(
+        self, dt: float, id: str, metadata: Mapping[str, Any], log: tuple[str, ...],
+        *components: NDArray[np.float64] | None,
+    ) -> None:  # fmt: skip
+        """Set all fields; components are taken as they are, without a copy."""
         name = id or "motion"
+        acceleration, vertical, across = components
         set_field = object.__setattr__
         set_field(self, "id", id)
         set_field(self, "dt", _positive_step(dt, name))
-        set_field(self, "acceleration", _samples(acceleration, name, "acceleration"))
-        set_field(self, "vertical", None)
-        if vertical is not None:
-            upward = _samples(vertical, name, "vertical")
-            if upward.size != self.acceleration.size:
-                raise RecordError(
-                    f"{name}: the vertical has {upward.size} samples and the horizontal "
-                    f"{self.acceleration.size}; both must have the same number"
-                )
-            set_field(self, "vertical", upward)
-        set_field(self, "metadata", dict(metadata or {}))
-        set_field(self, "log", tuple(log))
+        for key, word, samples in (
+            ("acceleration", "acceleration", acceleration),
+            ("vertical", "vertical", vertical),
+            ("across", "other horizontal component", across),
+        ):
+            if samples is not None:
+                _check_samples(samples, name, word)
+                if acceleration is not None and samples.size != acceleration.size:
+                    raise RecordError(
+                        f"{name}: the {word} has {samples.size} samples and the horizontal "
+                        f"{acceleration.size}; both must have the same number"
+                    )
+            set_field(self, key, samples)
+        set_field(self, "metadata", metadata)
+        set_field(self, "log", log)
+
+    def _replaced(self, **changes: Any) -> "Motion":
+        """This motion with other fields; unlike `dataclasses.replace` it copies no samples.
+
+        Arrays must be of float64 and are not to be changed afterwards.
+        """
+        given = {key: getattr(self, key) for key in self.__dataclass_fields__} | changes
+        return Motion._owning(**given)
+
+    @classmethod
+    def _owning(
+        cls,
+        acceleration: NDArray[np.float64],
+        dt: float,
+        vertical: NDArray[np.float64] | None = None,
+        id: str = "",
+        metadata: Mapping[str, Any] | None = None,
+        log: tuple[str, ...] = (),
+        across: NDArray[np.float64] | None = None,
+    ) -> "Motion":
+        """A motion of arrays that nobody changes afterwards: no copy is made of them."""
+        motion = object.__new__(cls)
+        motion._take(dt, id, dict(metadata or {}), tuple(log), acceleration, vertical, across)
+        return motion
 
     @property
     def duration(self) -> float:
@@ -88,7 +132,7 @@ class Motion:
         return np.arange(self.acceleration.size, dtype=np.float64) * np.float64(self.dt)
 
     def scaled(self, factor: float) -> "Motion":
-        """Return the motion with both components multiplied by `factor`.
+        """Return the motion with all components multiplied by `factor`.
 
         Raises
         ------
@@ -99,10 +143,10 @@ class Motion:
             raise InputError(
                 f"{self.id or 'motion'}: scale factor {factor} must be a finite number"
             )
-        return replace(
-            self,
+        return self._replaced(
             acceleration=self.acceleration * factor,
             vertical=None if self.vertical is None else self.vertical * factor,
+            across=None if self.across is None else self.across * factor,
             log=(*self.log, f"Multiplied by {factor:.9g}."),
         )
 
@@ -117,11 +161,14 @@ def _positive_step(dt: float, name: str) -> float:
     return step
 
 
-def _samples(values: ArrayLike, name: str, component: str) -> NDArray[np.float64]:
+def _numbers(values: ArrayLike, id: str, component: str) -> NDArray[np.float64]:
     try:
-        samples = np.array(values, dtype=np.float64, order="C")
+        return np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
-        raise RecordError(f"{name}: {component} must be a row of numbers") from None
+        raise RecordError(f"{id or 'motion'}: {component} must be a row of numbers") from None
+
+
+def _check_samples(samples: NDArray[np.float64], name: str, component: str) -> None:
     if samples.ndim != 1:
         raise RecordError(
             f"{name}: {component} has shape {samples.shape}; one row of samples is needed"
@@ -130,10 +177,10 @@ def _samples(values: ArrayLike, name: str, component: str) -> NDArray[np.float64
         raise RecordError(
             f"{name}: {component} has {samples.size} sample(s); at least 2 are needed"
         )
+    if np.isfinite(samples.min()) and np.isfinite(samples.max()):
+        return
     bad = np.flatnonzero(~np.isfinite(samples))
-    if bad.size:
-        raise RecordError(
-            f"{name}: {component} has {bad.size} sample(s) that are not finite, the first at "
-            f"index {bad[0]} ({samples[bad[0]]})"
-        )
-    return samples
+    raise RecordError(
+        f"{name}: {component} has {bad.size} sample(s) that are not finite, the first at "
+        f"index {bad[0]} ({samples[bad[0]]})"
+    )

@@ -1,12 +1,23 @@
-"""What may be done to a motion before it is used; each step writes a sentence in its log."""
+"""What may be done to a motion before it is used; each step writes a sentence in its log.
 
-from dataclasses import replace
+A step does the same to all components of a motion. None changes the motion that it is given.
+"""
+
+from collections.abc import Callable, Sequence
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.errors import InputError
+from archfrag.motions.integrals import arias_times
 from archfrag.motions.motion import Motion
+from archfrag.motions.units import STANDARD_GRAVITY
+
+Samples = NDArray[np.float64]
+_PART = 2**16  # samples
+_MOST_PARTS = 1000  # of a time step, in the ratio of two of them
+_LONGEST_BASELINE = 5
 
 
 def demean(motion: Motion) -> Motion:
@@ -14,54 +25,125 @@ def demean(motion: Motion) -> Motion:
 
     Raw records of digital instruments carry an offset that can exceed the motion.
     """
-    means = [float(motion.acceleration.mean())]
-    vertical = motion.vertical
-    if vertical is not None:
-        means.append(float(vertical.mean()))
-        vertical = vertical - means[1]
+    means = [float(samples.mean()) for samples in _components(motion)]
     offsets = " and ".join(f"{mean:.6g}" for mean in means)
-    return replace(
-        motion,
-        acceleration=motion.acceleration - means[0],
-        vertical=vertical,
-        log=(*motion.log, f"Mean removed ({offsets} m/s2)."),
-    )
+    return _each(motion, lambda a: a - a.mean(), f"Mean removed ({offsets} m/s2).")
 
 
-def bandpass(motion: Motion, lowest: float, highest: float, order: int = 4) -> Motion:
-    """Filter with a Butterworth band-pass, forwards and backwards (no phase shift).
+def detrend(motion: Motion) -> Motion:
+    """Subtract from each component the straight line that fits it best (least squares)."""
+
+    def level(a: Samples) -> Samples:
+        return _without(a, _fitted(a, (0, 1)))
+
+    return _each(motion, level, "Linear trend removed.")
+
+
+def baseline(motion: Motion, order: int = 2) -> Motion:
+    """Subtract the derivative of the polynomial that fits the velocity best (least squares).
+
+    The polynomial is zero at the first sample, where the record is at rest. Order 2 is that of
+    Graizer (1979); see Boore (2001), BSSA 91(5).
 
     Parameters
     ----------
-    lowest, highest : float [Hz]
-        Corners; the two passes together halve the amplitude there.
     order : int
-        Order of one pass.
+        Of the polynomial, from 1 to 5.
 
     Raises
     ------
     InputError
-        Unless 0 < lowest < highest < 1 / (2 dt).
+        For another order.
     """
-    from scipy.signal import butter, sosfiltfilt
+    if not 1 <= order <= _LONGEST_BASELINE:
+        raise InputError(f"baseline: order {order} must be from 1 to {_LONGEST_BASELINE}")
+
+    def corrected(a: Samples) -> Samples:
+        velocity = _fitted(_integral(a), range(1, order + 1))
+        return _without(a, velocity.deriv() / (a.size - 1))
+
+    return _each(motion, corrected, f"Baseline removed, velocity polynomial of order {order}.")
+
+
+def taper(motion: Motion, fraction: float = 0.05, side: str = "both") -> Motion:
+    """Bring the ends to zero by half a cosine wave.
+
+    Parameters
+    ----------
+    fraction : float
+        Of the record at each end, above 0 and at most 0.5.
+    side : str
+        ``both``, ``left`` or ``right``.
+
+    Raises
+    ------
+    InputError
+        For another fraction or side.
+    """
+    if not 0.0 < fraction <= 0.5 or side not in ("both", "left", "right"):
+        raise InputError(
+            f"taper: fraction {fraction} must be above 0 and at most 0.5, and side {side!r} one "
+            "of both, left, right"
+        )
+    count = max(1, int(fraction * motion.acceleration.size))
+    rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(count) / count)
+
+    def tapered(a: Samples) -> Samples:
+        a = a.copy()
+        if side != "right":
+            a[:count] *= rise
+        if side != "left":
+            a[-count:] *= rise[::-1]
+        return a
+
+    return _each(motion, tapered, f"Tapered by a cosine over {fraction:g} of it, {side} ends.")
+
+
+def bandpass(
+    motion: Motion,
+    lowest: float | None,
+    highest: float | None,
+    order: int = 4,
+    causal: bool = False,
+) -> Motion:
+    """Filter with a Butterworth band-pass, forwards and backwards (no phase shift) or causal.
+
+    Parameters
+    ----------
+    lowest, highest : float or None [Hz]
+        Corners; without the one it is a low-pass, without the other a high-pass. Two passes
+        together halve the amplitude there, one leaves 0.71 of it.
+    order : int
+        Order of one pass, from 1 to 10.
+    causal : bool
+        Forwards only.
+
+    Raises
+    ------
+    InputError
+        Unless 0 < lowest < highest < 1 / (2 dt), or for another order.
+    """
+    from scipy.signal import butter
 
     nyquist = 0.5 / motion.dt
-    if not 0.0 < lowest < highest < nyquist:
+    corners = [corner for corner in (lowest, highest) if corner is not None]
+    if not corners or not all(0.0 < c < nyquist for c in corners) or corners[0] > corners[-1] or (
+        len(corners) == 2 and corners[0] == corners[1]
+    ):  # fmt: skip
         raise InputError(
             f"{motion.id or 'motion'}: corners {lowest} and {highest} Hz must satisfy "
             f"0 < lowest < highest < {nyquist:g} Hz"
         )
-    sections = butter(order, (lowest, highest), "bandpass", fs=1.0 / motion.dt, output="sos")
-    vertical = motion.vertical
-    return replace(
+    if not 1 <= order <= 10:
+        raise InputError(f"bandpass: order {order} must be from 1 to 10")
+    kind = "bandpass" if len(corners) == 2 else "lowpass" if lowest is None else "highpass"
+    sections = butter(order, np.squeeze(corners), kind, fs=1.0 / motion.dt, output="sos")
+    band = f"{lowest or 0.0:g} to {'the highest' if highest is None else f'{highest:g}'} Hz"
+    way = "forwards only (causal)" if causal else "forwards and backwards"
+    return _each(
         motion,
-        acceleration=sosfiltfilt(sections, motion.acceleration),
-        vertical=None if vertical is None else sosfiltfilt(sections, vertical),
-        log=(
-            *motion.log,
-            f"Band-pass {lowest:g} to {highest:g} Hz, Butterworth of order {order}, "
-            "forwards and backwards.",
-        ),
+        lambda a: _forwards(sections, a.copy()) if causal else _both_ways(sections, a),
+        f"Band-pass {band}, Butterworth of order {order}, {way}.",
     )
 
 
@@ -80,24 +162,178 @@ def cut(motion: Motion, start: float, end: float) -> Motion:
             f"{motion.id or 'motion'}: cannot cut from {start} s to {end} s; the record lasts "
             f"{motion.duration:g} s and at least two samples must remain"
         )
-    kept = slice(first, last + 1)
-    return replace(
+    sentence = f"Cut to {first * motion.dt:g} to {last * motion.dt:g} s."
+    return _each(motion, lambda a: a[first : last + 1].copy(), sentence)
+
+
+def trim_by_arias(
+    motion: Motion, start: float = 0.001, end: float = 0.999, margin: float = 0.0
+) -> Motion:
+    """Keep what lies between two fractions of the Arias intensity, and `margin` [s] around it.
+
+    The intensity is that of both horizontal components together where there are two.
+
+    Raises
+    ------
+    InputError
+        Unless 0 <= start < end <= 1 and two samples remain.
+    """
+    if not 0.0 <= start < end <= 1.0:
+        raise InputError(f"trim: fractions {start} and {end} must satisfy 0 <= start < end <= 1")
+    first, last = arias_times(motion, (start, end))
+    return _around(motion, first, last, margin)
+
+
+def trim_by_threshold(motion: Motion, threshold: float, margin: float = 0.0) -> Motion:
+    """Keep from the first to the last time that `threshold` [m/s2] is reached, and a margin.
+
+    Parameters
+    ----------
+    threshold : float [m/s2]
+        Of any horizontal component.
+    margin : float [s]
+        Kept before and after.
+
+    Raises
+    ------
+    InputError
+        If none does, or fewer than two samples remain.
+    """
+    reached = np.abs(motion.acceleration) >= threshold
+    if motion.across is not None:
+        reached |= np.abs(motion.across) >= threshold
+    if not reached.any():
+        raise InputError(
+            f"{motion.id or 'motion'}: no sample reaches the threshold {threshold:g} m/s2 "
+            f"({threshold / STANDARD_GRAVITY:.4g} g) that it is to be trimmed by"
+        )
+    first, last = int(reached.argmax()), reached.size - 1 - int(reached[::-1].argmax())
+    return _around(motion, first * motion.dt, last * motion.dt, margin)
+
+
+def resample(motion: Motion, dt: float) -> Motion:
+    """Give the motion another time step, band-limited: what both can hold stays as it is.
+
+    A polyphase filter with a Kaiser window (scipy's `resample_poly`) of 64 zero crossings: up to
+    0.9 of the lower of both Nyquist frequencies nothing changes by more than 0.01 %.
+
+    Parameters
+    ----------
+    dt : float [s]
+        Its ratio to the motion's must be one of whole numbers up to 1000.
+
+    Raises
+    ------
+    InputError
+        If it is not.
+    """
+    from scipy.signal import firwin, resample_poly
+
+    ratio = motion.dt / dt if dt > 0.0 else 0.0
+    parts = Fraction(ratio).limit_denominator(_MOST_PARTS)
+    up, down = parts.numerator, parts.denominator
+    if not 0 < up <= _MOST_PARTS or abs(up / down - ratio) > 1e-9 * ratio:
+        raise InputError(
+            f"{motion.id or 'motion'}: cannot be resampled from {motion.dt:g} s to {dt:g} s; the "
+            f"ratio must be one of whole numbers up to {_MOST_PARTS}"
+        )
+    if up == down:
+        return motion
+    widest = max(up, down)
+    window = firwin(2 * 64 * widest + 1, 1.0 / widest, window=("kaiser", 10.0))
+    changed = _each(
         motion,
-        acceleration=motion.acceleration[kept],
-        vertical=None if motion.vertical is None else motion.vertical[kept],
-        log=(*motion.log, f"Cut to {first * motion.dt:g} to {last * motion.dt:g} s."),
+        lambda a: resample_poly(a, up, down, window=window),
+        f"Resampled from {motion.dt:g} to {dt:g} s, band-limited ({up}:{down}).",
+    )
+    return changed._replaced(dt=motion.dt * down / up)
+
+
+def velocity(motion: Motion) -> Samples:
+    """Horizontal ground velocity by the trapezoid rule from rest, shape (n_sample,) [m/s]."""
+    return _integral(motion.acceleration) * motion.dt
+
+
+def displacement(motion: Motion) -> Samples:
+    """Horizontal ground displacement by the trapezoid rule twice, shape (n_sample,) [m]."""
+    return _integral(velocity(motion)) * motion.dt
+
+
+def _components(motion: Motion) -> list[Samples]:
+    found = (motion.acceleration, motion.vertical, motion.across)
+    return [samples for samples in found if samples is not None]
+
+
+def _each(motion: Motion, change: Callable[[Samples], Samples], sentence: str) -> Motion:
+    return motion._replaced(
+        acceleration=change(motion.acceleration),
+        vertical=None if motion.vertical is None else change(motion.vertical),
+        across=None if motion.across is None else change(motion.across),
+        log=(*motion.log, sentence),
     )
 
 
-def velocity(motion: Motion) -> NDArray[np.float64]:
-    """Horizontal ground velocity by the trapezoid rule from rest, shape (n_sample,) [m/s]."""
-    from scipy.integrate import cumulative_trapezoid
-
-    return cumulative_trapezoid(motion.acceleration, dx=motion.dt, initial=0.0)
+def _around(motion: Motion, first: float, last: float, margin: float) -> Motion:
+    return cut(motion, max(0.0, first - margin), min(motion.duration, last + margin))
 
 
-def displacement(motion: Motion) -> NDArray[np.float64]:
-    """Horizontal ground displacement by the trapezoid rule twice, shape (n_sample,) [m]."""
-    from scipy.integrate import cumulative_trapezoid
+def _integral(samples: Samples) -> Samples:
+    """By the trapezoid rule from zero, for a time step of 1."""
+    integral = np.zeros(samples.size)
+    np.add(samples[1:], samples[:-1], out=integral[1:])
+    integral *= 0.5
+    return np.cumsum(integral, out=integral)
 
-    return cumulative_trapezoid(velocity(motion), dx=motion.dt, initial=0.0)
+
+def _fitted(values: Samples, powers: Sequence[int]) -> np.polynomial.Polynomial:
+    """Polynomial of some powers that fits values best, over the record brought to 0 to 1.
+
+    Least squares by normal equations, a part at a time.
+    """
+    exponents = np.array(powers)
+    matrix, right = np.zeros((exponents.size, exponents.size)), np.zeros(exponents.size)
+    for start in range(0, values.size, _PART):
+        part = values[start : start + _PART]
+        rows = ((start + np.arange(part.size)) / (values.size - 1)) ** exponents[:, None]
+        matrix += rows @ rows.T
+        right += rows @ part
+    coefficients = np.zeros(exponents[-1] + 1)
+    coefficients[exponents] = np.linalg.solve(matrix, right)
+    return np.polynomial.Polynomial(coefficients)
+
+
+def _without(samples: Samples, shape: np.polynomial.Polynomial) -> Samples:
+    """Samples less a polynomial over the record brought to 0 to 1."""
+    rest = np.empty(samples.size)
+    for start in range(0, samples.size, _PART):
+        part = samples[start : start + _PART]
+        place = (start + np.arange(part.size)) / (samples.size - 1)
+        rest[start : start + _PART] = part - shape(place)
+    return rest
+
+
+def _forwards(sections: Samples, samples: Samples, state: Samples | None = None) -> Samples:
+    """Filter in place, from a state at rest if none is given."""
+    from scipy.signal import sosfilt
+
+    state = np.zeros((len(sections), 2)) if state is None else state
+    for start in range(0, samples.size, _PART):
+        part = samples[start : start + _PART]
+        part[:], state = sosfilt(sections, part, zi=state)
+    return samples
+
+
+def _both_ways(sections: Samples, samples: Samples) -> Samples:
+    """What scipy's `sosfiltfilt` gives, with one copy of the samples in the place of four."""
+    from scipy.signal import sosfilt_zi
+
+    taps = 2 * len(sections) + 1
+    taps -= min(int((sections[:, 2] == 0.0).sum()), int((sections[:, 5] == 0.0).sum()))
+    edge = min(3 * taps, samples.size - 1)
+    before = 2.0 * samples[0] - samples[edge:0:-1]
+    after = 2.0 * samples[-1] - samples[-2 : -edge - 2 : -1]
+    padded = np.concatenate((before, samples, after))
+    steady = sosfilt_zi(sections)
+    for way in (padded, padded[::-1]):
+        _forwards(sections, way, steady * way[0])
+    return padded[edge : edge + samples.size]

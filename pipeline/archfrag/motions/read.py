@@ -1,9 +1,7 @@
 """Records of ground motion from files: waveform formats that obspy reads, and PEER AT2."""
 
 import os
-import re
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,6 +23,7 @@ from archfrag.motions.formats.waveform import (
 from archfrag.motions.index import IndexEntry, check_sha256, find_entry
 from archfrag.motions.isolated import Reader
 from archfrag.motions.motion import Motion
+from archfrag.motions.partners import HORIZONTAL, VERTICAL
 from archfrag.motions.plausible import (
     accept_or_refuse,
     accepted_words,
@@ -33,10 +32,6 @@ from archfrag.motions.plausible import (
     doubtful_motion,
 )
 
-_VERTICAL = re.compile(r"[-+]?(U|V|Z|UD\d?|UP|DWN|DOWN|VERT|VERTICAL|..Z)", re.IGNORECASE)
-_HORIZONTAL = re.compile(
-    r"(EW|NS)\d?|[ENXYRTHL]\d?|[NS]\d+(\.\d+)?[EW]|\d{1,3}|..[ENXYRT12]", re.IGNORECASE
-)
 _LARGE = 16 * 2**20  # [bytes] from which a text is read within limits, too
 _reader = Reader()
 
@@ -137,7 +132,7 @@ def _read_one(
         upward = _vertical_from(Path(vertical), options)
     name = entry.id if entry else record_name(source)
     motion = _motion(source, chosen, upward, name, entry, options.accept)
-    return replace(motion, log=(motion.log[0], *note, *motion.log[1:]))
+    return motion._replaced(log=(motion.log[0], *note, *motion.log[1:]))
 
 
 def read_motions(
@@ -169,6 +164,23 @@ def read_motions(
     return motions
 
 
+def read_vertical(
+    path: str | Path,
+    unit: str | None = None,
+    *,
+    inventory: str | Path | Inventory | None = None,
+    accept: Iterable[str] = (),
+) -> Motion:
+    """Read the vertical component of a file, in the place of the horizontal one of a motion.
+
+    Parameters and errors are those of `read_motion`.
+    """
+    source = Path(path)
+    options = _Options(unit, inventory, accepted_words(accept, str(path)))
+    channel = _vertical_from(source, options)
+    return _motion(source, channel, None, record_name(source), None, options.accept)
+
+
 def record_name(path: Path) -> str:
     """What the id of a record is made of: the name of its file, without what only says the format.
 
@@ -194,7 +206,7 @@ def load_motion(entry: IndexEntry) -> Motion:
             f"{entry.path}: the index lists dt_s = {step} s, the file has {motion.dt} s"
         )
     merged = {**motion.metadata, **_given(entry.metadata)}
-    return Motion(motion.acceleration, motion.dt, motion.vertical, entry.id, merged, motion.log)
+    return motion._replaced(id=entry.id, metadata=merged)
 
 
 def _channels(path: Path, options: _Options) -> tuple[list[_Channel], IndexEntry | None]:
@@ -317,7 +329,7 @@ def _channel(
     calibrated = calibrate(trace, path, options.unit, entry, table)
     samples, steps = calibrated.samples, (*log, *calibrated.log)
     code = channel_code(trace)
-    if _VERTICAL.fullmatch(code) and points_down(trace, table):
+    if VERTICAL.fullmatch(code) and points_down(trace, table):
         samples, steps = -samples, (*steps, f"Sign of {code} changed: it counts downwards.")
     family = code[:-1] if len(code) == 3 and not code.isdigit() else ""
     group = f"{stats.network}.{stats.station}.{stats.location}.{family}"
@@ -332,8 +344,8 @@ def _channel(
 def _sorted_by_direction(
     channels: Sequence[_Channel], path: Path
 ) -> tuple[list[_Channel], list[_Channel]]:
-    verticals = [c for c in channels if _VERTICAL.fullmatch(c.code)]
-    others = [c for c in channels if not _VERTICAL.fullmatch(c.code)]
+    verticals = [c for c in channels if VERTICAL.fullmatch(c.code)]
+    others = [c for c in channels if not VERTICAL.fullmatch(c.code)]
     if not others:
         raise RecordError(
             f"{path}: holds only the vertical component ({verticals[0].code}); a horizontal one "
@@ -345,7 +357,7 @@ def _sorted_by_direction(
 def _refuse_unclear(
     horizontals: Sequence[_Channel], channels: Sequence[_Channel], path: Path, remedy: str
 ) -> None:
-    unclear = [c for c in horizontals if not _HORIZONTAL.fullmatch(c.code)]
+    unclear = [c for c in horizontals if not HORIZONTAL.fullmatch(c.code)]
     if unclear and len(channels) > 1:
         names = ", ".join(repr(c.code) for c in channels)
         raise RecordError(
@@ -370,17 +382,17 @@ def _choose(
     chosen = horizontals[0]
     if len(horizontals) > 1:
         return chosen, (f"Horizontal {chosen.code} taken, the first of {names}.",)
-    if not _HORIZONTAL.fullmatch(chosen.code):
+    if not HORIZONTAL.fullmatch(chosen.code):
         return chosen, (f"Channel code {chosen.code!r} taken to be horizontal: the only one.",)
     return chosen, ()
 
 
 def _vertical_from(path: Path, options: _Options) -> _Channel:
     channels, _ = _channels(path, options)
-    verticals = [c for c in channels if _VERTICAL.fullmatch(c.code)]
+    verticals = [c for c in channels if VERTICAL.fullmatch(c.code)]
     if len(verticals) == 1:
         return verticals[0]
-    if len(channels) == 1 and not _HORIZONTAL.fullmatch(channels[0].code):
+    if len(channels) == 1 and not HORIZONTAL.fullmatch(channels[0].code):
         return channels[0]
     names = ", ".join(repr(c.code) for c in channels)
     raise RecordError(f"{path}: one vertical channel is needed, the file holds {names}")
@@ -414,6 +426,12 @@ def _motion(
         "component": channel.code,
         "vertical_component": upward.code if upward else "",
     }
+    if stats.network or stats.station:
+        metadata["trace"] = channel.trace.id
+        metadata["vertical_trace"] = upward.trace.id if upward else ""
+    azimuth = stats.get("record", {}).get("azimuth")
+    if azimuth is not None:
+        metadata["azimuth"] = float(azimuth)
     if stats.starttime.timestamp != 0.0:
         metadata["start_time"] = str(channel.start)
     if entry is not None:
@@ -421,7 +439,7 @@ def _motion(
         metadata.update(listed)
     if accepted:
         metadata["accepted"] = list(accepted)
-    return Motion(horizontal, channel.dt, vertical, name, metadata, log + accepted)
+    return Motion._owning(horizontal, channel.dt, vertical, name, metadata, log + accepted)
 
 
 def _aligned(

@@ -3,10 +3,8 @@
 import numpy as np
 
 from archfrag.errors import InputError, RecordError
-from archfrag.motions.measures import measure, parse_measure
+from archfrag.motions.measures import measure, parse_measure, scaling_exponent
 from archfrag.motions.motion import Motion
-
-_EXPONENT = {"PGA": 1, "PGV": 1, "Sa": 1, "AvgSA": 1, "Arias": 2}
 
 
 def scale_factor(motion: Motion, measure_name: str, level: float) -> float:
@@ -28,11 +26,12 @@ def scale_factor(motion: Motion, measure_name: str, level: float) -> float:
     RecordError
         If the record has no motion to scale.
     """
-    kind = parse_measure(measure_name).kind
-    if kind not in _EXPONENT:
+    exponent = scaling_exponent(measure_name)
+    if not exponent:
         raise InputError(
-            f"intensity measure {measure_name!r} does not change when a record is scaled; "
-            "use PGA, PGV, Arias, Sa(T) or AvgSA(T1,T2)"
+            f"intensity measure {measure_name!r} does not change when a record is scaled, or "
+            "by no power of the factor; use PGA, PGV, PGD, Arias, CAV, HI, ASI, Sa(T), "
+            "AvgSA(T1,T2) or FIV3(T)"
         )
     if not (np.isfinite(level) and level > 0.0):
         unit = parse_measure(measure_name).unit
@@ -43,4 +42,4 @@ def scale_factor(motion: Motion, measure_name: str, level: float) -> float:
             f"{motion.id or 'motion'}: {measure_name} of the record is 0, so no factor can bring "
             f"it to {level:g}"
         )
-    return float((level / value) ** (1.0 / _EXPONENT[kind]))
+    return float((level / value) ** (1.0 / exponent))

@@ -87,7 +87,7 @@ def load_motions(path: str | Path) -> list[Motion]:
 
 def _motion(archive: np.lib.npyio.NpzFile, number: int, entry: dict) -> Motion:
     vertical = f"vertical_{number}"
-    return Motion(
+    return Motion._owning(
         archive[f"horizontal_{number}"],
         entry["dt"],
         archive[vertical] if vertical in archive.files else None,

@@ -76,10 +76,14 @@ def ground_of(motion: Motion, scale: float, info: MethodInfo) -> GroundMotion:
     """A ground motion, scaled already for methods that do not scale it themselves."""
     factor = 1.0 if info.load_many is None else float(scale)
     given = float(scale) if info.load_many is None else 1.0
-    horizontal = given * np.ascontiguousarray(motion.acceleration, float)
-    vertical = np.zeros_like(horizontal)
+    horizontal = np.ascontiguousarray(motion.acceleration, float)
+    # Pages of zeros that are only read take no memory.
+    vertical = np.zeros(horizontal.shape)
     if motion.vertical is not None:
-        vertical = given * np.ascontiguousarray(motion.vertical, float)
+        vertical = np.ascontiguousarray(motion.vertical, float)
+    if given != 1.0:
+        horizontal = given * horizontal
+        vertical = vertical if motion.vertical is None else given * vertical
     return GroundMotion(horizontal, vertical, float(motion.dt), factor)
 
 

@@ -23,6 +23,7 @@ from archfrag.errors import GeometryError, InputError, StudyError
 from archfrag.motions.plausible import Acceptable
 from archfrag.study import WORK
 from archfrag.study.arches import ArchEntry, Identifier, Section, refuse
+from archfrag.study.processing import Steps
 from archfrag.study.sentences import first_sentence
 from archfrag.study.yaml_file import DEEPEST, dump_yaml, parse_value, read_yaml
 
@@ -30,6 +31,7 @@ from archfrag.study.yaml_file import DEEPEST, dump_yaml, parse_value, read_yaml
 LEVEL_UNITS: dict[str, dict[str, float]] = {
     "m/s2": {"g": STANDARD_GRAVITY, "m/s2": 1.0, "cm/s2": 0.01, "gal": 0.01},
     "m/s": {"m/s": 1.0, "cm/s": 0.01},
+    "m": {"m": 1.0, "cm": 0.01},
 }
 PERIODS = (0.01, 20.0)  # of a spectral measure [s]
 LONGEST_NAME, LONGEST_PATH = 255, 3900  # [bytes] of file systems; results add to a path
@@ -89,6 +91,11 @@ class Motions(Section):
     """Ids of the records to use, in this order; all where not given."""
     files: FileSets = ()
     """Record files or patterns; each a path, or a mapping with path, unit, inventory, accept."""
+    vertical: bool = False
+    """Whether vertical components move the arches too, from the records' own files or from those
+    beside them; scaled by the factor of the horizontal one. A record without one is refused."""
+    processing: Steps = ()
+    """What is done to each record before it is measured and scaled, in this order."""
 
     @model_validator(mode="after")
     def _have_a_source(self) -> Self:
@@ -157,9 +164,11 @@ class Intensity(Section):
     """How strong the motions are made."""
 
     measure: str
-    """PGA, PGV, Arias, Sa(T) or AvgSA(T1,T2) with periods from 0.01 to 20 s."""
+    """PGA, PGV, PGD, Arias, CAV, HI, ASI, or, with periods from 0.01 to 20 s, Sa(T), AvgSA(T1,T2)
+    or FIV3(T); RotD50() or RotD100() of PGA, PGV or Sa(T)."""
     unit: str
-    """Unit of the levels: g, m/s2, cm/s2 or gal for accelerations, m/s or cm/s for velocities."""
+    """Unit of the levels: g, m/s2, cm/s2 or gal for accelerations, m/s or cm/s for velocities, m
+    or cm for lengths."""
     levels: Annotated[
         Annotated[Levels, Tag("listed")] | Annotated[LevelRange, Tag("range")],
         Discriminator(_listed_or_range),
@@ -168,7 +177,7 @@ class Intensity(Section):
 
     @model_validator(mode="after")
     def _agree(self) -> Self:
-        from archfrag.motions.measures import measure_unit, parse_measure
+        from archfrag.motions.measures import measure_unit, parse_measure, scaling_exponent
 
         try:
             periods = parse_measure(self.measure).periods
@@ -181,9 +190,8 @@ class Intensity(Section):
                     f"{self.measure} has a period of {period:g} s; it must be from "
                     f"{PERIODS[0]:g} to {PERIODS[1]:g} s",
                 )
-        # A duration has no entry: scaling does not change it.
         allowed = LEVEL_UNITS.get(measure_unit(self.measure), {})
-        if not allowed:
+        if not scaling_exponent(self.measure):
             raise refuse(f"has measure {self.measure}, to which no motion can be scaled")
         if self.unit not in allowed:
             raise _refuse_key(

@@ -22,7 +22,7 @@ CUBE = "cube.nc"
 TIMINGS = "timings.csv"
 _RUN = ("arch", "record", "level")
 _LABELS = "arch record intensity"
-_UDUNITS = {"m/s2": "m s-2", "m/s": "m s-1", "s": "s"}
+_UDUNITS = {"m/s2": "m s-2", "m/s": "m s-1", "m": "m", "s": "s"}
 
 
 def refuse_foreign_cube(study: Study) -> None:
@@ -180,9 +180,10 @@ def _global_attributes(study: Study, plan: Plan) -> dict[str, str]:
         "source": (
             f"rigid-block simulations with archfrag {_version()}, method {study.method.name}"
         ),
+        "vertical_component": "used" if study.motions.vertical else "not used",
         "history": (
-            "Records read and scaled to the levels of the intensity measure; one simulation for "
-            "each arch, record and level; results gathered by archfrag."
+            "Records read, processed and scaled to the levels of the intensity measure; one "
+            "simulation for each arch, record and level; results gathered by archfrag."
         ),
         "references": (
             "A. Sinopoli, A semi-analytical approach for masonry arch dynamics; the README of "
@@ -288,6 +289,12 @@ def _record_facts(cube: Any, plan: Plan) -> None:
         given = [getattr(record, key) for record in records]
         variable = _create(cube, column, ("record",), "record")
         variable[:] = [np.nan if value is None else value for value in given]
+    vertical = Column(
+        "record_vertical", "i1", "1", "whether the vertical component moves the arch too",
+        flags=((0, "horizontal_only"), (1, "with_vertical")),
+        comment="Scaled by the factor of the horizontal component.",
+    )  # fmt: skip
+    _create(cube, vertical, ("record",), "record")[:] = [record.vertical for record in records]
     _labels(cube, "record_file", "record", [r.source for r in records],
             "name of the record file", "record")  # fmt: skip
     _labels(cube, "record_sha256", "record", [r.sha256 for r in records],

@@ -24,8 +24,10 @@ def read_inputs(index: str | None, sources: Sequence["Source"]) -> Inputs:
     sources : sequence of Source
         The study's record files. A table of records beside or above one is among the inputs, and
         each StationXML beside it that may be its own, because reading takes both where they are.
+        So are files of components that belong to it.
     """
-    records = [source.path for source in sources]
+    partners = (path for s in sources for path in (s.upward, s.beside) if path is not None)
+    records = [*(source.path for source in sources), *partners]
     places = list(dict.fromkeys(path.parent for path in records))
     indices = [place / INDEX_NAME for each in places for place in (each, each.parent)]
     if index is not None:

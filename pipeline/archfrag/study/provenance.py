@@ -17,6 +17,7 @@ from archfrag.study.digests import PACKAGE
 from archfrag.study.files import write_text
 from archfrag.study.inputs import by_name
 from archfrag.study.plan import Plan
+from archfrag.study.processing import described
 from archfrag.study.records import read_manifest
 
 _PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "obspy", "netCDF4")
@@ -80,6 +81,7 @@ def attributes(study: Study, plan: Plan) -> dict[str, str]:
         "archfrag_inputs_sha256": strict_json(by_name(inputs["record"])),
         "archfrag_index_sha256": strict_json(by_name(inputs["index"])),
         "archfrag_inventories_sha256": strict_json(by_name(inputs["inventory"])),
+        "archfrag_processing": strict_json(described(study.motions.processing)),
         "archfrag_versions": strict_json(versions()),
         "archfrag_commit": commit(),
         "archfrag_machine": platform.machine(),

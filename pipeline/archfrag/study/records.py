@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from archfrag.errors import InputError, RecordError, StudyError
 from archfrag.motions.index import IndexEntry, find_entry, load_index
 from archfrag.motions.plausible import check_name
+from archfrag.study.components import Components, with_partners, without_verticals
 from archfrag.study.config import FileSet, Study
 from archfrag.study.digests import canonical_json, digest_of, sha256_if_there, sha256_of
 from archfrag.study.files import cannot_write, make_folder, write_text
@@ -38,6 +39,8 @@ class Source:
     accept: tuple[str, ...] = ()
     name: str | None = None  # what ids begin with, where the file's own name is not enough
     entry: IndexEntry | None = None
+    upward: Path | None = None  # file of the vertical component, if it is not in the record's own
+    beside: Path | None = None  # file of the other horizontal component, if both are needed
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,7 @@ class PreparedRecord:
     factors: tuple[float, ...]  # (n_level,) [1]
     accepted: str = ""  # what is implausible and was accepted by a key of the study
     breaks: int = 10**9  # samples at which the motion is not linear in time; many if not counted
+    vertical: bool = False  # whether the motion has its vertical component
 
 
 def find_sources(study: Study) -> list[Source]:
@@ -68,9 +72,9 @@ def find_sources(study: Study) -> list[Source]:
     RecordError
         If an index cannot be used, a record file is missing or its name is not UTF-8.
     """
-    sources = []
+    sources, rows = [], []
     if study.motions.index is not None:
-        entries = load_index(study.motions.index)
+        entries = rows = load_index(study.motions.index)
         wanted = study.motions.select
         if wanted is not None and not study.motions.files:
             table = {entry.id: entry for entry in entries}
@@ -92,7 +96,8 @@ def find_sources(study: Study) -> list[Source]:
         check_name(source.path)
         if not source.path.is_file():
             raise RecordError(f"{source.path}: there is no such record file")
-    return sources + _with_names(list(given.values()))
+    found = without_verticals(sources) + _with_names(without_verticals(list(given.values())))
+    return with_partners(found, study, rows)
 
 
 def _not_a_record(name: str, known: list[str]) -> StudyError:
@@ -185,8 +190,9 @@ def read_sources(study: Study) -> Iterator["Motion"]:
     """
     taken: dict[str, Path] = {}
     select = study.motions.select
+    components = Components(study)
     for source in find_sources(study):
-        for motion in _read(source):
+        for motion in components.read(source):
             if motion.id in taken:
                 raise RecordError(
                     f"{source.path}: the record id {motion.id!r} is that of {taken[motion.id]} "
@@ -195,24 +201,11 @@ def read_sources(study: Study) -> Iterator["Motion"]:
             taken[motion.id] = source.path
             if select is None or motion.id in select:
                 facts = {"file": source.path.name, "file_sha256": sha256_of(source.path)}
-                yield replace(motion, metadata={**motion.metadata, **facts})
+                yield motion._replaced(metadata={**motion.metadata, **facts})
+    components.check_choice()
     for name in select or ():
         if name not in taken:
             raise _not_a_record(name, list(taken))
-
-
-def _read(source: Source) -> list["Motion"]:
-    from archfrag.motions.read import load_motion, read_motions
-
-    if source.entry is not None:
-        return [load_motion(source.entry)]
-    return read_motions(
-        source.path,
-        source.unit,
-        inventory=source.inventory,
-        accept=source.accept,
-        name=source.name,
-    )
 
 
 def scale_factors(motion: "Motion", study: Study) -> tuple[float, ...]:
@@ -223,13 +216,13 @@ def scale_factors(motion: "Motion", study: Study) -> tuple[float, ...]:
     RecordError
         If no factor can.
     """
-    from archfrag.motions.measures import parse_measure
+    from archfrag.motions.measures import scaling_exponent
     from archfrag.motions.scale import scale_factor
 
     levels, measure = study.intensity.si, study.intensity.measure
     # Measuring once: spectral measures of long records take longer than many runs.
     first = scale_factor(motion, measure, levels[0])
-    power = 0.5 if parse_measure(measure).kind == "Arias" else 1.0
+    power = 1.0 / scaling_exponent(measure)
     return tuple(first * (level / levels[0]) ** power for level in levels)
 
 
@@ -306,6 +299,7 @@ def _store(study: Study, folder: Path, progress: Any) -> list[PreparedRecord]:
                 factors=factors,
                 accepted=str(motion.metadata.get("accepted") or ""),
                 breaks=count_breaks(*parts),
+                vertical=motion.vertical is not None,
             )
         )
         if progress is not None:

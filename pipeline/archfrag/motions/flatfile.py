@@ -1,0 +1,192 @@
+"""Measures of many records as one table, with the columns of an NGA flatfile."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from archfrag.errors import InputError, OutputError
+from archfrag.motions.measures import measure_all
+from archfrag.motions.motion import Motion
+from archfrag.motions.units import STANDARD_GRAVITY
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+PERIODS = (
+    0.01, 0.02, 0.03, 0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0,
+    4.0, 5.0, 7.5, 10.0,
+)  # fmt: skip
+_BATCH = 64  # motions
+# Column, measure, and what a value in its unit is in SI.
+_MEASURES = (
+    ("PGA_g", "PGA", STANDARD_GRAVITY), ("PGV_cms", "PGV", 0.01), ("PGD_cm", "PGD", 0.01),
+    ("arias_mps", "Arias", 1.0), ("CAV_mps", "CAV", 1.0), ("CAVstd_mps", "CAVstd", 1.0),
+    ("D5_75_s", "D5_75", 1.0), ("D5_95_s", "D5_95", 1.0), ("HI_cm", "HI", 0.01),
+    ("ASI_gs", "ASI", STANDARD_GRAVITY),
+)  # fmt: skip
+_ROTATED = (("PGA_g", "PGA", STANDARD_GRAVITY), ("PGV_cms", "PGV", 0.01))
+_FACTS = {
+    "file": ("file",), "event": ("event",), "station": ("station",),
+    "magnitude": ("Mw", "magnitude"), "distance_km": ("distance_km", "epicentral_km"),
+    "vs30_mps": ("Vs30_mps", "vs30_mps"), "component": ("component",),
+}  # fmt: skip
+_NUMBERS = ("magnitude", "distance_km", "vs30_mps")
+_TRUTH = {"true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}
+_TEXTS = ("record", "file", "event", "station", "component")
+
+
+def period_column(period: float) -> str:
+    """Column of Sa at a period [s], in g: ``T0.100S``."""
+    return f"T{period:.3f}S"
+
+
+def measure_records(
+    motions: Iterable[Motion], periods: Sequence[float] = PERIODS, workers: int = 1
+) -> "pd.DataFrame":
+    """Measure records, one row each.
+
+    Parameters
+    ----------
+    motions : iterable of Motion
+        Taken one after the other, so that not all need to be in memory.
+    periods : sequence of float [s]
+        Of Sa, 5 % damping; each with no more than three decimals.
+    workers : int
+        Processes that measure; with more than one a script needs a ``__main__`` guard.
+
+    Returns
+    -------
+    pandas.DataFrame
+        ``record``, ``file``, ``event``, ``station``, ``magnitude``, ``distance_km``,
+        ``vs30_mps``, ``component``, ``scale``, ``dt_s``, ``PGA_g``, ``PGV_cms``, ``PGD_cm``,
+        ``T0.100S`` and so on [g], ``arias_mps``, ``CAV_mps``, ``CAVstd_mps``, ``D5_75_s``,
+        ``D5_95_s``, ``HI_cm``, ``ASI_gs`` and ``pulse``; where a motion has both horizontal
+        components also ``RotD50_`` and ``RotD100_`` of PGA, PGV and Sa. What is not known of a
+        record is missing.
+
+    Raises
+    ------
+    InputError
+        If two periods would have the same column.
+
+    Examples
+    --------
+    >>> import numpy as np, archfrag as af
+    >>> from archfrag.motions.flatfile import measure_records
+    >>> motion = af.Motion(9.80665 * np.sin(np.arange(0.0, 20.0, 0.01)), 0.01, id="sine")
+    >>> table = measure_records([motion], periods=[0.5])
+    >>> float(table["PGA_g"][0].round(3)), "T0.500S" in table
+    (1.0, True)
+    """
+    import pandas as pd
+
+    columns = [period_column(period) for period in periods]
+    if len(set(columns)) < len(columns):
+        raise InputError(
+            f"periods {list(periods)} must differ in their first three decimals: a flatfile names "
+            "its columns by them"
+        )
+    row = partial(_row, periods=tuple(periods))
+    return _typed(pd.DataFrame(list(map(row, motions) if workers == 1 else
+                                    _shared_out(row, motions, workers))))  # fmt: skip
+
+
+def write_flatfile(path: str | Path, table: "pd.DataFrame") -> None:
+    """Write a table of `measure_records` as CSV, to six digits, whole or not at all.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    import os
+    import tempfile
+
+    target = Path(path)
+    part = None
+    try:
+        handle, part = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+        with os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
+            table.to_csv(file, index=False, float_format="%.6g", lineterminator="\n")
+        os.chmod(part, 0o644)
+        os.replace(part, target)
+    except OSError as error:
+        if part is not None and os.path.exists(part):
+            os.unlink(part)
+        raise OutputError(
+            f"{target}: the flatfile cannot be written ({error.strerror or error})"
+        ) from None
+
+
+def read_flatfile(path: str | Path) -> "pd.DataFrame":
+    """Read a flatfile; columns that are not ours are kept.
+
+    Raises
+    ------
+    InputError
+        If it is missing, no CSV with a column ``record``, or a column of numbers holds text.
+    """
+    import pandas as pd
+
+    try:
+        table = pd.read_csv(path, dtype=dict.fromkeys(_TEXTS, str), keep_default_na=True)
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such flatfile") from None
+    except (OSError, ValueError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(f"{path}: cannot be read as a flatfile in CSV ({reason})") from None
+    if "record" not in table:
+        raise InputError(f"{path}: has no column 'record', by which a flatfile names its records")
+    try:
+        return _typed(table)
+    except (ValueError, TypeError) as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _shared_out(
+    row: Callable[[Motion], dict[str, Any]], motions: Iterable[Motion], workers: int
+) -> Iterator[dict[str, Any]]:
+    """Rows in the order of the motions, made by processes; few motions are in memory at once."""
+    waiting = iter(motions)
+    with ProcessPoolExecutor(workers) as pool:
+        while batch := list(islice(waiting, _BATCH * workers)):
+            yield from pool.map(row, batch, chunksize=_BATCH // 4)
+
+
+def _row(motion: Motion, periods: Sequence[float]) -> dict[str, Any]:
+    wanted = list(_MEASURES)
+    spectrum = [(period_column(t), f"Sa({t!r})", STANDARD_GRAVITY) for t in map(float, periods)]
+    wanted[3:3] = spectrum
+    if motion.across is not None:
+        for kind in ("RotD50", "RotD100"):
+            wanted += [
+                (f"{kind}_{column}", f"{kind}({name})", unit)
+                for column, name, unit in (*_ROTATED, *spectrum)
+            ]
+    values = measure_all(motion, [name for _, name, _ in wanted])
+    row: dict[str, Any] = {"record": motion.id}
+    for column, keys in _FACTS.items():
+        given = (motion.metadata.get(key) for key in keys)
+        row[column] = next((value for value in given if value not in (None, "")), None)
+    row |= {"scale": motion.metadata.get("scale", 1.0), "dt_s": motion.dt}
+    row |= {column: values[name] / unit for column, name, unit in wanted}
+    return row | {"pulse": motion.metadata.get("pulse")}
+
+
+def _typed(table: "pd.DataFrame") -> "pd.DataFrame":
+    """The table with numbers, texts and truth values as such, whatever is missing."""
+    import pandas as pd
+
+    for column in table.columns:
+        name = str(column)
+        if name == "pulse":
+            words = table[column].map(lambda word: _TRUTH.get(str(word).lower()))
+            table[column] = words.astype("boolean")
+        elif name in _TEXTS:
+            table[column] = table[column].astype("string")
+        elif name in _NUMBERS:
+            table[column] = pd.to_numeric(table[column])
+    return table

@@ -1,0 +1,170 @@
+"""Measures that are integrals of a motion over time, a part of the record at a time.
+
+A record of some million samples is measured within the memory of one part of it.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from archfrag.motions.motion import Motion
+from archfrag.motions.units import STANDARD_GRAVITY
+
+_PART = 2**16  # samples
+STANDARD_WINDOW = 1.0  # [s] of the standardised cumulative absolute velocity
+STANDARD_LEVEL = 0.025 * STANDARD_GRAVITY  # [m/s2]
+FIV3_WINDOW, FIV3_CORNER = 0.7, 0.85  # of a period, over a frequency
+_Samples = NDArray[np.float64]
+
+
+def pgv(motion: Motion) -> float:
+    """Peak ground velocity [m/s]: acceleration integrated from rest by the trapezoid rule.
+
+    The record is taken as it is, so that of a raw record must be filtered first.
+    """
+    return max(_largest(v) for _, v in _integrated(_parts(motion.acceleration), motion.dt))
+
+
+def pgd(motion: Motion) -> float:
+    """Peak ground displacement [m]: acceleration integrated twice from rest, as in `pgv`."""
+    velocity = _integrated(_parts(motion.acceleration), motion.dt)
+    return max(_largest(d) for _, d in _integrated(velocity, motion.dt))
+
+
+def arias(motion: Motion) -> float:
+    """Arias intensity, pi / (2 g) times the integral of the squared acceleration [m/s].
+
+    Trapezoid rule on the squared samples. Arias (1970), "A measure of earthquake intensity".
+    """
+    total = 0.0
+    for _, husid in _husid(motion):
+        total = float(husid[-1])
+    return total
+
+
+def arias_times(motion: Motion, fractions: tuple[float, ...]) -> tuple[float, ...]:
+    """When the Arias intensity has reached fractions of its total [s]; linear between samples.
+
+    Of both horizontal components together where the motion has the other one; 0 without motion.
+    """
+    total = 0.0
+    for _, husid in _husid(motion, both=True):
+        total = float(husid[-1])
+    times = dict.fromkeys(fractions, 0.0)
+    if total == 0.0:
+        return tuple(times.values())
+    open_ones = set(fractions)
+    for start, husid in _husid(motion, both=True):
+        time = (start + np.arange(husid.size)) * motion.dt
+        for fraction in tuple(open_ones):
+            if husid[-1] >= fraction * total:
+                times[fraction] = float(np.interp(fraction * total, husid, time))
+                open_ones.remove(fraction)
+    return tuple(times[fraction] for fraction in fractions)
+
+
+def significant_duration(motion: Motion, start: float = 0.05, end: float = 0.95) -> float:
+    """Time in which the Arias intensity grows from one fraction of its total to another [s].
+
+    Trifunac and Brady (1975), BSSA 65(3), with 5 and 95 %; linear between samples. A record
+    without motion has no duration: 0.
+    """
+    begin, finish = arias_times(motion._replaced(across=None), (start, end))
+    return finish - begin
+
+
+def cav(motion: Motion) -> float:
+    """Cumulative absolute velocity, the integral of the absolute acceleration [m/s].
+
+    EPRI (1988), report NP-5930; exact for an acceleration linear between samples.
+    """
+    return float(sum(_absolute(part, motion.dt).sum() for _, part in _parts(motion.acceleration)))
+
+
+def cav_standardised(motion: Motion) -> float:
+    """Standardised cumulative absolute velocity [m/s].
+
+    The cumulative absolute velocity of the seconds, counted from the first sample, in which the
+    acceleration reaches 0.025 g. EPRI (1991), report TR-100082.
+    """
+    total, record, dt = 0.0, motion.acceleration, motion.dt
+    count = round(STANDARD_WINDOW / dt) or 1
+    for start in range(0, record.size - 1, count):
+        window = record[start : start + count + 1]
+        if _largest(window) >= STANDARD_LEVEL:
+            total += float(_absolute(window, dt).sum())
+    return total
+
+
+def fiv3(motion: Motion, period: float) -> float:
+    """Filtered incremental velocity of a period [s], in m/s.
+
+    The acceleration is low-passed (Butterworth of order 2, corner 0.85 / period, causal) and
+    integrated over windows of 0.7 period that begin at each sample; the measure is the larger of
+    the sum of the three highest maxima and that of the three lowest minima. Dávalos and Miranda
+    (2019), EESD 48(12).
+    """
+    from scipy.integrate import cumulative_trapezoid
+    from scipy.signal import butter, find_peaks, sosfilt
+
+    record, dt = motion.acceleration, motion.dt
+    corner = FIV3_CORNER / period
+    if corner < 0.5 / dt:
+        record = sosfilt(butter(2, corner, fs=1.0 / dt, output="sos"), record)
+    count = max(1, int(FIV3_WINDOW * period / dt + 1e-9))
+    velocity = cumulative_trapezoid(record, dx=dt, initial=0.0)
+    gained = velocity[count:] - velocity[:-count]
+    if gained.size < 3:
+        return 0.0
+    sums = [0.0]
+    for sense in (1.0, -1.0):
+        peaks = np.sort(sense * gained[find_peaks(sense * gained)[0]])[-3:]
+        sums.append(float(peaks[peaks > 0.0].sum()))
+    return max(sums)
+
+
+def _parts(samples: _Samples) -> Iterator[tuple[int, _Samples]]:
+    """Numbers of first samples and parts; the last sample of one is the first of the next."""
+    for start in range(0, max(samples.size - 1, 1), _PART):
+        yield start, samples[start : start + _PART + 1]
+
+
+def _integrated(
+    parts: Iterator[tuple[int, _Samples]], dt: float
+) -> Iterator[tuple[int, _Samples]]:
+    """The integral from the first sample by the trapezoid rule, in the same parts."""
+    total = 0.0
+    for start, part in parts:
+        integral = np.empty(part.size)
+        integral[0] = total
+        np.add(part[1:], part[:-1], out=integral[1:])
+        integral[1:] *= 0.5 * dt
+        np.cumsum(integral, out=integral)
+        total = float(integral[-1])
+        yield start, integral
+
+
+def _husid(motion: Motion, both: bool = False) -> Iterator[tuple[int, _Samples]]:
+    across = motion.across if both else None
+    rows = [samples for samples in (motion.acceleration, across) if samples is not None]
+    squared = (
+        (start, np.sum([row[start : start + part.size] ** 2 for row in rows], axis=0))
+        for start, part in _parts(motion.acceleration)
+    )
+    for start, integral in _integrated(squared, motion.dt):
+        yield start, np.pi / (2.0 * STANDARD_GRAVITY) * integral
+
+
+def _absolute(part: _Samples, dt: float) -> _Samples:
+    """Integral of |a| over each step of a part, a linear in it."""
+    before, after = np.abs(part[:-1]), np.abs(part[1:])
+    together = before + after
+    crossing = part[:-1] * part[1:] < 0.0
+    squares = np.divide(before**2 + after**2, together, out=np.zeros_like(together),
+                        where=crossing)  # fmt: skip
+    return 0.5 * dt * np.where(crossing, squares, together)
+
+
+def _largest(values: _Samples) -> float:
+    return float(max(values.max(), -values.min()))

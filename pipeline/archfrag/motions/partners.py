@@ -1,0 +1,186 @@
+"""Which components belong together: by their files' names, their headers, and their start."""
+
+import os
+import re
+from collections.abc import Iterator, Sequence
+from datetime import datetime
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from archfrag.errors import RecordError
+from archfrag.motions.motion import Motion
+
+VERTICAL = re.compile(r"[-+]?(U|V|Z|UD\d?|UP|DWN|DOWN|VERT|VERTICAL|..Z)", re.IGNORECASE)
+HORIZONTAL = re.compile(
+    r"[-+]?((EW|NS)\d?|[ENXYRTHL]\d?|[NS]\d+(\.\d+)?[EW]|\d{1,3}|..[ENXYRT12])", re.IGNORECASE
+)
+_LONGEST_CODE = 5
+_SHARED = ("event", "date", "station")
+
+
+def sibling(path: Path, names: Sequence[str], vertical: bool) -> Path | None:
+    """File of the vertical component, or of the other horizontal one, that belongs to a record.
+
+    Parameters
+    ----------
+    path : Path
+        Of a horizontal component.
+    names : sequence of str
+        Files of its folder.
+    vertical : bool
+        Which of the two is wanted.
+
+    Returns
+    -------
+    Path or None
+        The file whose name differs from that of `path` in the code of the component only, in as
+        few characters as any. None if there is none.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from archfrag.motions.partners import sibling
+    >>> str(sibling(Path("ELC180.AT2"), ["ELC180.AT2", "ELC-UP.AT2", "TAF-UP.AT2"], True))
+    'ELC-UP.AT2'
+    """
+    table = _by_frame(tuple(names))[0 if vertical else 1]
+    for frame in _frames(path.name)[1]:
+        found = [name for name in table.get(frame, ()) if name != path.name]
+        if found:
+            return path.with_name(found[0])
+    return None
+
+
+def vertical_files(paths: Sequence[Path]) -> set[Path]:
+    """Files that by their names are the vertical component of another one among them."""
+    folders: dict[Path, list[str]] = {}
+    for path in paths:
+        folders.setdefault(path.parent, []).append(path.name)
+    found: set[Path] = set()
+    for folder, names in folders.items():
+        verticals, horizontals = _by_frame(tuple(names))
+        for frame, owners in verticals.items():
+            if frame in horizontals:
+                found.update(folder / name for name in owners)
+    return found
+
+
+def with_vertical(motion: Motion, upward: Motion) -> Motion:
+    """A motion with its vertical component from another file, cut to the time of both.
+
+    Parameters
+    ----------
+    motion, upward : Motion
+        The latter with its vertical component in the place of the horizontal one.
+
+    Raises
+    ------
+    RecordError
+        If headers say that they are of different stations or events, time steps differ, or they
+        have no time in common.
+    """
+    joined = _joined(motion, upward, "vertical")
+    code = upward.metadata.get("component", "")
+    labels = {"vertical_component": code, "vertical_file": upward.metadata.get("file", ""),
+              "vertical_trace": upward.metadata.get("trace", "")}  # fmt: skip
+    log = (*joined.log, *(f"Vertical {code}: {step}" for step in upward.log))
+    return joined._replaced(metadata={**joined.metadata, **labels}, log=log)
+
+
+def with_across(motion: Motion, other: Motion) -> Motion:
+    """A motion with the other horizontal component; parameters and errors as `with_vertical`."""
+    joined = _joined(motion, other, "across")
+    facts = {"component": "component_across", "azimuth": "azimuth_across",
+             "trace": "trace_across", "file": "file_across"}  # fmt: skip
+    labels = {name: other.metadata[key] for key, name in facts.items() if other.metadata.get(key)}
+    return joined._replaced(metadata={**joined.metadata, **labels})
+
+
+def other_horizontal(motion: Motion, motions: Sequence[Motion]) -> Motion | None:
+    """The other horizontal component of an instrument, of those of one file."""
+    others = [other for other in motions if other is not motion]
+    alike = [other for other in others if _family(other) == _family(motion)]
+    found = alike or others
+    return found[0] if len(found) == 1 else None
+
+
+def _family(motion: Motion) -> str:
+    return str(motion.metadata.get("trace") or motion.metadata.get("component", ""))[:-1]
+
+
+@lru_cache(maxsize=8192)
+def _frames(name: str) -> tuple[tuple[tuple[str, str], ...], tuple[tuple[str, str], ...]]:
+    """What stands before and after a code of a vertical and of a horizontal component.
+
+    The shortest codes come first, so that what surrounds them is the longest.
+    """
+    return tuple(_matching(name, VERTICAL)), tuple(_matching(name, HORIZONTAL))
+
+
+def _matching(name: str, code: re.Pattern[str]) -> Iterator[tuple[str, str]]:
+    for length in range(1, min(_LONGEST_CODE, len(name)) + 1):
+        for start in range(len(name) - length, -1, -1):
+            if code.fullmatch(name, start, start + length):
+                yield name[:start].lower(), name[start + length :].lower()
+
+
+_Table = dict[tuple[str, str], list[str]]
+
+
+@lru_cache(maxsize=16)
+def _by_frame(names: tuple[str, ...]) -> tuple[_Table, _Table]:
+    tables: tuple[_Table, _Table] = ({}, {})
+    for name in sorted(names):
+        for table, frames in zip(tables, _frames(name)):
+            for frame in frames:
+                table.setdefault(frame, []).append(name)
+    return tables
+
+
+def folder_names(folder: Path) -> list[str]:
+    """Names of the files of a folder; none if it cannot be read."""
+    try:
+        return sorted(entry.name for entry in os.scandir(folder) if entry.is_file())
+    except OSError:
+        return []
+
+
+def _joined(motion: Motion, other: Motion, key: str) -> Motion:
+    own, its = motion.metadata, other.metadata
+    name = f"{motion.id} and {its.get('file') or other.id}"
+    for fact in _SHARED:
+        one, two = str(own.get(fact) or ""), str(its.get(fact) or "")
+        if one and two and one.casefold() != two.casefold():
+            raise RecordError(
+                f"{name}: do not belong together, {fact} is {one!r} of the one and {two!r} of "
+                "the other"
+            )
+    if not np.isclose(motion.dt, other.dt, rtol=1e-6, atol=0.0):
+        raise RecordError(f"{name}: time steps {motion.dt:g} s and {other.dt:g} s must be equal")
+    later = round((_start(other) - _start(motion)) / motion.dt) if _both_timed(own, its) else 0
+    first, its_first = max(0, later), max(0, -later)
+    size = motion.acceleration.size
+    count = min(size - first, other.acceleration.size - its_first)
+    if count < 2:
+        raise RecordError(f"{name}: have no time in common")
+    log = motion.log
+    if count < max(size, other.acceleration.size):
+        log = (*log, f"Cut to the {count} samples in common with {its.get('file') or other.id}.")
+    kept = slice(first, first + count)
+    arrays = {
+        part: None if samples is None else samples[kept]
+        for part, samples in (("acceleration", motion.acceleration),
+                              ("vertical", motion.vertical), ("across", motion.across))
+    }  # fmt: skip
+    arrays[key] = other.acceleration[its_first : its_first + count]
+    return motion._replaced(**arrays, log=log)
+
+
+def _both_timed(*metadata: object) -> bool:
+    return all(isinstance(entry, dict) and entry.get("start_time") for entry in metadata)
+
+
+def _start(motion: Motion) -> float:
+    return datetime.fromisoformat(str(motion.metadata["start_time"])).timestamp()

@@ -1,0 +1,85 @@
+"""The response of an instrument taken off a record, by its StationXML."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from obspy import Inventory, Trace, UTCDateTime
+
+from archfrag.errors import RecordError
+from archfrag.motions.calibrate import find_inventory
+from archfrag.motions.motion import Motion
+
+
+def remove_response(
+    motion: Motion,
+    record: str | Path,
+    inventory: str | Path | Inventory | None = None,
+    water_level: float = 60.0,
+    band: tuple[float, float, float, float] | None = None,
+) -> Motion:
+    """Divide the spectrum of each component by its instrument's response (obspy).
+
+    Parameters
+    ----------
+    motion : Motion
+        As read by the sensitivity of its StationXML, which is taken back first.
+    record : path
+        The file it was read from: for messages, and to find the StationXML beside it.
+    inventory : path or obspy.Inventory, optional
+        StationXML; by default NAME.xml or NET.STA.xml beside the file.
+    water_level : float [dB]
+        Below its largest value the response counts as this much lower, and no more.
+    band : (f1, f2, f3, f4) [Hz], optional
+        What to keep: cosine tapers from f1 to f2 and from f3 to f4.
+
+    Raises
+    ------
+    RecordError
+        If there is no StationXML, or it does not describe a channel of the record.
+    """
+    metadata = motion.metadata
+    found: Inventory | None = None
+    changed: dict[str, NDArray[np.float64]] = {}
+    for key, name in (
+        ("acceleration", "trace"), ("vertical", "vertical_trace"), ("across", "trace_across")
+    ):  # fmt: skip
+        samples = getattr(motion, key)
+        if samples is None:
+            continue
+        trace = _trace(motion, samples, str(metadata.get(name, "")))
+        found = found or find_inventory(Path(record), trace, inventory)
+        if found is None:
+            raise RecordError(
+                f"{record}: has no StationXML by which to remove its response; give `inventory`"
+            )
+        changed[key] = _removed(trace, found, Path(record), water_level, band)
+    kept = "" if band is None else f", {', '.join(f'{corner:g}' for corner in band)} Hz"
+    sentence = f"Response removed by StationXML (obspy, water level {water_level:g} dB{kept})."
+    return motion._replaced(**changed, log=(*motion.log, sentence))
+
+
+def _trace(motion: Motion, samples: NDArray[np.float64], name: str) -> Trace:
+    parts = (name.split(".") + [""] * 4)[:4]
+    header = dict(zip(("network", "station", "location", "channel"), parts))
+    start = UTCDateTime(str(motion.metadata.get("start_time", 0)))
+    return Trace(samples.copy(), header={**header, "delta": motion.dt, "starttime": start})
+
+
+def _removed(
+    trace: Trace, inventory: Inventory, record: Path, water_level: float,
+    band: tuple[float, float, float, float] | None,
+) -> NDArray[np.float64]:  # fmt: skip
+    try:
+        response = inventory.get_response(trace.id, trace.stats.starttime)
+        trace.data *= response.instrument_sensitivity.value
+        trace.remove_response(
+            inventory, output="ACC", water_level=water_level, pre_filt=band, zero_mean=False,
+            taper=False,
+        )  # fmt: skip
+    except Exception as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise RecordError(
+            f"{record}: the response of channel {trace.id} cannot be removed ({reason})"
+        ) from None
+    return np.asarray(trace.data, dtype=np.float64)

@@ -1,0 +1,194 @@
+"""What each step of processing does to a motion."""
+
+import numpy as np
+import pytest
+from scipy.signal import butter, detrend, sosfilt, sosfiltfilt
+
+from archfrag.errors import InputError, RecordError
+from archfrag.motions import process
+from archfrag.motions.motion import Motion
+from archfrag.motions.rotate import azimuth_of_code, rotate
+
+from .helpers import REAL_RECORDS, needs_real_records, wave
+
+
+def random(count=3000, seed=0):
+    return np.random.default_rng(seed).standard_normal(count)
+
+
+def pair(**metadata):
+    return Motion(wave(), 0.01, across=2.0 * wave(frequency=3.0), metadata=metadata, id="m")
+
+
+class TestSteps:
+    def test_detrend_is_that_of_scipy(self):
+        samples = random() + np.linspace(-3.0, 5.0, 3000)
+        motion = process.detrend(Motion(samples, 0.01, vertical=-samples))
+        assert np.allclose(motion.acceleration, detrend(samples), rtol=0, atol=1e-11)
+        assert np.allclose(motion.vertical, -motion.acceleration, rtol=0, atol=1e-11)
+
+    def test_baseline_brings_the_velocity_back_to_zero(self):
+        time = np.arange(4000) * 0.01
+        drift = 0.02 + 0.001 * time  # a velocity polynomial of order 2
+        wanted = np.zeros(4000)
+        motion = process.baseline(Motion(wanted + drift, 0.01), order=2)
+        assert np.abs(motion.acceleration).max() < 1e-6
+        assert np.abs(process.velocity(motion)).max() < 1e-5
+
+    def test_taper(self):
+        motion = process.taper(Motion(np.ones(100), 0.01), fraction=0.1, side="left")
+        assert motion.acceleration[0] == 0.0
+        assert motion.acceleration[5] == pytest.approx(0.5)
+        assert (motion.acceleration[10:] == 1.0).all()
+        both = process.taper(Motion(np.ones(100), 0.01), fraction=0.1).acceleration
+        assert np.array_equal(both, both[::-1])
+
+    @pytest.mark.parametrize("corners", [(0.1, 20.0), (None, 20.0), (0.1, None)])
+    @pytest.mark.parametrize("causal", [False, True])
+    def test_bandpass_is_that_of_scipy(self, corners, causal):
+        kind = "bandpass" if None not in corners else "lowpass" if corners[0] is None else "high"
+        given = [c for c in corners if c is not None]
+        sections = butter(4, given if len(given) == 2 else given[0], kind, fs=100.0, output="sos")
+        for count in (20, 3000, 200_000):
+            samples = random(count)
+            expected = (sosfilt if causal else sosfiltfilt)(
+                sections, samples, **({} if causal or count > 20 else {"padlen": 19})
+            )
+            found = process.bandpass(Motion(samples, 0.01), *corners, causal=causal).acceleration
+            if count > 20 or causal:
+                assert np.allclose(found, expected, rtol=0, atol=1e-9)
+
+    def test_causal_filter_does_not_act_before_its_cause(self):
+        samples = np.zeros(1000)
+        samples[500] = 1.0
+        motion = Motion(samples, 0.01)
+        assert not process.bandpass(motion, 0.5, 20.0, causal=True).acceleration[:500].any()
+        assert process.bandpass(motion, 0.5, 20.0).acceleration[:500].any()
+
+    def test_trim_by_arias(self):
+        motion = process.trim_by_arias(Motion(np.full(1001, 2.0), 0.01), 0.1, 0.8)
+        assert motion.duration == pytest.approx(7.0)
+        wider = process.trim_by_arias(Motion(np.full(1001, 2.0), 0.01), 0.1, 0.8, margin=0.5)
+        assert wider.duration == pytest.approx(8.0)
+
+    def test_trim_by_arias_is_of_both_components(self):
+        early, late = np.zeros(1001), np.zeros(1001)
+        early[100:200], late[800:900] = 1.0, 1.0
+        motion = process.trim_by_arias(Motion(early, 0.01, across=late), 0.01, 0.99)
+        assert motion.duration == pytest.approx(8.0, abs=0.1)
+
+    def test_trim_by_threshold(self):
+        samples = np.zeros(1001)
+        samples[[300, 700]] = 1.0, -2.0
+        motion = process.trim_by_threshold(Motion(samples, 0.01), 0.9, margin=0.1)
+        assert motion.acceleration.size == 421
+        with pytest.raises(InputError, match=r"no sample reaches the threshold 3 m/s2"):
+            process.trim_by_threshold(Motion(samples, 0.01), 3.0)
+
+    @pytest.mark.parametrize("dt", [0.005, 0.02, 0.0075])
+    def test_resampling_keeps_a_sine_that_both_can_hold(self, dt):
+        time = np.arange(4001) * 0.01
+        envelope = np.exp(-(((time - 20.0) / 5.0) ** 2))
+        motion = process.resample(Motion(np.sin(20.0 * np.pi * time) * envelope, 0.01), dt)
+        fine = motion.time
+        expected = np.sin(20.0 * np.pi * fine) * np.exp(-(((fine - 20.0) / 5.0) ** 2))
+        assert motion.dt == pytest.approx(dt)
+        assert np.abs(motion.acceleration - expected).max() < 1e-4
+
+    def test_resampling_takes_out_what_the_new_step_cannot_hold(self):
+        time = np.arange(4001) * 0.01
+        high = np.sin(2.0 * np.pi * 35.0 * time) * np.exp(-(((time - 20.0) / 5.0) ** 2))
+        assert np.abs(process.resample(Motion(high, 0.01), 0.02).acceleration).max() < 1e-3
+
+    def test_resampling_to_a_step_that_does_not_fit(self):
+        with pytest.raises(InputError, match=r"from 0.01 s to 0.00314159 s; the ratio must be"):
+            process.resample(Motion(wave(), 0.01), 0.00314159265)
+
+    def test_nothing_given_is_changed(self):
+        samples = random(500)
+        motion = Motion(samples, 0.01, vertical=samples, across=samples)
+        for step in (process.demean, process.detrend, process.taper, process.baseline,
+                     lambda m: process.bandpass(m, 0.1, 20.0),
+                     lambda m: process.bandpass(m, 0.1, 20.0, causal=True),
+                     lambda m: process.resample(m, 0.02)):  # fmt: skip
+            changed = step(motion)
+            assert len(changed.log) == 1
+            assert np.array_equal(changed.vertical, changed.across)
+            for part in (motion.acceleration, motion.vertical, motion.across):
+                assert np.array_equal(part, samples)
+
+
+class TestRotation:
+    def test_by_90_degrees_swaps_the_components(self):
+        motion = pair()
+        turned = rotate(motion, angle=90.0)
+        assert np.allclose(turned.acceleration, motion.across, rtol=0, atol=1e-15)
+        assert np.allclose(turned.across, -motion.acceleration, rtol=0, atol=1e-15)
+
+    def test_to_an_azimuth(self):
+        motion = pair(component="000", component_across="090")
+        turned = rotate(motion, azimuth=30.0)
+        cosine, sine = np.cos(np.pi / 6.0), np.sin(np.pi / 6.0)
+        expected = cosine * motion.acceleration + sine * motion.across
+        assert np.allclose(turned.acceleration, expected, rtol=0, atol=1e-14)
+        assert turned.metadata["azimuth"] == 30.0
+        assert "rotated to azimuth 30 degrees (from 0 and 90)" in turned.log[-1]
+
+    def test_components_need_not_be_perpendicular(self):
+        north, east = wave(), 2.0 * wave(frequency=3.0)
+        oblique = np.cos(np.pi / 3) * north + np.sin(np.pi / 3) * east
+        motion = Motion(north, 0.01, across=oblique,
+                        metadata={"azimuth": 0.0, "azimuth_across": 60.0})  # fmt: skip
+        turned = rotate(motion, azimuth=90.0)
+        assert np.allclose(turned.acceleration, east, rtol=0, atol=1e-14)
+
+    @pytest.mark.parametrize(
+        ("code", "azimuth"),
+        [("E", 90.0), ("NS2", 0.0), ("HNN", 0.0), ("270", 270.0), ("360", 0.0), ("N45W", 315.0),
+         ("X", None), ("H1", None), ("HN1", None), ("", None), ("S30W", 210.0)],
+    )  # fmt: skip
+    def test_azimuth_of_a_code(self, code, azimuth):
+        assert azimuth_of_code(code) == azimuth
+
+    @pytest.mark.parametrize(
+        ("motion", "given", "sentence"),
+        [
+            (Motion(wave(), 0.01, id="m"), {"angle": 1.0}, r"^m: rotate needs two horizontal"),
+            (pair(component="H1", component_across="H2"), {"azimuth": 1.0},
+             r"^m: the azimuth of component 'H1' is not known"),
+            (pair(component="000", component_across="180"), {"azimuth": 1.0},
+             r"azimuths 0 and 180 degrees, too close to each other"),
+        ],
+    )  # fmt: skip
+    def test_refused(self, motion, given, sentence):
+        with pytest.raises(RecordError, match=sentence):
+            rotate(motion, **given)
+
+
+@needs_real_records
+class TestResponse:
+    def record(self):
+        from archfrag.motions.read import read_motion
+
+        path = REAL_RECORDS / "mseed" / "CI.CLC..HNE.mseed"
+        return path, read_motion(path, inventory=REAL_RECORDS / "mseed" / "CI.CLC.xml")
+
+    def test_is_flat_where_an_accelerometer_is(self):
+        from archfrag.motions.response import remove_response
+
+        path, motion = self.record()
+        removed = remove_response(motion, path, REAL_RECORDS / "mseed" / "CI.CLC.xml")
+        low = [process.bandpass(m, 0.1, 5.0).acceleration for m in (motion, removed)]
+        # What is left is the delay of the instrument, some milliseconds.
+        assert np.abs(low[1] - low[0]).max() < 0.05 * np.abs(low[0]).max()
+        assert removed.log[-1].startswith("Response removed by StationXML (obspy, water level 60")
+
+    def test_needs_a_station_xml_of_the_channel(self, tmp_path):
+        from archfrag.motions.response import remove_response
+
+        _, motion = self.record()
+        with pytest.raises(RecordError, match="has no StationXML by which to remove its response"):
+            remove_response(motion, tmp_path / "x.mseed")
+        other = REAL_RECORDS / "mseed" / "CI.CCC.xml"
+        with pytest.raises(RecordError, match=r"channel CI\.CLC\.\.HNE cannot be removed"):
+            remove_response(motion, tmp_path / "x.mseed", other)

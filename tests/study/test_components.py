@@ -1,0 +1,208 @@
+"""Components of a study's records: verticals, pairs, and what is done to them."""
+
+import json
+
+import netCDF4
+import numpy as np
+import pytest
+
+from archfrag.errors import RecordError, StudyError
+from archfrag.motions.measures import measure
+from archfrag.study.config import load_study
+from archfrag.study.records import find_sources, load_record, prepare_motions, study_inputs
+from tests.motions.helpers import at2_text, wave
+from tests.study.small import TEXT, small_study
+
+G = 9.80665
+FILES = 'files: ["records/*.AT2"]'
+CODES = {"000": ("Q-ELC000.AT2", 1.5), "090": ("Q-ELC090.AT2", 2.5), "UP": ("Q-ELC-UP.AT2", 4.0)}
+
+
+def study_with(tmp_path, motions, text=TEXT):
+    """Three components of one record, in files of their own."""
+    path = small_study(tmp_path, text.replace(FILES, motions))
+    folder = tmp_path / "quake"
+    folder.mkdir(exist_ok=True)
+    for code, (name, frequency) in CODES.items():
+        samples = 0.2 * wave(frequency=frequency)
+        (folder / name).write_text(at2_text(samples, component=code))
+    return load_study(path)
+
+
+def stored(study):
+    return {record.id: load_record(study, record) for record in prepare_motions(study)}
+
+
+class TestVertical:
+    def test_comes_from_the_file_beside_the_record(self, tmp_path):
+        study = study_with(tmp_path, 'files: ["quake/Q-ELC0*.AT2"]\n  vertical: true')
+        motions = stored(study)
+        assert set(motions) == {"Q-ELC000", "Q-ELC090"}
+        for motion in motions.values():
+            assert np.allclose(motion.vertical, 0.2 * G * wave(frequency=4.0), atol=1e-6)
+            assert motion.metadata["vertical_component"] == "UP"
+            assert any(line.startswith("Vertical UP: Read from Q-ELC-UP") for line in motion.log)
+
+    def test_its_file_is_no_record_of_its_own(self, tmp_path):
+        for vertical in ("true", "false"):
+            study = study_with(tmp_path, f'files: ["quake/*.AT2"]\n  vertical: {vertical}')
+            motions = stored(study)
+            assert set(motions) == {"Q-ELC000", "Q-ELC090"}
+            for motion in motions.values():
+                assert (motion.vertical is not None) is (vertical == "true")
+
+    def test_its_file_is_an_input_of_the_study(self, tmp_path):
+        study = study_with(tmp_path, 'files: ["quake/Q-ELC000.AT2"]\n  vertical: true')
+        assert str(tmp_path / "quake" / "Q-ELC-UP.AT2") in study_inputs(study)["record"]
+
+    def test_a_record_without_one_is_refused_by_name(self, tmp_path):
+        study = study_with(tmp_path, f"{FILES}\n  vertical: true")
+        with pytest.raises(RecordError, match=r"wave0\.AT2: record wave0 has no vertical comp"):
+            prepare_motions(study)
+
+    def test_of_another_station_is_refused(self, tmp_path):
+        study = study_with(tmp_path, 'files: ["quake/Q-ELC000.AT2"]\n  vertical: true')
+        path = tmp_path / "quake" / "Q-ELC-UP.AT2"
+        path.write_text(path.read_text().replace("El Centro Array #9", "Taft"))
+        with pytest.raises(RecordError, match=r"do not belong together, station is 'El Centro"):
+            prepare_motions(study)
+
+    def test_rows_of_an_index_are_paired_by_event_and_station(self, tmp_path):
+        study = study_with(tmp_path, "index: index.csv\n  vertical: true")
+        names = {"a.AT2": "000", "b.AT2": "UP"}
+        for name, code in names.items():
+            (tmp_path / "quake" / CODES[code][0]).rename(tmp_path / "quake" / name)
+        rows = [f"{name[0]},quake/{name},g,E1,S1,{code}" for name, code in names.items()]
+        head = "id,file,unit,event,station,component"
+        (tmp_path / "index.csv").write_text("\n".join([head, *rows]) + "\n")
+        motions = stored(study)
+        assert list(motions) == ["a"]
+        assert np.allclose(motions["a"].vertical, 0.2 * G * wave(frequency=4.0), atol=1e-6)
+
+    def test_is_in_the_same_file_and_left_out_unless_asked_for(self, tmp_path):
+        from obspy import Stream, Trace
+
+        header = {"delta": 0.01, "network": "XX", "station": "S"}
+        traces = [
+            Trace(wave(frequency=f), header={**header, "channel": code})
+            for code, f in (("HNE", 1.0), ("HNN", 2.0), ("HNZ", 3.0))
+        ]
+        Stream(traces).write(str(tmp_path / "three.mseed"), format="MSEED")
+        files = "files: [{path: three.mseed, unit: m/s2}]"
+        plain = stored(study_with(tmp_path, files))
+        assert [motion.vertical for motion in plain.values()] == [None, None]
+        assert "Vertical component left out." in plain["three:HNE"].log
+        both = stored(study_with(tmp_path, f"{files}\n  vertical: true"))
+        assert np.allclose(both["three:HNN"].vertical, wave(frequency=3.0))
+
+
+class TestProcessing:
+    def test_steps_are_done_in_their_order_and_logged(self, tmp_path):
+        steps = "[demean, {bandpass: {lowest: 0.2, highest: 20.0, causal: true}}, {taper: {}}]"
+        study = study_with(tmp_path, f"{FILES}\n  processing: {steps}")
+        motion = stored(study)["wave0"]
+        lines = motion.log[-3:]
+        assert lines[0].startswith("Mean removed")
+        assert "[bandpass(lowest=0.2, highest=20.0, order=4, causal=True), archfrag" in lines[1]
+        assert "scipy" in lines[1]
+        assert lines[2].startswith("Tapered by a cosine")
+        assert motion.acceleration[0] == motion.acceleration[-1] == 0.0
+
+    def test_the_measure_is_that_of_the_processed_record(self, tmp_path):
+        text = TEXT.replace("measure: PGA", "measure: Arias").replace("unit: g", "unit: m/s")
+        steps = "[{trim: {arias: [0.2, 0.8]}}, {resample: {dt: 0.005}}]"
+        study = study_with(tmp_path, f"{FILES}\n  processing: {steps}", text)
+        for record in prepare_motions(study):
+            motion = load_record(study, record)
+            assert record.dt == motion.dt == pytest.approx(0.005)
+            reached = [measure(motion.scaled(f), "Arias") for f in record.factors]
+            np.testing.assert_allclose(reached, study.intensity.si, rtol=1e-9)
+
+    def test_rotation_makes_one_motion_of_two_files(self, tmp_path):
+        study = study_with(
+            tmp_path,
+            'files: ["quake/Q-ELC0*.AT2"]\n  vertical: true\n'
+            "  processing: [{rotate: {azimuth: 90}}]",
+        )
+        motions = stored(study)
+        assert list(motions) == ["Q-ELC0"]
+        motion = motions["Q-ELC0"]
+        assert np.allclose(motion.acceleration, 0.2 * G * wave(frequency=2.5), atol=1e-6)
+        assert motion.vertical is not None
+
+    def test_levels_of_a_rotated_measure(self, tmp_path):
+        text = TEXT.replace("measure: PGA", 'measure: "RotD100(PGA)"')
+        study = study_with(tmp_path, 'files: ["quake/Q-ELC000.AT2"]', text)
+        (record,) = prepare_motions(study)
+        one, other = wave(frequency=1.5), wave(frequency=2.5)
+        largest = 0.2 * np.hypot(one, other).max()
+        assert record.factors[0] == pytest.approx(0.1 / largest, rel=1e-3)
+
+    def test_a_pair_that_is_not_there(self, tmp_path):
+        study = study_with(
+            tmp_path, 'files: ["records/wave0.AT2"]\n  processing: [{rotate: {angle: 10}}]'
+        )
+        (tmp_path / "records" / "wave1.AT2").unlink()
+        with pytest.raises(RecordError, match=r"record wave0 has no other horizontal component"):
+            prepare_motions(study)
+
+    def test_choice_of_components(self, tmp_path):
+        files = 'files: ["quake/Q-ELC0*.AT2"]\n  processing: [{choose: {components: ["%s"]}}]'
+        assert list(stored(study_with(tmp_path, files % "090"))) == ["Q-ELC090"]
+        with pytest.raises(RecordError, match=r"\(000\): has none of the components 180 that"):
+            prepare_motions(study_with(tmp_path, files % "180"))
+
+    def test_a_step_that_does_not_suit_a_record_names_both(self, tmp_path):
+        study = study_with(tmp_path, f"{FILES}\n  processing: [{{bandpass: {{highest: 60}}}}]")
+        with pytest.raises(
+            RecordError, match=r"wave0\.AT2: motions\.processing\[0\] \(bandpass\): wave0: corners"
+        ):
+            prepare_motions(study)
+
+    @pytest.mark.parametrize(
+        ("steps", "sentence"),
+        [
+            (
+                "[bandpas]",
+                r"motions\.processing\[0\].*bandpas.* is no known key; did you mean band",
+            ),
+            ("[{filter: {}}]", r"processing\[0\]\.filter is no known key; allowed are demean, "),
+            ("[{bandpass: {low: 1}}]", r"processing\[0\]\.bandpass\.low is no known key; did you"),
+            ("[{bandpass: {}}]", r"must have lowest, highest or both \[Hz\]"),
+            ("[{trim: {}}]", r"must have one of arias, threshold_g and times, not 0"),
+            ("[{trim: {arias: [0.9, 0.1]}}]", r"must have arias increase"),
+            ("[{rotate: {}}]", r"must have one of azimuth and angle"),
+            ("[{demean: {}, taper: {}}]", r"processing\[0\] must have one of the keys demean"),
+            ("[{rotate: {angle: 1}}, {choose: {components: [E]}}]", r"choose before rotate"),
+            ("[{taper: {side: top}}]", r"side = top must be"),
+        ],
+    )
+    def test_bad_steps(self, tmp_path, steps, sentence):
+        with pytest.raises(StudyError, match=sentence):
+            study_with(tmp_path, f"{FILES}\n  processing: {steps}")
+
+
+def test_the_cube_states_processing_and_verticals(tmp_path):
+    from archfrag.study.batch import run_batch
+    from archfrag.study.cube import write_cube
+
+    text = TEXT.replace("levels: [0.1, 0.6, 1.2]", "levels: [0.1]").replace("chunk: 2", "chunk: 9")
+    study = study_with(
+        tmp_path, 'files: ["quake/Q-ELC000.AT2"]\n  vertical: true\n  processing: [demean]', text
+    )
+    prepare_motions(study)
+    run_batch(study, workers=1, quiet=True)
+    with netCDF4.Dataset(write_cube(study)) as cube:
+        assert cube.vertical_component == "used"
+        assert cube["record_vertical"][:].tolist() == [1]
+        (step,) = json.loads(cube.archfrag_processing)
+    assert step["step"] == "demean"
+    assert step["settings"] == {}
+    assert step["version"].startswith("archfrag ")
+
+
+def test_names_alone_are_looked_at_without_reading(tmp_path):
+    study = study_with(tmp_path, 'files: ["quake/*.AT2"]\n  vertical: true')
+    sources = find_sources(study)
+    assert [source.path.name for source in sources] == ["Q-ELC000.AT2", "Q-ELC090.AT2"]
+    assert {source.upward.name for source in sources} == {"Q-ELC-UP.AT2"}
