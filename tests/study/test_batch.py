@@ -13,7 +13,8 @@ import pytest
 
 from archfrag.errors import InputError, StabilityError, WorkerError
 from archfrag.study import batch as batch_module
-from archfrag.study.batch import longest_first, run_batch
+from archfrag.study.batch import run_batch
+from archfrag.study.bundles import Bundles
 from archfrag.study.checks import check_arches
 from archfrag.study.config import load_study
 from archfrag.study.parts import read_part
@@ -172,14 +173,18 @@ def test_batches_share_the_runs(copied):
         run_batch(study, 5, quiet=True)
 
 
-def test_the_longest_chunks_go_first(done):
-    order = longest_first(done.plan, [0, 1, 2, 3])
-    assert sorted(order) == [0, 1, 2, 3]
-    from dataclasses import replace
+def test_bundles_give_the_same_parts(done, copied, monkeypatch):
+    monkeypatch.setattr(Bundles, "take", take_four)
+    for path in copied.study.work.glob("parts/*.npz"):
+        path.unlink()
+    log = run_batch(copied.study, workers=1, quiet=True)
+    assert (log.runs, log.kept) == (12, 0)
+    assert parts_of(copied.study.work) == parts_of(done.study.work)
 
-    longer = replace(done.plan.records[1], duration=1e3)
-    plan = replace(done.plan, records=(done.plan.records[0], longer))
-    assert longest_first(plan, [0, 1, 2, 3])[0] == 2
+
+def take_four(bundles):
+    """In the place of `Bundles.take`: bundles of four, whatever they take."""
+    return tuple(bundles._waiting.popleft() for _ in range(min(4, len(bundles._waiting))))
 
 
 def slow(done, step):

@@ -16,13 +16,14 @@ from distributed.scheduler import KilledWorker
 from tqdm import tqdm
 
 from archfrag.errors import ArchfragError, WorkerError
+from archfrag.study.bundles import Bundles
 from archfrag.study.checks import check_arches
 from archfrag.study.config import Method, Study
 from archfrag.study.files import make_folder
 from archfrag.study.parts import read_part
-from archfrag.study.plan import Plan, chunks_of_batch, make_plan, run_table
+from archfrag.study.plan import Plan, chunks_of_batch, make_plan
 from archfrag.study.provenance import add_to_log, available_cores, machine
-from archfrag.study.worker import run_chunk
+from archfrag.study.worker import run_chunks
 
 # A worker is to stay below 400 MB; dask ends one that reaches 95 % of the limit.
 MEMORY_LIMIT = 800 * 10**6
@@ -40,6 +41,8 @@ _SETTINGS: dict[str, Any] = {
     "distributed.worker.memory.pause": False,
     "distributed.worker.memory.terminate": 0.95,
     "distributed.admin.tick.limit": "1h",
+    # Samples of what a worker is at, a hundred times a second, that nobody looks at.
+    "distributed.worker.profile.enabled": False,
     "distributed.comm.timeouts.connect": "30s",
     # What is asked by HTTP has no credentials, so nothing answers there.
     "distributed.scheduler.http.routes": [],
@@ -105,7 +108,7 @@ def run_batch(
                 bar.set_description("starting workers")
                 client = stack.enter_context(_client(study, log.workers))
             _start_clock(bar)
-            for done in _results(client, plan, longest_first(plan, missing)):
+            for done in _results(client, plan, missing):
                 bar.update(int(done["runs"]))
                 log.kernel_time += done["kernel_time"]
                 log.peak_memory[str(done["pid"])] = done["peak_memory"]
@@ -135,13 +138,6 @@ def kernels_needed(method: Method) -> str:
     rtol = defaults["rtol"] if method.rtol is None else method.rtol
     coarse = (method.settings or {}).get("coarse", defaults["coarse"])
     return AUTO if rtol > coarse else "event_driven"
-
-
-def longest_first(plan: Plan, chunks: list[int]) -> list[int]:
-    """Chunks by simulated time, the longest first: then workers finish together."""
-    table = run_table(plan, chunks)
-    length = table.groupby("chunk")["duration"].sum()
-    return [int(chunk) for chunk in length.sort_values(ascending=False, kind="stable").index]
 
 
 @contextlib.contextmanager
@@ -223,17 +219,17 @@ def _client(study: Study, count: int) -> Iterator[Client]:
 
 def _results(client: Client, plan: Plan, chunks: list[int]) -> Iterator[dict[str, float]]:
     """Run chunks with few in flight, so that memory does not grow with their number."""
-    waiting = iter(chunks)
     at_work: set[Future] = set()
     crew = _Crew(client)
+    bundles = Bundles(plan, chunks, crew.size)
 
     def send(count: int) -> None:
         for _ in range(count):
-            chunk = next(waiting, None)
-            if chunk is None:
+            bundle = bundles.take()
+            if not bundle:
                 return
-            key = f"chunk-{chunk}-{plan.identity[:12]}"
-            at_work.add(client.submit(run_chunk, str(plan.path), chunk, key=key, pure=False))
+            key = f"{_name(bundle)}-{plan.identity[:12]}"
+            at_work.add(client.submit(run_chunks, str(plan.path), bundle, key=key, pure=False))
 
     send(IN_FLIGHT * max(1, crew.size))
     try:
@@ -242,19 +238,25 @@ def _results(client: Client, plan: Plan, chunks: list[int]) -> Iterator[dict[str
                 wait(at_work, timeout=1.0, return_when="FIRST_COMPLETED")
             crew.check()
             for future in [future for future in at_work if future.done()]:
-                result = _result(future)
-                if result is not None:
+                results = _result(future)
+                if results is not None:
                     at_work.discard(future)
-                    yield result
+                    bundles.learn(results)
                     send(1)
+                    yield from results
     finally:
         if at_work:
             with contextlib.suppress(Exception):
                 client.cancel(list(at_work), force=True)
 
 
-def _result(future: Future) -> dict[str, float] | None:
-    """Result of a chunk; None if it went under with its worker and is to be made again."""
+def _name(bundle: tuple[int, ...]) -> str:
+    first, others = bundle[0], len(bundle) - 1
+    return f"chunk-{first}" + (f"-and-{others}-more" if others else "")
+
+
+def _result(future: Future) -> list[dict[str, float]] | None:
+    """Results of a bundle; None if it went under with its worker and is to be made again."""
     try:
         return future.result(timeout=2.0)
     except ArchfragError:
