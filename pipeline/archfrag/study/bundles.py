@@ -10,7 +10,7 @@ from archfrag.study.plan import Plan
 # An exchange with a worker costs its scheduler about 10 ms, as much as a chunk of short runs; a
 # bundle is what a lost worker loses, and what the others wait for at the end.
 LONGEST, SHORTEST = 2.0, 0.2  # [s]
-DEALT_AT_ONCE = 1 / 3  # of a worker's fair part of what is left
+DEALT_AT_ONCE = 1 / 2  # of a worker's fair part of what is left
 MOST_CHUNKS = 200
 
 
