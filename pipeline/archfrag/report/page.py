@@ -20,6 +20,7 @@ from archfrag.errors import InputError, OutputError
 from archfrag.fragility.fit import Fragility
 from archfrag.report import motion_figures, tables
 from archfrag.report.arch_section import arch_section
+from archfrag.report.beside import Beside
 from archfrag.report.canvas import Picture, standalone
 from archfrag.report.motion_figures import PERIODS, Spectrum
 from archfrag.report.summary import Scale, arch_results, reading_scale
@@ -147,6 +148,7 @@ def render(study_results: ReportInputs) -> str:
 def _render(inputs: ReportInputs, cube: xr.Dataset) -> tuple[str, list[dict[str, Any]]]:
     scale = reading_scale(cube, inputs.measure)
     _check(inputs, cube)
+    motions = Beside(_motion_section, inputs, cube, scale)
     sections = [
         arch_section(inputs, cube, arch_results(cube, name, scale), arch, onset, f"arch{i}")
         for i, (name, arch, onset) in enumerate(inputs.arches)
@@ -170,7 +172,7 @@ def _render(inputs: ReportInputs, cube: xr.Dataset) -> tuple[str, list[dict[str,
         percent=f"{100 * inputs.confidence:.0f} %",
         n_record=cube.sizes["record"],
         n_level=cube.sizes["level"],
-        motions=_motion_section(inputs, cube, scale),
+        motions=motions.result(),
         facts=[(k, v) for k, v in map(_plain, provenance.items()) if "\n" not in v],
         documents=[(k, v) for k, v in map(_plain, provenance.items()) if "\n" in v],
     )

@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -107,10 +108,12 @@ def run_batch(
         log.workers = min(workers or study.execution.workers or available_cores(), len(missing))
         with _progress(log, quiet) as bar, contextlib.ExitStack() as stack:
             with _ticking(bar):
-                _load_kernels(study, bar)
-                check_arches(study)
+                _compile_kernels(study, bar)
                 bar.set_description("starting workers")
-                client = stack.enter_context(_client(study, log.workers))
+                with ThreadPoolExecutor(1) as beside:
+                    checked = beside.submit(check_arches, study)
+                    client = stack.enter_context(_client(study, log.workers))
+                checked.result()
             _start_clock(bar)
             for done in _results(client, plan, missing):
                 bar.update(int(done["runs"]))
@@ -121,15 +124,18 @@ def run_batch(
     return log
 
 
-def _load_kernels(study: Study, bar: tqdm) -> None:
-    """Load the kernels of the study's method, or compile them, which the bar then says."""
-    from archfrag.simulate import warmup
+def _compile_kernels(study: Study, bar: tqdm) -> None:
+    """Compile the kernels of the study's method, which the bar then says, if they are not."""
+    from archfrag.simulate import kernels_are_compiled, warmup
 
+    name = kernels_needed(study.method)
+    if kernels_are_compiled(name):
+        return  # each worker loads them for itself
     bar.set_description("loading kernels")
     options: dict[str, Any] = {}
     if "progress" in inspect.signature(warmup).parameters:
         options["progress"] = bar.set_description
-    warmup(kernels_needed(study.method), **options)
+    warmup(name, **options)
 
 
 def kernels_needed(method: Method) -> str:
