@@ -1,6 +1,7 @@
 """Batches on dask workers: same results for any number of them, losses survived or told."""
 
 import contextlib
+import importlib
 import os
 import socket
 import subprocess
@@ -13,12 +14,13 @@ import pytest
 
 from archfrag.errors import InputError, StabilityError, WorkerError
 from archfrag.study import batch as batch_module
-from archfrag.study.batch import run_batch
+from archfrag.study.batch import BatchLog, run_batch
 from archfrag.study.bundles import Bundles
 from archfrag.study.checks import check_arches
 from archfrag.study.config import load_study
 from archfrag.study.parts import read_part
 from archfrag.study.plan import make_plan
+from archfrag.study.worker import run_chunk
 from tests.study.small import files, small_study
 
 
@@ -56,7 +58,13 @@ class Killer(threading.Thread):
             time.sleep(0.05)
 
 
-def test_one_worker_gives_the_same_parts_as_two(done, copied):
+def take_four(bundles):
+    """In the place of `Bundles.take`: bundles of four, whatever they take."""
+    return tuple(bundles._waiting.popleft() for _ in range(min(4, len(bundles._waiting))))
+
+
+def test_one_worker_with_large_bundles_gives_the_same_parts_as_two(done, copied, monkeypatch):
+    monkeypatch.setattr(Bundles, "take", take_four)
     for path in copied.study.work.glob("parts/*.npz"):
         path.unlink()
     log = run_batch(copied.study, workers=1, quiet=True)
@@ -146,6 +154,16 @@ def test_finished_parts_are_kept_and_only_the_others_made(done, copied):
     assert parts_of(copied.study.work) == parts_of(done.study.work)
 
 
+@pytest.mark.parametrize("compiled", [True, False])
+def test_kernels_are_compiled_here_and_not_loaded_where_they_are(done, monkeypatch, compiled):
+    simulate, made = importlib.import_module("archfrag.simulate"), []
+    monkeypatch.setattr(simulate, "kernels_are_compiled", lambda name: compiled)
+    monkeypatch.setattr(simulate, "warmup", lambda name, progress: made.append(name))
+    with batch_module._progress(BatchLog(0), quiet=True) as bar:
+        batch_module._compile_kernels(done.study, bar)
+    assert made == ([] if compiled else ["time_stepping"])
+
+
 def test_nothing_to_do_starts_no_workers(copied, monkeypatch):
     monkeypatch.setattr(batch_module, "_client", None)
     log = run_batch(copied.study, quiet=True)
@@ -173,20 +191,6 @@ def test_batches_share_the_runs(copied):
         run_batch(study, 5, quiet=True)
 
 
-def test_bundles_give_the_same_parts(done, copied, monkeypatch):
-    monkeypatch.setattr(Bundles, "take", take_four)
-    for path in copied.study.work.glob("parts/*.npz"):
-        path.unlink()
-    log = run_batch(copied.study, workers=1, quiet=True)
-    assert (log.runs, log.kept) == (12, 0)
-    assert parts_of(copied.study.work) == parts_of(done.study.work)
-
-
-def take_four(bundles):
-    """In the place of `Bundles.take`: bundles of four, whatever they take."""
-    return tuple(bundles._waiting.popleft() for _ in range(min(4, len(bundles._waiting))))
-
-
 def slow(done, step):
     """The same study with steps so short that there is time to kill somebody."""
     for path in done.study.work.glob("parts/*.npz"):
@@ -204,8 +208,11 @@ def test_a_killed_worker_costs_nothing_but_time(copied):
     assert killer.killed == 1
     disturbed = parts_of(study.work)
     assert len(disturbed) == 6
-    slow(copied, 1e-4)
-    run_batch(study, workers=2, quiet=True)
+    # In this process, where nobody is killed and no workers have to start.
+    plan = make_plan(study)
+    for chunk in range(plan.n_chunk):
+        plan.part(chunk).unlink()
+        run_chunk(str(plan.path), chunk)
     assert parts_of(study.work) == disturbed
 
 
