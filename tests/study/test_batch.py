@@ -1,6 +1,7 @@
 """Batches on dask workers: same results for any number of them, losses survived or told."""
 
 import contextlib
+import importlib
 import os
 import socket
 import subprocess
@@ -14,11 +15,13 @@ import pytest
 
 from archfrag.errors import InputError, StabilityError, WorkerError
 from archfrag.study import batch as batch_module
-from archfrag.study.batch import kernels_needed, longest_first, run_batch
+from archfrag.study.batch import BatchLog, kernels_needed, run_batch
+from archfrag.study.bundles import Bundles
 from archfrag.study.checks import check_arches
 from archfrag.study.config import Method, load_study
 from archfrag.study.parts import read_part
 from archfrag.study.plan import make_plan
+from archfrag.study.worker import run_chunk
 from tests.study.small import files, small_study
 
 
@@ -56,7 +59,13 @@ class Killer(threading.Thread):
             time.sleep(0.05)
 
 
-def test_one_worker_gives_the_same_parts_as_two(done, copied):
+def take_four(bundles):
+    """In the place of `Bundles.take`: bundles of four, whatever they take."""
+    return tuple(bundles._waiting.popleft() for _ in range(min(4, len(bundles._waiting))))
+
+
+def test_one_worker_with_large_bundles_gives_the_same_parts_as_two(done, copied, monkeypatch):
+    monkeypatch.setattr(Bundles, "take", take_four)
     for path in copied.study.work.glob("parts/*.npz"):
         path.unlink()
     log = run_batch(copied.study, workers=1, quiet=True)
@@ -146,6 +155,16 @@ def test_finished_parts_are_kept_and_only_the_others_made(done, copied):
     assert parts_of(copied.study.work) == parts_of(done.study.work)
 
 
+@pytest.mark.parametrize("compiled", [True, False])
+def test_kernels_are_compiled_here_and_not_loaded_where_they_are(done, monkeypatch, compiled):
+    simulate, made = importlib.import_module("archfrag.simulate"), []
+    monkeypatch.setattr(simulate, "kernels_are_compiled", lambda name: compiled)
+    monkeypatch.setattr(simulate, "warmup", lambda name, progress: made.append(name))
+    with batch_module._progress(BatchLog(0), quiet=True) as bar:
+        batch_module._compile_kernels(["time_stepping"], bar)
+    assert made == ([] if compiled else ["time_stepping"])
+
+
 def test_nothing_to_do_starts_no_workers(copied, monkeypatch):
     monkeypatch.setattr(batch_module, "_client", None)
     log = run_batch(copied.study, quiet=True)
@@ -171,16 +190,6 @@ def test_batches_share_the_runs(copied):
     assert [log.runs for log in logs] == [4, 2, 2, 2, 2]
     with pytest.raises(InputError, match="--batch 5: must be from 0 to 4"):
         run_batch(study, 5, quiet=True)
-
-
-def test_the_longest_chunks_go_first(done):
-    order = longest_first(done.plan, [0, 1, 2, 3])
-    assert sorted(order) == [0, 1, 2, 3]
-    from dataclasses import replace
-
-    longer = replace(done.plan.records[1], duration=1e3)
-    plan = replace(done.plan, records=(done.plan.records[0], longer))
-    assert longest_first(plan, [0, 1, 2, 3])[0] == 2
 
 
 @pytest.mark.parametrize(
@@ -216,8 +225,11 @@ def test_a_killed_worker_costs_nothing_but_time(copied):
     assert killer.killed == 1
     disturbed = parts_of(study.work)
     assert len(disturbed) == 6
-    slow(copied, 1e-4)
-    run_batch(study, workers=2, quiet=True)
+    # In this process, where nobody is killed and no workers have to start.
+    plan = make_plan(study)
+    for chunk in range(plan.n_chunk):
+        plan.part(chunk).unlink()
+        run_chunk(str(plan.path), chunk)
     assert parts_of(study.work) == disturbed
 
 

@@ -222,7 +222,6 @@ def test_gathering_a_hundred_thousand_runs_takes_less_than_a_gibibyte(copied, tm
     )
     # What this process itself held: its parent, with kernels just compiled, may hold more.
     assert float(found.stdout) < 2**30 / 1e6
-    assert gather(plan)["steps"].size == 100_000
 
 
 class TestFits:

@@ -1,5 +1,6 @@
 """The run table and its parts."""
 
+import errno
 import subprocess
 import sys
 from dataclasses import replace
@@ -14,7 +15,7 @@ from archfrag.study.digests import PACKAGE
 from archfrag.study.outcome import COLUMNS
 from archfrag.study.parts import read_part, write_part
 from archfrag.study.plan import DECIDING, Plan, chunks_of_batch, make_plan, run_table
-from archfrag.study.worker import run_chunk
+from archfrag.study.worker import run_chunk, run_chunks
 from tests.study.small import files
 
 
@@ -151,19 +152,26 @@ class TestParts:
         write_part(copied.plan, 3, table)
         assert read_part(copied.plan, 3) is None
 
-    def test_disk_full_in_a_part_keeps_the_finished_ones(self, copied, full_disk):
+    def test_disk_full_in_a_part_keeps_the_finished_ones(self, copied, monkeypatch):
         plan = copied.plan
         plan.save()
         for chunk in range(plan.n_chunk):
             plan.part(chunk).unlink()
         before = set(files(plan.part(0).parent))
 
-        def run_all():
-            for chunk in range(plan.n_chunk):
-                run_chunk(str(plan.path), chunk)
+        written = []
 
-        with full_disk(at=3), pytest.raises(OutputError) as caught:
-            run_all()
+        def savez(file, **columns):
+            written.append(file)
+            if len(written) == 3:
+                file.write(b"PK")
+                raise OSError(errno.ENOSPC, "No space left on device")
+            whole(file, **columns)
+
+        whole = np.savez
+        monkeypatch.setattr(np, "savez", savez)
+        with pytest.raises(OutputError) as caught:
+            run_chunks(str(plan.path), range(plan.n_chunk))
         assert str(caught.value).startswith(
             f"{plan.part(2)}: cannot be written (No space left on device)"
         )

@@ -1,7 +1,20 @@
 """Arches, columns and blocks in user units, and the chains of rigid bodies that they are."""
 
-from archfrag.arch.assemble import STANDARD_GRAVITY
-from archfrag.arch.block import Block
-from archfrag.arch.model import Arch
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
+from archfrag.arch.gravity import STANDARD_GRAVITY
+
+# Imported when asked for: whoever reads a study file needs neither numba nor scipy.
+_HOME = {"Arch": "archfrag.arch.model", "Block": "archfrag.arch.block"}
 __all__ = ["STANDARD_GRAVITY", "Arch", "Block"]
+
+if TYPE_CHECKING:
+    from archfrag.arch.block import Block
+    from archfrag.arch.model import Arch
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        return getattr(import_module(_HOME[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

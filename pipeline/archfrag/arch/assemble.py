@@ -7,12 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.arch import checks
+from archfrag.arch.gravity import STANDARD_GRAVITY
 from archfrag.arch.ring import Ring
 from archfrag.errors import GeometryError
 from archfrag.mechanics.types import Chain
-
-STANDARD_GRAVITY = 9.80665
-"""Acceleration of gravity in all of archfrag [m/s2] (ISO 80000-3, standard acceleration)."""
 
 
 def assemble(

@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ellipeinc
 
 from archfrag.arch.geometry import cross
 from archfrag.errors import GeometryError
@@ -62,6 +61,7 @@ def ellipse(span: float, rise: float, fraction: NDArray[np.float64]) -> CentreLi
     a E(u | 1 − b²/a²), the incomplete elliptic integral of the second kind.
     """
     from scipy.optimize import brentq
+    from scipy.special import ellipeinc
 
     a, b = 0.5 * span, rise
     parameter = 1.0 - (b / a) ** 2

@@ -1,9 +1,8 @@
 """Units of acceleration that a record may be given in."""
 
-from scipy.constants import g as STANDARD_GRAVITY
-
 from archfrag.errors import RecordError
 
+STANDARD_GRAVITY = 9.80665  # [m/s2]
 METRES_PER_SECOND_SQUARED = {
     "m/s2": 1.0,
     "cm/s2": 1e-2,

@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -16,13 +17,14 @@ from distributed.scheduler import KilledWorker
 from tqdm import tqdm
 
 from archfrag.errors import ArchfragError, WorkerError
+from archfrag.study.bundles import Bundles
 from archfrag.study.checks import check_arches
 from archfrag.study.config import Study
 from archfrag.study.files import make_folder
 from archfrag.study.parts import read_part
-from archfrag.study.plan import Plan, chunks_of_batch, make_plan, run_table
+from archfrag.study.plan import Plan, chunks_of_batch, make_plan
 from archfrag.study.provenance import add_to_log, available_cores, machine
-from archfrag.study.worker import run_chunk
+from archfrag.study.worker import run_chunks
 
 # A worker is to stay below 400 MB; dask ends one that reaches 95 % of the limit.
 MEMORY_LIMIT = 800 * 10**6
@@ -40,6 +42,12 @@ _SETTINGS: dict[str, Any] = {
     "distributed.worker.memory.pause": False,
     "distributed.worker.memory.terminate": 0.95,
     "distributed.admin.tick.limit": "1h",
+    # What dask looks at beside the runs took 5 % of a core here and 2 % in each worker.
+    "distributed.worker.profile.enabled": False,
+    "distributed.worker.memory.monitor-interval": "250ms",
+    "distributed.admin.tick.interval": "500ms",
+    "distributed.admin.system-monitor.interval": "2s",
+    "distributed.scheduler.active-memory-manager.start": False,
     "distributed.comm.timeouts.connect": "30s",
     # What is asked by HTTP has no credentials, so nothing answers there.
     "distributed.scheduler.http.routes": [],
@@ -100,12 +108,14 @@ def run_batch(
         log.workers = min(workers or study.execution.workers or available_cores(), len(missing))
         with _progress(log, quiet) as bar, contextlib.ExitStack() as stack:
             with _ticking(bar):
-                _load_kernels(kernels_needed(study, plan), bar)
-                check_arches(study)
+                _compile_kernels(kernels_needed(study, plan), bar)
                 bar.set_description("starting workers")
-                client = stack.enter_context(_client(study, log.workers))
+                with ThreadPoolExecutor(1) as beside:
+                    checked = beside.submit(check_arches, study)
+                    client = stack.enter_context(_client(study, log.workers))
+                checked.result()
             _start_clock(bar)
-            for done in _results(client, plan, longest_first(plan, missing)):
+            for done in _results(client, plan, missing):
                 bar.update(int(done["runs"]))
                 log.kernel_time += done["kernel_time"]
                 log.peak_memory[str(done["pid"])] = done["peak_memory"]
@@ -114,16 +124,16 @@ def run_batch(
     return log
 
 
-def _load_kernels(names: list[str], bar: tqdm) -> None:
-    """Load the kernels of some methods, or compile them, which the bar then says."""
-    from archfrag.simulate import warmup
+def _compile_kernels(names: list[str], bar: tqdm) -> None:
+    """Compile the kernels of some methods, which the bar then says, if they are not."""
+    from archfrag.simulate import kernels_are_compiled, warmup
 
-    bar.set_description("loading kernels")
     options: dict[str, Any] = {}
     if "progress" in inspect.signature(warmup).parameters:
         options["progress"] = bar.set_description
     for name in names:
-        warmup(name, **options)
+        if not kernels_are_compiled(name):  # else each worker loads them for itself
+            warmup(name, **options)
 
 
 def kernels_needed(study: Study, plan: Plan) -> list[str]:
@@ -141,13 +151,6 @@ def kernels_needed(study: Study, plan: Plan) -> list[str]:
     breaks = {record.breaks for record in plan.records}
     found = {goes_by_events(n, each, rtol, coarse) for n in bodies for each in breaks}
     return [name for by, name in ((False, AUTO), (True, "event_driven")) if by in found]
-
-
-def longest_first(plan: Plan, chunks: list[int]) -> list[int]:
-    """Chunks by simulated time, the longest first: then workers finish together."""
-    table = run_table(plan, chunks)
-    length = table.groupby("chunk")["duration"].sum()
-    return [int(chunk) for chunk in length.sort_values(ascending=False, kind="stable").index]
 
 
 @contextlib.contextmanager
@@ -229,17 +232,17 @@ def _client(study: Study, count: int) -> Iterator[Client]:
 
 def _results(client: Client, plan: Plan, chunks: list[int]) -> Iterator[dict[str, float]]:
     """Run chunks with few in flight, so that memory does not grow with their number."""
-    waiting = iter(chunks)
     at_work: set[Future] = set()
     crew = _Crew(client)
+    bundles = Bundles(plan, chunks, crew.size)
 
     def send(count: int) -> None:
         for _ in range(count):
-            chunk = next(waiting, None)
-            if chunk is None:
+            bundle = bundles.take()
+            if not bundle:
                 return
-            key = f"chunk-{chunk}-{plan.identity[:12]}"
-            at_work.add(client.submit(run_chunk, str(plan.path), chunk, key=key, pure=False))
+            key = f"{_name(bundle)}-{plan.identity[:12]}"
+            at_work.add(client.submit(run_chunks, str(plan.path), bundle, key=key, pure=False))
 
     send(IN_FLIGHT * max(1, crew.size))
     try:
@@ -248,19 +251,25 @@ def _results(client: Client, plan: Plan, chunks: list[int]) -> Iterator[dict[str
                 wait(at_work, timeout=1.0, return_when="FIRST_COMPLETED")
             crew.check()
             for future in [future for future in at_work if future.done()]:
-                result = _result(future)
-                if result is not None:
+                results = _result(future)
+                if results is not None:
                     at_work.discard(future)
-                    yield result
+                    bundles.learn(results)
                     send(1)
+                    yield from results
     finally:
         if at_work:
             with contextlib.suppress(Exception):
                 client.cancel(list(at_work), force=True)
 
 
-def _result(future: Future) -> dict[str, float] | None:
-    """Result of a chunk; None if it went under with its worker and is to be made again."""
+def _name(bundle: tuple[int, ...]) -> str:
+    first, others = bundle[0], len(bundle) - 1
+    return f"chunk-{first}" + (f"-and-{others}-more" if others else "")
+
+
+def _result(future: Future) -> list[dict[str, float]] | None:
+    """Results of a bundle; None if it went under with its worker and is to be made again."""
     try:
         return future.result(timeout=2.0)
     except ArchfragError:

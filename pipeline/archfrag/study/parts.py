@@ -28,7 +28,8 @@ def write_part(plan: Plan, chunk: int, table: dict[str, NDArray]) -> None:
     """
     header = np.frombuffer(canonical_json(_header(plan, chunk)).encode(), dtype=np.uint8)
     path = plan.part(chunk)
-    with replacing(path) as temporary, open(temporary, "wb") as file:
+    # Not made lasting: what a power cut tears, `read_part` takes for missing.
+    with replacing(path, lasting=False) as temporary, open(temporary, "wb") as file:
         np.savez(file, header=header, **table)  # type: ignore[arg-type]
 
 

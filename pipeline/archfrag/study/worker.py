@@ -4,9 +4,11 @@ import contextlib
 import os
 import resource
 import sys
+import time
 from collections.abc import Sequence
 from functools import lru_cache
 from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -61,16 +63,23 @@ def peak_memory() -> float:
 def run_cases(plan: Plan, runs: Sequence[int]) -> list["Response"]:
     """Some runs of a plan, those of one arch together."""
     responses: list[Response] = []
-    for a, group in groupby(runs, key=lambda run: plan.case(run)[0]):
-        cases = [plan.case(run) for run in group]
-        records = [plan.records[r] for _, r, _ in cases]
+    place, folder = plan.path, Path(plan.folder)
+    for a, group in groupby(map(plan.case, runs), key=itemgetter(0)):
+        cases = list(group)
+        records = {r: plan.records[r] for _, r, _ in cases}
+        motions = {r: _motion(str(folder / it.file), it.prepared) for r, it in records.items()}
         responses += simulate_cases(
             plan.method,
-            _arch(str(plan.path), _modified(plan.path), a),
-            [_motion(str(Path(plan.folder) / record.file), record.prepared) for record in records],
-            [record.factors[level] for record, (_, _, level) in zip(records, cases)],
+            _arch(str(place), _modified(place), a),
+            [motions[r] for _, r, _ in cases],
+            [records[r].factors[level] for _, r, level in cases],
         )
     return responses
+
+
+def run_chunks(plan_path: str, chunks: Sequence[int]) -> list[dict[str, float]]:
+    """Run several chunks one after the other; see `run_chunk`."""
+    return [run_chunk(plan_path, chunk) for chunk in chunks]
 
 
 def run_chunk(plan_path: str, chunk: int) -> dict[str, float]:
@@ -85,13 +94,15 @@ def run_chunk(plan_path: str, chunk: int) -> dict[str, float]:
     Returns
     -------
     dict
-        chunk, runs, kernel_time [s], peak_memory [MB] and pid of this process.
+        chunk, runs, kernel_time [s], wall_time [s] with all that is done beside the runs,
+        peak_memory [MB] and pid of this process.
 
     Raises
     ------
     OutputError
         If the part cannot be written.
     """
+    started = time.perf_counter()
     plan = _plan(plan_path, _modified(Path(plan_path)))
     responses = run_cases(plan, plan.rows(chunk))
     write_part(plan, chunk, table_of(responses))
@@ -105,6 +116,7 @@ def run_chunk(plan_path: str, chunk: int) -> dict[str, float]:
         "chunk": chunk,
         "runs": len(responses),
         "kernel_time": sum(response.wall_time for response in responses),
+        "wall_time": time.perf_counter() - started,
         "peak_memory": peak_memory(),
         "pid": os.getpid(),
     }
