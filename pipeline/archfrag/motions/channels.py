@@ -30,7 +30,7 @@ _VERTICAL = re.compile(r"[-+]?(U|V|Z|UD\d?|UP|DWN|DOWN|VERT|VERTICAL|..Z)", re.I
 _HORIZONTAL = re.compile(
     r"(EW|NS)\d?|[ENXYRTHL]\d?|[NS]\d+(\.\d+)?[EW]|\d{1,3}|..[ENXYRT12]", re.IGNORECASE
 )
-_LARGE = 16 * 2**20  # [bytes] from which a text is read within limits, too
+_LARGE = 4 * 2**20  # [bytes] from which a text is read within limits, too
 _reader = Reader()
 
 
@@ -170,6 +170,10 @@ def _check_counts(
         if held < announced and trace is content.traces[-1] and _ends_in_a_number(content, path):
             trace.data = trace.data[:-1]
             sentences += ("Last sample left out: the file ends in the middle of its line.",)
+        if len(trace.data) < 2:
+            raise RecordError(
+                f"{path}: channel {trace.id} holds {len(trace.data)} sample; 2 are needed at least"
+            )
         accepted[trace.id] = (*accepted.get(trace.id, ()), *sentences)
     return accepted
 

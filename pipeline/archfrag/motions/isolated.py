@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from obspy import Trace
 
 COMPUTING_TIME = 60.0  # [s] of processor time for one file
-MEMORY = 4 * 2**30  # [bytes] of address space
+MEMORY = 5 * 2**28  # [bytes] of address space, a quarter of it libraries
 _START = (
     "import sys; sys.path[:] = sys.argv[1:]; from archfrag.motions.isolated import serve; serve()"
 )

@@ -18,6 +18,7 @@ from archfrag.errors import RecordError
 from archfrag.motions.formats import facts
 from archfrag.motions.formats.text import (
     Source,
+    clipped,
     head_lines,
     numbers,
     read_lines,
@@ -87,7 +88,7 @@ def read_at2(source: Source, *, partial: bool = False, **_: Any) -> Stream:
             f"{name}: an AT2 file has {HEADER_LINES} header lines and then samples; this one "
             f"ends after {len(lines)} line(s)"
         )
-    header = [line.strip() for line in lines[:HEADER_LINES]]
+    header = [line.strip() for line in clipped(lines[:HEADER_LINES])]
     unit = _unit(header[2], name)
     announced, step = _announcement(header[3], name)
     samples = numbers(lines[HEADER_LINES:], HEADER_LINES + 1, name)

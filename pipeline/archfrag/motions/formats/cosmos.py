@@ -18,6 +18,7 @@ from archfrag.errors import RecordError
 from archfrag.motions.formats import facts
 from archfrag.motions.formats.text import (
     Source,
+    clipped,
     format_width,
     head_lines,
     numbers,
@@ -119,7 +120,7 @@ def _header(lines: Sequence[str], place: int, name: str) -> _Channel:
             f"{name}, line {place + 1}: a line with (Format v01.20 with 13 text lines) is needed "
             f"for a channel, this is {lines[place].strip()[:60]!r}"
         )
-    text = list(lines[place : place + count])
+    text = clipped(lines[place : place + count])
     integers, at = _numbers(lines, place + count, "integer", name)
     reals, at = _numbers(lines, at, "real", name)
     comments: list[str] = []
@@ -127,9 +128,9 @@ def _header(lines: Sequence[str], place: int, name: str) -> _Channel:
     if found:
         at += 1
         while at < len(lines) and lines[at].lstrip().startswith("|"):
-            comments.append(lines[at])
+            comments += clipped(lines[at : at + 1])
             at += 1
-    if at >= len(lines) or not _SECTION.match(lines[at]):
+    if not any(map(_SECTION.match, clipped(lines[at : at + 1]))):
         raise RecordError(
             f"{name}, line {at + 1}: the line with the number of points and their units is needed "
             f"here, this is {_shown(lines, at)}"
@@ -180,7 +181,7 @@ def _end_of_numbers(lines: Sequence[str], place: int) -> int:
 
 
 def _trace(lines: Sequence[str], channel: _Channel, end: int, name: str) -> Trace:
-    head = lines[channel.section]
+    (head,) = clipped(lines[channel.section : channel.section + 1])
     where = f"{name}, line {channel.section + 1}"
     found = _SECTION.match(head)
     announced = facts.whole_count(found.group(1) if found else "", where)

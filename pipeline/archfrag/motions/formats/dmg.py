@@ -20,6 +20,7 @@ from archfrag.errors import RecordError
 from archfrag.motions.formats import facts
 from archfrag.motions.formats.text import (
     Source,
+    clipped,
     format_width,
     head_lines,
     numbers,
@@ -119,7 +120,7 @@ def _channel(lines: Sequence[str], place: int, name: str) -> tuple[Trace, int, i
             f"for a channel, this is {lines[place].strip()[:60]!r}"
         )
     level = "raw" if found.group(1) else "processed"
-    text = list(lines[place : place + _TEXT_LINES[level]])
+    text = clipped(lines[place : place + _TEXT_LINES[level]])
     if len(text) < _TEXT_LINES[level]:
         raise RecordError(f"{name}, line {len(lines)}: the file ends in a header")
     data = _data(lines, place, level, name)
@@ -151,17 +152,18 @@ def _data(lines: Sequence[str], place: int, level: str, name: str) -> _Data:
     if section is None:
         return _pairs(lines, place, begin + _NUMBER_LINES[level], name)
     where = f"{name}, line {section + 1}"
-    announced = facts.whole_count(_group(_SECTION, lines[section]), where)
-    step = _step(lines[section], where)
-    unit, scale = _unit_of(lines[section])
+    (line,) = clipped(lines[section : section + 1])
+    announced = facts.whole_count(_group(_SECTION, line), where)
+    step = _step(line, where)
+    unit, scale = _unit_of(line)
     end = _end_of_numbers(lines, section + 1)
-    width = format_width(lines[section]) or _WIDTH
+    width = format_width(line) or _WIDTH
     samples = numbers(lines[section + 1 : end], section + 2, name, expected=announced, width=width)
     return _Data(samples * scale, step, announced, samples.size, unit, (), end)
 
 
 def _pairs(lines: Sequence[str], place: int, first: int, name: str) -> _Data:
-    text = lines[place : place + _TEXT_LINES["raw"]]
+    text = clipped(lines[place : place + _TEXT_LINES["raw"]])
     line = next((i for i, each in enumerate(text) if _COUNT_LINE.search(each)), None)
     if line is None:
         raise RecordError(f"{name}, line {place + 1}: the header has no NO. OF POINTS")

@@ -18,6 +18,7 @@ from archfrag.errors import RecordError
 from archfrag.motions.formats import facts
 from archfrag.motions.formats.text import (
     Source,
+    clipped,
     head_lines,
     numbers,
     on_even_steps,
@@ -67,6 +68,7 @@ def read_smc(source: Source, **_: Any) -> Stream:
         sample is not a finite number.
     """
     name, lines = source_name(source), read_lines(source)
+    lines[:_TEXT] = clipped(lines[:_TEXT])
     title = _TITLE.match(lines[0])
     level = _LEVELS.get(title.group(1)) if title else None
     if level is None or "ACCEL" not in lines[0].upper():

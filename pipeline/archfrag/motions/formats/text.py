@@ -1,6 +1,7 @@
 """What the readers of text formats share: bytes, lines, numbers and times."""
 
 import io
+import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +15,9 @@ from archfrag.errors import RecordError
 Source = str | Path | BinaryIO
 
 _CHUNK = 4000  # lines that are taken apart at a time: words need ten times the memory of numbers
-_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[Ee][-+]?\d+)?")
+_NUMBER = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[Ee][-+]?\d+)?")
+_WIDEST = 200  # characters of a line of a header; patterns take long over much longer ones
+_SHOWN = 40  # characters of a word in a message
 _FORTRAN = str.maketrans("Dd", "EE")
 # Fixed-width columns leave no blank before a sign, nor after a two-digit exponent.
 _RUN_TOGETHER = re.compile(r"(?<=[Ee][-+]\d\d)(?=[-+.\d])|(?<=[\d.])(?=[-+])")
@@ -75,6 +78,11 @@ def _lines(content: bytes) -> list[str]:
     return re.sub("\r+\n|\r", "\n", text).rstrip("\x1a ").split("\n")
 
 
+def clipped(lines: Sequence[str]) -> list[str]:
+    """Lines of a header, none longer than any has."""
+    return [line[:_WIDEST] for line in lines]
+
+
 def format_width(text: str) -> int | None:
     """Width of the columns by a Fortran format such as ``(8f9.6)`` in a text."""
     found = _FORMAT.search(text)
@@ -119,7 +127,11 @@ def numbers(
     values: list[float] = []
     for number, line in enumerate(lines, start=first):
         for word in line.split():
-            values.extend(_taken_apart(word, f"{name}, line {number}"))
+            value = _number(word)
+            if value is None:
+                values.extend(_taken_apart(word, f"{name}, line {number}"))
+            else:
+                values.append(value)
     return np.array(values)
 
 
@@ -153,17 +165,26 @@ def _columns(lines: Sequence[str], width: int) -> list[float]:
     return values
 
 
+def _number(word: str) -> float | None:
+    try:
+        value = float(word.translate(_FORTRAN))
+    except ValueError:
+        return None
+    return value if math.isfinite(value) and "_" not in word else None
+
+
 def _taken_apart(word: str, place: str) -> list[float]:
     text = word.translate(_FORTRAN).upper()
+    shown = repr(word if len(word) <= _SHOWN else word[:_SHOWN] + "...")
     pieces = [text] if _NUMBER.fullmatch(text) else _RUN_TOGETHER.sub(" ", text).split()
     if len(pieces) > 1 and not all(_FIXED_WIDTH.fullmatch(piece) for piece in pieces):
         pieces = [""]
     try:
         values = [float(piece.replace("_", "?")) for piece in pieces]
     except ValueError:
-        raise RecordError(f"{place}: {word!r} is not a number") from None
+        raise RecordError(f"{place}: {shown} is not a number") from None
     if not np.isfinite(values).all():
-        raise RecordError(f"{place}: {word!r} is not a finite number")
+        raise RecordError(f"{place}: {shown} is not a finite number")
     return values
 
 
