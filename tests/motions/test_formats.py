@@ -1,6 +1,7 @@
 """COSMOS, CSMIP and SMC files in layouts of the agencies, with made-up numbers."""
 
 import io
+import time
 from typing import ClassVar
 
 import numpy as np
@@ -264,6 +265,13 @@ class TestFaults:
             read_motion(path)
         assert str(caught.value).startswith(str(path))
         assert "\n" not in str(caught.value)
+
+
+def test_a_header_line_without_end_takes_no_time(tmp_path):
+    text = dmg_v1().replace("HYPOCENTER", "9" * 2000 + " HYPOCENTER")
+    begun = time.process_time()
+    assert len(read_all(tmp_path, text)) == 2
+    assert time.process_time() - begun < 0.5
 
 
 class TestNumbers:
