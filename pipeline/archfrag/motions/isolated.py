@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from obspy import Trace
 
 COMPUTING_TIME = 60.0  # [s] of processor time for one file
-MEMORY = 4 * 2**30  # [bytes] of address space
+MEMORY = 5 * 2**28  # [bytes] of address space, a quarter of it libraries
 _START = (
     "import sys; sys.path[:] = sys.argv[1:]; from archfrag.motions.isolated import serve; serve()"
 )
@@ -78,7 +78,8 @@ class Reader:
                 if name in IN_C:
                     self._end()  # a damaged file may have left its memory in any state
                 raise Unreadable(answer["error"])
-        return Content(name, answer["traces"], answer["announced"], tuple(answer["messages"]))
+        traces, announced, held = (answer[key] for key in ("traces", "announced", "held"))
+        return Content(name, traces, announced, held, tuple(answer["messages"]))
 
     def stop(self) -> None:
         """End the process, if there is one."""
@@ -214,7 +215,7 @@ def _header(trace: "Trace") -> dict[str, Any]:
     header: dict[str, Any] = {key: str(stats[key]) for key in _NAMES}
     header |= {key: float(stats[key]) for key in ("delta", "calib")}
     header["start"] = stats.starttime.ns
-    return header | ({"at2": dict(stats.at2)} if "at2" in stats else {})
+    return header | ({"record": dict(stats.record)} if "record" in stats else {})
 
 
 def _take_trace(answers: IO[bytes], header: dict[str, Any]) -> "Trace":
@@ -226,8 +227,8 @@ def _take_trace(answers: IO[bytes], header: dict[str, Any]) -> "Trace":
     if len(data) < size:
         raise EOFError
     stats = header | {"starttime": UTCDateTime(ns=header.pop("start"))}
-    if "at2" in stats:
-        stats["at2"] = AttribDict(stats["at2"])
+    if "record" in stats:
+        stats["record"] = AttribDict(stats["record"])
     return Trace(np.frombuffer(data, dtype=np.float64), header=stats)
 
 

@@ -282,7 +282,7 @@ def _store(study: Study, folder: Path, progress: Any) -> list[PreparedRecord]:
     records: list[PreparedRecord] = []
     for motion in read_sources(study):
         path = folder / f"{len(records):05d}.npz"
-        factors = scale_factors(motion, study)
+        factors, metadata = scale_factors(motion, study), motion.metadata
         parts = [part for part in (motion.acceleration, motion.vertical) if part is not None]
         save_motions(path, [motion])
         records.append(
@@ -294,8 +294,8 @@ def _store(study: Study, folder: Path, progress: Any) -> list[PreparedRecord]:
                 prepared=sha256_of(path),
                 dt=motion.dt,
                 duration=motion.duration,
-                magnitude=_number(motion.metadata.get("Mw")),
-                distance=_number(motion.metadata.get("distance_km")),
+                magnitude=_number(metadata.get("Mw") or metadata.get("magnitude")),
+                distance=_number(metadata.get("distance_km")),
                 factors=factors,
                 accepted=str(motion.metadata.get("accepted") or ""),
                 breaks=count_breaks(*parts),

@@ -7,6 +7,7 @@ happens here: the formats below are tried one by one on the file as it lies ther
 Nothing slow is imported here: the process that reads files (`isolated`) starts with this module.
 """
 
+import importlib
 import math
 import warnings
 from collections.abc import Callable, Sequence
@@ -15,11 +16,20 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from obspy import Stream, Trace
+    from obspy.core import AttribDict
 
+# The readers of this package: name of the plug-in, and the module here that has is_<module> and
+# read_<module>. Each is an entry point in pyproject.toml, too.
+OWN = {
+    "AT2": "at2",
+    "COSMOS": "cosmos",
+    "DMG": "dmg",
+    "SMC": "smc",
+}
 # Text that Python code reads. The others are binary (or, GSE, read in C), and a damaged one can
 # end the process that reads it. Formats that name other files (CSS, Q), that lose a cut-off trace
 # without a word (AH, DMX, SH_ASC, WAV, WIN, Y) or that are no earthquakes' are not offered.
-TEXT = ("AT2", "KNET", "SLIST", "TSPAIR")
+TEXT = (*OWN, "KNET", "SLIST", "TSPAIR")
 BINARY = (
     "MSEED", "SAC", "GSE2", "SEISAN", "SACXY", "GSE1", "KINEMETRICS_EVT", "GCF", "REFTEK130",
 )  # fmt: skip
@@ -40,12 +50,14 @@ class Unreadable(Exception):
 class Content(NamedTuple):
     """What a file holds: its traces, what their header announced, and what the reader warned of.
 
-    `announced` has the number of samples for each trace.
+    `announced` has the number of samples for each trace, `held` those that the file has: others
+    than those of the trace where it was read at other times than the file's.
     """
 
     format: str
     traces: "list[Trace]"
     announced: list[int]
+    held: list[int]
     messages: tuple[str, ...]
 
 
@@ -92,16 +104,20 @@ def read_as(path: str, name: str) -> Content:
         _check_blocks(trace, path, name)
         trace.stats._format = name
         trace.stats.npts = len(trace.data)
+        if name == "KNET":
+            trace.stats.record = _knet_record(trace)
+    held = [trace.stats.get("record", {}).get("held", trace.stats.npts) for trace in traces]
     texts = (f"obspy: {' '.join(str(message.message).split())}" for message in messages)
-    return Content(name, traces, announced, tuple(dict.fromkeys(texts)))
+    return Content(name, traces, announced, held, tuple(dict.fromkeys(texts)))
 
 
 def _is_format(name: str) -> Callable[[str], bool]:
-    if name == "AT2":
-        from archfrag.motions.formats.at2 import is_at2
+    return _own(name, "is") if name in OWN else _plug_in(name, "isFormat")
 
-        return is_at2
-    return _plug_in(name, "isFormat")
+
+def _own(name: str, function: str) -> Callable[..., Any]:
+    module = importlib.import_module(f"archfrag.motions.formats.{OWN[name]}")
+    return getattr(module, f"{function}_{OWN[name]}")
 
 
 def _plug_in(name: str, function: str) -> Callable[[str], Any]:
@@ -111,16 +127,14 @@ def _plug_in(name: str, function: str) -> Callable[[str], Any]:
 
 
 def _stream(path: str, name: str) -> "Stream":
-    if name == "AT2":
-        from archfrag.errors import RecordError
-        from archfrag.motions.formats.at2 import read_at2
+    from archfrag.errors import RecordError
 
-        try:
-            return read_at2(path, partial=True)
-        except RecordError as error:
-            raise Unreadable(str(error)) from None
     try:
+        if name in OWN:
+            return _own(name, "read")(path, partial=True)
         return _plug_in(name, "readFormat")(path)
+    except RecordError as error:
+        raise Unreadable(str(error)) from None
     except MemoryError:
         raise Unreadable(f"{path}: reading it as {name} takes more memory than allowed") from None
     except Exception as error:
@@ -147,7 +161,29 @@ def _check_blocks(trace: "Trace", path: str, name: str) -> None:
 
 def _announced(trace: "Trace", name: str) -> int:
     """Number of samples by the header; obspy leaves it in `npts` though it read another."""
-    if name == "AT2":
-        return trace.stats.at2.announced
+    record = trace.stats.get("record", {})
+    if "announced" in record:
+        return record.announced
     count = trace.stats.get("knet", {}).get("duration", 0.0) * trace.stats.sampling_rate
     return round(count) if count and math.isfinite(count) else trace.stats.npts
+
+
+def _knet_record(trace: "Trace") -> "AttribDict":
+    """What obspy found in a K-NET header, in the words of ``stats.record``."""
+    from obspy.core import AttribDict
+
+    from archfrag.motions.formats.facts import judge_peak
+
+    header = trace.stats.get("knet", {})
+    names = {"magnitude": "mag", "depth_km": "evdp", "event_latitude": "evla",
+             "event_longitude": "evlo", "station_latitude": "stla",
+             "station_longitude": "stlo"}  # fmt: skip
+    record: dict[str, Any] = {"level": "raw"}
+    record |= {ours: float(header[theirs]) for ours, theirs in names.items() if theirs in header}
+    if "evot" in header:
+        record["date"] = str(header["evot"].date)
+    if trace.stats.channel[:2] in ("NS", "EW"):
+        record["azimuth"] = 0.0 if trace.stats.channel[0] == "N" else 90.0
+    if "accmax" in header and len(trace.data):
+        judge_peak(record, str(header["accmax"]), 100.0 * trace.stats.calib * trace.data, "gal")
+    return AttribDict(record)
