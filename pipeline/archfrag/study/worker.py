@@ -18,7 +18,7 @@ from archfrag.study.files import replacing
 from archfrag.study.outcome import table_of
 from archfrag.study.parts import write_part
 from archfrag.study.plan import Plan
-from archfrag.study.records import load_stored
+from archfrag.study.records import PreparedRecord, motion_of_record
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
@@ -39,8 +39,8 @@ def _arch(path: str, modified: int, number: int) -> "Arch":
 
 
 @lru_cache(maxsize=4)
-def _motion(path: str, prepared: str) -> "Motion":
-    return load_stored(Path(path), prepared)
+def _motion(folder: str, record: PreparedRecord) -> "Motion":
+    return motion_of_record(Path(folder), record)
 
 
 def _modified(path: Path) -> int:
@@ -67,7 +67,7 @@ def run_cases(plan: Plan, runs: Sequence[int]) -> list["Response"]:
         responses += simulate_cases(
             plan.method,
             _arch(str(plan.path), _modified(plan.path), a),
-            [_motion(str(Path(plan.folder) / record.file), record.prepared) for record in records],
+            [_motion(plan.folder, record) for record in records],
             [record.factors[level] for record, (_, _, level) in zip(records, cases)],
         )
     return responses
