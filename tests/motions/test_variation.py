@@ -12,7 +12,7 @@ from archfrag.motions.synthetic import pulse as pulses
 from archfrag.motions.synthetic import vertical as verticals
 from archfrag.motions.synthetic.motion import _amplitude
 from archfrag.motions.synthetic.source import table
-from archfrag.motions.synthetic.variation import TERMS, draw_term, frequencies, grid
+from archfrag.motions.synthetic.variation import TERMS, draw_term, frequencies, grid, power_shares
 
 PERIODS = np.array([0.1, 0.2, 0.5, 1.0, 2.0])
 
@@ -134,6 +134,18 @@ class TestVertical:
         wanted = np.interp(PERIODS, verticals.vertical_periods(), wanted)
         assert np.exp(ratio.mean(axis=0)) == pytest.approx(wanted, rel=0.12)
         assert 0.3 < ratio.std(axis=0).min() < ratio.std(axis=0).max() < 0.65
+
+    def test_factor_gives_mean_squares_of_oscillators_the_ratio(self):
+        amplitude = _amplitude(grid(), 7.0, 10.0, 760.0)
+        factor = verticals.vertical_factor(amplitude, 7.0, 10.0, 760.0)
+        gain = np.exp(2.0 * np.interp(np.log(grid()), np.log(frequencies()), factor))
+        periods = np.array([0.05, 0.075, 0.1, 0.15, 0.2, 0.5])
+        shares = power_shares(amplitude, periods)
+        found = np.sqrt((shares @ gain) / shares.sum(axis=1))
+        rock_pga = verticals._expected_peak(amplitude, 7.0, 10.0) / 9.80665
+        wanted = verticals.vertical_ratio(7.0, 10.0, 760.0, rock_pga)
+        places = np.interp(periods, verticals.vertical_periods(), wanted)
+        assert found == pytest.approx(places, rel=0.04)
 
     def test_horizontal_stays(self):
         alone, both = (make_motion(6.0, 20.0, 4, Options(vertical=v)) for v in (False, True))
