@@ -1,11 +1,12 @@
 """Synthetic ground motions: any number, each from its magnitude, distance and seeds alone."""
 
-from archfrag.motions.synthetic.motion import MODEL, Options, Seeds, make_motion, window
+from archfrag.motions.synthetic.motion import MODEL, Options, Seeds, make_motion
 from archfrag.motions.synthetic.source import (
     VS30,
     fourier_amplitude,
     ground_motion_duration,
     median_adjustment,
+    window,
 )
 from archfrag.motions.synthetic.suite import (
     FIRST_SEED,

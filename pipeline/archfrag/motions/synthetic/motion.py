@@ -11,18 +11,21 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from archfrag.errors import InputError
 from archfrag.motions.motion import Motion
 from archfrag.motions.synthetic.pulse import add_pulse
 from archfrag.motions.synthetic.source import (
     VS30,
+    WINDOW_LENGTH,
+    WINDOW_PEAK,
     fourier_amplitude,
     ground_motion_duration,
     low_cut,
     median_adjustment,
     site_factor,
+    window,
 )
 from archfrag.motions.synthetic.variation import (
     draw_term,
@@ -42,12 +45,6 @@ _MARGIN = 5.0  # [s] before and after the window, for the ringing of the low cut
 _QUIET = 1.0  # [s] of zeros at each end
 # Streams of random numbers that one seed may be asked for.
 _STREAMS = ("event", "site", "record", "noise", "vertical_record", "vertical_noise", "pulse")
-
-# Boore (2003), after Saragoni and Hart (1974): where the window peaks and what is left of it at
-# the end of its nominal length, which is twice the duration of ground motion.
-_WINDOW_PEAK = 0.2
-_WINDOW_END = 0.05
-_WINDOW_LENGTH = 2.0
 
 
 @dataclass(frozen=True)
@@ -89,33 +86,15 @@ class Options:
     pulse: bool = False
 
 
-def window(time: ArrayLike, length: float) -> NDArray[np.float64]:
-    """Saragoni and Hart's window with peak 1: (a t / length)^b exp(-c t / length).
-
-    As Boore (2003) sets it: peak at 0.2 of the length, 0.05 of the peak at its end.
-
-    Parameters
-    ----------
-    time : array_like, shape (n_sample,) [s]
-        From the start of the window; zero before it.
-    length : float [s]
-    """
-    b = -_WINDOW_PEAK * np.log(_WINDOW_END) / (1.0 + _WINDOW_PEAK * (np.log(_WINDOW_PEAK) - 1.0))
-    c = b / _WINDOW_PEAK
-    share = np.maximum(np.asarray(time, dtype=np.float64) / length, 0.0)
-    return (np.e / _WINDOW_PEAK * share) ** b * np.exp(-c * share)
-
-
 def make_motion(
     magnitude: float, distance: float, seed: int | Seeds, options: Options | None = None
 ) -> Motion:
     """Make one motion; the same arguments give the same samples.
 
     The steps of Boore (2003): noise, window, spectrum with mean square 1, target spectrum with low
-    cut 1 / (1 + (f_low / f)^8) and the terms of event, site and record, back to time. Then the
-    ends are tapered, a pulse is added if there is one, a straight line under a taper is
-    subtracted so that velocity and displacement end at zero, and samples are rounded to 1e-6 m/s2
-    and single precision.
+    cut 1 / (1 + (f_low / f)^8) and variation, back to time. Then the ends are tapered, a pulse is
+    added if there is one, a line under a taper is subtracted so that velocity and displacement end
+    at zero, and samples are rounded to 1e-6 m/s2 and single precision.
 
     Parameters
     ----------
@@ -144,12 +123,12 @@ def make_motion(
     _check(magnitude, distance, seeds, options)
     frame = _frame(magnitude, distance, options)
     terms = _terms(magnitude, distance, seeds, options)
-    facts: dict[str, float] = {}
+    pulse: dict[str, float] = {}
     horizontal = _shaken(frame, _generator("noise", seeds.record), terms["horizontal"])
     if options.pulse:
         stream = _generator("pulse", seeds.record)
         horizontal, period = add_pulse(horizontal, frame.after_peak, magnitude, stream)
-        facts["pulse_period_s"] = period
+        pulse["pulse_period_s"] = period
     vertical = None
     if options.vertical:
         stream = _generator("vertical_noise", seeds.record)
@@ -159,19 +138,24 @@ def make_motion(
         options.dt,
         vertical,
         id=f"M{magnitude:g}-R{distance:g}-{seeds.record}",
-        metadata={
-            "event": f"synthetic M{magnitude:g} {seeds.event}",
-            "Mw": magnitude,
-            "distance_km": distance,
-            "Vs30_mps": options.vs30,
-            "seed": seeds.record,
-            "event_seed": seeds.event,
-            "site_seed": seeds.site,
-            "model": MODEL,
-            **facts,
-        },
+        metadata={**_facts(magnitude, distance, seeds, options), **pulse},
         log=(f"Made by {MODEL}; seeds {seeds.record}, {seeds.event}, {seeds.site}.",),
     )
+
+
+def _facts(
+    magnitude: float, distance: float, seeds: Seeds, options: Options
+) -> dict[str, float | str]:
+    return {
+        "event": f"synthetic M{magnitude:g} {seeds.event}",
+        "Mw": magnitude,
+        "distance_km": distance,
+        "Vs30_mps": options.vs30,
+        "seed": seeds.record,
+        "event_seed": seeds.event,
+        "site_seed": seeds.site,
+        "model": MODEL,
+    }
 
 
 class _Frame(NamedTuple):
@@ -187,7 +171,7 @@ class _Frame(NamedTuple):
 
 def _frame(magnitude: float, distance: float, options: Options) -> _Frame:
     dt = options.dt
-    length = _WINDOW_LENGTH * ground_motion_duration(magnitude, distance)
+    length = WINDOW_LENGTH * ground_motion_duration(magnitude, distance)
     active = round((1.25 * length + 2.0 * _MARGIN) / dt) + 1
     size = 1 << int(np.ceil(np.log2(active + 1.5 / (low_cut(magnitude) * dt))))
     time = np.arange(size, dtype=np.float64) * np.float64(dt) - _MARGIN
@@ -195,7 +179,7 @@ def _frame(magnitude: float, distance: float, options: Options) -> _Frame:
     return _Frame(
         dt,
         active,
-        time[:active] - _WINDOW_PEAK * length,
+        time[:active] - WINDOW_PEAK * length,
         window(time, length),
         np.log(f),
         _amplitude(f, magnitude, distance, options.vs30),

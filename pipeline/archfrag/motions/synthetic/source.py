@@ -58,6 +58,12 @@ _AMPLIFICATION = np.array(
     ]
 )  # fmt: skip
 
+# Boore (2003), after Saragoni and Hart (1974): where the window peaks and what is left of it at
+# the end of its nominal length, which is twice the duration of ground motion.
+WINDOW_PEAK = 0.2
+_WINDOW_END = 0.05
+WINDOW_LENGTH = 2.0
+
 VS30 = 760.0  # [m/s]
 _HERE = Path(__file__).parent
 
@@ -128,6 +134,23 @@ def fourier_amplitude(
     )
     site = amplification * np.exp(-np.pi * KAPPA * f)
     return (2.0 * np.pi * f) ** 2 * source * spreading * loss * site
+
+
+def window(time: ArrayLike, length: float) -> NDArray[np.float64]:
+    """Saragoni and Hart's window with peak 1: (a t / length)^b exp(-c t / length).
+
+    As Boore (2003) sets it: peak at 0.2 of the length, 0.05 of the peak at its end.
+
+    Parameters
+    ----------
+    time : array_like, shape (n_sample,) [s]
+        From the start of the window; zero before it.
+    length : float [s]
+    """
+    b = -WINDOW_PEAK * np.log(_WINDOW_END) / (1.0 + WINDOW_PEAK * (np.log(WINDOW_PEAK) - 1.0))
+    c = b / WINDOW_PEAK
+    share = np.maximum(np.asarray(time, dtype=np.float64) / length, 0.0)
+    return (np.e / WINDOW_PEAK * share) ** b * np.exp(-c * share)
 
 
 def site_factor(frequency: ArrayLike, vs30: float) -> NDArray[np.float64]:
