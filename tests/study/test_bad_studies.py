@@ -196,7 +196,7 @@ BAD |= {
     "thicker than its radius": (("thickness: 1.5", "thickness: 25"), "less than 20 m"),
     "no motions": (('motions:\n  files: ["records/*.AT2"]\n', ""), "motions is missing"),
     "motions a word": (('motions:\n  files: ["records/*.AT2"]', "motions: a"), "motions = a must"),
-    "files empty": (('["records/*.AT2"]', "[]"), "must have a key index or files"),
+    "files empty": (('["records/*.AT2"]', "[]"), "must have a key index, files or synthetic"),
     "files nothing": (('["records/*.AT2"]', ""), "motions.files = empty must be a list"),
     "files a word": (('["records/*.AT2"]', "records"), "motions.files = records must be a list"),
     "a file of a number": (('["records/*.AT2"]', "[3]"), "motions.files[0] = 3 must be"),

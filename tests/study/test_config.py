@@ -112,7 +112,7 @@ BAD = {
     "missing key": (("title: A small study\n", ""), "title is missing"),
     "no source of records": (
         ('files: ["records/*.AT2"]', "select: [a]"),
-        "motions must have a key index or files",
+        "motions must have a key index, files or synthetic",
     ),
     "selected twice": (
         ('files: ["records/*.AT2"]', "{index: a.csv, select: [b, b]}"),

@@ -1,8 +1,9 @@
-"""Spectra of the shipped synthetic motions beside two published ground-motion models.
+"""Spectra of the shipped synthetic motions beside published ground-motion models.
 
-``python -m archfrag.motions.compare records`` draws ``records/spectra.svg``, writes
-``records/spectra.csv`` and puts the tables into ``records/README.md``. It needs pygmm, an
-independent implementation of the ground-motion models, which nothing else here uses.
+``python -m archfrag.motions.compare records`` draws ``records/spectra.svg`` and
+``records/scatter.svg``, writes ``records/spectra.csv`` and puts the tables into
+``records/README.md``. It needs pygmm, an independent implementation of the ground-motion models,
+which nothing else here uses.
 """
 
 import csv
@@ -18,11 +19,17 @@ from archfrag.errors import InputError
 from archfrag.motions.index import IndexEntry, load_index
 from archfrag.motions.measures import spectral_acceleration
 from archfrag.motions.read import load_motion
-from archfrag.motions.synthetic import make_motion
+from archfrag.motions.synthetic import VS30, Options, make_motion
 from archfrag.motions.units import STANDARD_GRAVITY
 
 PERIODS = (0.1, 0.2, 0.5, 1.0, 2.0)
-MODELS = {"CY14": "ChiouYoungs2014", "BSSA14": "BooreStewartSeyhanAtkinson2014"}
+MODELS = ("CY14", "ASK14", "BSSA14")
+_CLASSES = {
+    "CY14": "ChiouYoungs2014",
+    "ASK14": "AbrahamsonSilvaKamai2014",
+    "BSSA14": "BooreStewartSeyhanAtkinson2014",
+    "CB14": "CampbellBozorgnia2014",
+}
 MAGNITUDE_BINS = ((5.5, 6.0), (6.5, 6.5), (7.0, 7.5))
 DISTANCE_BINS = ((0.0, 10.0), (15.0, 30.0), (40.0, 100.0))
 SCENARIOS = tuple((m, r) for m in (5.5, 6.5, 7.5) for r in (10.0, 30.0, 100.0))
@@ -43,6 +50,18 @@ def predicted_spectrum(
     InputError
         If pygmm is not installed.
     """
+    prediction = ground_motion_model(model, magnitude, distance, vs30)
+    return prediction.interp_spec_accels(np.asarray(periods)) * STANDARD_GRAVITY
+
+
+def ground_motion_model(model: str, magnitude: float, distance: float, vs30: float) -> Any:
+    """The model of pygmm for the scenario of `predicted_spectrum`.
+
+    Raises
+    ------
+    InputError
+        If pygmm is not installed.
+    """
     try:
         import pygmm
     except ImportError:
@@ -55,8 +74,7 @@ def predicted_spectrum(
         mag=magnitude, dist_rup=distance, dist_jb=surface, dist_x=surface, v_s30=vs30, dip=90.0,
         mechanism="SS", depth_tor=top, on_hanging_wall=False, region="california",
     )  # fmt: skip
-    prediction = getattr(pygmm, MODELS[model])(scenario)
-    return prediction.interp_spec_accels(np.asarray(periods)) * STANDARD_GRAVITY
+    return getattr(pygmm, _CLASSES[model])(scenario)
 
 
 def suite_ratios(entries: Sequence[IndexEntry], model: str) -> dict[str, NDArray[np.float64]]:
@@ -79,7 +97,9 @@ def method_ratios(model: str, realisations: int = REALISATIONS) -> list[NDArray[
     ratios = []
     for magnitude, distance in SCENARIOS:
         spectra = [
-            spectral_acceleration(make_motion(magnitude, distance, seed), PERIODS)
+            spectral_acceleration(
+                make_motion(magnitude, distance, seed, Options(vary=False)), PERIODS
+            )
             for seed in range(realisations)
         ]
         predicted = predicted_spectrum(model, magnitude, distance, 760.0, PERIODS)
@@ -100,6 +120,7 @@ def write_comparison(records: str | Path) -> Path:
                 [key, model, *(f"{r:.3f}" for r in row)] for key, row in table.items()
             )
     _draw(entries, folder / "spectra.svg")
+    _draw_scatter(entries, folder / "scatter.svg")
     readme = folder / "README.md"
     text = readme.read_text(encoding="utf-8")
     before, rest = text.split(_BEGIN)
@@ -145,7 +166,9 @@ def _median(rows: list[NDArray[np.float64]]) -> NDArray[np.float64]:
 
 def _head(first: str, count: str) -> str:
     titles = [f"{model} {period:g} s" for model in MODELS for period in PERIODS]
-    return f"| {first} | {count} | " + " | ".join(titles) + " |\n" + "|---" * 12 + "|"
+    return (
+        f"| {first} | {count} | " + " | ".join(titles) + " |\n" + "|---" * (2 + len(titles)) + "|"
+    )
 
 
 def _row(label: str, count: int, medians: list[NDArray[np.float64]]) -> str:
@@ -169,7 +192,7 @@ def _draw(entries: Sequence[IndexEntry], path: Path) -> None:
                 spectrum = spectral_acceleration(load_motion(entry), grid)
                 reach = entry.metadata["distance_km"]
                 axis.loglog(grid, spectrum, color=colour, lw=1.0, label=f"{reach:g} km")
-                for model, style in (("CY14", "--"), ("BSSA14", ":")):
+                for model, style in zip(MODELS, ("--", ":", "-.")):
                     predicted = predicted_spectrum(
                         model, magnitude, reach, entry.metadata["Vs30_mps"], grid
                     )
@@ -179,6 +202,50 @@ def _draw(entries: Sequence[IndexEntry], path: Path) -> None:
             axis.legend(fontsize=6, loc="lower left")
             axis.grid(True, which="major", lw=0.3)
         np.atleast_1d(axes)[0].set_ylabel("Sa, 5 % [m/s²]")
+        figure.tight_layout()
+        figure.savefig(path, format="svg", metadata={"Date": None})
+        plt.close(figure)
+
+
+def _draw_scatter(entries: Sequence[IndexEntry], path: Path) -> None:
+    """Standard deviation of ln Sa: of the suite about the models, of the method, and published."""
+    import matplotlib
+
+    matplotlib.use("svg")
+    import matplotlib.pyplot as plt
+
+    grid = np.geomspace(0.05, 5.0, 25)
+    expected = [
+        np.mean(
+            [
+                np.log(
+                    predicted_spectrum(
+                        model, e.metadata["Mw"], e.metadata["distance_km"], VS30, grid
+                    )
+                )
+                for model in MODELS[:2]
+            ],
+            axis=0,
+        )
+        for e in entries
+    ]
+    shipped = np.log([spectral_acceleration(load_motion(entry), grid) for entry in entries])
+    made = [make_motion(6.5, 20.0, seed) for seed in range(10 * REALISATIONS)]
+    method = np.log([spectral_acceleration(motion, grid) for motion in made])
+    with matplotlib.rc_context({"svg.hashsalt": "archfrag", "font.size": 8}):
+        figure, axis = plt.subplots(figsize=(5, 3.2))
+        axis.semilogx(
+            grid, np.std(shipped - expected, axis=0, ddof=1), "o-", ms=3, label="shipped motions"
+        )
+        axis.semilogx(grid, method.std(axis=0, ddof=1), "k-", label="method, M 6.5, 20 km")
+        for model, style in zip(_CLASSES, ("--", ":", "-.", (0, (1, 4)))):
+            published = ground_motion_model(model, 6.5, 20.0, VS30).interp_ln_stds(grid)
+            axis.semilogx(grid, published, ls=style, label=f"{model}, total")
+        axis.set_ylim(0.0, 1.1)
+        axis.set_xlabel("period [s]")
+        axis.set_ylabel("standard deviation of ln Sa")
+        axis.legend(fontsize=6)
+        axis.grid(True, which="major", lw=0.3)
         figure.tight_layout()
         figure.savefig(path, format="svg", metadata={"Date": None})
         plt.close(figure)

@@ -15,11 +15,12 @@ from archfrag.motions.units import unit_factor
 INDEX_NAME = "index.csv"
 COLUMNS = (
     "id", "file", "sha256", "event", "Mw", "distance_km", "Vs30_mps", "component", "dt_s", "unit",
-    "terms", "seed", "model",
+    "terms", "seed", "event_seed", "site_seed", "model",
 )  # fmt: skip
 _NEEDED = ("id", "file", "unit")
 _FILLED = ("id", "file")
 _NUMBERS = ("Mw", "distance_km", "Vs30_mps", "dt_s")
+_SEEDS = ("seed", "event_seed", "site_seed")
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class IndexEntry:
         Of the file, or of its first bytes in hexadecimal; empty if not given.
     metadata : dict
         The other columns: ``Mw``, ``distance_km``, ``Vs30_mps`` and ``dt_s`` as float or None,
-        ``seed`` as int or None, the rest as text.
+        ``seed``, ``event_seed`` and ``site_seed`` as int or None, the rest as text.
     accept : tuple of str
         What to let pass in this record, see `archfrag.motions.read.read_motion`.
     """
@@ -141,11 +142,11 @@ def _entry(row: dict[str, str], source: Path, line: int) -> IndexEntry:
     metadata: dict[str, Any] = {
         key: value
         for key, value in values.items()
-        if key not in (*_NEEDED, "sha256", *_NUMBERS, "seed", "accept", "accepted")
+        if key not in (*_NEEDED, "sha256", *_NUMBERS, *_SEEDS, "accept", "accepted")
     }
-    for column in (*_NUMBERS, "seed"):
+    for column in (*_NUMBERS, *_SEEDS):
         if column in values:
-            metadata[column] = _number(values[column], int if column == "seed" else float,
+            metadata[column] = _number(values[column], int if column in _SEEDS else float,
                                        f"{place}: {column}")  # fmt: skip
     return IndexEntry(
         id=values["id"],

@@ -25,6 +25,7 @@ from archfrag.study import WORK
 from archfrag.study.arches import ArchEntry, Identifier, Section, refuse
 from archfrag.study.processing import Steps
 from archfrag.study.sentences import first_sentence
+from archfrag.study.synthetic import Synthetic
 from archfrag.study.yaml_file import DEEPEST, dump_yaml, parse_value, read_yaml
 
 # Units that a level may be given in, by the SI unit of its measure, with the factor to SI.
@@ -97,11 +98,13 @@ class Motions(Section):
     beside them; scaled by the factor of the horizontal one. A record without one is refused."""
     processing: Steps = ()
     """What is done to each record before it is measured and scaled, in this order."""
+    synthetic: Synthetic | None = None
+    """Motions made by archfrag from magnitudes, distances and a seed; not stored."""
 
     @model_validator(mode="after")
     def _have_a_source(self) -> Self:
-        if self.index is None and not self.files:
-            raise refuse("must have a key index or files")
+        if self.index is None and not self.files and self.synthetic is None:
+            raise refuse("must have a key index, files or synthetic")
         if self.select is not None and len(set(self.select)) < len(self.select):
             twice = next(name for name in self.select if self.select.count(name) > 1)
             raise refuse(f"must have different ids under select, but {twice!r} is there twice")

@@ -16,6 +16,7 @@ from archfrag.study.outcome import COLUMNS, Column
 from archfrag.study.parts import read_part
 from archfrag.study.plan import Plan, make_plan, run_table
 from archfrag.study.provenance import attributes
+from archfrag.study.records import SEEDS
 from archfrag.study.written import is_ours_damaged
 
 CUBE = "cube.nc"
@@ -295,6 +296,13 @@ def _record_facts(cube: Any, plan: Plan) -> None:
         comment="Scaled by the factor of the horizontal component.",
     )  # fmt: skip
     _create(cube, vertical, ("record",), "record")[:] = [record.vertical for record in records]
+    for key in SEEDS if any(record.recipe for record in records) else ():
+        column = Column(
+            f"record_{key}", "f8", "1", f"{key.replace('_', ' ')} of a synthetic record", np.nan,
+            comment="A whole number; the record follows from its seeds, magnitude and distance.",
+        )  # fmt: skip
+        variable = _create(cube, column, ("record",), "record")
+        variable[:] = [np.nan if (seed := getattr(r, key)) is None else seed for r in records]
     _labels(cube, "record_file", "record", [r.source for r in records],
             "name of the record file", "record")  # fmt: skip
     _labels(cube, "record_sha256", "record", [r.sha256 for r in records],

@@ -21,11 +21,13 @@ from archfrag.study.config import FileSet, Study
 from archfrag.study.digests import canonical_json, digest_of, sha256_if_there, sha256_of
 from archfrag.study.files import cannot_write, make_folder, write_text
 from archfrag.study.inputs import Inputs, read_inputs
+from archfrag.study.synthetic import made_motions, motion_of
 
 if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
 
 MANIFEST = "motions.json"
+SEEDS = ("seed", "event_seed", "site_seed")
 _AGAIN = "`archfrag motions` on the study file makes it"
 
 
@@ -60,6 +62,10 @@ class PreparedRecord:
     accepted: str = ""  # what is implausible and was accepted by a key of the study
     breaks: int = 10**9  # samples at which the motion is not linear in time; many if not counted
     vertical: bool = False  # whether the motion has its vertical component
+    recipe: str = ""  # of a synthetic motion, which is made and not stored, as JSON
+    seed: int | None = None  # of a synthetic motion
+    event_seed: int | None = None
+    site_seed: int | None = None
 
 
 def find_sources(study: Study) -> list[Source]:
@@ -76,7 +82,7 @@ def find_sources(study: Study) -> list[Source]:
     if study.motions.index is not None:
         entries = rows = load_index(study.motions.index)
         wanted = study.motions.select
-        if wanted is not None and not study.motions.files:
+        if wanted is not None and not study.motions.files and study.motions.synthetic is None:
             table = {entry.id: entry for entry in entries}
             for name in wanted:
                 if name not in table:
@@ -188,24 +194,33 @@ def read_sources(study: Study) -> Iterator["Motion"]:
     StudyError, RecordError
         Naming the file: see `find_sources` and `archfrag.motions.read`.
     """
-    taken: dict[str, Path] = {}
+    taken: dict[str, Path | str] = {}
     select = study.motions.select
-    components = Components(study)
-    for source in find_sources(study):
-        for motion in components.read(source):
-            if motion.id in taken:
-                raise RecordError(
-                    f"{source.path}: the record id {motion.id!r} is that of {taken[motion.id]} "
-                    "too; each record needs its own"
-                )
-            taken[motion.id] = source.path
-            if select is None or motion.id in select:
-                facts = {"file": source.path.name, "file_sha256": sha256_of(source.path)}
-                yield motion._replaced(metadata={**motion.metadata, **facts})
-    components.check_choice()
+    for source, motion in _all_motions(study):
+        if motion.id in taken:
+            raise RecordError(
+                f"{source}: the record id {motion.id!r} is that of {taken[motion.id]} too; each "
+                "record needs its own"
+            )
+        taken[motion.id] = source
+        if select is None or motion.id in select:
+            yield motion
     for name in select or ():
         if name not in taken:
             raise _not_a_record(name, list(taken))
+
+
+def _all_motions(study: Study) -> Iterator[tuple[Path | str, "Motion"]]:
+    """Each motion with its file, or with the key that has it made."""
+    components = Components(study)
+    for source in find_sources(study):
+        facts = {"file": source.path.name, "file_sha256": sha256_of(source.path)}
+        for motion in components.read(source):
+            yield source.path, motion._replaced(metadata={**motion.metadata, **facts})
+    components.check_choice()
+    if study.motions.synthetic is not None:
+        for motion in made_motions(study.motions.synthetic):
+            yield "motions.synthetic", motion
 
 
 def scale_factors(motion: "Motion", study: Study) -> tuple[float, ...]:
@@ -257,7 +272,9 @@ def prepare_motions(study: Study, progress: Any = None) -> list[PreparedRecord]:
         ) as new:
             records = _store(study, Path(new), progress)
             name = digest_of([record.prepared for record in records])[:12]
-            records = [replace(r, file=f"motions/{name}/{r.file}") for r in records]
+            records = [
+                r if r.recipe else replace(r, file=f"motions/{name}/{r.file}") for r in records
+            ]
             _take_place(Path(new), folder / name)
     except OSError as error:
         raise cannot_write(folder, error) from error
@@ -275,7 +292,7 @@ def prepare_motions(study: Study, progress: Any = None) -> list[PreparedRecord]:
 
 
 def _store(study: Study, folder: Path, progress: Any) -> list[PreparedRecord]:
-    """Store all motions in a folder, and tell of each in the order of the study."""
+    """Store all motions of files in a folder, and tell of each in the order of the study."""
     from archfrag.methods.auto import count_breaks
     from archfrag.motions.store import save_motions
 
@@ -284,14 +301,16 @@ def _store(study: Study, folder: Path, progress: Any) -> list[PreparedRecord]:
         path = folder / f"{len(records):05d}.npz"
         factors, metadata = scale_factors(motion, study), motion.metadata
         parts = [part for part in (motion.acceleration, motion.vertical) if part is not None]
-        save_motions(path, [motion])
+        recipe, sha256 = metadata.get("recipe", ""), metadata["file_sha256"]
+        if not recipe:
+            save_motions(path, [motion])
         records.append(
             PreparedRecord(
                 id=motion.id,
-                file=path.name,
+                file="" if recipe else path.name,
                 source=motion.metadata["file"],
-                sha256=motion.metadata["file_sha256"],
-                prepared=sha256_of(path),
+                sha256=sha256,
+                prepared=sha256 if recipe else sha256_of(path),
                 dt=motion.dt,
                 duration=motion.duration,
                 magnitude=_number(metadata.get("Mw") or metadata.get("magnitude")),
@@ -300,6 +319,8 @@ def _store(study: Study, folder: Path, progress: Any) -> list[PreparedRecord]:
                 accepted=str(motion.metadata.get("accepted") or ""),
                 breaks=count_breaks(*parts),
                 vertical=motion.vertical is not None,
+                recipe=recipe,
+                **{name: motion.metadata.get(name) for name in SEEDS},
             )
         )
         if progress is not None:
@@ -365,6 +386,8 @@ def load_prepared(study: Study) -> list[PreparedRecord]:
     except (KeyError, TypeError) as error:
         raise InputError(f"{path}: is damaged ({error}); {_AGAIN} anew") from None
     for record in records:
+        if record.recipe:
+            continue
         if sha256_if_there(study.work / record.file) != record.prepared:
             raise InputError(
                 f"{study.work / record.file}: is not the motion that was prepared of record "
@@ -374,8 +397,21 @@ def load_prepared(study: Study) -> list[PreparedRecord]:
 
 
 def load_record(study: Study, record: PreparedRecord) -> "Motion":
-    """The stored motion of a record; see `load_stored`."""
-    return load_stored(study.work / record.file, record.prepared)
+    """The motion of a record; see `motion_of_record`."""
+    return motion_of_record(study.work, record)
+
+
+def motion_of_record(work: Path, record: PreparedRecord) -> "Motion":
+    """The stored motion of a record, or the one that its recipe gives.
+
+    Raises
+    ------
+    InputError
+        If it is not the one that was prepared.
+    """
+    if record.recipe:
+        return motion_of(record.recipe, record.prepared)
+    return load_stored(work / record.file, record.prepared)
 
 
 def load_stored(path: Path, prepared: str) -> "Motion":

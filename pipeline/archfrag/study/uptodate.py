@@ -74,7 +74,7 @@ def note_finished(study: "Study", request: dict[str, Any]) -> None:
 
     manifest = read_manifest(study)
     files = {path: digest for kind in manifest["inputs"].values() for path, digest in kind.items()}
-    files |= {str(study.work / r["file"]): r["prepared"] for r in manifest["records"]}
+    files |= {str(study.work / r["file"]): r["prepared"] for r in manifest["records"] if r["file"]}
     made = [study.work / MANIFEST]
     for step in step_names(study):
         made += [stamp_file(study, step), *products(study, step)]

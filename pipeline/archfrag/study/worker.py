@@ -20,7 +20,7 @@ from archfrag.study.files import replacing
 from archfrag.study.outcome import table_of
 from archfrag.study.parts import write_part
 from archfrag.study.plan import Plan
-from archfrag.study.records import load_stored
+from archfrag.study.records import PreparedRecord, motion_of_record
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
@@ -41,8 +41,8 @@ def _arch(path: str, modified: int, number: int) -> "Arch":
 
 
 @lru_cache(maxsize=4)
-def _motion(path: str, prepared: str) -> "Motion":
-    return load_stored(Path(path), prepared)
+def _motion(folder: str, record: PreparedRecord) -> "Motion":
+    return motion_of_record(Path(folder), record)
 
 
 def _modified(path: Path) -> int:
@@ -63,11 +63,11 @@ def peak_memory() -> float:
 def run_cases(plan: Plan, runs: Sequence[int]) -> list["Response"]:
     """Some runs of a plan, those of one arch together."""
     responses: list[Response] = []
-    place, folder = plan.path, Path(plan.folder)
+    place = plan.path
     for a, group in groupby(map(plan.case, runs), key=itemgetter(0)):
         cases = list(group)
         records = {r: plan.records[r] for _, r, _ in cases}
-        motions = {r: _motion(str(folder / it.file), it.prepared) for r, it in records.items()}
+        motions = {r: _motion(plan.folder, record) for r, record in records.items()}
         responses += simulate_cases(
             plan.method,
             _arch(str(place), _modified(place), a),

@@ -1,0 +1,287 @@
+"""Synthetic ground motions by the stochastic point-source method of Boore (2003).
+
+Gaussian noise is shaped in time by a window of the expected duration and in frequency by the
+Fourier amplitude of source, path and site (see `source`), which varies between events, sites and
+records (see `variation`). One motion follows from its magnitude, distance, options and three
+seeds alone.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from archfrag.errors import InputError
+from archfrag.motions.motion import Motion
+from archfrag.motions.synthetic.pulse import add_pulse
+from archfrag.motions.synthetic.source import (
+    VS30,
+    WINDOW_LENGTH,
+    WINDOW_PEAK,
+    fourier_amplitude,
+    ground_motion_duration,
+    low_cut,
+    median_adjustment,
+    site_factor,
+    window,
+)
+from archfrag.motions.synthetic.variation import (
+    draw_term,
+    frequencies,
+    grid,
+    median_correction,
+)
+from archfrag.motions.synthetic.vertical import COMPONENT_CORRELATION, vertical_factor
+
+MODEL = (
+    "Boore (2003) stochastic point source, Stafford et al. (2022) parameters, median of CY14 and "
+    "ASK14, variation of Bayless and Abrahamson (2018, 2019)"
+)
+TIME_STEP = 0.01
+_QUANTUM = 1e-6  # [m/s2]: rounding hides what compilers and processors disagree on
+_MARGIN = 5.0  # [s] before and after the window, for the ringing of the low cut
+_QUIET = 1.0  # [s] of zeros at each end
+# Streams of random numbers that one seed may be asked for.
+_STREAMS = ("event", "site", "record", "noise", "vertical_record", "vertical_noise", "pulse")
+
+
+@dataclass(frozen=True)
+class Seeds:
+    """What a motion's random numbers follow from: motions of one event share `event`, and so on.
+
+    Attributes
+    ----------
+    record, event, site : int
+        From 0 to 2^63 - 1.
+    """
+
+    record: int
+    event: int
+    site: int
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a motion is made.
+
+    Attributes
+    ----------
+    dt : float [s]
+    vs30 : float [m/s]
+        Of the site, 450 to 1000: the range of V/H and where nonlinear soil may be left out.
+    vary : bool
+        Whether Fourier amplitudes vary; else only phases do.
+    vertical : bool
+        Whether there is a vertical component.
+    pulse : bool
+        Whether the horizontal has a velocity pulse.
+    """
+
+    dt: float = TIME_STEP
+    vs30: float = VS30
+    vary: bool = True
+    vertical: bool = False
+    pulse: bool = False
+
+
+def make_motion(
+    magnitude: float, distance: float, seed: int | Seeds, options: Options | None = None
+) -> Motion:
+    """Make one motion; the same arguments give the same samples.
+
+    The steps of Boore (2003): noise, window, spectrum with mean square 1, target spectrum with low
+    cut 1 / (1 + (f_low / f)^8) and variation, back to time. Then the ends are tapered, a pulse is
+    added if there is one, a line under a taper is subtracted so that velocity and displacement end
+    at zero, and samples are rounded to 1e-6 m/s2 and single precision.
+
+    Parameters
+    ----------
+    magnitude : float
+        Moment magnitude, 3 to 8: the range of the parameters.
+    distance : float [km]
+        Closest distance to the rupture, 0 to 300.
+    seed : int or Seeds
+        A number is that of record, event and site.
+    options : Options, optional
+
+    Raises
+    ------
+    InputError
+        If magnitude, distance, time step, Vs30 or a seed is outside its range.
+
+    Examples
+    --------
+    >>> from archfrag.motions.synthetic import Seeds, make_motion
+    >>> first, second = (make_motion(6.5, 20.0, Seeds(n, event=1, site=n)) for n in (1, 2))
+    >>> first.metadata["event_seed"] == second.metadata["event_seed"]
+    True
+    """
+    options = options or Options()
+    seeds = seed if isinstance(seed, Seeds) else Seeds(seed, seed, seed)
+    _check(magnitude, distance, seeds, options)
+    frame = _frame(magnitude, distance, options)
+    terms = _terms(magnitude, distance, seeds, options)
+    pulse: dict[str, float] = {}
+    horizontal = _shaken(frame, _generator("noise", seeds.record), terms["horizontal"])
+    if options.pulse:
+        stream = _generator("pulse", seeds.record)
+        horizontal, period = add_pulse(horizontal, frame.after_peak, magnitude, stream)
+        pulse["pulse_period_s"] = period
+    vertical = None
+    if options.vertical:
+        stream = _generator("vertical_noise", seeds.record)
+        vertical = _finished(_shaken(frame, stream, terms["vertical"]), options.dt)
+    return Motion(
+        _finished(horizontal, options.dt),
+        options.dt,
+        vertical,
+        id=f"M{magnitude:g}-R{distance:g}-{seeds.record}",
+        metadata={**_facts(magnitude, distance, seeds, options), **pulse},
+        log=(f"Made by {MODEL}; seeds {seeds.record}, {seeds.event}, {seeds.site}.",),
+    )
+
+
+def _facts(
+    magnitude: float, distance: float, seeds: Seeds, options: Options
+) -> dict[str, float | str]:
+    return {
+        "event": f"synthetic M{magnitude:g} {seeds.event}",
+        "Mw": magnitude,
+        "distance_km": distance,
+        "Vs30_mps": options.vs30,
+        "seed": seeds.record,
+        "event_seed": seeds.event,
+        "site_seed": seeds.site,
+        "model": MODEL,
+    }
+
+
+class _Frame(NamedTuple):
+    """What all motions of one magnitude, distance and time step share."""
+
+    dt: float
+    active: int  # samples that are kept
+    after_peak: NDArray[np.float64]  # time from the peak of the window, (active,) [s]
+    window: NDArray[np.float64]  # (size,)
+    log_f: NDArray[np.float64]  # of the frequencies above zero
+    amplitude: NDArray[np.float64]  # without variation, at these frequencies [m/s]
+
+
+def _frame(magnitude: float, distance: float, options: Options) -> _Frame:
+    dt = options.dt
+    length = WINDOW_LENGTH * ground_motion_duration(magnitude, distance)
+    active = round((1.25 * length + 2.0 * _MARGIN) / dt) + 1
+    size = 1 << int(np.ceil(np.log2(active + 1.5 / (low_cut(magnitude) * dt))))
+    time = np.arange(size, dtype=np.float64) * np.float64(dt) - _MARGIN
+    f = np.fft.rfftfreq(size, dt)[1:].astype(np.float64)
+    return _Frame(
+        dt,
+        active,
+        time[:active] - WINDOW_PEAK * length,
+        window(time, length),
+        np.log(f),
+        _amplitude(f, magnitude, distance, options.vs30),
+    )
+
+
+def _shaken(
+    frame: _Frame, generator: np.random.Generator, term: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Noise in the window with the amplitude and its variation, tapered, (active,) [m/s2]."""
+    size = frame.window.size
+    spectrum = np.fft.rfft(generator.standard_normal(size) * frame.window)
+    spectrum /= np.sqrt(np.mean(np.abs(spectrum) ** 2))
+    spectrum[0] = 0.0
+    variation = np.exp(np.interp(frame.log_f, np.log(frequencies()), term))
+    spectrum[1:] *= frame.amplitude * variation
+    samples = np.fft.irfft(spectrum, size)[: frame.active] / frame.dt
+    return samples * _taper(frame.active, int(_MARGIN / frame.dt))
+
+
+def _check(magnitude: float, distance: float, seeds: Seeds, options: Options) -> None:
+    if not 3.0 <= magnitude <= 8.0:
+        raise InputError(f"magnitude {magnitude} is outside 3 to 8, the range of the model")
+    if not 0.0 <= distance <= 300.0:
+        raise InputError(f"distance {distance} km is outside 0 to 300 km, the range of the model")
+    if not 0.0 < options.dt <= 0.02:
+        raise InputError(f"time step {options.dt} s must be above 0 and at most 0.02 s")
+    if not 450.0 <= options.vs30 <= 1000.0:
+        raise InputError(f"vs30 {options.vs30} m/s is outside 450 to 1000, the range of the model")
+    for seed in (seeds.record, seeds.event, seeds.site):
+        if not 0 <= seed < 2**63:
+            raise InputError(f"seed {seed} must be from 0 to 2^63 - 1")
+
+
+def _generator(stream: str, seed: int) -> np.random.Generator:
+    return np.random.Generator(
+        np.random.PCG64(np.random.SeedSequence([_STREAMS.index(stream), seed]))
+    )
+
+
+def _amplitude(
+    f: NDArray[np.float64], magnitude: float, distance: float, vs30: float
+) -> NDArray[np.float64]:
+    """Fourier amplitude without variation, above zero frequency [m/s]."""
+    amplitude = fourier_amplitude(f, magnitude, distance) * site_factor(f, vs30)
+    amplitude *= median_adjustment(f, magnitude, distance)
+    return amplitude / (1.0 + (low_cut(magnitude) / f) ** 8)
+
+
+def _terms(
+    magnitude: float, distance: float, seeds: Seeds, options: Options
+) -> dict[str, NDArray[np.float64]]:
+    """What is added to ln amplitude of each component, each shape (61,)."""
+    ratio = np.zeros(frequencies().size)
+    if options.vertical:
+        ratio = _vertical(magnitude, distance, options.vs30)
+    if not options.vary:
+        return {"horizontal": np.zeros(ratio.size), "vertical": ratio}
+    common = _correction(magnitude, distance, options.vs30).copy()
+    for kind, seed in (("event", seeds.event), ("site", seeds.site)):
+        common += draw_term(kind, _generator(kind, seed))
+    record = draw_term("record", _generator("record", seeds.record))
+    other = draw_term("record", _generator("vertical_record", seeds.record))
+    apart = np.sqrt(1.0 - COMPONENT_CORRELATION**2)
+    return {
+        "horizontal": common + record,
+        "vertical": common + COMPONENT_CORRELATION * record + apart * other + ratio,
+    }
+
+
+@lru_cache(maxsize=256)
+def _correction(magnitude: float, distance: float, vs30: float) -> NDArray[np.float64]:
+    return median_correction(_amplitude(grid(), magnitude, distance, vs30))
+
+
+@lru_cache(maxsize=256)
+def _vertical(magnitude: float, distance: float, vs30: float) -> NDArray[np.float64]:
+    amplitude = _amplitude(grid(), magnitude, distance, vs30)
+    return vertical_factor(amplitude, magnitude, distance, vs30)
+
+
+def _finished(samples: NDArray[np.float64], dt: float) -> NDArray[np.float32]:
+    quiet = np.zeros(int(_QUIET / dt))
+    rounded = np.round(_closed(samples, dt) / _QUANTUM) * _QUANTUM
+    return np.concatenate((quiet, rounded, quiet)).astype(np.float32)
+
+
+def _taper(size: int, ramp: int) -> NDArray[np.float64]:
+    rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(ramp) / ramp)
+    return np.concatenate((rise, np.ones(size - 2 * ramp), rise[::-1]))
+
+
+def _closed(samples: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
+    """Subtract a tapered line so that the trapezoid rule ends at zero velocity and place."""
+    size = samples.size
+    taper = _taper(size, size // 4)
+    position = np.linspace(0.0, 1.0, size)
+    shapes = np.stack((taper, taper * position))
+
+    def ends(row: NDArray[np.float64]) -> tuple[float, float]:
+        # The ends of a row are zero, so that plain sums are trapezoid sums.
+        return row.sum() * dt, (row * (1.0 - position)).sum() * dt
+
+    coefficients = np.linalg.solve(np.array([ends(s) for s in shapes]).T, ends(samples))
+    return samples - coefficients @ shapes

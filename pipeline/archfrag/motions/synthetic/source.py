@@ -1,0 +1,228 @@
+"""The Fourier amplitude that a point source gives on the way to a site, and its duration.
+
+The equivalent point source of Stafford, Boore, Youngs and Bommer (2022) [2]_, fitted to the
+ground-motion model of Chiou and Youngs (2014): crustal earthquakes of active regions on rock with
+Vs30 = 760 m/s, as the average over depths to the top of rupture. `median_adjustment` brings its
+response spectra to the mean of two ground-motion models.
+
+References
+----------
+.. [1] Boore (2003), Simulation of ground motion using the stochastic method, Pure and Applied
+   Geophysics 160, 635-676.
+.. [2] Stafford, Boore, Youngs and Bommer (2022), Host-region parameters for an adjustable model
+   for crustal earthquakes ..., Earthquake Spectra 38(2), 917-949.
+.. [3] Boore and Thompson (2014), Path durations for use in the stochastic-method simulation of
+   ground motions, BSSA 104(5), 2541-2552.
+.. [4] Al Atik and Abrahamson (2021), A methodology for the development of 1D reference VS
+   profiles compatible with ground-motion prediction equations, BSSA 111(4), 1765-1783.
+"""
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+VS30 = 760.0
+
+# Stafford et al. (2022), optimised functional form.
+SHEAR_VELOCITY = 3.5  # [km/s]
+DENSITY = 2.75  # [g/cm3]
+RADIATION_PATTERN = 0.55
+FREE_SURFACE = 2.0
+PARTITION = 1.0 / np.sqrt(2.0)
+KAPPA = 0.039  # [s]
+_STRESS = (4.599, 0.4624)  # ln bar; slope below M 5
+_SATURATION = (-0.8712, 0.4451, 1.1513, 5.0948, 7.2725)
+_SPREADING = (1.1611, 0.5, 50.0)  # near rate, far rate, transition distance [km]
+_QUALITY = (205.4, 0.6884, 0.1354, 5.1278)  # Q0; exponent n = a + b tanh(M - c)
+
+# Boore and Thompson (2014), table 1: path duration in active regions, 0.156 s/km beyond.
+_PATH_DISTANCE = (0.0, 7.0, 45.0, 125.0, 175.0, 270.0)  # [km]
+_PATH_DURATION = (0.0, 2.4, 8.4, 10.9, 17.4, 34.2)  # [s]
+_PATH_SLOPE = 0.156  # [s/km]
+
+# Amplification from the source to a surface with Vs30 = 760 m/s: the profile of Al Atik and
+# Abrahamson (2021) as used by Stafford et al. (2022), at 29 of its 302 frequencies; linear in
+# log-log between them it differs by less than 0.1 % from all.
+_AMPLIFICATION = np.array(
+    [
+        (0.01, 1.0), (0.1, 1.264743), (0.128825, 1.343563), (0.165959, 1.423873),
+        (0.213796, 1.507478), (0.275423, 1.588421), (0.354813, 1.660755), (0.457088, 1.725979),
+        (0.588844, 1.788483), (0.758578, 1.853331), (1.0, 1.931032), (1.28825, 2.0064),
+        (1.659587, 2.082088), (2.137962, 2.156601), (2.754228, 2.230798), (3.548134, 2.307549),
+        (4.570881, 2.391837), (5.888436, 2.491416), (7.585776, 2.611704), (10.0, 2.750306),
+        (12.882492, 2.882748), (16.59587, 3.020564), (21.37962, 3.163971), (27.4534, 3.311217),
+        (35.3893, 3.466789), (45.6192, 3.628651), (58.8062, 3.797022), (75.8052, 3.972112),
+        (100.0, 4.170967),
+    ]
+)  # fmt: skip
+
+# Boore (2003), after Saragoni and Hart (1974): where the window peaks and what is left of it at
+# the end of its nominal length, which is twice the duration of ground motion.
+WINDOW_PEAK = 0.2
+_WINDOW_END = 0.05
+WINDOW_LENGTH = 2.0
+
+VS30 = 760.0  # [m/s]
+_HERE = Path(__file__).parent
+
+
+def corner_frequency(magnitude: float) -> float:
+    """Corner of the omega-squared source, 4.9058e6 beta (stress / M0)^(1/3) [Hz].
+
+    Brune (1970, 1971) with beta in km/s, stress parameter in bar and M0 in dyne cm; the stress
+    parameter is that of Stafford et al. (2022), 99.4 bar from magnitude 5 on.
+    """
+    stress = np.exp(_STRESS[0] + _STRESS[1] * min(magnitude - 5.0, 0.0))
+    return float(4.9058e6 * SHEAR_VELOCITY * np.cbrt(stress / _seismic_moment(magnitude)))
+
+
+def point_source_distance(magnitude: float, distance: float) -> float:
+    """Distance at which a point source shakes like the fault [km].
+
+    The rupture distance [km] plus the near-source saturation length of Stafford et al. (2022).
+    """
+    a, b, c, d, e = _SATURATION
+    bend = np.log1p(np.exp(-d * (magnitude - e)))
+    return float(distance + np.exp(a + b * magnitude + (b - c) / d * bend))
+
+
+def ground_motion_duration(magnitude: float, distance: float) -> float:
+    """Duration of source and path [s]: 1 / corner frequency, and Boore and Thompson (2014)."""
+    reach = point_source_distance(magnitude, distance)
+    path = np.interp(reach, _PATH_DISTANCE, _PATH_DURATION)
+    beyond = _PATH_SLOPE * max(reach - _PATH_DISTANCE[-1], 0.0)
+    return float(1.0 / corner_frequency(magnitude) + path + beyond)
+
+
+def fourier_amplitude(
+    frequency: ArrayLike, magnitude: float, distance: float
+) -> NDArray[np.float64]:
+    """Fourier amplitude of the acceleration of one horizontal component at the surface [m/s].
+
+    Source, spreading, anelastic loss, amplification and kappa: the product of Boore (2003) with
+    the forms and values of Stafford et al. (2022).
+
+    Parameters
+    ----------
+    frequency : array_like, shape (n_frequency,) [Hz]
+    magnitude : float
+        Moment magnitude.
+    distance : float [km]
+        Closest distance to the rupture.
+    """
+    f = np.asarray(frequency, dtype=np.float64)
+    # 1e-20 with these units gives cm s; 1e-2 more gives m s.
+    constant = RADIATION_PATTERN * FREE_SURFACE * PARTITION * 1e-22
+    constant /= 4.0 * np.pi * DENSITY * SHEAR_VELOCITY**3
+    source = constant * _seismic_moment(magnitude) / (1.0 + (f / corner_frequency(magnitude)) ** 2)
+
+    near, far, transition = _SPREADING
+    reach = point_source_distance(magnitude, distance)
+    bend = (distance**2 + transition**2) / (1.0 + transition**2)
+    spreading = reach**-near * bend ** (0.5 * (near - far))
+
+    quality, n0, n1, n2 = _QUALITY
+    exponent = n0 + n1 * np.tanh(magnitude - n2)
+    loss = np.exp(-np.pi * f ** (1.0 - exponent) * distance / (quality * SHEAR_VELOCITY))
+
+    with np.errstate(divide="ignore"):
+        log_f = np.log(f)
+    amplification = np.exp(
+        np.interp(log_f, np.log(_AMPLIFICATION[:, 0]), np.log(_AMPLIFICATION[:, 1]))
+    )
+    site = amplification * np.exp(-np.pi * KAPPA * f)
+    return (2.0 * np.pi * f) ** 2 * source * spreading * loss * site
+
+
+def window(time: ArrayLike, length: float) -> NDArray[np.float64]:
+    """Saragoni and Hart's window with peak 1: (a t / length)^b exp(-c t / length).
+
+    As Boore (2003) sets it: peak at 0.2 of the length, 0.05 of the peak at its end.
+
+    Parameters
+    ----------
+    time : array_like, shape (n_sample,) [s]
+        From the start of the window; zero before it.
+    length : float [s]
+    """
+    b = -WINDOW_PEAK * np.log(_WINDOW_END) / (1.0 + WINDOW_PEAK * (np.log(WINDOW_PEAK) - 1.0))
+    c = b / WINDOW_PEAK
+    share = np.maximum(np.asarray(time, dtype=np.float64) / length, 0.0)
+    return (np.e / WINDOW_PEAK * share) ** b * np.exp(-c * share)
+
+
+def site_factor(frequency: ArrayLike, vs30: float) -> NDArray[np.float64]:
+    """Amplitude at a site of another Vs30 over that at 760 m/s, shape (n_frequency,).
+
+    The linear site term c8 ln(min(Vs30, 1000) / 760) of Bayless and Abrahamson (2019), BSSA
+    109(5), 2088-2105; their nonlinear term is left out.
+    """
+    f = np.asarray(frequency, dtype=np.float64)
+    c8 = np.interp(f, table()["frequency_hz"], table()["c8"])
+    return np.exp(c8 * np.log(min(vs30, 1000.0) / VS30))
+
+
+def median_adjustment(
+    frequency: ArrayLike, magnitude: float, distance: float
+) -> NDArray[np.float64]:
+    """Factor on the amplitude that brings the median Sa to ground-motion models.
+
+    The models are Chiou and Youngs (2014) and Abrahamson, Silva and Kamai (2014), their geometric
+    mean for a vertical strike-slip fault; ``tests/benchmarks/run_median.py`` made the table, by
+    multiplying the amplitude at 1 / T by what Sa(T) of many simulations lacks and repeating
+    (spectra brought back to Fourier amplitudes as by inverse random vibration theory: Al Atik et
+    al. 2014, BSSA 104(1), 336-346). Linear in magnitude, ln distance and ln frequency; constant
+    beyond the table.
+
+    Parameters
+    ----------
+    frequency : array_like, shape (n_frequency,) [Hz]
+    magnitude : float
+    distance : float [km]
+    """
+    magnitudes, distances, nodes, logarithms = _adjustment()
+    at_magnitude = _along(magnitudes, logarithms, magnitude)
+    row = _along(np.log(distances), at_magnitude, np.log(max(distance, distances[0])))
+    with np.errstate(divide="ignore"):
+        return np.exp(np.interp(np.log(frequency), np.log(nodes), row))
+
+
+def _along(axis: NDArray, values: NDArray, place: float) -> NDArray:
+    """Linear interpolation along the first axis, constant beyond its ends."""
+    position = np.interp(place, axis, np.arange(axis.size))
+    low = min(int(position), axis.size - 2)
+    return values[low] + (position - low) * (values[low + 1] - values[low])
+
+
+@lru_cache(maxsize=1)
+def table() -> dict[str, NDArray[np.float64]]:
+    """Coefficients of Bayless and Abrahamson at 61 frequencies, by the names in the file."""
+    return read_table("bayless_abrahamson.csv")
+
+
+def read_table(name: str) -> dict[str, NDArray[np.float64]]:
+    """Columns of a table of numbers that lies beside this file, by their names."""
+    lines = (_HERE / name).read_text(encoding="utf-8").splitlines()
+    head, *rows = (line.split(",") for line in lines if not line.startswith("#"))
+    return dict(zip(head, np.array(rows, dtype=np.float64).T))
+
+
+@lru_cache(maxsize=1)
+def _adjustment() -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    columns = read_table("adjustment.csv")
+    magnitudes, distances = (np.unique(columns.pop(key)) for key in ("magnitude", "distance_km"))
+    values = np.stack(list(columns.values()), axis=-1)
+    nodes = np.array([float(name) for name in columns])
+    return magnitudes, distances, nodes, values.reshape(magnitudes.size, distances.size, -1)
+
+
+def low_cut(magnitude: float) -> float:
+    """Frequency below which the motion is filtered away [Hz]: half the corner, 0.05 to 0.1 Hz."""
+    return float(np.clip(0.5 * corner_frequency(magnitude), 0.05, 0.1))
+
+
+def _seismic_moment(magnitude: float) -> float:
+    """Seismic moment [dyne cm]: Hanks and Kanamori (1979)."""
+    return 10.0 ** (1.5 * (magnitude + 10.7))

@@ -1,0 +1,234 @@
+"""Suites of synthetic motions: earthquakes, their records, and the seeds of all of them."""
+
+import csv
+import hashlib
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from archfrag.errors import InputError, OutputError
+from archfrag.motions.index import COLUMNS, INDEX_NAME
+from archfrag.motions.motion import Motion
+from archfrag.motions.synthetic.motion import Options, Seeds, make_motion
+
+# Magnitude and the distances [km] of the shipped suite: three earthquakes of each magnitude, the
+# first with the first and the fourth distance, and so on; each motion at a site of its own.
+SUITE = {
+    5.5: (5.0, 10.0, 15.0, 20.0, 30.0, 40.0),
+    6.0: (5.0, 10.0, 20.0, 30.0, 40.0, 60.0),
+    6.5: (5.0, 10.0, 20.0, 30.0, 50.0, 70.0),
+    7.0: (5.0, 10.0, 20.0, 40.0, 60.0, 100.0),
+    7.5: (10.0, 15.0, 20.0, 40.0, 60.0, 100.0),
+}
+EVENTS = 3  # of each magnitude
+FIRST_SEED = 20250101
+FOLDER = "synthetic"
+COMPONENT = "HN1"
+TERMS = "made by archfrag; BSD-3-Clause as archfrag itself"
+# Seeds of a study are its own seed times this, plus consecutive numbers: other studies, others.
+SPACING = 10**6
+_DRAWN = 2**62  # where seeds of drawn magnitudes and distances lie, apart from those of motions
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """All that a motion follows from.
+
+    Attributes
+    ----------
+    id : str
+    magnitude : float
+    distance : float [km]
+    seeds : Seeds
+    options : Options
+    """
+
+    id: str
+    magnitude: float
+    distance: float
+    seeds: Seeds
+    options: Options
+
+    def make(self) -> Motion:
+        """The motion, with the recipe's id; errors are those of `make_motion`."""
+        made = make_motion(self.magnitude, self.distance, self.seeds, self.options)
+        return Motion(made.acceleration, made.dt, made.vertical, self.id, made.metadata, made.log)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A suite that is asked for.
+
+    Attributes
+    ----------
+    events, records_per_event : int
+    magnitude : sequence of float
+        Taken in turn by the events; with `drawn_magnitude` two ends between which they are drawn.
+    distance : sequence of float [km]
+        Taken in turn by the records; with `drawn_distance` two ends, drawn uniformly in logarithm.
+    seed : int
+        From 0 to 10^9.
+    sites : int, optional
+        Record n of all is at site n modulo `sites`; a site for each record if not given.
+    vs30 : float [m/s]
+    vertical : bool
+    pulses : float
+        Probability of each record to have a pulse.
+    """
+
+    events: int
+    records_per_event: int
+    magnitude: Sequence[float]
+    distance: Sequence[float]
+    drawn_magnitude: bool = False
+    drawn_distance: bool = False
+    seed: int = 1
+    sites: int | None = None
+    vs30: float = Options.vs30
+    vertical: bool = False
+    pulses: float = 0.0
+
+
+def plan_motions(plan: Plan) -> list[Recipe]:
+    """Recipes of a suite, event by event.
+
+    Raises
+    ------
+    InputError
+        If there are more records than seeds.
+
+    Examples
+    --------
+    >>> from archfrag.motions.synthetic import Plan, plan_motions
+    >>> recipes = plan_motions(Plan(2, 2, magnitude=[6.0, 7.0], distance=[10.0, 30.0]))
+    >>> [(r.id, r.magnitude, r.distance) for r in recipes][:3]
+    [('e1-r1', 6.0, 10.0), ('e1-r2', 6.0, 30.0), ('e2-r1', 7.0, 10.0)]
+    """
+    count = plan.events * plan.records_per_event
+    if count > SPACING:
+        raise InputError(f"{count} motions are more than {SPACING}, the seeds of one suite")
+    first = plan.seed * SPACING
+    generator = np.random.Generator(np.random.PCG64(_DRAWN + plan.seed))
+    magnitudes = _values(plan.magnitude, plan.drawn_magnitude, plan.events, generator)
+    if plan.drawn_distance:
+        ends = np.log(np.maximum(plan.distance, 1e-3)).tolist()
+        distances = np.exp(_values(ends, True, count, generator)).round(2).tolist()
+    else:
+        distances = _values(plan.distance, False, count, generator)
+    pulses = generator.uniform(size=count) < plan.pulses
+    recipes = []
+    for number in range(count):
+        event, record = divmod(number, plan.records_per_event)
+        site = number if plan.sites is None else number % plan.sites
+        recipes.append(
+            Recipe(
+                f"e{event + 1}-r{record + 1}",
+                magnitudes[event],
+                distances[number],
+                Seeds(first + number, first + event, first + site),
+                Options(vs30=plan.vs30, vertical=plan.vertical, pulse=bool(pulses[number])),
+            )
+        )
+    return recipes
+
+
+def _values(
+    given: Sequence[float], drawn: bool, count: int, generator: np.random.Generator
+) -> list[float]:
+    if drawn:
+        return generator.uniform(given[0], given[1], count).round(6).tolist()
+    return [float(given[number % len(given)]) for number in range(count)]
+
+
+def shipped_recipes() -> list[Recipe]:
+    """Recipes of the shipped motions; no motion was chosen by its result."""
+    recipes: list[Recipe] = []
+    for group, (magnitude, distances) in enumerate(SUITE.items()):
+        for place, distance in enumerate(distances):
+            seed = FIRST_SEED + len(recipes)
+            event = FIRST_SEED + group * EVENTS + place % EVENTS
+            name = f"syn-m{round(10 * magnitude):02d}-r{round(distance):03d}"
+            recipes.append(Recipe(name, magnitude, distance, Seeds(seed, event, seed), Options()))
+    return recipes
+
+
+def suite() -> list[Motion]:
+    """Make the shipped motions."""
+    return [recipe.make() for recipe in shipped_recipes()]
+
+
+def make_suite(out_dir: str | Path, recipes: Sequence[Recipe] | None = None) -> list[Path]:
+    """Write motions: ``synthetic/*.mseed`` in m/s2 and ``index.csv``.
+
+    Parameters
+    ----------
+    out_dir : path
+        Folder, made if needed. Files of the same names are replaced, each whole; the index last.
+    recipes : sequence of Recipe, optional
+        The shipped motions if not given.
+
+    Returns
+    -------
+    list of Path
+        The record files, in the order of the index.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written.
+    """
+    folder = Path(out_dir)
+    recipes = shipped_recipes() if recipes is None else recipes
+    try:
+        (folder / FOLDER).mkdir(parents=True, exist_ok=True)
+        rows = list(_written(folder, recipes))
+        part = folder / f".{INDEX_NAME}.part"
+        with open(part, "w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(rows)
+        os.replace(part, folder / INDEX_NAME)
+    except OSError as error:
+        raise OutputError(
+            f"{folder}: the motions cannot be written there ({error.strerror or error})"
+        ) from None
+    return [folder / row["file"] for row in rows]
+
+
+def _written(folder: Path, recipes: Sequence[Recipe]) -> Iterator[dict]:
+    """Write the motions one after the other; their rows of the index."""
+    for number, recipe in enumerate(recipes, start=1):
+        motion = recipe.make()
+        station = f"S{number % 10000:04d}"  # five characters at most
+        path = folder / FOLDER / f"{recipe.id}.mseed"
+        _write_miniseed(path, motion, station)
+        known = {key: value for key, value in motion.metadata.items() if key in COLUMNS}
+        yield {
+            **known,
+            "id": recipe.id,
+            "file": f"{FOLDER}/{path.name}",
+            "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+            "component": COMPONENT,
+            "dt_s": motion.dt,
+            "unit": "m/s2",
+            "terms": TERMS,
+        }
+
+
+def _write_miniseed(path: Path, motion: Motion, station: str) -> None:
+    from obspy import Stream, Trace, UTCDateTime
+
+    components = {COMPONENT: motion.acceleration, "HNZ": motion.vertical}
+    start = UTCDateTime(2000, 1, 1)
+    header = {"network": "XX", "station": station, "delta": motion.dt, "starttime": start}
+    stream = Stream(
+        Trace(samples.astype(np.float32), header={**header, "channel": channel})
+        for channel, samples in components.items()
+        if samples is not None
+    )
+    part = path.with_name(f".{path.name}.part")
+    stream.write(str(part), format="MSEED", encoding="FLOAT32", reclen=4096, byteorder=">")
+    os.replace(part, path)
