@@ -32,7 +32,7 @@ def calibrate(
 ) -> Calibrated:
     """Turn the samples of a trace into m/s2.
 
-    The unit comes from the first of: the AT2 header; the K-NET scale factor (which obspy leaves
+    The unit comes from the first of: the header; the K-NET scale factor (which obspy leaves
     in ``stats.calib`` as m/s2 a count, not applied); the index that lists the file; the
     instrument's sensitivity in StationXML; the argument `unit`. Records of counts are demeaned:
     their offset is the instrument's and can exceed the motion.
@@ -116,8 +116,13 @@ def points_down(trace: Trace, inventory: Inventory | None) -> bool:
 
 def channel_code(trace: Trace) -> str:
     """Name of the component: of the AT2 header, or the channel code."""
-    details = trace.stats.get("at2")
-    return str(details.component if details else trace.stats.channel).strip()
+    details = header_details(trace)
+    return str(details.get("component") or trace.stats.channel).strip()
+
+
+def header_details(trace: Trace) -> Any:
+    """What the header of a text format says, by name; empty for other formats."""
+    return trace.stats.get("record") or trace.stats.get("at2") or {}
 
 
 def _inventory(path: Path) -> Inventory:
@@ -132,9 +137,9 @@ def _inventory(path: Path) -> Inventory:
 
 
 def _stated_unit(trace: Trace, entry: IndexEntry | None) -> tuple[str | None, str]:
-    details = trace.stats.get("at2")
-    if details:
-        return str(details.unit), "AT2 header"
+    unit = header_details(trace).get("unit")
+    if unit:
+        return str(unit), f"{trace.stats.get('_format')} header"
     if entry is not None:
         return entry.unit, "index"
     return None, ""

@@ -35,6 +35,7 @@ _START = (
     "import sys; sys.path[:] = sys.argv[1:]; from archfrag.motions.isolated import serve; serve()"
 )
 _NAMES = ("network", "station", "location", "channel", "_format")
+_DETAILS = ("at2", "record")  # what a header says
 
 
 class Reader:
@@ -214,7 +215,7 @@ def _header(trace: "Trace") -> dict[str, Any]:
     header: dict[str, Any] = {key: str(stats[key]) for key in _NAMES}
     header |= {key: float(stats[key]) for key in ("delta", "calib")}
     header["start"] = stats.starttime.ns
-    return header | ({"at2": dict(stats.at2)} if "at2" in stats else {})
+    return header | {key: dict(stats[key]) for key in _DETAILS if key in stats}
 
 
 def _take_trace(answers: IO[bytes], header: dict[str, Any]) -> "Trace":
@@ -226,8 +227,7 @@ def _take_trace(answers: IO[bytes], header: dict[str, Any]) -> "Trace":
     if len(data) < size:
         raise EOFError
     stats = header | {"starttime": UTCDateTime(ns=header.pop("start"))}
-    if "at2" in stats:
-        stats["at2"] = AttribDict(stats["at2"])
+    stats |= {key: AttribDict(stats[key]) for key in _DETAILS if key in stats}
     return Trace(np.frombuffer(data, dtype=np.float64), header=stats)
 
 

@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 from obspy import Inventory, Stream, Trace, UTCDateTime
 
 from archfrag.errors import RecordError
-from archfrag.motions.calibrate import calibrate, channel_code, find_inventory, points_down
+from archfrag.motions.calibrate import (
+    calibrate,
+    channel_code,
+    find_inventory,
+    header_details,
+    points_down,
+)
+from archfrag.motions.formats.columns import Columns, read_columns
 from archfrag.motions.formats.waveform import (
     BINARY,
     TEXT,
@@ -35,7 +42,7 @@ from archfrag.motions.plausible import (
 
 _VERTICAL = re.compile(r"[-+]?(U|V|Z|UD\d?|UP|DWN|DOWN|VERT|VERTICAL|..Z)", re.IGNORECASE)
 _HORIZONTAL = re.compile(
-    r"(EW|NS)\d?|[ENXYRTHL]\d?|[NS]\d+(\.\d+)?[EW]|\d{1,3}|..[ENXYRT12]", re.IGNORECASE
+    r"(EW|WE|NS)\d?|[ENXYRTHL]\d?|[NS]\d+(\.\d+)?[EW]|\d{1,3}|..[ENXYRT12]", re.IGNORECASE
 )
 _LARGE = 16 * 2**20  # [bytes] from which a text is read within limits, too
 _reader = Reader()
@@ -47,6 +54,7 @@ class _Options(NamedTuple):
     unit: str | None
     inventory: str | Path | Inventory | None
     accept: tuple[str, ...]
+    columns: Columns | None = None
 
 
 class _Channel(NamedTuple):
@@ -69,13 +77,15 @@ def read_motion(
     vertical: str | Path | None = None,
     inventory: str | Path | Inventory | None = None,
     accept: Iterable[str] = (),
+    columns: Columns | None = None,
 ) -> Motion:
     """Read one horizontal component of a record, and the vertical where there is one.
 
     Parameters
     ----------
     path : path
-        A file in PEER's AT2, K-NET, SLIST, TSPAIR, miniSEED, SAC (binary or text), GSE1, GSE2,
+        A file in PEER's AT2, ESM's and ITACA's DYNA, GeoNet's V1A and V2A, RESORCE, K-NET and
+        KiK-net, SLIST, TSPAIR, miniSEED, SAC (binary or text), GSE1, GSE2,
         SEISAN, Kinemetrics EVT, GCF or RefTek 130; never an archive or a pickle.
     unit : str, optional
         Unit of the samples: ``m/s2``, ``cm/s2``, ``gal``, ``mm/s2`` or ``g``. Only for files
@@ -91,6 +101,8 @@ def read_motion(
         What to let pass though it is hardly right: ``pga`` (peak outside 1e-5 to 5 g),
         ``time_step`` (outside 1e-4 to 0.1 s), ``samples`` (another number than the header
         announces). An ``index.csv`` that lists the file may say it in a column ``accept``.
+    columns : Columns, optional
+        Where the numbers are in a plain text without a header that is known.
 
     Returns
     -------
@@ -116,7 +128,7 @@ def read_motion(
     (1.9613, 0.01)
     """
     source = Path(path)
-    options = _Options(unit, inventory, accepted_words(accept, str(path)))
+    options = _Options(unit, inventory, accepted_words(accept, str(path)), columns)
     channels, entry = _channels(source, options)
     horizontals, verticals = _sorted_by_direction(channels, source)
     if component is None:
@@ -137,6 +149,7 @@ def read_motions(
     *,
     inventory: str | Path | Inventory | None = None,
     accept: Iterable[str] = (),
+    columns: Columns | None = None,
     name: str | None = None,
 ) -> list[Motion]:
     """Read every horizontal component of a file, each with the vertical of its instrument.
@@ -145,7 +158,7 @@ def read_motions(
     with the file's name if not.
     """
     source = Path(path)
-    options = _Options(unit, inventory, accepted_words(accept, str(path)))
+    options = _Options(unit, inventory, accepted_words(accept, str(path)), columns)
     channels, entry = _channels(source, options)
     horizontals, verticals = _sorted_by_direction(channels, source)
     remedy = "name them as SEED does (HNE, HNN, HNZ), or give each component a file of its own"
@@ -193,18 +206,26 @@ def _channels(path: Path, options: _Options) -> tuple[list[_Channel], IndexEntry
         options = options._replace(accept=(*options.accept, *entry.accept))
         if path.is_file():
             check_sha256(entry)
-    content = _content(path)
+    content = _content(path, options.columns)
     accepted = _check_counts(content, path, options.accept)
+    unequal = _unequal(content)
     stream = _joined(content.traces, path)
     return [
-        _channel(trace, path, options, entry, content.messages, accepted.get(trace.id, ()))
+        _channel(
+            trace, path, options, entry, content.messages, accepted.get(trace.id, ()), unequal
+        )
         for trace in stream
     ], entry
 
 
-def _content(path: Path) -> Content:
+def _content(path: Path, columns: Columns | None) -> Content:
     """What a file holds, read within limits unless it is a text of moderate size."""
     size = _readable_size(path)
+    if columns is not None:
+        traces = list(read_columns(path, columns))
+        for trace in traces:
+            trace.stats._format = "COLUMNS"
+        return Content("COLUMNS", traces, [trace.stats.npts for trace in traces], (f"{columns}.",))
     name = str(path)
     # By its name alone, so that a damaged header is judged by the reader that knows it.
     found = "AT2" if path.suffix.lower() == ".at2" else recognise(name, TEXT)
@@ -290,10 +311,11 @@ def _joined(traces: list[Trace], path: Path) -> Stream:
 
 def _channel(
     trace: Trace, path: Path, options: _Options, entry: IndexEntry | None, log: tuple[str, ...],
-    accepted: tuple[str, ...],
+    accepted: tuple[str, ...], unequal: tuple[str, ...],
 ) -> _Channel:  # fmt: skip
     stats = trace.stats
-    stated = stats.get("at2") or entry is not None or stats.get("_format") == "KNET"
+    details = header_details(trace)
+    stated = details.get("unit") or entry is not None or stats.get("_format") == "KNET"
     table = None if stated else find_inventory(path, trace, options.inventory)
     if np.ma.isMaskedArray(trace.data):
         raise RecordError(f"{path}: channel {trace.id} has gaps; a record must be without gaps")
@@ -304,7 +326,11 @@ def _channel(
             f"at index {bad[0]}"
         )
     calibrated = calibrate(trace, path, options.unit, entry, table)
-    samples, steps = calibrated.samples, (*log, *calibrated.log)
+    faults = (*details.get("faults", ()), *_offset(trace, calibrated.unit_in_file), *unequal)
+    steps = (*log, *(f"Fault: {fault}." for fault in faults), *calibrated.log)
+    samples = calibrated.samples
+    if details.get("sensor") == "borehole":
+        steps = (*steps, f"Channel {channel_code(trace)} is in the borehole, not at the surface.")
     code = channel_code(trace)
     if _VERTICAL.fullmatch(code) and points_down(trace, table):
         samples, steps = -samples, (*steps, f"Sign of {code} changed: it counts downwards.")
@@ -316,6 +342,26 @@ def _channel(
         code, group, stats.starttime, float(stats.delta), samples, calibrated.unit_in_file, steps,
         accepted, trace,
     )  # fmt: skip
+
+
+def _offset(trace: Trace, unit: str) -> tuple[str, ...]:
+    """A sentence on a record whose mean exceeds what is left without it."""
+    values = np.asarray(trace.data, dtype=np.float64)
+    mean = float(values.mean())
+    motion = float(np.abs(values - mean).max())
+    if not abs(mean) > motion > 0.0:
+        return ()
+    return (f"the offset of the samples, {mean:.4g}, is larger than their motion about it, "
+            f"{motion:.4g} [{unit} in the file]",)  # fmt: skip
+
+
+def _unequal(content: Content) -> tuple[str, ...]:
+    """A sentence on channels of one record that have different numbers of samples."""
+    counts = [(channel_code(trace), len(trace.data)) for trace in content.traces]
+    if content.format not in TEXT or len({count for _, count in counts}) < 2:
+        return ()
+    listed = ", ".join(f"{code} {count}" for code, count in counts)
+    return (f"the channels of the file have unequal numbers of samples ({listed})",)
 
 
 def _sorted_by_direction(
@@ -392,7 +438,7 @@ def _motion(
     if upward is not None and vertical is not None:
         doubts = doubtful_motion(upward.code, vertical, upward.dt, upward.unit_in_file)
         accepted += upward.accepted + accept_or_refuse(path, accept, doubts)
-    details = stats.get("at2", {})
+    details = header_details(channel.trace)
     metadata = {
         "file": path.name,
         "format": stats.get("_format", ""),

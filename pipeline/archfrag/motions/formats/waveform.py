@@ -10,6 +10,7 @@ Nothing slow is imported here: the process that reads files (`isolated`) starts 
 import math
 import warnings
 from collections.abc import Callable, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -19,12 +20,14 @@ if TYPE_CHECKING:
 # Text that Python code reads. The others are binary (or, GSE, read in C), and a damaged one can
 # end the process that reads it. Formats that name other files (CSS, Q), that lose a cut-off trace
 # without a word (AH, DMX, SH_ASC, WAV, WIN, Y) or that are no earthquakes' are not offered.
-TEXT = ("AT2", "KNET", "SLIST", "TSPAIR")
+TEXT = ("AT2", "DYNA", "GEONET", "RESORCE", "KNET", "SLIST", "TSPAIR")
 BINARY = (
     "MSEED", "SAC", "GSE2", "SEISAN", "SACXY", "GSE1", "KINEMETRICS_EVT", "GCF", "REFTEK130",
 )  # fmt: skip
 IN_C = ("MSEED", "GSE2", "GSE1", "GCF")
 
+# Read by functions of this package: is_NAME and read_NAME of the module NAME.
+_OURS = ("AT2", "DYNA", "GEONET", "RESORCE")
 _BLOCK = {"GCF": 1024}  # [bytes] of which a whole file consists
 _ARCHIVES = {
     b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip", b"BZh": "bzip2", b"\xfd7zXZ\x00": "xz",
@@ -97,11 +100,12 @@ def read_as(path: str, name: str) -> Content:
 
 
 def _is_format(name: str) -> Callable[[str], bool]:
-    if name == "AT2":
-        from archfrag.motions.formats.at2 import is_at2
+    return _own(name, "is") if name in _OURS else _plug_in(name, "isFormat")
 
-        return is_at2
-    return _plug_in(name, "isFormat")
+
+def _own(name: str, function: str) -> Callable[..., Any]:
+    module = import_module(f"archfrag.motions.formats.{name.lower()}")
+    return getattr(module, f"{function}_{name.lower()}")
 
 
 def _plug_in(name: str, function: str) -> Callable[[str], Any]:
@@ -111,16 +115,14 @@ def _plug_in(name: str, function: str) -> Callable[[str], Any]:
 
 
 def _stream(path: str, name: str) -> "Stream":
-    if name == "AT2":
-        from archfrag.errors import RecordError
-        from archfrag.motions.formats.at2 import read_at2
+    from archfrag.errors import RecordError
 
-        try:
-            return read_at2(path, partial=True)
-        except RecordError as error:
-            raise Unreadable(str(error)) from None
     try:
+        if name == "KNET" or name in _OURS:
+            return _own(name, "read")(path, partial=True)
         return _plug_in(name, "readFormat")(path)
+    except RecordError as error:
+        raise Unreadable(str(error)) from None
     except MemoryError:
         raise Unreadable(f"{path}: reading it as {name} takes more memory than allowed") from None
     except Exception as error:
@@ -147,7 +149,7 @@ def _check_blocks(trace: "Trace", path: str, name: str) -> None:
 
 def _announced(trace: "Trace", name: str) -> int:
     """Number of samples by the header; obspy leaves it in `npts` though it read another."""
-    if name == "AT2":
-        return trace.stats.at2.announced
+    if name in _OURS:
+        return (trace.stats.get("record") or trace.stats.at2).announced
     count = trace.stats.get("knet", {}).get("duration", 0.0) * trace.stats.sampling_rate
     return round(count) if count and math.isfinite(count) else trace.stats.npts
