@@ -18,7 +18,6 @@ LARGEST_FILE, LONGEST_LINE = 2**27, 2**22  # [bytes]
 UNEVEN = 0.1  # of a step: what rounded times may be off by
 _BLOCK = 10_000  # lines
 _COMMENTS = ("#", "%")
-_SEPARATORS = str.maketrans(",;", "  ")
 
 
 @dataclass(frozen=True)
@@ -143,7 +142,7 @@ def _table(path: str | Path, name: str, columns: Columns) -> _Table:
                 f"{name}, line {places[0]}: numbers with commas and none with a decimal point; "
                 "write decimal points, and commas between numbers only"
             )
-        rows = [text.translate(_SEPARATORS) for text in texts]
+        rows = [text.replace(",", " ").replace(";", " ") for text in texts]
         if wanted:
             parts.append(_picked(rows, places, wanted, name))
             lines.append(np.array(places))
@@ -193,7 +192,7 @@ def _picked(
     """Columns of rows, shape (n_row, n_wanted)."""
     words = [row.split() for row in rows]
     try:
-        values = np.array([[row[c] for c in wanted] for row in words], dtype=np.float64)
+        values = np.array([[float(row[c]) for c in wanted] for row in words])
         if np.isfinite(values).all() and not any("_" in row for row in rows):
             return values
     except (IndexError, ValueError):
