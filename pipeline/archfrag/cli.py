@@ -74,9 +74,10 @@ def _reads_record(command: Callable) -> Callable:
     """Options that say what a record file does not, or what to let pass in it."""
     for option in (
         click.option("--accept", multiple=True,
-                     type=click.Choice(["pga", "time_step", "samples"]),
+                     type=click.Choice(["pga", "time_step", "samples", "header"]),
                      help="Let pass a peak outside 1e-5 to 5 g, a time step outside 1e-4 to "
-                     "0.1 s, another number of samples than announced. Repeatable."),
+                     "0.1 s, another number of samples than announced, another peak than "
+                     "the header states. Repeatable."),
         click.option("--inventory", type=click.Path(path_type=Path),
                      help="StationXML of a record in counts, if not beside it as NAME.xml"),
         click.option("--unit", help="unit of the samples where the file does not say"),

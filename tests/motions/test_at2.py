@@ -36,12 +36,12 @@ class TestReading:
         path = write(tmp_path, at2_text(SAMPLES))
         plain = obspy.read(str(path))[0]
         applied = obspy.read(str(path), apply_calib=True)[0]
-        assert plain.stats.at2.unit == "g"
+        assert plain.stats.record.unit == "g"
         assert plain.stats.calib == 1.0
         assert np.array_equal(plain.data, applied.data)
 
     def test_event_station_and_component_are_kept(self, tmp_path):
-        details = obspy.read(str(write(tmp_path, at2_text(SAMPLES))))[0].stats.at2
+        details = obspy.read(str(write(tmp_path, at2_text(SAMPLES))))[0].stats.record
         assert details.event == "Imperial Valley-02"
         assert details.date == "5/19/1940"
         assert details.station == "El Centro Array #9"
@@ -52,7 +52,7 @@ class TestReading:
             "Imperial Valley-02, 5/19/1940, El Centro Array #9, 180",
             "CAPE MENDOCINO 04/25/92 1806, RIO DELL OVERPASS FF, 270 (CDMG STATION 89324)",
         )
-        details = read_at2(write(tmp_path, text))[0].stats.at2
+        details = read_at2(write(tmp_path, text))[0].stats.record
         assert (details.event, details.station) == (
             "CAPE MENDOCINO 04/25/92 1806",
             "RIO DELL OVERPASS FF",

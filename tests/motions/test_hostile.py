@@ -229,7 +229,7 @@ class TestReader:
             Reader(memory=400 * 2**20).read(path, FORMATS)
 
     def test_a_large_text_is_read_within_the_limits(self, tmp_path, monkeypatch):
-        monkeypatch.setattr("archfrag.motions.read._LARGE", 100)
+        monkeypatch.setattr("archfrag.motions.channels._LARGE", 100)
         (tmp_path / "a.AT2").write_text(at2_text(wave()))
         motion = read_motion(tmp_path / "a.AT2")
         assert motion.metadata["station"] == "El Centro Array #9"

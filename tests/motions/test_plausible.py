@@ -179,7 +179,7 @@ class TestWhereItIsSaid:
 
     def test_unknown_word(self, tmp_path):
         path = at2(tmp_path)
-        sentence = "accept 'dt' is not one of pga, time_step, samples$"
+        sentence = "accept 'dt' is not one of pga, time_step, samples, header$"
         with pytest.raises(RecordError, match=sentence):
             read_motion(path, accept="dt")
         assert read_motion(path, accept="pga").id == "a"

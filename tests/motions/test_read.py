@@ -57,7 +57,7 @@ Sampling Freq(Hz) 100Hz
 Duration Time(s)  {duration}
 Dir.              {direction}
 Scale Factor      {scale}
-Max. Acc. (gal)   29.070
+Max. Acc. (gal)   {peak:.3f}
 Last Correction   2018/01/24 19:51:41
 Memo.
 """
@@ -68,6 +68,7 @@ def knet(path, counts, direction="E-W", scale="2000(gal)/8000000", duration=None
         duration=len(counts) / 100 if duration is None else duration,
         direction=direction,
         scale=scale,
+        peak=np.abs(counts - np.mean(counts)).max() * 2000 / 8e6,
     )
     rows = [" ".join(f"{c:8d}" for c in counts[i : i + 8]) for i in range(0, len(counts), 8)]
     path.write_text(header + "\n".join(rows) + "\n")

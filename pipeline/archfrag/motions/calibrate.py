@@ -10,7 +10,7 @@ from obspy import Inventory, Trace, read_inventory
 
 from archfrag.errors import RecordError
 from archfrag.motions.index import IndexEntry
-from archfrag.motions.units import METRES_PER_SECOND_SQUARED, unit_factor
+from archfrag.motions.units import METRES_PER_SECOND_SQUARED, STANDARD_GRAVITY, unit_factor
 
 _ACCELERATION_UNITS = {"M/S**2", "M/S^2", "M/S2", "M/S/S", "M/(S**2)", "M/SEC**2", "M/SEC/SEC"}
 
@@ -32,10 +32,11 @@ def calibrate(
 ) -> Calibrated:
     """Turn the samples of a trace into m/s2.
 
-    The unit comes from the first of: the header; the K-NET scale factor (which obspy leaves
-    in ``stats.calib`` as m/s2 a count, not applied); the index that lists the file; the
-    instrument's sensitivity in StationXML; the argument `unit`. Records of counts are demeaned:
-    their offset is the instrument's and can exceed the motion.
+    The unit comes from the first of: the file's header; the K-NET scale factor (which obspy
+    leaves in ``stats.calib`` as m/s2 a count, not applied); the index that lists the file; the
+    instrument's sensitivity in StationXML; the sensitivities in a COSMOS header; the argument
+    `unit`. Records of counts and uncorrected volumes are demeaned: their offset is the
+    instrument's and can exceed the motion.
 
     Raises
     ------
@@ -69,6 +70,15 @@ def calibrate(
         sensitivity = _sensitivity(trace, path, inventory)
         text = f"the sensitivity {sensitivity:.6g} counts/(m/s2) of its StationXML"
         return _demeaned(trace, 1.0 / sensitivity, "counts", text)
+    per_count = trace.stats.get("record", {}).get("g_per_count")
+    if per_count:
+        if unit is not None:
+            raise RecordError(
+                f"{path}: unit {unit!r} was asked for but the file holds counts and has the "
+                "sensitivity of its instrument; leave `unit` out"
+            )
+        text = f"the sensitivity {1.0 / per_count:.6g} counts/g of its header"
+        return _demeaned(trace, per_count * STANDARD_GRAVITY, "counts", text)
     if unit is not None:
         calibrated = _from_unit(trace, unit, f"unit {unit} as asked for")
         if trace.stats.calib != 1.0:
@@ -115,14 +125,8 @@ def points_down(trace: Trace, inventory: Inventory | None) -> bool:
 
 
 def channel_code(trace: Trace) -> str:
-    """Name of the component: of the AT2 header, or the channel code."""
-    details = header_details(trace)
-    return str(details.get("component") or trace.stats.channel).strip()
-
-
-def header_details(trace: Trace) -> Any:
-    """What the header of a text format says, by name; empty for other formats."""
-    return trace.stats.get("record") or trace.stats.get("at2") or {}
+    """Name of the component: by the header of the record, or the channel code."""
+    return str(trace.stats.get("record", {}).get("component", trace.stats.channel)).strip()
 
 
 def _inventory(path: Path) -> Inventory:
@@ -137,9 +141,9 @@ def _inventory(path: Path) -> Inventory:
 
 
 def _stated_unit(trace: Trace, entry: IndexEntry | None) -> tuple[str | None, str]:
-    unit = header_details(trace).get("unit")
-    if unit:
-        return str(unit), f"{trace.stats.get('_format')} header"
+    unit = trace.stats.get("record", {}).get("unit")
+    if unit and unit != "counts":
+        return str(unit), f"{trace.stats.get('_format', '')} header"
     if entry is not None:
         return entry.unit, "index"
     return None, ""
@@ -148,7 +152,11 @@ def _stated_unit(trace: Trace, entry: IndexEntry | None) -> tuple[str | None, st
 def _from_unit(trace: Trace, unit: str, how: str) -> Calibrated:
     factor = METRES_PER_SECOND_SQUARED[unit]
     samples = np.asarray(trace.data, dtype=np.float64) * factor
-    return Calibrated(samples, unit, (f"Converted to m/s2: {how}, factor {factor:g}.",))
+    log: tuple[str, ...] = (f"Converted to m/s2: {how}, factor {factor:g}.",)
+    if trace.stats.get("record", {}).get("level") == "raw":
+        mean = float(samples.mean())
+        samples, log = samples - mean, (*log, f"Uncorrected: mean removed ({mean:.6g} m/s2).")
+    return Calibrated(samples, unit, log)
 
 
 def _demeaned(trace: Trace, factor: float, unit: str, how: str) -> Calibrated:

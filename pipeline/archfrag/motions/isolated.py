@@ -35,7 +35,6 @@ _START = (
     "import sys; sys.path[:] = sys.argv[1:]; from archfrag.motions.isolated import serve; serve()"
 )
 _NAMES = ("network", "station", "location", "channel", "_format")
-_DETAILS = ("at2", "record")  # what a header says
 
 
 class Reader:
@@ -79,7 +78,8 @@ class Reader:
                 if name in IN_C:
                     self._end()  # a damaged file may have left its memory in any state
                 raise Unreadable(answer["error"])
-        return Content(name, answer["traces"], answer["announced"], tuple(answer["messages"]))
+        traces, announced, held = (answer[key] for key in ("traces", "announced", "held"))
+        return Content(name, traces, announced, held, tuple(answer["messages"]))
 
     def stop(self) -> None:
         """End the process, if there is one."""
@@ -215,7 +215,7 @@ def _header(trace: "Trace") -> dict[str, Any]:
     header: dict[str, Any] = {key: str(stats[key]) for key in _NAMES}
     header |= {key: float(stats[key]) for key in ("delta", "calib")}
     header["start"] = stats.starttime.ns
-    return header | {key: dict(stats[key]) for key in _DETAILS if key in stats}
+    return header | ({"record": dict(stats.record)} if "record" in stats else {})
 
 
 def _take_trace(answers: IO[bytes], header: dict[str, Any]) -> "Trace":
@@ -227,7 +227,8 @@ def _take_trace(answers: IO[bytes], header: dict[str, Any]) -> "Trace":
     if len(data) < size:
         raise EOFError
     stats = header | {"starttime": UTCDateTime(ns=header.pop("start"))}
-    stats |= {key: AttribDict(stats[key]) for key in _DETAILS if key in stats}
+    if "record" in stats:
+        stats["record"] = AttribDict(stats["record"])
     return Trace(np.frombuffer(data, dtype=np.float64), header=stats)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from archfrag.errors import RecordError
 from archfrag.motions.units import STANDARD_GRAVITY
 
-Acceptable = Literal["pga", "time_step", "samples"]
+Acceptable = Literal["pga", "time_step", "samples", "header"]
 ACCEPTABLE: tuple[Acceptable, ...] = get_args(Acceptable)
 PGA_RANGE = (1e-5, 5.0)  # [g]
 TIME_STEP_RANGE = (1e-4, 0.1)  # [s]

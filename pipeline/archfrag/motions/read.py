@@ -1,72 +1,35 @@
-"""Records of ground motion from files: waveform formats that obspy reads, and PEER AT2."""
+"""Records of ground motion from files: waveform formats that obspy reads, and our plug-ins."""
 
-import os
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from obspy import Inventory, Stream, Trace, UTCDateTime
+from obspy import Inventory
 
 from archfrag.errors import RecordError
-from archfrag.motions.calibrate import (
-    calibrate,
-    channel_code,
-    find_inventory,
-    header_details,
-    points_down,
+from archfrag.motions.channels import (
+    Channel,
+    Options,
+    by_direction,
+    is_horizontal,
+    is_vertical,
+    read_channels,
+    refuse_unclear,
 )
-from archfrag.motions.formats.columns import Columns, read_columns
-from archfrag.motions.formats.waveform import (
-    BINARY,
-    TEXT,
-    Content,
-    Unreadable,
-    archive_kind,
-    read_as,
-    recognise,
-)
-from archfrag.motions.index import IndexEntry, check_sha256, find_entry
-from archfrag.motions.isolated import Reader
+from archfrag.motions.formats.columns import Columns
+from archfrag.motions.formats.waveform import recognise
+from archfrag.motions.index import IndexEntry, check_sha256
 from archfrag.motions.motion import Motion
-from archfrag.motions.plausible import (
-    accept_or_refuse,
-    accepted_words,
-    check_name,
-    doubtful_count,
-    doubtful_motion,
-)
+from archfrag.motions.plausible import accept_or_refuse, accepted_words, doubtful_motion
 
-_VERTICAL = re.compile(r"[-+]?(U|V|Z|UD\d?|UP|DWN|DOWN|VERT|VERTICAL|..Z)", re.IGNORECASE)
-_HORIZONTAL = re.compile(
-    r"(EW|WE|NS)\d?|[ENXYRTHL]\d?|[NS]\d+(\.\d+)?[EW]|\d{1,3}|..[ENXYRT12]", re.IGNORECASE
-)
-_LARGE = 16 * 2**20  # [bytes] from which a text is read within limits, too
-_reader = Reader()
-
-
-class _Options(NamedTuple):
-    """What the user said of a file."""
-
-    unit: str | None
-    inventory: str | Path | Inventory | None
-    accept: tuple[str, ...]
-    columns: Columns | None = None
-
-
-class _Channel(NamedTuple):
-    code: str
-    group: str
-    start: UTCDateTime
-    dt: float
-    samples: NDArray[np.float64]
-    unit_in_file: str
-    log: tuple[str, ...]
-    accepted: tuple[str, ...]
-    trace: Trace
+# What a motion's metadata take over from a header, in the words of ``stats.record``.
+HEADER = (
+    "event", "date", "magnitude", "depth_km", "event_latitude", "event_longitude", "station",
+    "station_latitude", "station_longitude", "vs30_mps", "epicentral_km", "azimuth", "level",
+)  # fmt: skip
 
 
 def read_motion(
@@ -84,9 +47,10 @@ def read_motion(
     Parameters
     ----------
     path : path
-        A file in PEER's AT2, ESM's and ITACA's DYNA, GeoNet's V1A and V2A, RESORCE, K-NET and
-        KiK-net, SLIST, TSPAIR, miniSEED, SAC (binary or text), GSE1, GSE2,
-        SEISAN, Kinemetrics EVT, GCF or RefTek 130; never an archive or a pickle.
+        A file in PEER's AT2, COSMOS V0 to V2, CSMIP (DMG) volume 1 or 2, SMC, ESM's and ITACA's
+        DYNA, GeoNet's V1A and V2A, RESORCE, K-NET and KiK-net, SLIST, TSPAIR, miniSEED, SAC
+        (binary or text), GSE1, GSE2, SEISAN, Kinemetrics EVT, GCF or RefTek 130; never an
+        archive or a pickle. Of counts and uncorrected volumes the mean is removed.
     unit : str, optional
         Unit of the samples: ``m/s2``, ``cm/s2``, ``gal``, ``mm/s2`` or ``g``. Only for files
         that do not say it themselves; it is never guessed.
@@ -100,15 +64,17 @@ def read_motion(
     accept : sequence of str
         What to let pass though it is hardly right: ``pga`` (peak outside 1e-5 to 5 g),
         ``time_step`` (outside 1e-4 to 0.1 s), ``samples`` (another number than the header
-        announces). An ``index.csv`` that lists the file may say it in a column ``accept``.
+        announces), ``header`` (states a peak that is off by more than a tenth). An ``index.csv``
+        that lists the file may say it in a column ``accept``.
     columns : Columns, optional
         Where the numbers are in a plain text without a header that is known.
 
     Returns
     -------
     Motion
-        In m/s2; every step from the file to it is in its log, and what was accepted also under
-        ``accepted`` in its metadata.
+        In m/s2; every step from the file to it is in its log. Its metadata have what the header
+        says (see ``HEADER``), what was accepted under ``accepted`` and what the file contradicts
+        itself in under ``faults``.
 
     Raises
     ------
@@ -128,12 +94,12 @@ def read_motion(
     (1.9613, 0.01)
     """
     source = Path(path)
-    options = _Options(unit, inventory, accepted_words(accept, str(path)), columns)
-    channels, entry = _channels(source, options)
-    horizontals, verticals = _sorted_by_direction(channels, source)
+    options = Options(unit, inventory, accepted_words(accept, str(path)), columns)
+    channels, entry = read_channels(source, options)
+    horizontals, verticals = by_direction(channels, source)
     if component is None:
         remedy = "give `component` (--component on the command line)"
-        _refuse_unclear(horizontals, channels, source, remedy)
+        refuse_unclear(horizontals, channels, source, remedy)
     chosen, note = _choose(horizontals, source, component)
     upward = next((c for c in verticals if c.group == chosen.group), None)
     if vertical is not None:
@@ -158,17 +124,19 @@ def read_motions(
     with the file's name if not.
     """
     source = Path(path)
-    options = _Options(unit, inventory, accepted_words(accept, str(path)), columns)
-    channels, entry = _channels(source, options)
-    horizontals, verticals = _sorted_by_direction(channels, source)
+    options = Options(unit, inventory, accepted_words(accept, str(path)), columns)
+    channels, entry = read_channels(source, options)
+    horizontals, verticals = by_direction(channels, source)
     remedy = "name them as SEED does (HNE, HNN, HNZ), or give each component a file of its own"
-    _refuse_unclear(horizontals, channels, source, remedy)
+    refuse_unclear(horizontals, channels, source, remedy)
     alone = len(horizontals) == 1
     base = entry.id if entry and alone else name or record_name(source)
     motions = []
     for channel in horizontals:
         upward = next((c for c in verticals if c.group == channel.group), None)
-        id = base if alone else f"{base}:{channel.code}"
+        twin = sum(other.code == channel.code for other in horizontals) > 1
+        code = f"{channel.trace.stats.location}.{channel.code}" if twin else channel.code
+        id = base if alone else f"{base}:{code}"
         motions.append(_motion(source, channel, upward, id, entry, options.accept))
     return motions
 
@@ -200,198 +168,9 @@ def load_motion(entry: IndexEntry) -> Motion:
     return Motion(motion.acceleration, motion.dt, motion.vertical, entry.id, merged, motion.log)
 
 
-def _channels(path: Path, options: _Options) -> tuple[list[_Channel], IndexEntry | None]:
-    entry = find_entry(path)
-    if entry is not None:
-        options = options._replace(accept=(*options.accept, *entry.accept))
-        if path.is_file():
-            check_sha256(entry)
-    content = _content(path, options.columns)
-    accepted = _check_counts(content, path, options.accept)
-    unequal = _unequal(content)
-    stream = _joined(content.traces, path)
-    return [
-        _channel(
-            trace, path, options, entry, content.messages, accepted.get(trace.id, ()), unequal
-        )
-        for trace in stream
-    ], entry
-
-
-def _content(path: Path, columns: Columns | None) -> Content:
-    """What a file holds, read within limits unless it is a text of moderate size."""
-    size = _readable_size(path)
-    if columns is not None:
-        traces = list(read_columns(path, columns))
-        for trace in traces:
-            trace.stats._format = "COLUMNS"
-        return Content("COLUMNS", traces, [trace.stats.npts for trace in traces], (f"{columns}.",))
-    name = str(path)
-    # By its name alone, so that a damaged header is judged by the reader that knows it.
-    found = "AT2" if path.suffix.lower() == ".at2" else recognise(name, TEXT)
-    try:
-        if found and size <= _LARGE:
-            return read_as(name, found)
-        content = _reader.read(name, (found,) if found else BINARY)
-    except Unreadable as error:
-        raise RecordError(str(error)) from None
-    if content is not None:
-        return content
-    kind = archive_kind(name)
-    if kind is not None:
-        raise RecordError(f"{path}: this is an archive ({kind}), which is never unpacked here")
-    raise RecordError(
-        f"{path}: the format is not recognised; {', '.join((*TEXT, *BINARY))} can be read"
-    )
-
-
-def _readable_size(path: Path) -> int:
-    check_name(path)
-    if not path.exists():
-        raise RecordError(f"{path}: there is no such file")
-    if path.is_dir():
-        raise RecordError(f"{path}: this is a folder; a record is one file")
-    if not path.is_file():
-        raise RecordError(f"{path}: this is no regular file")
-    try:
-        with open(path, "rb") as file:
-            size = file.seek(0, os.SEEK_END)
-    except OSError as error:
-        raise RecordError(f"{path}: the file cannot be read ({error.strerror})") from None
-    if size == 0:
-        raise RecordError(f"{path}: the file is empty")
-    return size
-
-
-def _check_counts(
-    content: Content, path: Path, accept: tuple[str, ...]
-) -> dict[str, tuple[str, ...]]:
-    """Judge what cannot be a record, and numbers of samples; sentences for each trace id."""
-    accepted: dict[str, tuple[str, ...]] = {}
-    for trace, announced in zip(content.traces, content.announced, strict=True):
-        held, delta = trace.stats.npts, trace.stats.delta
-        if held == 0:
-            raise RecordError(f"{path}: channel {trace.id} holds no samples")
-        if not (np.isfinite(delta) and delta > 0.0):
-            raise RecordError(
-                f"{path}: time step {delta} s of channel {trace.id} must be a positive number of "
-                "seconds"
-            )
-        doubts = doubtful_count(channel_code(trace) or trace.id, announced, held)
-        sentences = accept_or_refuse(path, accept, doubts)
-        if held < announced and trace is content.traces[-1] and _ends_in_a_number(content, path):
-            trace.data = trace.data[:-1]
-            sentences += ("Last sample left out: the file ends in the middle of its line.",)
-        accepted[trace.id] = (*accepted.get(trace.id, ()), *sentences)
-    return accepted
-
-
-def _ends_in_a_number(content: Content, path: Path) -> bool:
-    """Whether a text breaks off within its last line, so that digits may be missing."""
-    with open(path, "rb") as file:
-        file.seek(-1, os.SEEK_END)
-        return content.format in TEXT and not file.read(1).isspace()
-
-
-def _joined(traces: list[Trace], path: Path) -> Stream:
-    """Join what is only split; refuse holes."""
-    stream = Stream(traces)
-    if len({trace.id for trace in stream}) < len(stream):
-        stream.merge(method=-1)
-    gaps = stream.get_gaps()
-    if gaps:
-        network, station, location, channel, start, _, length, _ = gaps[0]
-        kind = "a gap" if length > 0 else "an overlap"
-        raise RecordError(
-            f"{path}: channel {network}.{station}.{location}.{channel} has {kind} of "
-            f"{abs(length):g} s after {start}; a record must be without gaps"
-        )
-    return stream
-
-
-def _channel(
-    trace: Trace, path: Path, options: _Options, entry: IndexEntry | None, log: tuple[str, ...],
-    accepted: tuple[str, ...], unequal: tuple[str, ...],
-) -> _Channel:  # fmt: skip
-    stats = trace.stats
-    details = header_details(trace)
-    stated = details.get("unit") or entry is not None or stats.get("_format") == "KNET"
-    table = None if stated else find_inventory(path, trace, options.inventory)
-    if np.ma.isMaskedArray(trace.data):
-        raise RecordError(f"{path}: channel {trace.id} has gaps; a record must be without gaps")
-    bad = np.flatnonzero(~np.isfinite(trace.data))
-    if bad.size:
-        raise RecordError(
-            f"{path}: channel {trace.id} has {bad.size} sample(s) that are not finite, the first "
-            f"at index {bad[0]}"
-        )
-    calibrated = calibrate(trace, path, options.unit, entry, table)
-    faults = (*details.get("faults", ()), *_offset(trace, calibrated.unit_in_file), *unequal)
-    steps = (*log, *(f"Fault: {fault}." for fault in faults), *calibrated.log)
-    samples = calibrated.samples
-    if details.get("sensor") == "borehole":
-        steps = (*steps, f"Channel {channel_code(trace)} is in the borehole, not at the surface.")
-    code = channel_code(trace)
-    if _VERTICAL.fullmatch(code) and points_down(trace, table):
-        samples, steps = -samples, (*steps, f"Sign of {code} changed: it counts downwards.")
-    family = code[:-1] if len(code) == 3 and not code.isdigit() else ""
-    group = f"{stats.network}.{stats.station}.{stats.location}.{family}"
-    if stats.get("_format") == "KNET":
-        group = f"{stats.station}.{code[2:]}"
-    return _Channel(
-        code, group, stats.starttime, float(stats.delta), samples, calibrated.unit_in_file, steps,
-        accepted, trace,
-    )  # fmt: skip
-
-
-def _offset(trace: Trace, unit: str) -> tuple[str, ...]:
-    """A sentence on a record whose mean exceeds what is left without it."""
-    values = np.asarray(trace.data, dtype=np.float64)
-    mean = float(values.mean())
-    motion = float(np.abs(values - mean).max())
-    if not abs(mean) > motion > 0.0:
-        return ()
-    return (f"the offset of the samples, {mean:.4g}, is larger than their motion about it, "
-            f"{motion:.4g} [{unit} in the file]",)  # fmt: skip
-
-
-def _unequal(content: Content) -> tuple[str, ...]:
-    """A sentence on channels of one record that have different numbers of samples."""
-    counts = [(channel_code(trace), len(trace.data)) for trace in content.traces]
-    if content.format not in TEXT or len({count for _, count in counts}) < 2:
-        return ()
-    listed = ", ".join(f"{code} {count}" for code, count in counts)
-    return (f"the channels of the file have unequal numbers of samples ({listed})",)
-
-
-def _sorted_by_direction(
-    channels: Sequence[_Channel], path: Path
-) -> tuple[list[_Channel], list[_Channel]]:
-    verticals = [c for c in channels if _VERTICAL.fullmatch(c.code)]
-    others = [c for c in channels if not _VERTICAL.fullmatch(c.code)]
-    if not others:
-        raise RecordError(
-            f"{path}: holds only the vertical component ({verticals[0].code}); a horizontal one "
-            "is needed"
-        )
-    return others, verticals
-
-
-def _refuse_unclear(
-    horizontals: Sequence[_Channel], channels: Sequence[_Channel], path: Path, remedy: str
-) -> None:
-    unclear = [c for c in horizontals if not _HORIZONTAL.fullmatch(c.code)]
-    if unclear and len(channels) > 1:
-        names = ", ".join(repr(c.code) for c in channels)
-        raise RecordError(
-            f"{path}: which of the channels {names} is horizontal cannot be told from their "
-            f"codes; {remedy}"
-        )
-
-
 def _choose(
-    horizontals: Sequence[_Channel], path: Path, component: str | None
-) -> tuple[_Channel, tuple[str, ...]]:
+    horizontals: Sequence[Channel], path: Path, component: str | None
+) -> tuple[Channel, tuple[str, ...]]:
     names = ", ".join(c.code or "(no code)" for c in horizontals)
     if component is not None:
         wanted = component.upper()
@@ -405,28 +184,29 @@ def _choose(
     chosen = horizontals[0]
     if len(horizontals) > 1:
         return chosen, (f"Horizontal {chosen.code} taken, the first of {names}.",)
-    if not _HORIZONTAL.fullmatch(chosen.code):
+    if not is_horizontal(chosen):
         return chosen, (f"Channel code {chosen.code!r} taken to be horizontal: the only one.",)
     return chosen, ()
 
 
-def _vertical_from(path: Path, options: _Options) -> _Channel:
-    channels, _ = _channels(path, options)
-    verticals = [c for c in channels if _VERTICAL.fullmatch(c.code)]
+def _vertical_from(path: Path, options: Options) -> Channel:
+    channels, _ = read_channels(path, options)
+    verticals = [c for c in channels if is_vertical(c)]
     if len(verticals) == 1:
         return verticals[0]
-    if len(channels) == 1 and not _HORIZONTAL.fullmatch(channels[0].code):
+    if len(channels) == 1 and not is_horizontal(channels[0]):
         return channels[0]
     names = ", ".join(repr(c.code) for c in channels)
     raise RecordError(f"{path}: one vertical channel is needed, the file holds {names}")
 
 
 def _motion(
-    path: Path, channel: _Channel, upward: _Channel | None, name: str, entry: IndexEntry | None,
+    path: Path, channel: Channel, upward: Channel | None, name: str, entry: IndexEntry | None,
     accept: tuple[str, ...],
 ) -> Motion:  # fmt: skip
     stats = channel.trace.stats
-    log: tuple[str, ...] = (f"Read from {path.name} ({stats.get('_format', '')}).", *channel.log)
+    kind = " ".join(filter(None, (stats.get("_format", ""), channel.record.get("level"))))
+    log: tuple[str, ...] = (f"Read from {path.name} ({kind}).", *channel.log)
     horizontal, vertical = channel.samples, None
     if upward is not None:
         horizontal, vertical, cut = _aligned(channel, upward, path)
@@ -438,17 +218,21 @@ def _motion(
     if upward is not None and vertical is not None:
         doubts = doubtful_motion(upward.code, vertical, upward.dt, upward.unit_in_file)
         accepted += upward.accepted + accept_or_refuse(path, accept, doubts)
-    details = header_details(channel.trace)
-    metadata = {
+    record = channel.record
+    metadata: dict[str, Any] = {
         "file": path.name,
         "format": stats.get("_format", ""),
         "unit_in_file": channel.unit_in_file,
-        "event": details.get("event", ""),
-        "date": details.get("date", ""),
-        "station": details.get("station", stats.station),
+        "event": "",
+        "date": "",
+        "station": stats.station,
+        **{key: record[key] for key in HEADER if key in record},
         "component": channel.code,
         "vertical_component": upward.code if upward else "",
     }
+    faults = dict.fromkeys((*channel.faults, *(upward.faults if upward else ())))
+    if faults:
+        metadata["faults"] = list(faults)
     if stats.starttime.timestamp != 0.0:
         metadata["start_time"] = str(channel.start)
     if entry is not None:
@@ -460,7 +244,7 @@ def _motion(
 
 
 def _aligned(
-    channel: _Channel, upward: _Channel, path: Path
+    channel: Channel, upward: Channel, path: Path
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[str, ...]]:
     if not np.isclose(channel.dt, upward.dt, rtol=1e-6, atol=0.0):
         raise RecordError(

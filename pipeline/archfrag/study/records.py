@@ -291,7 +291,7 @@ def _store(study: Study, folder: Path, progress: Any) -> list[PreparedRecord]:
     records: list[PreparedRecord] = []
     for motion in read_sources(study):
         path = folder / f"{len(records):05d}.npz"
-        factors = scale_factors(motion, study)
+        factors, metadata = scale_factors(motion, study), motion.metadata
         save_motions(path, [motion])
         records.append(
             PreparedRecord(
@@ -302,8 +302,8 @@ def _store(study: Study, folder: Path, progress: Any) -> list[PreparedRecord]:
                 prepared=sha256_of(path),
                 dt=motion.dt,
                 duration=motion.duration,
-                magnitude=_number(motion.metadata.get("Mw")),
-                distance=_number(motion.metadata.get("distance_km")),
+                magnitude=_number(metadata.get("Mw") or metadata.get("magnitude")),
+                distance=_number(metadata.get("distance_km")),
                 factors=factors,
                 accepted=str(motion.metadata.get("accepted") or ""),
             )

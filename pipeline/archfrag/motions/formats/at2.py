@@ -4,25 +4,28 @@ Four header lines (what it is; event, date, station, component; quantity and uni
 samples and time step), then samples in rows. The headers of the NGA database, of the strong
 motion database before it and of its many re-issues differ in the fourth line only.
 
-The samples of the trace stay in the unit that the file names (``stats.at2.unit``) and
+The samples of the trace stay in the unit that the file names (``stats.record.unit``) and
 ``stats.calib`` stays 1, so nothing is left that could be applied twice.
 """
 
-import io
 import re
-from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from obspy import Stream, Trace
-from obspy.core import AttribDict
+from obspy import Stream
 
 from archfrag.errors import RecordError
+from archfrag.motions.formats import facts
+from archfrag.motions.formats.text import (
+    Source,
+    head_lines,
+    numbers,
+    read_lines,
+    source_name,
+)
 from archfrag.motions.units import METRES_PER_SECOND_SQUARED
 
 HEADER_LINES = 4
-_HEADER_BYTES = 4096
 _QUANTITY = re.compile(r"ACCELERATION", re.IGNORECASE)
 _UNIT = re.compile(r"UNITS?\s+OF\s+([^\s.,;]+)", re.IGNORECASE)
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][-+]?\d+)?"
@@ -35,31 +38,25 @@ _DATE = re.compile(r"\d+/\d+/\d+")
 _UNIT_NAMES = {"G": "g", "CM/S2": "cm/s2", "CM/SEC2": "cm/s2", "CM/S/S": "cm/s2",
                "CM/SEC/SEC": "cm/s2", "GAL": "gal", "M/S2": "m/s2", "M/SEC2": "m/s2",
                "M/S/S": "m/s2", "MM/S2": "mm/s2"}  # fmt: skip
-# Fixed-width columns leave no blank before a sign, nor after a two-digit exponent.
-_RUN_TOGETHER = re.compile(r"(?<=[Ee][-+]\d\d)(?=[-+.\d])|(?<=[\d.])(?=[-+])")
-_FIXED_WIDTH = re.compile(r"[-+]?(?:\d+\.\d*|\.\d+)(?:[Ee][-+]\d\d)?")
 
 
-def is_at2(source: str | Path | BinaryIO) -> bool:
+def is_at2(source: Source) -> bool:
     """Tell whether a file or open binary buffer holds a PEER AT2 acceleration record.
 
     True if the third line names an acceleration and its unit and the fourth the number of
     samples and the time step, whatever their values: those are judged by `read_at2`.
     """
-    try:
-        head = _read_bytes(source, _HEADER_BYTES).decode("ascii")
-    except (OSError, UnicodeDecodeError):
-        return False
-    lines = head.splitlines()[:HEADER_LINES]
+    lines = head_lines(source)[:HEADER_LINES]
     return (
         len(lines) == HEADER_LINES
+        and "".join(lines).isascii()
         and _QUANTITY.search(lines[2]) is not None
         and _UNIT.search(lines[2]) is not None
         and _count_and_step(lines[3]) is not None
     )
 
 
-def read_at2(source: str | Path | BinaryIO, *, partial: bool = False, **_: Any) -> Stream:
+def read_at2(source: Source, *, partial: bool = False, **_: Any) -> Stream:
     """Read a PEER AT2 acceleration record.
 
     Parameters
@@ -71,9 +68,9 @@ def read_at2(source: str | Path | BinaryIO, *, partial: bool = False, **_: Any) 
     Returns
     -------
     obspy.Stream
-        One trace in the unit of the file. ``stats.at2`` holds ``unit`` (as archfrag writes it),
-        ``announced`` (number of samples), ``title``, ``event``, ``date``, ``station``,
-        ``component`` and ``header`` (four lines).
+        One trace in the unit of the file. ``stats.record`` holds ``unit`` (as archfrag writes
+        it), ``announced`` (number of samples), ``event``, ``date``, ``station``, ``component``
+        with what it says of the direction, and ``header`` (four lines).
 
     Raises
     ------
@@ -82,13 +79,9 @@ def read_at2(source: str | Path | BinaryIO, *, partial: bool = False, **_: Any) 
         sample is not a finite number, or there are fewer or more samples than announced (unless
         `partial`).
     """
-    name = str(getattr(source, "name", "AT2 buffer")) if hasattr(source, "read") else str(source)
-    try:
-        lines = _read_bytes(source).decode("latin-1").splitlines()
-    except FileNotFoundError:
-        raise RecordError(f"{name}: there is no such file") from None
-    if not any(line.strip() for line in lines):
-        raise RecordError(f"{name}: the file is empty")
+    name, lines = source_name(source), read_lines(source)
+    if lines[-1] == "":
+        lines.pop()
     if len(lines) <= HEADER_LINES:
         raise RecordError(
             f"{name}: an AT2 file has {HEADER_LINES} header lines and then samples; this one "
@@ -97,27 +90,16 @@ def read_at2(source: str | Path | BinaryIO, *, partial: bool = False, **_: Any) 
     header = [line.strip() for line in lines[:HEADER_LINES]]
     unit = _unit(header[2], name)
     announced, step = _announcement(header[3], name)
-    samples = _samples(lines[HEADER_LINES:], name)
+    samples = numbers(lines[HEADER_LINES:], HEADER_LINES + 1, name)
     if samples.size != announced and not partial:
         word = "only " if samples.size < announced else ""
         raise RecordError(
             f"{name}: the header announces NPTS = {announced} samples, the file holds "
             f"{word}{samples.size}"
         )
-    details = AttribDict(unit=unit, announced=announced, title=header[0], header="\n".join(header))
-    details.update(_names(header[1]))
-    stats = {"delta": step, "at2": details}
-    return Stream([Trace(samples, header=stats)])
-
-
-def _read_bytes(source: str | Path | BinaryIO, size: int = -1) -> bytes:
-    if isinstance(source, (str, Path)):
-        with open(source, "rb") as file:
-            return file.read(size)
-    position = source.tell()
-    content = source.read(size)
-    source.seek(position, io.SEEK_SET)
-    return content
+    record = _names(header[1])
+    record |= {"unit": unit, "announced": announced, "header": "\n".join(header)}
+    return Stream([facts.trace_of(samples, step, record)])
 
 
 def _count_and_step(line: str) -> tuple[str, str] | None:
@@ -162,41 +144,15 @@ def _unit(line: str, name: str) -> str:
     return unit
 
 
-def _names(line: str) -> dict[str, str]:
+def _names(line: str) -> dict[str, Any]:
     parts = [part.strip() for part in line.split(",")]
     if len(parts) < 3:
-        return {"event": line, "date": "", "station": "", "component": ""}
+        return {"event": line, "component": ""}
     dated = _DATE.fullmatch(parts[1]) is not None and len(parts) > 3
-    return {
+    component = parts[-1].split("(")[0].strip()
+    return (facts.direction(component) if component else {}) | {
         "event": parts[0],
         "date": parts[1] if dated else "",
         "station": ", ".join(parts[2 if dated else 1 : -1]),
-        "component": parts[-1].split("(")[0].strip(),
+        "component": component,
     }
-
-
-def _samples(lines: list[str], name: str) -> NDArray[np.float64]:
-    try:
-        samples = np.array(" ".join(lines).split(), dtype=np.float64)
-    except ValueError:
-        samples = np.array([np.nan])
-    if np.isfinite(samples).all():
-        return samples
-    values: list[float] = []
-    for number, line in enumerate(lines, start=HEADER_LINES + 1):
-        for word in line.split():
-            values.extend(_numbers(word, f"{name}, line {number}"))
-    return np.array(values)
-
-
-def _numbers(word: str, place: str) -> list[float]:
-    try:
-        values = [float(word)]
-    except ValueError:
-        pieces = _RUN_TOGETHER.sub(" ", word.upper().replace("D", "E")).split()
-        if not all(_FIXED_WIDTH.fullmatch(piece) for piece in pieces):
-            raise RecordError(f"{place}: {word!r} is not a number") from None
-        values = [float(piece) for piece in pieces]
-    if not np.isfinite(values).all():
-        raise RecordError(f"{place}: {word!r} is not a finite number")
-    return values

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from obspy import Stream, Trace
 
 from archfrag.errors import InputError, RecordError
-from archfrag.motions.formats.headers import number, numbers, record_trace
+from archfrag.motions.formats.facts import trace_of
+from archfrag.motions.formats.text import numbers
 
 MOST_COLUMNS = 1000
 LARGEST_FILE, LONGEST_LINE = 2**27, 2**22  # [bytes]
@@ -125,7 +126,7 @@ def read_columns(path: str | Path, columns: Columns) -> Stream:
         if _rises_evenly(samples):
             raise _times(name)
         record = {"announced": samples.size, "component": code, "vertical": code == "V"}
-        traces.append(record_trace(samples, {"channel": code, "delta": step}, record))
+        traces.append(trace_of(samples, step, record))
     return Stream(traces)
 
 
@@ -204,8 +205,15 @@ def _picked(
                 "asked for; lines of text before the numbers are passed over by `skip`"
             )
     return np.array(
-        [[number(row[c], f"{name}, line {p}") for c in wanted] for p, row in zip(places, words)]
+        [[_number(row[c], place, name) for c in wanted] for place, row in zip(places, words)]
     )
+
+
+def _number(word: str, place: int, name: str) -> float:
+    values = numbers([word], place, name)
+    if values.size != 1:
+        raise RecordError(f"{name}, line {place}: {word!r} is not a number")
+    return float(values[0])
 
 
 def _runs(places: list[int], rows: list[str]) -> Iterator[tuple[int, list[str]]]:

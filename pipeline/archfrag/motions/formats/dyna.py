@@ -12,19 +12,8 @@ from typing import Any
 from obspy import Stream, UTCDateTime
 
 from archfrag.errors import RecordError
-from archfrag.motions.formats.headers import (
-    Source,
-    acceleration_unit,
-    all_lines,
-    count_of_samples,
-    first_lines,
-    judge_peak,
-    number_or_none,
-    numbers,
-    record_trace,
-    source_name,
-    time_step,
-)
+from archfrag.motions.formats import facts
+from archfrag.motions.formats.text import Source, head_lines, numbers, read_lines, source_name
 
 _KEY = re.compile(r"\s*([A-Za-z][\w/^().-]*)\s*:(.*)")
 _DATE = re.compile(r"(\d{4})[/-]?(\d\d)[/-]?(\d\d)")
@@ -41,8 +30,8 @@ def is_dyna(source: Source) -> bool:
     True if the first line names an event and a later one the time step or number of samples,
     whatever their values: those are judged by `read_dyna`.
     """
-    keys = [match.group(1) for match in map(_KEY.match, first_lines(source)) if match]
-    lines = first_lines(source)[:1]
+    keys = [match.group(1) for match in map(_KEY.match, head_lines(source)) if match]
+    lines = head_lines(source)[:1]
     return (
         bool(lines)
         and re.match(r"EVENT_(NAME|ID)\s*:", lines[0]) is not None
@@ -69,7 +58,7 @@ def read_dyna(source: Source, **_: Any) -> Stream:
         If the header lacks the unit, time step or number of samples, or one of them cannot be
         used, if it is of a velocity, displacement or spectrum, or a sample is no finite number.
     """
-    name, lines = source_name(source), all_lines(source)
+    name, lines = source_name(source), read_lines(source)
     header, places = _header(lines, name)
     kind = header.get("DATA_TYPE", "")
     if kind and kind.upper() != "ACCELERATION":
@@ -78,33 +67,27 @@ def read_dyna(source: Source, **_: Any) -> Stream:
     for key in needed:
         if not header.get(key):
             raise RecordError(f"{places.get(key, name)}: the header gives no {key}")
-    unit = acceleration_unit(header["UNITS"], places["UNITS"])
-    step = time_step(header["SAMPLING_INTERVAL_S"], places["SAMPLING_INTERVAL_S"])
-    announced = count_of_samples(header["NDATA"], places["NDATA"])
+    unit = facts.acceleration_unit(header["UNITS"], places["UNITS"])
+    step = facts.number_of(header["SAMPLING_INTERVAL_S"])
+    step = facts.positive_step(step, places["SAMPLING_INTERVAL_S"])
+    announced = facts.whole_count(header["NDATA"], places["NDATA"])
     samples = numbers(lines[len(header) :], len(header) + 1, name)
     component = header.get("STREAM") or header.get("COMPONENT") or ""
     letter = component[-1:] if len(component) == 3 else component
     start = _first_sample(header.get("DATE_TIME_FIRST_SAMPLE_YYYYMMDD_HHMMSS", ""))
-    stats = {
-        "network": header.get("NETWORK", ""),
-        "station": header.get("STATION_CODE", ""),
-        "location": header.get("LOCATION", "")[:2],
-        "channel": component,
-        "delta": step,
-        **({"starttime": start} if start else {}),
-    }
-    record = {
-        "unit": unit,
-        "level": _level(header),
-        "announced": announced,
-        "component": component,
-        "vertical": letter.upper() in _VERTICALS if letter else None,
-        "azimuth": _AZIMUTHS.get(letter.upper()),
-        "header": "\n".join(line.rstrip() for line in lines[: len(header)]),
+    codes = (header.get("NETWORK", ""), header.get("STATION_CODE", ""), header.get("LOCATION", ""))
+    record = facts.known(
+        unit=unit,
+        level=_level(header),
+        announced=announced,
+        component=component,
+        vertical=letter.upper() in _VERTICALS if letter else None,
+        azimuth=_AZIMUTHS.get(letter.upper()),
+        header="\n".join(line.rstrip() for line in lines[: len(header)]),
         **_event(header),
-    }
-    judge_peak(record, header.get(f"PGA_{header['UNITS'].upper()}"), samples, unit)
-    return Stream([record_trace(samples, stats, record)])
+    )
+    facts.judge_peak(record, header.get(f"PGA_{header['UNITS'].upper()}", ""), samples, unit)
+    return Stream([facts.trace_of(samples, step, record, codes=codes, start=start)])
 
 
 def _header(lines: list[str], name: str) -> tuple[dict[str, str], dict[str, str]]:
@@ -118,13 +101,21 @@ def _header(lines: list[str], name: str) -> tuple[dict[str, str], dict[str, str]
         key = match.group(1).upper()
         if key in header:
             raise RecordError(f"{name}, line {number}: {key} is there a second time")
-        header[key], places[key] = match.group(2).strip(), f"{name}, line {number}"
+        header[key], places[key] = _readable(match.group(2)), f"{name}, line {number}"
     return header, places
+
+
+def _readable(text: str) -> str:
+    """A value, whose names may be in UTF-8."""
+    try:
+        return text.encode("latin-1").decode("utf-8").strip()
+    except UnicodeDecodeError:
+        return text.strip()
 
 
 def _event(header: dict[str, str]) -> dict[str, Any]:
     def given(key: str) -> float | None:
-        return number_or_none(header.get(key))
+        return facts.number_or_none(header.get(key))
 
     date = _DATE.fullmatch(header.get("EVENT_DATE_YYYYMMDD", ""))
     magnitude = given("MAGNITUDE_W")
@@ -146,7 +137,7 @@ def _event(header: dict[str, str]) -> dict[str, Any]:
 
 def _level(header: dict[str, str]) -> str:
     cuts = (header.get("LOW_CUT_FREQUENCY_HZ"), header.get("HIGH_CUT_FREQUENCY_HZ"))
-    if any(number_or_none(cut) for cut in cuts):
+    if any(facts.number_or_none(cut) for cut in cuts):
         return "processed"
     return "raw" if "NOT REMOVED" in header.get("BASELINE_CORRECTION", "").upper() else ""
 

@@ -15,24 +15,12 @@ from numpy.typing import NDArray
 from obspy import Stream, Trace, UTCDateTime
 
 from archfrag.errors import RecordError
-from archfrag.motions.formats.headers import (
-    Source,
-    acceleration_unit,
-    all_lines,
-    count_of_samples,
-    first_lines,
-    judge_peak,
-    number,
-    number_or_none,
-    numbers,
-    record_trace,
-    source_name,
-    time_step,
-)
+from archfrag.motions.formats import facts
+from archfrag.motions.formats.text import Source, head_lines, numbers, read_lines, source_name
 
 TEXT_LINES, INTEGER_LINES, HEADER_LINES, WIDTH = 16, 4, 26, 8
 _START = re.compile(r"\s*(Un)?corrected accelerogram\b", re.IGNORECASE)
-_PLACE = r"(\d+) +(\d+) +(\d+)([NS]) +(\d+) +(\d+) +(\d+)([EW])"
+_PLACE = r"(\d{1,3}) +(\d\d?) +(\d\d?)([NS]) +(\d{1,3}) +(\d\d?) +(\d\d?)([EW])"
 _FIELDS = {
     "site": r"^\s*Site +(\S+) +" + _PLACE,
     "count": r"^\s*Number of points +(\S+)",
@@ -56,7 +44,7 @@ def is_geonet(source: Source) -> bool:
     True if the first line names an accelerogram, the second a site, and one of the next the
     number of points.
     """
-    lines = first_lines(source)[:TEXT_LINES]
+    lines = head_lines(source)[:TEXT_LINES]
     return (
         len(lines) == TEXT_LINES
         and _START.match(lines[0]) is not None
@@ -84,7 +72,7 @@ def read_geonet(source: Source, **_: Any) -> Stream:
         If a header is cut off or lacks the number of points or time step, a V2A block does not
         hold the numbers that its header announces, or a sample is no finite number.
     """
-    name, lines = source_name(source), all_lines(source)
+    name, lines = source_name(source), read_lines(source)
     starts = [i for i, line in enumerate(lines) if _START.match(line)]
     if not starts:
         raise RecordError(f"{name}: no line begins an accelerogram")
@@ -108,55 +96,52 @@ def _trace(block: list[str], first: int, name: str) -> Trace:
 
     component = field("component")
     integers = numbers(block[TEXT_LINES : TEXT_LINES + INTEGER_LINES], first + TEXT_LINES, name)
-    announced = count_of_samples(field("count"), f"{place}: Number of points")
+    announced = facts.whole_count(field("count"), f"{place}: Number of points")
+    step = facts.number_of(field("interval"))
     samples = _samples(block[HEADER_LINES:], first + HEADER_LINES, name, integers, component)
-    unit = acceleration_unit(field("peak", 2) or field("factor", 2), place)
-    if field("factor"):
-        samples = samples * number(field("factor"), f"{place}: readings in units of")
-    start = _first_sample(integers)
-    stats = {
-        "network": "NZ",
-        "station": field("site"),
-        "channel": component,
-        "delta": time_step(field("interval"), f"{place}: interval"),
-        **({"starttime": start} if start else {}),
-    }
-    record = {
-        "unit": unit,
-        "level": "raw"
-        if found["count"] and block[0].lstrip()[:2].lower() == "un"
-        else "processed",
-        "announced": announced,
-        "component": component,
-        "vertical": component.lower() in ("up", "down") if component else None,
-        "azimuth": _azimuth(component),
-        "event": block[6].strip(),
-        "date": _date(field("year")),
-        "magnitude": number_or_none(field("magnitude")),
-        "depth_km": number_or_none(field("depth")),
-        "event_latitude": _degrees(found["epicentre"], 1),
-        "event_longitude": _degrees(found["epicentre"], 5),
-        "station": field("site"),
-        "station_latitude": _degrees(found["site"], 2),
-        "station_longitude": _degrees(found["site"], 6),
-        "epicentral_km": number_or_none(field("distance")),
-        "header": "\n".join(line.rstrip() for line in block[:HEADER_LINES]),
-    }
-    judge_peak(record, field("peak"), samples, unit)
-    return record_trace(samples, stats, record)
+    unit = facts.acceleration_unit(field("peak", 2) or field("factor", 2), place)
+    if found["factor"]:
+        samples = samples * _factor(field("factor"), place)
+    record = facts.known(
+        unit=unit,
+        level="raw" if block[0].lstrip()[:2].lower() == "un" else "processed",
+        announced=announced,
+        component=component,
+        vertical=component.lower() in ("up", "down") if component else None,
+        azimuth=_azimuth(component),
+        event=block[6].strip(),
+        date=_date(field("year")),
+        magnitude=facts.number_or_none(field("magnitude")),
+        depth_km=facts.number_or_none(field("depth")),
+        event_latitude=_degrees(found["epicentre"], 1),
+        event_longitude=_degrees(found["epicentre"], 5),
+        station=field("site"),
+        station_latitude=_degrees(found["site"], 2),
+        station_longitude=_degrees(found["site"], 6),
+        epicentral_km=facts.number_or_none(field("distance")),
+        header="\n".join(line.rstrip() for line in block[:HEADER_LINES]),
+    )
+    facts.judge_peak(record, field("peak"), samples, unit)
+    return facts.trace_of(
+        samples,
+        facts.positive_step(step, f"{place}: interval"),
+        record,
+        codes=("NZ", field("site"), ""),
+        start=_first_sample(integers),
+    )
 
 
 def _samples(
     lines: list[str], first: int, name: str, integers: NDArray[np.float64], component: str
 ) -> NDArray[np.float64]:
     """Accelerations of a block; those of a raw volume may be fewer or more than announced."""
-    values = numbers(lines, first, name, WIDTH)
     if integers.size != 10 * INTEGER_LINES:
         raise RecordError(
             f"{name}: the lines before line {first} must have {10 * INTEGER_LINES} integers, "
             f"channel {component} has {integers.size}"
         )
     counts = integers[33:36].astype(int)
+    values = numbers(lines, first, name, expected=int(counts.sum()), width=WIDTH)
     if counts[1:].any() and values.size != counts.sum():
         raise RecordError(
             f"{name}: channel {component} must hold {counts[0]} accelerations, {counts[1]} "
@@ -164,6 +149,14 @@ def _samples(
             "numbers"
         )
     return values[: counts[0]] if counts[1:].any() else values
+
+
+def _factor(text: str, place: str) -> float:
+    """What raw readings are multiplied by."""
+    factor = facts.number_or_none(text)
+    if not factor:
+        raise RecordError(f"{place}: readings in units of {text!r}; a number but 0 is needed")
+    return factor
 
 
 def _azimuth(component: str) -> float | None:

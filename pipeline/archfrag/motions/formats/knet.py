@@ -9,12 +9,12 @@ surface.
 
 from typing import Any
 
-import numpy as np
 from obspy import Stream
 from obspy.core import AttribDict
 from obspy.core.util.base import buffered_load_entry_point
 
-from archfrag.motions.formats.headers import Source, judge_peak
+from archfrag.motions.formats import facts
+from archfrag.motions.formats.text import Source
 
 _AZIMUTHS = {"N": 0.0, "E": 90.0}
 _SENSORS = {"": "surface", "1": "borehole", "2": "surface"}
@@ -39,25 +39,22 @@ def read_knet(source: Source, **_: Any) -> Stream:
         if "knet" not in trace.stats:
             continue  # the header is cut off, and so is the rest
         knet, component = trace.stats.knet, str(trace.stats.channel)
-        gal = (trace.data - np.mean(trace.data)) * trace.stats.calib * 100.0
-        record = {
-            "level": "raw",
-            "announced": round(knet.duration * trace.stats.sampling_rate),
-            "component": component,
-            "vertical": component.startswith("UD"),
-            "azimuth": _AZIMUTHS.get(component[:1]),
-            "sensor": _SENSORS.get(component[2:]),
-            "date": knet.evot.date.isoformat(),
-            "magnitude": knet.mag,
-            "depth_km": knet.evdp,
-            "event_latitude": knet.evla,
-            "event_longitude": knet.evlo,
-            "station": trace.stats.station,
-            "station_latitude": knet.stla,
-            "station_longitude": knet.stlo,
-        }
-        judge_peak(record, str(knet.accmax), gal, "gal")
-        trace.stats.record = AttribDict(
-            {key: value for key, value in record.items() if value is not None}
+        record = facts.known(
+            level="raw",
+            announced=round(knet.duration * trace.stats.sampling_rate),
+            component=component,
+            vertical=component.startswith("UD"),
+            azimuth=_AZIMUTHS.get(component[:1]),
+            sensor=_SENSORS.get(component[2:]),
+            date=knet.evot.date.isoformat(),
+            magnitude=knet.mag,
+            depth_km=knet.evdp,
+            event_latitude=knet.evla,
+            event_longitude=knet.evlo,
+            station=trace.stats.station,
+            station_latitude=knet.stla,
+            station_longitude=knet.stlo,
         )
+        facts.judge_peak(record, str(knet.accmax), 100.0 * trace.stats.calib * trace.data, "gal")
+        trace.stats.record = AttribDict(record)
     return stream

@@ -10,19 +10,8 @@ from typing import Any
 from obspy import Stream
 
 from archfrag.errors import RecordError
-from archfrag.motions.formats.headers import (
-    Source,
-    acceleration_unit,
-    all_lines,
-    count_of_samples,
-    first_lines,
-    judge_peak,
-    number_or_none,
-    numbers,
-    record_trace,
-    source_name,
-    time_step,
-)
+from archfrag.motions.formats import facts
+from archfrag.motions.formats.text import Source, head_lines, numbers, read_lines, source_name
 
 _FIRST_KEY = "Event Date & Time"
 _SERIES = re.compile(r"\s*(\w+) time series in (.+)", re.IGNORECASE)
@@ -37,7 +26,7 @@ def is_resorce(source: Source) -> bool:
 
     True if the first line is the event's and a later one names a time series and its unit.
     """
-    lines = first_lines(source)[:_LONGEST_HEADER]
+    lines = head_lines(source)[:_LONGEST_HEADER]
     return bool(lines) and lines[0].startswith(_FIRST_KEY) and any(map(_SERIES.match, lines))
 
 
@@ -60,7 +49,7 @@ def read_resorce(source: Source, **_: Any) -> Stream:
         If the header lacks the unit, time step or number of samples, or one of them cannot be
         used, if it is of a velocity or displacement, or a sample is no finite number.
     """
-    name, lines = source_name(source), all_lines(source)
+    name, lines = source_name(source), read_lines(source)
     series = next((i for i, line in enumerate(lines) if _SERIES.match(line)), None)
     if series is None:
         raise RecordError(f"{name}: no line names the time series and its unit")
@@ -68,34 +57,34 @@ def read_resorce(source: Source, **_: Any) -> Stream:
     place = f"{name}, line {series + 1}"
     if not quantity.lower().startswith("accel"):
         raise RecordError(f"{place}: an acceleration is needed, this is {quantity!r}")
-    unit = acceleration_unit(unit_text, place)
+    unit = facts.acceleration_unit(unit_text, place)
     header = {
         key.strip().lower(): value.strip()
         for key, colon, value in (line.partition(":") for line in lines[:series])
         if colon
     }
-    step = time_step(header.get("time increment (s)", ""), f"{name}, Time Increment")
-    announced = count_of_samples(header.get("number of data", ""), f"{name}, Number of Data")
+    step = facts.number_of(header.get("time increment (s)"))
+    step = facts.positive_step(step, f"{name}, Time Increment")
+    announced = facts.whole_count(header.get("number of data", ""), f"{name}, Number of Data")
     samples = numbers(lines[series + 1 :], series + 2, name)
     code, _slash, station = (part.strip() for part in _station(header).partition("/"))
     component = header.get("orientation", "")
     date = _DATE.match(header.get("event date & time", ""))
     cuts = header.get("filter cut-off frequency (hz)", "").split("-")
-    record = {
-        "unit": unit,
-        "level": "processed" if any(map(number_or_none, cuts)) else "",
-        "announced": announced,
-        "component": component,
-        "vertical": component.upper() in _VERTICALS if component else None,
-        "azimuth": _AZIMUTHS.get(component.upper()),
-        "date": "-".join(date.groups()) if date else None,
-        "station": station or code,
-        "header": "\n".join(line.rstrip() for line in lines[: series + 1]),
-    }
-    judge_peak(record, header.get(f"pga ({unit_text.strip().lower()})"), samples, unit)
-    return Stream(
-        [record_trace(samples, {"station": code, "channel": component, "delta": step}, record)]
+    record = facts.known(
+        unit=unit,
+        level="processed" if any(map(facts.number_or_none, cuts)) else "",
+        announced=announced,
+        component=component,
+        vertical=component.upper() in _VERTICALS if component else None,
+        azimuth=_AZIMUTHS.get(component.upper()),
+        date="-".join(date.groups()) if date else None,
+        station=station or code,
+        header="\n".join(line.rstrip() for line in lines[: series + 1]),
     )
+    peak = header.get(f"pga ({unit_text.strip().lower()})", "")
+    facts.judge_peak(record, peak, samples, unit)
+    return Stream([facts.trace_of(samples, step, record, codes=("", code, ""))])
 
 
 def _station(header: dict[str, str]) -> str:

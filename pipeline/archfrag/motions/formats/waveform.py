@@ -7,27 +7,36 @@ happens here: the formats below are tried one by one on the file as it lies ther
 Nothing slow is imported here: the process that reads files (`isolated`) starts with this module.
 """
 
+import importlib
 import math
 import warnings
 from collections.abc import Callable, Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from obspy import Stream, Trace
 
+# The readers of this package: name of the plug-in, and the module here that has is_<module> and
+# read_<module>. Each is an entry point in pyproject.toml, too.
+OWN = {
+    "AT2": "at2",
+    "COSMOS": "cosmos",
+    "DMG": "dmg",
+    "DYNA": "dyna",
+    "GEONET": "geonet",
+    "RESORCE": "resorce",
+    "SMC": "smc",
+}
 # Text that Python code reads. The others are binary (or, GSE, read in C), and a damaged one can
 # end the process that reads it. Formats that name other files (CSS, Q), that lose a cut-off trace
 # without a word (AH, DMX, SH_ASC, WAV, WIN, Y) or that are no earthquakes' are not offered.
-TEXT = ("AT2", "DYNA", "GEONET", "RESORCE", "KNET", "SLIST", "TSPAIR")
+TEXT = (*OWN, "KNET", "SLIST", "TSPAIR")
 BINARY = (
     "MSEED", "SAC", "GSE2", "SEISAN", "SACXY", "GSE1", "KINEMETRICS_EVT", "GCF", "REFTEK130",
 )  # fmt: skip
 IN_C = ("MSEED", "GSE2", "GSE1", "GCF")
 
-# Read by functions of this package: is_NAME and read_NAME of the module NAME.
-_OURS = ("AT2", "DYNA", "GEONET", "RESORCE")
 _BLOCK = {"GCF": 1024}  # [bytes] of which a whole file consists
 _ARCHIVES = {
     b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip", b"BZh": "bzip2", b"\xfd7zXZ\x00": "xz",
@@ -43,12 +52,14 @@ class Unreadable(Exception):
 class Content(NamedTuple):
     """What a file holds: its traces, what their header announced, and what the reader warned of.
 
-    `announced` has the number of samples for each trace.
+    `announced` has the number of samples for each trace, `held` those that the file has: others
+    than those of the trace where it was read at other times than the file's.
     """
 
     format: str
     traces: "list[Trace]"
     announced: list[int]
+    held: list[int]
     messages: tuple[str, ...]
 
 
@@ -95,17 +106,18 @@ def read_as(path: str, name: str) -> Content:
         _check_blocks(trace, path, name)
         trace.stats._format = name
         trace.stats.npts = len(trace.data)
+    held = [trace.stats.get("record", {}).get("held", trace.stats.npts) for trace in traces]
     texts = (f"obspy: {' '.join(str(message.message).split())}" for message in messages)
-    return Content(name, traces, announced, tuple(dict.fromkeys(texts)))
+    return Content(name, traces, announced, held, tuple(dict.fromkeys(texts)))
 
 
 def _is_format(name: str) -> Callable[[str], bool]:
-    return _own(name, "is") if name in _OURS else _plug_in(name, "isFormat")
+    return _own(name, "is") if name in OWN else _plug_in(name, "isFormat")
 
 
 def _own(name: str, function: str) -> Callable[..., Any]:
-    module = import_module(f"archfrag.motions.formats.{name.lower()}")
-    return getattr(module, f"{function}_{name.lower()}")
+    module = importlib.import_module(f"archfrag.motions.formats.{OWN[name]}")
+    return getattr(module, f"{function}_{OWN[name]}")
 
 
 def _plug_in(name: str, function: str) -> Callable[[str], Any]:
@@ -118,8 +130,12 @@ def _stream(path: str, name: str) -> "Stream":
     from archfrag.errors import RecordError
 
     try:
-        if name == "KNET" or name in _OURS:
+        if name in OWN:
             return _own(name, "read")(path, partial=True)
+        if name == "KNET":
+            from archfrag.motions.formats.knet import read_knet
+
+            return read_knet(path)
         return _plug_in(name, "readFormat")(path)
     except RecordError as error:
         raise Unreadable(str(error)) from None
@@ -149,7 +165,8 @@ def _check_blocks(trace: "Trace", path: str, name: str) -> None:
 
 def _announced(trace: "Trace", name: str) -> int:
     """Number of samples by the header; obspy leaves it in `npts` though it read another."""
-    if name in _OURS:
-        return (trace.stats.get("record") or trace.stats.at2).announced
+    record = trace.stats.get("record", {})
+    if "announced" in record:
+        return record.announced
     count = trace.stats.get("knet", {}).get("duration", 0.0) * trace.stats.sampling_rate
     return round(count) if count and math.isfinite(count) else trace.stats.npts
