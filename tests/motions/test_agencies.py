@@ -159,6 +159,14 @@ class TestDyna:
         assert (stats.record.date, "level" in stats.record) == ("2001-02-03", False)
         assert stats.starttime == obspy.UTCDateTime(2001, 2, 3, 4, 5, 10, 300000)
 
+    @pytest.mark.parametrize(("kept", "left"), [(1, 0), (2, 1)])
+    def test_cut_after_the_first_samples(self, tmp_path, kept, left):
+        lines = dyna_text(SAMPLES).splitlines()
+        path = write(tmp_path, "\n".join(lines[: len(lines) - 400 + kept]), "a.ASC")
+        sentence = rf"a\.ASC: channel XX\.ABC\.\.HNE holds {left} sample\(s\) that can be used; 2"
+        with pytest.raises(RecordError, match=sentence):
+            read_motion(path, accept=["samples", "pga", "header"])
+
     def test_names_in_other_alphabets(self, tmp_path):
         text = dyna_text(SAMPLES, event_name="Åland, Αθήνα")
         (tmp_path / "a.ASC").write_text(text, encoding="utf-8")

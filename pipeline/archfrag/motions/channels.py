@@ -178,6 +178,11 @@ def _check_counts(
         if held < announced and trace is content.traces[-1] and _ends_in_a_number(content, path):
             trace.data = trace.data[:-1]
             sentences += ("Last sample left out: the file ends in the middle of its line.",)
+        if len(trace.data) < 2:
+            raise RecordError(
+                f"{path}: channel {trace.id} holds {len(trace.data)} sample(s) that can be used; "
+                "2 or more are needed"
+            )
         accepted[trace.id] = (*accepted.get(trace.id, ()), *sentences)
     return accepted
 
