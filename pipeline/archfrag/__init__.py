@@ -10,6 +10,7 @@ __version__ = "0.1.0"
 _HOME = {
     "Arch": "archfrag.arch",
     "Block": "archfrag.arch",
+    "Columns": "archfrag.motions.formats.columns",
     "Motion": "archfrag.motions.motion",
     "read_motion": "archfrag.motions.read",
     "onset": "archfrag.simulate",
@@ -23,6 +24,7 @@ _HOME = {
 __all__ = [
     "Arch",
     "Block",
+    "Columns",
     "Fragility",
     "Motion",
     "Onset",
@@ -39,6 +41,7 @@ __all__ = [
 if TYPE_CHECKING:
     from archfrag.arch import Arch, Block
     from archfrag.fragility.fit import Fragility, fit_ida, fit_stripes
+    from archfrag.motions.formats.columns import Columns
     from archfrag.motions.motion import Motion
     from archfrag.motions.read import read_motion
     from archfrag.simulate import Onset, Response, onset, simulate, simulate_many

@@ -145,7 +145,7 @@ def test_the_same_file_by_two_patterns_is_one_record(tmp_path):
         prepare_motions(study)
     assert str(caught.value) == (
         f"motions.files[1]: {tmp_path / 'records' / 'wave1.AT2'} is matched by an entry before it "
-        "too, with another unit, inventory or accept"
+        "too, with another unit, inventory, columns or accept"
     )
 
 

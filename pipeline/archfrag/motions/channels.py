@@ -11,6 +11,7 @@ from obspy import Inventory, Stream, Trace, UTCDateTime
 
 from archfrag.errors import RecordError
 from archfrag.motions.calibrate import calibrate, channel_code, find_inventory, points_down
+from archfrag.motions.formats.columns import Columns, read_columns
 from archfrag.motions.formats.waveform import (
     BINARY,
     OWN,
@@ -36,6 +37,7 @@ class Options(NamedTuple):
     unit: str | None
     inventory: str | Path | Inventory | None
     accept: tuple[str, ...]
+    columns: Columns | None = None
 
 
 class Channel(NamedTuple):
@@ -83,7 +85,7 @@ def read_channels(path: Path, options: Options) -> tuple[list[Channel], IndexEnt
         options = options._replace(accept=(*options.accept, *entry.accept))
         if path.is_file():
             check_sha256(entry)
-    content = _content(path)
+    content = _content(path, options.columns)
     accepted = _check_counts(content, path, options.accept)
     unequal = _unequal(content)
     stream = _joined(content.traces, path)
@@ -101,9 +103,15 @@ def read_channels(path: Path, options: Options) -> tuple[list[Channel], IndexEnt
     return channels, entry
 
 
-def _content(path: Path) -> Content:
+def _content(path: Path, columns: Columns | None) -> Content:
     """What a file holds, read within limits unless it is a text of moderate size."""
     size = _readable_size(path)
+    if columns is not None:
+        traces = list(read_columns(path, columns))
+        for trace in traces:
+            trace.stats._format = "COLUMNS"
+        counts = [trace.stats.npts for trace in traces]
+        return Content("COLUMNS", traces, counts, counts, (f"{columns}.",))
     name = str(path)
     # By its name alone, so that a damaged header is judged by the reader that knows it.
     found = "AT2" if path.suffix.lower() == ".at2" else recognise(name, TEXT)
@@ -168,7 +176,8 @@ def _check_counts(
             sentences += ("Last sample left out: the file ends in the middle of its line.",)
         if len(trace.data) < 2:
             raise RecordError(
-                f"{path}: channel {trace.id} holds {len(trace.data)} sample; 2 are needed at least"
+                f"{path}: channel {trace.id} holds {len(trace.data)} sample(s) that can be used; "
+                "2 or more are needed"
             )
         accepted[trace.id] = (*accepted.get(trace.id, ()), *sentences)
     return accepted
@@ -227,6 +236,8 @@ def _channel(
     faults = (*record.get("faults", ()), *_offset(trace, calibrated.unit_in_file))
     steps = (*log, *record.get("log", ()), *calibrated.log)
     code = channel_code(trace)
+    if record.get("sensor") == "borehole":
+        steps = (*steps, f"Channel {code} is in the borehole, not at the surface.")
     family = code[:-1] if len(code) == 3 and code.isalnum() and not code.isdigit() else ""
     group = f"{stats.network}.{stats.station}.{stats.location}.{family}"
     if stats.get("_format") == "KNET":

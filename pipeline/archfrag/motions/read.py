@@ -18,6 +18,7 @@ from archfrag.motions.channels import (
     read_channels,
     refuse_unclear,
 )
+from archfrag.motions.formats.columns import Columns
 from archfrag.motions.formats.waveform import recognise
 from archfrag.motions.index import IndexEntry, check_sha256
 from archfrag.motions.motion import Motion
@@ -38,16 +39,17 @@ def read_motion(
     vertical: str | Path | None = None,
     inventory: str | Path | Inventory | None = None,
     accept: Iterable[str] = (),
+    columns: Columns | None = None,
 ) -> Motion:
     """Read one horizontal component of a record, and the vertical where there is one.
 
     Parameters
     ----------
     path : path
-        A file in PEER's AT2, COSMOS V0 to V2, CSMIP (DMG) volume 1 or 2, SMC, K-NET, SLIST,
-        TSPAIR, miniSEED, SAC (binary or text), GSE1, GSE2, SEISAN, Kinemetrics EVT, GCF or
-        RefTek 130; never an archive or a pickle. Of counts and uncorrected volumes the mean is
-        removed.
+        A file in PEER's AT2, COSMOS V0 to V2, CSMIP (DMG) volume 1 or 2, SMC, ESM's and ITACA's
+        DYNA, GeoNet's V1A and V2A, RESORCE, K-NET and KiK-net, SLIST, TSPAIR, miniSEED, SAC
+        (binary or text), GSE1, GSE2, SEISAN, Kinemetrics EVT, GCF or RefTek 130; never an
+        archive or a pickle. Of counts and uncorrected volumes the mean is removed.
     unit : str, optional
         Unit of the samples: ``m/s2``, ``cm/s2``, ``gal``, ``mm/s2`` or ``g``. Only for files
         that do not say it themselves; it is never guessed.
@@ -63,6 +65,8 @@ def read_motion(
         ``time_step`` (outside 1e-4 to 0.1 s), ``samples`` (another number than the header
         announces), ``header`` (states a peak that is off by more than a tenth). An ``index.csv``
         that lists the file may say it in a column ``accept``.
+    columns : Columns, optional
+        Where the numbers are in a plain text without a header that is known.
 
     Returns
     -------
@@ -88,7 +92,7 @@ def read_motion(
     >>> float(round(abs(motion.acceleration).max(), 4)), motion.dt
     (1.9613, 0.01)
     """
-    options = Options(unit, inventory, accepted_words(accept, str(path)))
+    options = Options(unit, inventory, accepted_words(accept, str(path)), columns)
     return _read_one(Path(path), options, component, vertical)
 
 
@@ -119,6 +123,7 @@ def read_motions(
     *,
     inventory: str | Path | Inventory | None = None,
     accept: Iterable[str] = (),
+    columns: Columns | None = None,
     name: str | None = None,
 ) -> list[Motion]:
     """Read every horizontal component of a file, each with the vertical of its instrument.
@@ -127,7 +132,7 @@ def read_motions(
     with the file's name if not.
     """
     source = Path(path)
-    options = Options(unit, inventory, accepted_words(accept, str(path)))
+    options = Options(unit, inventory, accepted_words(accept, str(path)), columns)
     channels, entry = read_channels(source, options)
     horizontals, verticals = by_direction(channels, source)
     remedy = "name them as SEED does (HNE, HNN, HNZ), or give each component a file of its own"

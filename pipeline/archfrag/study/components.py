@@ -266,5 +266,6 @@ def _read(source: "Source") -> list["Motion"]:
         source.unit,
         inventory=source.inventory,
         accept=source.accept,
+        columns=source.columns,
         name=source.name,
     )

@@ -5,7 +5,7 @@ import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import (
     AfterValidator,
@@ -27,6 +27,9 @@ from archfrag.study.processing import Steps
 from archfrag.study.sentences import first_sentence
 from archfrag.study.synthetic import Synthetic
 from archfrag.study.yaml_file import DEEPEST, dump_yaml, parse_value, read_yaml
+
+if TYPE_CHECKING:
+    from archfrag.motions.formats.columns import Columns
 
 # Units that a level may be given in, by the SI unit of its measure, with the factor to SI.
 LEVEL_UNITS: dict[str, dict[str, float]] = {
@@ -55,6 +58,35 @@ def _usable_path(value: str) -> str:
 PathText = Annotated[str, Field(min_length=1), AfterValidator(_usable_path)]
 
 
+class ColumnKeys(Section):
+    """Where the numbers of a plain text are."""
+
+    acceleration: int | None = None
+    """Column of the horizontal acceleration from 1; without it each number is a sample."""
+    time: int | None = None
+    """Column of the times [s]."""
+    dt: float | None = None
+    """Time step of a file without times [s]."""
+    vertical: int | None = None
+    """Column of the vertical acceleration, positive upwards."""
+    skip: int = 0
+    """Lines before the first row."""
+
+    @model_validator(mode="after")
+    def _agree(self) -> Self:
+        self.build()
+        return self
+
+    def build(self) -> "Columns":
+        """The same for `archfrag.motions.read`."""
+        from archfrag.motions.formats.columns import Columns
+
+        try:
+            return Columns(**self.model_dump())
+        except InputError as error:
+            raise refuse(str(error).removeprefix("columns ")) from None
+
+
 class FileSet(Section):
     """Records by path or pattern."""
 
@@ -64,6 +96,8 @@ class FileSet(Section):
     """Unit of the samples where the file does not say; never guessed."""
     inventory: PathText | None = None
     """StationXML with the response, for records in counts."""
+    columns: ColumnKeys | None = None
+    """Where the numbers are, for plain text."""
     accept: Annotated[tuple[Acceptable, ...], Field(strict=False)] = ()
     """Let pass: pga (1e-5 to 5 g), time_step (1e-4 to 0.1 s), samples (other than announced),
     header (its peak is off by a tenth)."""
@@ -92,7 +126,7 @@ class Motions(Section):
     select: Annotated[tuple[str, ...], Field(strict=False), AfterValidator(_sized)] | None = None
     """Ids of the records to use, in this order; all where not given."""
     files: FileSets = ()
-    """Record files or patterns; each a path, or a mapping with path, unit, inventory, accept."""
+    """Record files or patterns; each a path, or a mapping with path and what to know of them."""
     vertical: bool = False
     """Whether vertical components move the arches too, from the records' own files or from those
     beside them; scaled by the factor of the horizontal one. A record without one is refused."""

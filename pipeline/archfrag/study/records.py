@@ -24,6 +24,7 @@ from archfrag.study.inputs import Inputs, read_inputs
 from archfrag.study.synthetic import made_motions, motion_of
 
 if TYPE_CHECKING:
+    from archfrag.motions.formats.columns import Columns
     from archfrag.motions.motion import Motion
 
 MANIFEST = "motions.json"
@@ -39,6 +40,7 @@ class Source:
     unit: str | None = None
     inventory: str | None = None
     accept: tuple[str, ...] = ()
+    columns: "Columns | None" = None
     name: str | None = None  # what ids begin with, where the file's own name is not enough
     entry: IndexEntry | None = None
     upward: Path | None = None  # file of the vertical component, if it is not in the record's own
@@ -96,7 +98,7 @@ def find_sources(study: Study) -> list[Source]:
             if given.setdefault(source.path, source) != source:
                 raise StudyError(
                     f"motions.files[{number}]: {source.path} is matched by an entry before it "
-                    "too, with another unit, inventory or accept"
+                    "too, with another unit, inventory, columns or accept"
                 )
     for source in (*sources, *given.values()):
         check_name(source.path)
@@ -119,7 +121,8 @@ def _from_files(entry: FileSet, key: str) -> list[Source]:
         paths = [path for path in sorted(map(Path, names)) if path.is_file()]
         if not paths:
             raise StudyError(f"{key}: no file matches {entry.path}")
-    return [Source(path, entry.unit, entry.inventory, entry.accept) for path in paths]
+    columns = entry.columns.build() if entry.columns is not None else None
+    return [Source(path, entry.unit, entry.inventory, entry.accept, columns) for path in paths]
 
 
 def _any_case(pattern: str) -> str:

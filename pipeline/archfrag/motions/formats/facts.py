@@ -11,6 +11,7 @@ from obspy import Stream, Trace, UTCDateTime
 from obspy.core import AttribDict
 
 from archfrag.errors import RecordError
+from archfrag.motions.units import METRES_PER_SECOND_SQUARED
 
 _MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")
 _MONTH_DAY_YEAR = re.compile(r"\b(\d{1,2})[-/](\d{1,2})[-/](\d{4}|\d{2})\b")
@@ -221,3 +222,39 @@ def trace_of(
     if start is not None:
         header["starttime"] = start
     return Trace(samples, header=header)
+
+
+def number_of(text: str | None) -> float:
+    """A number of a header; NaN where there is none."""
+    try:
+        return float((text or "").upper().replace("D", "E"))
+    except ValueError:
+        return math.nan
+
+
+def number_or_none(text: str | None) -> float | None:
+    """A finite number of a header, None where there is none."""
+    value = number_of(text)
+    return value if math.isfinite(value) else None
+
+
+def acceleration_unit(text: str, where: str) -> str:
+    """A unit of acceleration as archfrag spells it.
+
+    Raises
+    ------
+    RecordError
+        If it is none; begins with `where`.
+
+    Examples
+    --------
+    >>> acceleration_unit("cm/s^2", "a.ASC"), acceleration_unit("m/s/s", "a.acc")
+    ('cm/s2', 'm/s2')
+    """
+    plain = re.sub(r"[\s^*()]", "", text.lower()).replace("sec", "s").replace("/s/s", "/s2")
+    if plain not in METRES_PER_SECOND_SQUARED:
+        raise RecordError(
+            f"{where}: unknown unit {text.strip()[:40]!r} of acceleration; allowed are "
+            f"{', '.join(METRES_PER_SECOND_SQUARED)}"
+        )
+    return plain

@@ -126,13 +126,25 @@ def numbers(
         return words
     values: list[float] = []
     for number, line in enumerate(lines, start=first):
-        for word in line.split():
+        for word in _words(line, width):
             value = _number(word)
             if value is None:
                 values.extend(_taken_apart(word, f"{name}, line {number}"))
             else:
                 values.append(value)
     return np.array(values)
+
+
+def _words(line: str, width: int | None) -> list[str]:
+    """Words of a line, or its columns where only they are numbers."""
+    words = line.split()
+    if width is None or "\t" in line:
+        return words
+    columns = [line[start : start + width].strip() for start in range(0, len(line), width)]
+    for found in (words, [column for column in columns if column]):
+        if all(_NUMBER.fullmatch(word.translate(_FORTRAN)) for word in found):
+            return found
+    return words
 
 
 def _in_chunks(lines: Sequence[str], take) -> NDArray[np.float64] | None:

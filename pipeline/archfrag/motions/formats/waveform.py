@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from obspy import Stream, Trace
-    from obspy.core import AttribDict
 
 # The readers of this package: name of the plug-in, and the module here that has is_<module> and
 # read_<module>. Each is an entry point in pyproject.toml, too.
@@ -24,6 +23,9 @@ OWN = {
     "AT2": "at2",
     "COSMOS": "cosmos",
     "DMG": "dmg",
+    "DYNA": "dyna",
+    "GEONET": "geonet",
+    "RESORCE": "resorce",
     "SMC": "smc",
 }
 # Text that Python code reads. The others are binary (or, GSE, read in C), and a damaged one can
@@ -104,8 +106,6 @@ def read_as(path: str, name: str) -> Content:
         _check_blocks(trace, path, name)
         trace.stats._format = name
         trace.stats.npts = len(trace.data)
-        if name == "KNET":
-            trace.stats.record = _knet_record(trace)
     held = [trace.stats.get("record", {}).get("held", trace.stats.npts) for trace in traces]
     texts = (f"obspy: {' '.join(str(message.message).split())}" for message in messages)
     return Content(name, traces, announced, held, tuple(dict.fromkeys(texts)))
@@ -132,6 +132,10 @@ def _stream(path: str, name: str) -> "Stream":
     try:
         if name in OWN:
             return _own(name, "read")(path, partial=True)
+        if name == "KNET":
+            from archfrag.motions.formats.knet import read_knet
+
+            return read_knet(path)
         return _plug_in(name, "readFormat")(path)
     except RecordError as error:
         raise Unreadable(str(error)) from None
@@ -166,24 +170,3 @@ def _announced(trace: "Trace", name: str) -> int:
         return record.announced
     count = trace.stats.get("knet", {}).get("duration", 0.0) * trace.stats.sampling_rate
     return round(count) if count and math.isfinite(count) else trace.stats.npts
-
-
-def _knet_record(trace: "Trace") -> "AttribDict":
-    """What obspy found in a K-NET header, in the words of ``stats.record``."""
-    from obspy.core import AttribDict
-
-    from archfrag.motions.formats.facts import judge_peak
-
-    header = trace.stats.get("knet", {})
-    names = {"magnitude": "mag", "depth_km": "evdp", "event_latitude": "evla",
-             "event_longitude": "evlo", "station_latitude": "stla",
-             "station_longitude": "stlo"}  # fmt: skip
-    record: dict[str, Any] = {"level": "raw"}
-    record |= {ours: float(header[theirs]) for ours, theirs in names.items() if theirs in header}
-    if "evot" in header:
-        record["date"] = str(header["evot"].date)
-    if trace.stats.channel[:2] in ("NS", "EW"):
-        record["azimuth"] = 0.0 if trace.stats.channel[0] == "N" else 90.0
-    if "accmax" in header and len(trace.data):
-        judge_peak(record, str(header["accmax"]), 100.0 * trace.stats.calib * trace.data, "gal")
-    return AttribDict(record)

@@ -1,0 +1,269 @@
+"""Plain text with numbers in columns, read as the user says: nothing in it names itself."""
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from obspy import Stream, Trace
+
+from archfrag.errors import InputError, RecordError
+from archfrag.motions.formats.facts import trace_of
+from archfrag.motions.formats.text import numbers
+
+MOST_COLUMNS = 1000
+LARGEST_FILE, LONGEST_LINE = 2**27, 2**22  # [bytes]
+UNEVEN = 0.1  # of a step: what rounded times may be off by
+_BLOCK = 10_000  # lines
+_COMMENTS = ("#", "%")
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Where the numbers of a plain text are: in columns counted from 1, or row after row.
+
+    Blanks, tabs, commas and semicolons separate numbers; empty lines and those that begin with
+    # or % are passed over.
+
+    Parameters
+    ----------
+    acceleration : int, optional
+        Column of the horizontal acceleration. Without it every number of the file is a sample,
+        row after row.
+    time : int, optional
+        Column of the times [s], evenly spaced.
+    dt : float [s], optional
+        Time step of a file without times; either `time` or `dt` is needed.
+    vertical : int, optional
+        Column of the vertical acceleration, positive upwards.
+    skip : int
+        Lines before the first row.
+
+    Raises
+    ------
+    InputError
+        If they contradict each other.
+
+    Examples
+    --------
+    >>> Columns(time=1, acceleration=2)
+    Columns(acceleration=2, time=1, dt=None, vertical=None, skip=0)
+    """
+
+    acceleration: int | None = None
+    time: int | None = None
+    dt: float | None = None
+    vertical: int | None = None
+    skip: int = 0
+
+    def __post_init__(self) -> None:
+        given = [c for c in (self.time, self.acceleration, self.vertical) if c is not None]
+        if (self.time is None) == (self.dt is None):
+            raise InputError("columns must have either time or dt")
+        if self.dt is not None and not 0.0 < self.dt < float("inf"):
+            raise InputError(f"columns must have a positive dt, not {self.dt:g}")
+        if self.acceleration is None and given:
+            raise InputError("columns must have acceleration where another column is named")
+        if len(set(given)) < len(given):
+            raise InputError("columns must have a different number for each column")
+        for column in given:
+            if not 1 <= column <= MOST_COLUMNS:
+                raise InputError(
+                    f"columns must have numbers from 1 to {MOST_COLUMNS}, not {column}"
+                )
+        if self.skip < 0:
+            raise InputError(f"columns must have skip of at least 0, not {self.skip}")
+
+
+class _Table(NamedTuple):
+    """Numbers, shape (n_row, n_column), and the line in the file of each row."""
+
+    values: NDArray[np.float64]
+    lines: NDArray[np.int64]
+
+
+def read_columns(path: str | Path, columns: Columns) -> Stream:
+    """Read a plain text of numbers.
+
+    Parameters
+    ----------
+    path : path
+    columns : Columns
+
+    Returns
+    -------
+    obspy.Stream
+        One trace, or two where a vertical is named (channels H and V), in the file's unit;
+        ``stats.record`` names no unit.
+
+    Raises
+    ------
+    RecordError
+        If the file is too large or not there; with the line if a row is too short, holds what is
+        no finite number, or times are not evenly spaced; if what is to be accelerations rises
+        evenly as times do; or if commas are decimal points.
+
+    Examples
+    --------
+    >>> _ = Path("example.txt").write_text("0.00 0.1\\n0.01 -0.2\\n0.02 0.1\\n")
+    >>> trace = read_columns("example.txt", Columns(time=1, acceleration=2))[0]
+    >>> trace.stats.delta, trace.data.tolist()
+    (0.01, [0.1, -0.2, 0.1])
+    """
+    name = str(path)
+    table = _table(path, name, columns)
+    if table.values.shape[0] < 2:
+        raise RecordError(f"{name}: holds {table.values.shape[0]} sample(s); 2 or more are needed")
+    timed = columns.time is not None
+    step = _even_step(table, name, int(columns.time or 0)) if timed else float(columns.dt or 0.0)
+    codes = ("",) if columns.vertical is None else ("H", "V")
+    traces: list[Trace] = []
+    for index, code in enumerate(codes, start=int(timed)):
+        samples = np.ascontiguousarray(table.values[:, index])
+        if _rises_evenly(samples):
+            raise _times(name)
+        record = {"announced": samples.size, "component": code, "vertical": code == "V"}
+        traces.append(trace_of(samples, step, record))
+    return Stream(traces)
+
+
+def _table(path: str | Path, name: str, columns: Columns) -> _Table:
+    wanted = [c - 1 for c in (columns.time, columns.acceleration, columns.vertical) if c]
+    parts: list[NDArray[np.float64]] = []
+    lines: list[NDArray[np.int64]] = []
+    points = commas = False
+    for places, texts in _blocks(path, name, columns.skip):
+        points = points or any("." in text for text in texts)
+        commas = commas or any("," in text for text in texts)
+        if commas and not points:
+            raise RecordError(
+                f"{name}, line {places[0]}: numbers with commas and none with a decimal point; "
+                "write decimal points, and commas between numbers only"
+            )
+        rows = [text.replace(",", " ").replace(";", " ") for text in texts]
+        if wanted:
+            parts.append(_picked(rows, places, wanted, name))
+            lines.append(np.array(places))
+            continue
+        if not parts and _times_in_front(rows):
+            raise _times(name)
+        for place, row in _runs(places, rows):
+            parts.append(numbers(row, place, name)[:, None])
+    if not parts:
+        return _Table(np.empty((0, max(len(wanted), 1))), np.empty(0, dtype=np.int64))
+    return _Table(np.concatenate(parts), np.concatenate(lines) if lines else np.empty(0, int))
+
+
+def _blocks(path: str | Path, name: str, skip: int) -> Iterator[tuple[list[int], list[str]]]:
+    """Rows of a file and their line numbers, some thousands at a time."""
+    try:
+        if Path(path).stat().st_size > LARGEST_FILE:
+            raise RecordError(
+                f"{name}: a text of numbers may have at most {LARGEST_FILE // 2**20} MiB"
+            )
+        with open(path, encoding="latin-1") as file:
+            numbered = enumerate(_lines(file, name), start=1)
+            rows = (
+                (place, text)
+                for place, text in itertools.islice(numbered, skip, None)
+                if text.strip() and not text.lstrip().startswith(_COMMENTS)
+            )
+            while block := list(itertools.islice(rows, _BLOCK)):
+                yield [place for place, _ in block], [text for _, text in block]
+    except OSError as error:
+        raise RecordError(f"{name}: the file cannot be read ({error.strerror})") from None
+
+
+def _lines(file: IO[str], name: str) -> Iterator[str]:
+    for place in itertools.count(1):
+        line = file.readline(LONGEST_LINE)
+        if not line:
+            return
+        if len(line) == LONGEST_LINE and not line.endswith("\n"):
+            raise RecordError(f"{name}, line {place}: has more than {LONGEST_LINE} characters")
+        yield line
+
+
+def _picked(
+    rows: list[str], places: list[int], wanted: list[int], name: str
+) -> NDArray[np.float64]:
+    """Columns of rows, shape (n_row, n_wanted)."""
+    words = [row.split() for row in rows]
+    try:
+        values = np.array([[float(row[c]) for c in wanted] for row in words])
+        if np.isfinite(values).all() and not any("_" in row for row in rows):
+            return values
+    except (IndexError, ValueError):
+        pass
+    for place, row in zip(places, words):
+        if len(row) <= max(wanted):
+            raise RecordError(
+                f"{name}, line {place}: has {len(row)} column(s), column {max(wanted) + 1} is "
+                "asked for; lines of text before the numbers are passed over by `skip`"
+            )
+    return np.array(
+        [[_number(row[c], place, name) for c in wanted] for place, row in zip(places, words)]
+    )
+
+
+def _number(word: str, place: int, name: str) -> float:
+    values = numbers([word], place, name)
+    if values.size != 1:
+        raise RecordError(f"{name}, line {place}: {word!r} is not a number")
+    return float(values[0])
+
+
+def _runs(places: list[int], rows: list[str]) -> Iterator[tuple[int, list[str]]]:
+    """Rows on lines that follow each other, with the number of the first line."""
+    cuts = [0, *(np.flatnonzero(np.diff(places) != 1) + 1).tolist(), len(rows)]
+    for start, stop in itertools.pairwise(cuts):
+        yield places[start], rows[start:stop]
+
+
+def _even_step(table: _Table, name: str, column: int) -> float:
+    """Time step of times that are evenly spaced but for rounding [s]."""
+    times = table.values[:, 0]
+    steps = np.diff(times)
+    mean = (times[-1] - times[0]) / steps.size
+    backwards = np.flatnonzero(steps <= 0.0)
+    if backwards.size:
+        late = int(backwards[0]) + 1
+        raise RecordError(
+            f"{name}, line {table.lines[late]}: time {times[late]:.9g} s in column {column} does "
+            f"not come after {times[late - 1]:.9g} s"
+        )
+    off = np.abs(times - (times[0] + mean * np.arange(times.size)))
+    if off.max() > UNEVEN * mean:
+        worst = int(np.abs(steps - mean).argmax()) + 1
+        raise RecordError(
+            f"{name}, line {table.lines[worst]}: times in column {column} are not evenly spaced; "
+            f"{times[worst - 1]:.9g} s to {times[worst]:.9g} s is {steps[worst - 1]:.6g} s, the "
+            f"mean step {mean:.6g} s; where the times are only rounded give dt in their place"
+        )
+    return float(f"{mean:.9g}")
+
+
+def _times_in_front(rows: list[str]) -> bool:
+    """Whether rows of several numbers each begin with one that rises evenly."""
+    words = [row.split() for row in rows]
+    if len({len(row) for row in words[:-1]}) != 1 or len(words[0]) < 2:
+        return False
+    try:
+        return _rises_evenly(np.array([row[0] for row in words], dtype=np.float64))
+    except ValueError:
+        return False
+
+
+def _rises_evenly(values: NDArray[np.float64]) -> bool:
+    steps = np.diff(values)
+    return steps.size >= 4 and steps.min() > 0.0 and float(np.ptp(steps)) < 1e-3 * steps.max()
+
+
+def _times(name: str) -> RecordError:
+    return RecordError(
+        f"{name}: what would be accelerations rises evenly, as times do; name the columns of "
+        "time and acceleration"
+    )
