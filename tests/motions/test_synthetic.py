@@ -160,7 +160,6 @@ class TestIndex:
         [
             (["a,f,,6,0.01,g"], "id,file,unit_of\n", r"column 'unit' is missing from the index$"),
             ([",f,,6,0.01,g"], HEADER, r"line 2: id is empty$"),
-            (["a,f,,6,0.01,"], HEADER, r"line 2: unit is empty$"),
             (["a,f,,6,0.01,ft"], HEADER, r"line 2: unknown unit 'ft' of acceleration"),
             (["a,f,,big,0.01,g"], HEADER, r"line 2: Mw = 'big' is not a number$"),
             (["a,f,,nan,0.01,g"], HEADER, r"line 2: Mw = 'nan' is not a finite number$"),

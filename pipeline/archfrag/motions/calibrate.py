@@ -135,7 +135,7 @@ def _stated_unit(trace: Trace, entry: IndexEntry | None) -> tuple[str | None, st
     details = trace.stats.get("at2")
     if details:
         return str(details.unit), "AT2 header"
-    if entry is not None:
+    if entry is not None and entry.unit:
         return entry.unit, "index"
     return None, ""
 

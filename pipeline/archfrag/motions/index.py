@@ -2,6 +2,7 @@
 
 import csv
 import hashlib
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from archfrag.errors import RecordError
+from archfrag.files import replacing
 from archfrag.motions.plausible import accepted_words
 from archfrag.motions.units import unit_factor
 
@@ -18,6 +20,7 @@ COLUMNS = (
     "terms", "seed", "model",
 )  # fmt: skip
 _NEEDED = ("id", "file", "unit")
+_FILLED = ("id", "file")
 _NUMBERS = ("Mw", "distance_km", "Vs30_mps", "dt_s")
 
 
@@ -31,7 +34,8 @@ class IndexEntry:
     path : Path
         The record; the ``file`` of a row is relative to the folder of the index.
     unit : str
-        Unit of the samples, a key of ``units.METRES_PER_SECOND_SQUARED``.
+        Unit of the samples, a key of ``units.METRES_PER_SECOND_SQUARED``; empty where the file
+        or its StationXML says it.
     sha256 : str
         Of the file, or of its first bytes in hexadecimal; empty if not given.
     metadata : dict
@@ -52,8 +56,9 @@ class IndexEntry:
 def load_index(path: str | Path) -> list[IndexEntry]:
     """Read an ``index.csv``, or the one in a folder.
 
-    Columns ``id``, ``file`` and ``unit`` are needed; see ``COLUMNS`` for the others. A column
-    ``accept`` may say what to let pass (``pga``, ``time_step``, ``samples``, blanks between).
+    Columns ``id``, ``file`` and ``unit`` are needed; see ``COLUMNS`` for the others. Of a file
+    with several horizontals ``component`` names the one that is meant. A column ``accept`` may
+    say what to let pass (``pga``, ``time_step``, ``samples``, blanks between).
 
     Raises
     ------
@@ -101,6 +106,54 @@ def find_entry(path: str | Path) -> IndexEntry | None:
     return None
 
 
+def index_table(folder: str | Path) -> dict[str, dict[str, str]]:
+    """Rows of the index of a folder as they stand in it, by their id; none if there is no index.
+
+    Raises
+    ------
+    RecordError
+        If there is one that cannot be used.
+    """
+    path = Path(folder) / INDEX_NAME
+    if not path.exists():
+        return {}
+    load_index(path)
+    with open(path, newline="", encoding="utf-8") as file:
+        rows = [{key: row[key] for key in row if key} for row in csv.DictReader(file)]
+    return {row["id"].strip(): row for row in rows}
+
+
+def write_index(folder: str | Path, rows: Iterable[Mapping[str, Any]]) -> Path:
+    """Write the index of a folder, whole or not at all; columns beyond ``COLUMNS`` come last.
+
+    Parameters
+    ----------
+    folder : path
+    rows : iterable of mapping
+        With ``id``, ``file`` (relative to the folder) and ``unit`` at least.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+
+    Examples
+    --------
+    >>> from archfrag.motions.index import load_index, write_index
+    >>> path = write_index(".", [{"id": "a", "file": "a.AT2", "unit": "g", "Mw": 6.5}])
+    >>> load_index(path)[0].metadata["Mw"]
+    6.5
+    """
+    table = list(rows)
+    path = Path(folder) / INDEX_NAME
+    columns = dict.fromkeys((*COLUMNS, *(column for row in table for column in row)))
+    with replacing(path) as part, open(part, "w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, columns, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(table)
+    return path
+
+
 def check_sha256(entry: IndexEntry) -> None:
     """Raise RecordError unless the file of a row has the sha256 that the row lists (if any)."""
     if not entry.sha256:
@@ -130,10 +183,11 @@ def _is_index(path: Path) -> bool:
 def _entry(row: dict[str, str], source: Path, line: int) -> IndexEntry:
     place = f"{source}, line {line}"
     values = {key: (value or "").strip() for key, value in row.items() if isinstance(key, str)}
-    for column in _NEEDED:
+    for column in _FILLED:
         if not values[column]:
             raise RecordError(f"{place}: {column} is empty")
-    unit_factor(values["unit"], place)
+    if values["unit"]:
+        unit_factor(values["unit"], place)
     metadata: dict[str, Any] = {
         key: value
         for key, value in values.items()

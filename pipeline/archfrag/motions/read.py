@@ -115,10 +115,19 @@ def read_motion(
     >>> float(round(abs(motion.acceleration).max(), 4)), motion.dt
     (1.9613, 0.01)
     """
-    source = Path(path)
     options = _Options(unit, inventory, accepted_words(accept, str(path)))
+    return _read_one(Path(path), options, component, vertical)
+
+
+def _read_one(
+    source: Path, options: _Options, component: str | None, vertical: str | Path | None = None,
+    of_several: str | None = None,
+) -> Motion:  # fmt: skip
+    """See `read_motion`; `of_several` names the component in a file with several horizontals."""
     channels, entry = _channels(source, options)
     horizontals, verticals = _sorted_by_direction(channels, source)
+    if of_several and len(horizontals) > 1:
+        component = of_several
     if component is None:
         remedy = "give `component` (--component on the command line)"
         _refuse_unclear(horizontals, channels, source, remedy)
@@ -177,7 +186,8 @@ def load_motion(entry: IndexEntry) -> Motion:
         If the file is missing, has changed since it was listed, or has another time step.
     """
     check_sha256(entry)
-    motion = read_motion(entry.path, unit=entry.unit, accept=entry.accept)
+    options = _Options(entry.unit or None, None, entry.accept)
+    motion = _read_one(entry.path, options, None, of_several=entry.metadata.get("component"))
     step = entry.metadata.get("dt_s")
     if step is not None and not np.isclose(step, motion.dt, rtol=1e-6, atol=0.0):
         raise RecordError(
@@ -293,7 +303,8 @@ def _channel(
     accepted: tuple[str, ...],
 ) -> _Channel:  # fmt: skip
     stats = trace.stats
-    stated = stats.get("at2") or entry is not None or stats.get("_format") == "KNET"
+    listed = entry is not None and entry.unit
+    stated = stats.get("at2") or listed or stats.get("_format") == "KNET"
     table = None if stated else find_inventory(path, trace, options.inventory)
     if np.ma.isMaskedArray(trace.data):
         raise RecordError(f"{path}: channel {trace.id} has gaps; a record must be without gaps")
