@@ -148,8 +148,11 @@ class TestGoingOn:
         left = tmp_path / EVENT / ".fetch-abc"
         left.mkdir(parents=True)
         (left / "half.mseed").write_bytes(b"half")
+        (tmp_path / ".index.csv.ab_1.tmp").write_bytes(b"half")
+        (tmp_path / EVENT / ".event.xml.ab_1.tmp").write_bytes(b"half")
         fetch(centre, tmp_path)
         assert not left.exists()
+        assert not [path for path in tree(tmp_path) if path.name.startswith(".")]
 
 
 def index_of(folder):

@@ -16,6 +16,7 @@ from archfrag.motions.index import load_index
 from archfrag.motions.read import load_motion, read_motion, read_motions
 from tests.motions.fdsn_server import EVENT, data_centre
 from tests.motions.helpers import SHIPPED, at2_text, wave
+from tests.motions.test_read import knet
 
 G = 9.80665
 COMMANDS = ("list", "show", "inspect", "measure", "select", "convert", "fetch", "make")
@@ -225,6 +226,17 @@ class TestConvert:
         )
         steps = load_motion(entries["three.HNE"]).log
         assert steps[0] == "Read from three.HNE.AT2 (AT2)."
+
+    def test_files_that_differ_in_their_endings_only(self, tmp_path):
+        names = ("ABC0011801241951.EW", "ABC0011801241951.NS")
+        paths = [
+            knet(tmp_path / name, 1000 * (np.arange(400) % 50), direction)
+            for name, direction in zip(names, ("E-W", "N-S"), strict=True)
+        ]
+        done("convert", *paths, "--to", "at2", "--out", tmp_path / "o")
+        entries = load_index(tmp_path / "o")
+        assert [entry.id for entry in entries] == list(names)
+        assert [load_motion(entry).metadata["component"] for entry in entries] == ["EW", "NS"]
 
     def test_codes_that_seed_cannot_hold(self, tmp_path):
         path = tmp_path / "wave.sac"

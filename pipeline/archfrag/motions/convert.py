@@ -21,7 +21,7 @@ from archfrag.files import make_folder, replacing
 from archfrag.motions.index import COLUMNS, index_table, write_index
 from archfrag.motions.motion import Motion
 from archfrag.motions.plausible import accept_or_refuse, accepted_words, doubtful_motion
-from archfrag.motions.read import _VERTICAL, _Channel, _channels, _Options
+from archfrag.motions.read import _VERTICAL, _Channel, _channels, _Options, record_name
 from archfrag.motions.units import unit_factor
 
 SUFFIXES = {"mseed": ".mseed", "at2": ".AT2", "text": ".txt"}
@@ -102,12 +102,13 @@ def convert_record(
         accept_or_refuse(file, allowed, doubts)
     source = _Source(file, _sha256(file), channels)
     groups = [channels] if form == "mseed" else [[channel] for channel in channels]
+    name = record_name(file)
     make_folder(place)
     rows: dict[str, dict[str, Any]] = dict(index_table(place))
     written: list[Path] = []
     for group in groups:
         code = "" if len(groups) == 1 else f".{_plain(group[0].code) or len(written) + 1}"
-        target = place / f"{file.stem}{code}{SUFFIXES[form]}"
+        target = place / f"{name}{code}{SUFFIXES[form]}"
         if target.resolve() == file.resolve() or target in written:
             raise InputError(f"{target}: is the source or written twice; name another folder")
         if target.stem in rows and rows[target.stem].get("source") != file.name:

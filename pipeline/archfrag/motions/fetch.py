@@ -152,6 +152,8 @@ class _Fetching:
         self.result = Fetched()
         for left in folder.glob(f"*/{_TEMPORARY}*"):
             shutil.rmtree(left, ignore_errors=True)
+        for left in (*folder.glob(".index.csv.*.tmp"), *folder.glob("*/.event.xml.*.tmp")):
+            left.unlink(missing_ok=True)
 
     def run(self) -> Fetched:
         for id in self.request.events:
