@@ -93,7 +93,7 @@ def convert_record(
         raise InputError(f"format {form!r} is none that is written: {', '.join(SUFFIXES)}")
     if unit not in UNITS:
         raise InputError(f"unit {unit!r} is none that is written: {', '.join(UNITS)}")
-    file, place = Path(path), Path(folder)
+    file = Path(path)
     accept = accepted_words(accept, str(file))
     channels, entry = _channels(file, _Options(unit_in_file, inventory, accept))
     allowed = (*accept, *(entry.accept if entry else ()))
@@ -101,17 +101,24 @@ def convert_record(
         doubts = doubtful_motion(channel.code, channel.samples, channel.dt, channel.unit_in_file)
         accept_or_refuse(file, allowed, doubts)
     source = _Source(file, _sha256(file), channels)
-    groups = [channels] if form == "mseed" else [[channel] for channel in channels]
-    name = record_name(file)
+    return _write_all(source, Path(folder), (form, unit), allowed)
+
+
+def _write_all(
+    source: _Source, place: Path, how: tuple[str, str], allowed: tuple[str, ...]
+) -> list[Path]:
+    form, unit = how
+    groups = [source.channels] if form == "mseed" else [[channel] for channel in source.channels]
+    name = record_name(source.path)
     make_folder(place)
     rows: dict[str, dict[str, Any]] = dict(index_table(place))
     written: list[Path] = []
     for group in groups:
         code = "" if len(groups) == 1 else f".{_plain(group[0].code) or len(written) + 1}"
         target = place / f"{name}{code}{SUFFIXES[form]}"
-        if target.resolve() == file.resolve() or target in written:
+        if target.resolve() == source.path.resolve() or target in written:
             raise InputError(f"{target}: is the source or written twice; name another folder")
-        if target.stem in rows and rows[target.stem].get("source") != file.name:
+        if target.stem in rows and rows[target.stem].get("source") != source.path.name:
             raise InputError(
                 f"{target}: the index there has it from elsewhere; name another folder"
             )
