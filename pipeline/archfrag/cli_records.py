@@ -118,7 +118,7 @@ def inspect(
       archfrag records inspect *.V2 --figure records.svg
     """
     from archfrag.errors import RecordError
-    from archfrag.motions.channels import inspect_record
+    from archfrag.motions.inspection import inspect_record
     from archfrag.study.record_commands import (
         inspection_facts,
         inspection_motions,

@@ -17,7 +17,7 @@ from archfrag.study.provenance import finite
 if TYPE_CHECKING:
     import pandas as pd
 
-    from archfrag.motions.channels import Channel, Inspection
+    from archfrag.motions.inspection import Channel, Inspection
     from archfrag.motions.motion import Motion
     from archfrag.motions.selection import Selection, Target
 

@@ -90,7 +90,7 @@ def inspect_record(
     Examples
     --------
     >>> from pathlib import Path
-    >>> from archfrag.motions.channels import inspect_record
+    >>> from archfrag.motions.inspection import inspect_record
     >>> lines = ["PEER", "Event, 1/1/1999, Station, 90", "ACCELERATION IN UNITS OF G"]
     >>> lines += ["NPTS=  5, DT=  .0100 SEC", " .1E+00 -.2E+00 .1E+00 .0E+00"]
     >>> _ = Path("short.AT2").write_text("\\n".join(lines) + "\\n")
