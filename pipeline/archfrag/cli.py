@@ -12,6 +12,8 @@ from typing import Any
 
 import click
 
+from archfrag.cli_records import json_option, reads_record, records
+
 
 class _Group(click.Group):
     """Commands whose errors are one sentence and an exit code, but for mistakes of ours.
@@ -61,29 +63,14 @@ def main() -> None:
     """
 
 
-_json = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+main.add_command(records)
+
 _set = click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE",
                     help="Override a key of the study file, e.g. --set method.dt=0.0005; paths "
                     "are relative to the current folder. Repeatable.")  # fmt: skip
 _log = click.option("--log", "log_file", type=click.Path(path_type=Path),
                     help="Write messages and errors to this file too.")  # fmt: skip
 _study = click.argument("study_file", metavar="STUDY", type=click.Path(path_type=Path))
-
-
-def _reads_record(command: Callable) -> Callable:
-    """Options that say what a record file does not, or what to let pass in it."""
-    for option in (
-        click.option("--accept", multiple=True,
-                     type=click.Choice(["pga", "time_step", "samples", "header"]),
-                     help="Let pass a peak outside 1e-5 to 5 g, a time step outside 1e-4 to "
-                     "0.1 s, another number of samples than announced, another peak than "
-                     "the header states. Repeatable."),
-        click.option("--inventory", type=click.Path(path_type=Path),
-                     help="StationXML of a record in counts, if not beside it as NAME.xml"),
-        click.option("--unit", help="unit of the samples where the file does not say"),
-    ):  # fmt: skip
-        command = option(command)
-    return command
 
 
 def _step(command: Callable) -> Callable:
@@ -158,7 +145,7 @@ def _takes_arch(command: Callable) -> Callable:
 
 @main.command()
 @_takes_arch
-@_json
+@json_option
 def onset(arch: Any, as_json: bool) -> None:
     """How much steady ground acceleration an arch bears, and how it starts to move."""
     from archfrag.simulate import onset as find_onset
@@ -171,7 +158,7 @@ def onset(arch: Any, as_json: bool) -> None:
 @main.command()
 @_takes_arch
 @click.argument("record", type=click.Path(path_type=Path))
-@_reads_record
+@reads_record
 @click.option("--component", help="horizontal component to take, e.g. E")
 @click.option("--scale", type=float, default=1.0, show_default=True, help="factor on the record")
 @click.option("--pga", type=float, help="peak to scale the record to [g], in place of --scale")
@@ -181,7 +168,7 @@ def onset(arch: Any, as_json: bool) -> None:
 @click.option("--follow", type=float, default=20.0, show_default=True,
               help="how long to go on past the record's end while the arch moves [s]")  # fmt: skip
 @click.option("--mechanism", "history", is_flag=True, help="show how the mechanism changed")
-@_json
+@json_option
 def simulate(
     arch: Any, record: Path, scale: float, pga: float | None, as_json: bool, **options: Any
 ) -> None:
@@ -199,48 +186,6 @@ def simulate(
     response = run_simulation(arch, motion, scale=scale, **options)
     facts = response_facts(response, scale)
     click.echo(json.dumps(facts) if as_json else response_text(response, scale))
-
-
-@main.group()
-def records() -> None:
-    """List, show and make ground-motion records."""
-
-
-@records.command(name="list")
-@click.argument("index", type=click.Path(path_type=Path), default=Path("records/index.csv"))
-@_json
-def list_records(index: Path, as_json: bool) -> None:
-    """Records of an INDEX (records/index.csv if not given)."""
-    from archfrag.study.single import index_rows
-
-    rows = index_rows(index)
-    if as_json:
-        click.echo(json.dumps(rows))
-        return
-    for row in rows:
-        facts = (f"{key} {row[key]}" for key in ("Mw", "distance_km", "unit") if row.get(key))
-        click.echo(f"{row['id']:24s} {', '.join(facts)}")
-
-
-@records.command()
-@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
-@_reads_record
-@_json
-def show(files: tuple[Path, ...], as_json: bool, **reading: Any) -> None:
-    """Read record FILES and say what is in them and what was done to them."""
-    from archfrag.study.single import motion_facts, motion_text
-
-    facts = [entry for file in files for entry in motion_facts(file, **reading)]
-    click.echo(json.dumps(facts) if as_json else "\n".join(map(motion_text, facts)))
-
-
-@records.command()
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="folder to write to")
-def make(out: Path) -> None:
-    """Make the synthetic motions that archfrag ships, with their index."""
-    from archfrag.motions.synthetic import make_suite
-
-    click.echo(f"{len(make_suite(out))} records and index.csv written to {out}")
 
 
 @main.group()
@@ -314,7 +259,7 @@ def evidence(
 @main.command()
 @_study
 @_set
-@_json
+@json_option
 def validate(study_file: Path, overrides: tuple[str, ...], as_json: bool) -> None:
     """Check a study file whole: keys, records, arches, output folder; runs nothing."""
     from dataclasses import asdict
@@ -435,7 +380,7 @@ def cube(study: Any, say: Callable[[str], None]) -> None:
 
 
 @_step
-@_json
+@json_option
 def fit(study: Any, say: Callable[[str], None], as_json: bool) -> None:
     """Fit a fragility curve to each arch of the cube."""
     from archfrag.study.cautions import study_cautions

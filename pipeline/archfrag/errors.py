@@ -51,6 +51,12 @@ class FitError(ArchfragError):
     exit_code = 6
 
 
+class ServiceError(ArchfragError):
+    """A data service that did not answer as it should; the same request may succeed later."""
+
+    exit_code = 7
+
+
 STATUS_SENTENCE = {
     Status.STANDING: "the chain came to rest with contact kept or regained at every joint",
     Status.COLLAPSED: "a joint lost all contact for good (Signorini loss)",

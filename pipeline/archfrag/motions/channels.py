@@ -85,10 +85,10 @@ def read_channels(path: Path, options: Options) -> tuple[list[Channel], IndexEnt
         options = options._replace(accept=(*options.accept, *entry.accept))
         if path.is_file():
             check_sha256(entry)
-    content = _content(path, options.columns)
+    content = file_content(path, options.columns)
     accepted = _check_counts(content, path, options.accept)
-    unequal = _unequal(content)
-    stream = _joined(content.traces, path)
+    unequal = unequal_counts(content)
+    stream = joined(content.traces, path)
     channels = []
     for trace in stream:
         channel = _channel(trace, path, options, entry, content.messages)
@@ -103,7 +103,7 @@ def read_channels(path: Path, options: Options) -> tuple[list[Channel], IndexEnt
     return channels, entry
 
 
-def _content(path: Path, columns: Columns | None) -> Content:
+def file_content(path: Path, columns: Columns | None = None) -> Content:
     """What a file holds, read within limits unless it is a text of moderate size."""
     size = _readable_size(path)
     if columns is not None:
@@ -190,7 +190,7 @@ def _ends_in_a_number(content: Content, path: Path) -> bool:
         return content.format in TEXT and not file.read(1).isspace()
 
 
-def _unequal(content: Content) -> tuple[str, ...]:
+def unequal_counts(content: Content) -> tuple[str, ...]:
     """A sentence on channels of one record that have different numbers of samples."""
     if content.format not in OWN or len(set(content.held)) < 2:
         return ()
@@ -199,7 +199,7 @@ def _unequal(content: Content) -> tuple[str, ...]:
     return (f"the channels of the file have unequal numbers of samples ({listed})",)
 
 
-def _joined(traces: list[Trace], path: Path) -> Stream:
+def joined(traces: list[Trace], path: Path) -> Stream:
     """Join what is only split; refuse holes."""
     stream = Stream(traces)
     if len({trace.id for trace in stream}) < len(stream):
@@ -233,7 +233,7 @@ def _channel(
         )
     calibrated = calibrate(trace, path, options.unit, entry, table)
     samples = calibrated.samples
-    faults = (*record.get("faults", ()), *_offset(trace, calibrated.unit_in_file))
+    faults = (*record.get("faults", ()), *offset_fault(trace, calibrated.unit_in_file))
     steps = (*log, *record.get("log", ()), *calibrated.log)
     code = channel_code(trace)
     if record.get("sensor") == "borehole":
@@ -252,7 +252,7 @@ def _channel(
     return channel
 
 
-def _offset(trace: Trace, unit: str) -> tuple[str, ...]:
+def offset_fault(trace: Trace, unit: str) -> tuple[str, ...]:
     """A sentence on a record whose mean exceeds what is left without it."""
     values = np.asarray(trace.data, dtype=np.float64)
     mean = float(values.mean())

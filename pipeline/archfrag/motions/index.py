@@ -2,6 +2,7 @@
 
 import csv
 import hashlib
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from archfrag.errors import RecordError
+from archfrag.files import replacing
 from archfrag.motions.plausible import accepted_words
 from archfrag.motions.units import unit_factor
 
@@ -103,6 +105,54 @@ def find_entry(path: str | Path) -> IndexEntry | None:
             if entry.path.resolve() == record:
                 return entry
     return None
+
+
+def index_table(folder: str | Path) -> dict[str, dict[str, str]]:
+    """Rows of the index of a folder as they stand in it, by their id; none if there is no index.
+
+    Raises
+    ------
+    RecordError
+        If there is one that cannot be used.
+    """
+    path = Path(folder) / INDEX_NAME
+    if not path.exists():
+        return {}
+    load_index(path)
+    with open(path, newline="", encoding="utf-8") as file:
+        rows = [{key: row[key] for key in row if key} for row in csv.DictReader(file)]
+    return {row["id"].strip(): row for row in rows}
+
+
+def write_index(folder: str | Path, rows: Iterable[Mapping[str, Any]]) -> Path:
+    """Write the index of a folder, whole or not at all; columns beyond ``COLUMNS`` come last.
+
+    Parameters
+    ----------
+    folder : path
+    rows : iterable of mapping
+        With ``id``, ``file`` (relative to the folder) and ``unit`` at least.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+
+    Examples
+    --------
+    >>> from archfrag.motions.index import load_index, write_index
+    >>> path = write_index(".", [{"id": "a", "file": "a.AT2", "unit": "g", "Mw": 6.5}])
+    >>> load_index(path)[0].metadata["Mw"]
+    6.5
+    """
+    table = list(rows)
+    path = Path(folder) / INDEX_NAME
+    columns = dict.fromkeys((*COLUMNS, *(column for row in table for column in row)))
+    with replacing(path) as part, open(part, "w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, columns, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(table)
+    return path
 
 
 def check_sha256(entry: IndexEntry) -> None:

@@ -1,0 +1,340 @@
+"""The commands `archfrag records ...`: nothing is imported before use."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+_path = click.Path(path_type=Path)
+_files = click.argument("files", nargs=-1, required=True, type=_path)
+_out = click.option("--out", type=_path, required=True, help="Folder to write to.")
+_figure = click.option("--figure", type=_path, metavar="FILE.svg", help="Draw a figure.")
+_seed = click.option("--seed", type=int, default=1, show_default=True)
+
+
+def _takes(*options: Callable) -> Callable:
+    """Options of a command in the order of its help."""
+
+    def decorate(command: Callable) -> Callable:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return decorate
+
+
+reads_record = _takes(
+    click.option("--unit", help="unit of the samples where the file does not say"),
+    click.option("--inventory", type=_path,
+                 help="StationXML of a record in counts, if not beside it as NAME.xml"),
+    click.option("--accept", multiple=True,
+                 type=click.Choice(["pga", "time_step", "samples", "header"]),
+                 help="Let pass a peak outside 1e-5 to 5 g, a time step outside 1e-4 to 0.1 s, "
+                 "another number of samples than announced, another peak than the header states. "
+                 "Repeatable."),
+)  # fmt: skip
+
+
+def _say(sentence: str) -> None:
+    click.echo(f"archfrag: {sentence}", err=True)
+
+
+def _print(facts: Any, text: str, as_json: bool) -> None:
+    click.echo(json.dumps(facts, allow_nan=False) if as_json else text)
+
+
+def _drawing(figure: Path | None) -> None:
+    """Refuse a figure that is none, before anything is done."""
+    from archfrag.errors import InputError
+
+    if figure is not None and figure.suffix.lower() != ".svg":
+        raise InputError(f"--figure {figure}: figures are written as SVG; name a FILE.svg")
+
+
+def _save(shown: Any, figure: Path) -> None:
+    from archfrag.report.canvas import standalone
+    from archfrag.study.files import write_text
+
+    write_text(figure, standalone(shown))
+
+
+@click.group()
+def records() -> None:
+    """Inspect, measure, select, convert, fetch and make records."""
+
+
+@records.command(name="list")
+@click.argument("index", type=_path, default=Path("records/index.csv"))
+@json_option
+def list_records(index: Path, as_json: bool) -> None:
+    """Records of an INDEX (records/index.csv if not given)."""
+    from archfrag.study.single import index_rows
+
+    rows = index_rows(index)
+    lines = []
+    for row in rows:
+        facts = (f"{key} {row[key]}" for key in ("Mw", "distance_km", "unit") if row.get(key))
+        lines.append(f"{row['id']:24s} {', '.join(facts)}")
+    _print(rows, "\n".join(lines), as_json)
+
+
+@records.command()
+@_files
+@reads_record
+@json_option
+def show(files: tuple[Path, ...], as_json: bool, **reading: Any) -> None:
+    """Read record FILES as a study does, step by step.
+
+    \b
+    Example:
+      archfrag records show RSN6_I-ELC180.AT2
+    """
+    from archfrag.study.single import motion_facts, motion_text
+
+    facts = [entry for file in files for entry in motion_facts(file, **reading)]
+    _print(facts, "\n".join(map(motion_text, facts)), as_json)
+
+
+@records.command()
+@_files
+@click.option("--inventory", type=_path, help="StationXML, if not beside the file as NAME.xml")
+@click.option("--unit", help="unit of the samples where the file does not say")
+@_figure
+@json_option
+@click.pass_context
+def inspect(
+    context: click.Context, files: tuple[Path, ...], figure: Path | None, as_json: bool,
+    **reading: Any,
+) -> None:  # fmt: skip
+    """What is in record FILES, and what is wrong.
+
+    Each channel of each file is shown with its faults. Nothing but an unreadable file is
+    refused; the others are shown nevertheless, and the exit code is 2. The figure has
+    acceleration, velocity and response spectra.
+
+    \b
+    Example:
+      archfrag records inspect *.V2 --figure records.svg
+    """
+    from archfrag.errors import RecordError
+    from archfrag.motions.inspection import inspect_record
+    from archfrag.study.record_commands import (
+        inspection_facts,
+        inspection_motions,
+        inspection_text,
+    )
+
+    _drawing(figure)
+    found, facts, unreadable = [], [], []
+    for file in files:
+        try:
+            found.append(inspect_record(file, **reading))
+            facts.append(inspection_facts(found[-1]))
+        except RecordError as error:
+            unreadable.append(str(error))
+            facts.append({"file": str(file), "error": str(error)})
+    if figure is not None and found:
+        from archfrag.report.record_figures import inspected
+
+        _save(inspected(inspection_motions(found), "records"), figure)
+    if found or as_json:
+        _print(facts, "\n".join(map(inspection_text, found)), as_json)
+    for sentence in unreadable:
+        _say(f"error: {sentence}")
+    if unreadable:
+        context.exit(RecordError.exit_code)
+
+
+@records.command()
+@_files
+@click.option("--out", type=_path, required=True, metavar="FLATFILE.csv", help="Table to write.")
+@reads_record
+@_figure
+@json_option
+def measure(
+    files: tuple[Path, ...], out: Path, figure: Path | None, as_json: bool, **reading: Any
+) -> None:
+    """Measure record FILES and write a flatfile.
+
+    Every horizontal component has a row. Columns are named as in the NGA flatfiles; the figure
+    has the response spectra.
+
+    \b
+    Example:
+      archfrag records measure records/*.AT2 --out flatfile.csv --figure spectra.svg
+    """
+    from archfrag.motions.flatfile import write_flatfile
+    from archfrag.study.record_commands import measure_files, table_rows, table_spectra
+
+    _drawing(figure)
+    table = measure_files(files, out, reading)
+    write_flatfile(out, table)
+    if figure is not None:
+        from archfrag.report.record_figures import measured
+
+        _save(measured(table_spectra(table), "spectra"), figure)
+    _print(table_rows(table), f"{len(table)} components measured: {out}", as_json)
+
+
+@records.command()
+@click.argument("flatfile", type=_path)
+@_takes(
+    click.option("--out", type=_path, required=True, metavar="INDEX.csv", help="Index to write."),
+    click.option("--count", type=int, required=True, help="How many records."),
+    click.option("--target", type=_path, metavar="FILE.csv",
+                 help="Target spectrum: columns period_s, Sa_g and, for its scatter, sd."),
+    click.option("--magnitude", type=float, help="Of a conditional spectrum: moment magnitude,"),
+    click.option("--distance", type=float, help="distance to the rupture [km],"),
+    click.option("--vs30", type=float, help="Vs30 of the site [m/s],"),
+    click.option("--period", type=float, help="conditioning period [s],"),
+    click.option("--sa", type=float, help="and Sa there [g], or"),
+    click.option("--epsilon", type=float, help="its standard deviations above the median."),
+    click.option("--model", default="CY14", show_default=True,
+                 help="Ground-motion model, by its name in pygmm."),
+    click.option("--max-scale", type=float, default=4.0, show_default=True,
+                 help="Largest scale factor; its inverse is the smallest."),
+    click.option("--per-event", type=int, help="Most records of one event."),
+    _seed, _figure, json_option,
+)  # fmt: skip
+def select(flatfile: Path, out: Path, figure: Path | None, as_json: bool, **options: Any) -> None:
+    """Select records of a FLATFILE for a target.
+
+    Their scaled spectra are distributed as the target's, in mean and scatter. The target is a
+    file, or a conditional spectrum of an earthquake and a site. The same seed selects the same
+    records. The figure has target and selected spectra.
+
+    \b
+    Example:
+      archfrag records select flatfile.csv --out selected.csv --count 30 \\
+        --magnitude 6.5 --distance 15 --vs30 500 --period 0.5 --epsilon 1 --figure selected.svg
+    """
+    from archfrag.study.record_commands import save_selection, select_from, selection_text
+
+    _drawing(figure)
+    selection = select_from(flatfile, options)
+    selection.write(out, folder=flatfile.parent)
+    if figure is not None:
+        save_selection(selection, figure)
+    for caution in selection.cautions:
+        _say(f"caution: {caution}")
+    _print(selection.facts(), selection_text(selection, out), as_json)
+
+
+@records.command()
+@_files
+@_takes(
+    _out,
+    click.option("--to", "form", type=click.Choice(["mseed", "at2", "text"]), default="mseed",
+                 show_default=True, help="miniSEED, PEER's AT2, or columns of text."),
+    click.option("--in", "wanted", type=click.Choice(["m/s2", "g"]), default="m/s2",
+                 show_default=True, help="Unit to write."),
+    reads_record, json_option,
+)  # fmt: skip
+def convert(
+    files: tuple[Path, ...], out: Path, form: str, wanted: str, as_json: bool, **reading: Any
+) -> None:
+    """Write record FILES in another format.
+
+    The index beside them says where they come from and what was done to them.
+
+    \b
+    Example:
+      archfrag records convert CE23837.V1C --to at2 --in g --out converted
+    """
+    from archfrag.motions.convert import convert_record
+
+    reading["unit_in_file"] = reading.pop("unit")
+    written = [
+        {"file": str(path), "source": str(file)}
+        for file in files
+        for path in convert_record(file, out, form, wanted, **reading)
+    ]
+    _print(written, "\n".join(entry["file"] for entry in written), as_json)
+
+
+@records.command()
+@click.argument("events", nargs=-1, required=True, metavar="EVENT_ID...")
+@_takes(
+    _out,
+    click.option("--from", "stations_from", required=True, metavar="SERVICE",
+                 help="Service of stations and waveforms: NCEDC, SCEDC, INGV, ... or https://..."),
+    click.option("--events-from", default="USGS", show_default=True, metavar="SERVICE",
+                 help="Service of events, whose identifiers are given."),
+    click.option("--radius", type=float, default=100.0, show_default=True,
+                 help="Largest epicentral distance [km]."),
+    click.option("--channels", default="HN,EN,BN", show_default=True, metavar="KINDS",
+                 help="Accelerometers, the best first; one kind is taken at a station."),
+    click.option("--before", type=float, default=30.0, show_default=True,
+                 help="Begin before the origin time [s]."),
+    click.option("--after", type=float, default=180.0, show_default=True,
+                 help="End after the origin time [s]."),
+    click.option("--stations", "most", type=int, default=100, show_default=True,
+                 help="Most stations of an event, the nearest first."),
+    click.option("--timeout", type=float, default=60.0, show_default=True,
+                 help="Longest wait for one answer [s]."),
+    click.option("--max-size", type=float, default=100.0, show_default=True,
+                 help="Largest answer [MB]."),
+    json_option,
+)  # fmt: skip
+def fetch(
+    events: tuple[str, ...], out: Path, channels: str, timeout: float, max_size: float,
+    as_json: bool, **options: Any,
+) -> None:  # fmt: skip
+    """Fetch records of events from data centres.
+
+    They come by FDSN web services as miniSEED with StationXML and an index. What is in the
+    folder already is kept: the same command goes on where it was stopped. The exit code is 7
+    if a service failed that may answer later.
+
+    \b
+    Example:
+      archfrag records fetch nc72282711 --from NCEDC --radius 50 --out napa
+    """
+    from archfrag.errors import ServiceError
+    from archfrag.motions.fetch import Limits, Request, fetch_records
+
+    kinds = tuple(kind.strip() for kind in channels.split(","))
+    limits = Limits(timeout, max_size)
+    request = Request(events, channels=kinds, limits=limits, **options)
+    fetched = fetch_records(request, out, _say)
+    failures = [{"kind": refusal.kind, "message": str(refusal)} for refusal in fetched.refused]
+    facts = {"folder": str(out), "new": fetched.new, "kept": fetched.kept, "failures": failures}
+    text = f"{len(fetched.new)} records fetched, {len(fetched.kept)} were there: {out}"
+    _print(facts, text, as_json)
+    if fetched.passing:
+        count = f"{len(fetched.passing)} of {len(failures)}"
+        raise ServiceError(f"{count} failures may pass; the same command goes on")
+
+
+@records.command()
+@_takes(
+    _out,
+    click.option("--magnitudes", metavar="M,M,...", help="Moment magnitudes."),
+    click.option("--distances", metavar="KM,KM,...", help="Distances to the rupture [km]."),
+    click.option("--count", type=click.IntRange(min=1), default=1, show_default=True,
+                 help="Motions for each magnitude and distance."),
+    _seed, json_option,
+)  # fmt: skip
+def make(
+    out: Path, magnitudes: str | None, distances: str | None, count: int, seed: int, as_json: bool
+) -> None:
+    """Make synthetic motions with their index.
+
+    Without magnitudes and distances they are those that archfrag ships.
+
+    \b
+    Example:
+      archfrag records make --magnitudes 6,7 --distances 10,30 --count 5 --out synthetic
+    """
+    from archfrag.motions.synthetic import make_suite
+    from archfrag.study.record_commands import make_chosen
+
+    if magnitudes is None and distances is None:
+        paths = make_suite(out)
+    else:
+        paths = make_chosen(out, magnitudes, distances, count, seed)
+    facts = {"folder": str(out), "files": [str(path) for path in paths]}
+    _print(facts, f"{len(paths)} records and index.csv written to {out}", as_json)

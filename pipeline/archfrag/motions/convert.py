@@ -1,0 +1,317 @@
+"""Records from any format that is read to miniSEED, AT2 or two columns of text.
+
+A folder gets the files and an ``index.csv`` with their unit, their source with its SHA-256 and
+the steps between. Text holds all digits of the samples, miniSEED 64-bit numbers and AT2 the eight
+digits of its columns.
+"""
+
+import hashlib
+import re
+from collections.abc import Iterable, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from obspy import Stream, Trace, UTCDateTime
+
+from archfrag.errors import InputError
+from archfrag.files import make_folder, replacing
+from archfrag.motions.channels import Channel, Options, is_vertical, read_channels
+from archfrag.motions.index import COLUMNS, index_table, write_index
+from archfrag.motions.motion import Motion
+from archfrag.motions.plausible import accept_or_refuse, accepted_words, doubtful_motion
+from archfrag.motions.read import record_name
+from archfrag.motions.units import unit_factor
+
+SUFFIXES = {"mseed": ".mseed", "at2": ".AT2", "text": ".txt"}
+UNITS = ("m/s2", "g")
+_AT2_COLUMNS = 5
+_LONGEST_LINE = 1000
+_ISO = re.compile(r"(\d{4})-(\d{1,2})-(\d{1,2})")
+
+
+class _Source(NamedTuple):
+    path: Path
+    sha256: str
+    channels: Sequence[Channel]
+
+
+def convert_record(
+    path: str | Path,
+    folder: str | Path,
+    form: str = "mseed",
+    unit: str = "m/s2",
+    *,
+    unit_in_file: str | None = None,
+    inventory: str | Path | None = None,
+    accept: Iterable[str] = (),
+) -> list[Path]:
+    """Write the channels of a record file in another format.
+
+    Parameters
+    ----------
+    path : path
+        A record, see `archfrag.motions.read.read_motion`, also for `inventory` and `accept`.
+    folder : path
+        Made if needed. The source is never replaced, other files of the same name are.
+    form : str
+        ``mseed`` (all channels in a file), ``at2`` or ``text`` (a file each: time [s] and
+        acceleration).
+    unit : str
+        ``m/s2`` or ``g``.
+    unit_in_file : str, optional
+        Where the record does not say it.
+
+    Returns
+    -------
+    list of Path
+        The files written.
+
+    Raises
+    ------
+    InputError
+        If `form` or `unit` is none of those, or the source would be replaced.
+    RecordError
+        If the record cannot be used.
+    OutputError
+        If a file cannot be written; it is not there then.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import archfrag as af
+    >>> from archfrag.motions.convert import convert_record
+    >>> lines = ["PEER", "Event, 1/1/1999, Station, 90", "ACCELERATION IN UNITS OF G"]
+    >>> lines += ["NPTS=  4, DT=  .0100 SEC", " .1E+00 -.2E+00 .1E+00 .0E+00"]
+    >>> _ = Path("before.AT2").write_text("\\n".join(lines) + "\\n")
+    >>> [written] = convert_record("before.AT2", "converted", "mseed", "m/s2")
+    >>> float(af.read_motion(written).acceleration[0].round(6))
+    0.980665
+    """
+    if form not in SUFFIXES:
+        raise InputError(f"format {form!r} is none that is written: {', '.join(SUFFIXES)}")
+    if unit not in UNITS:
+        raise InputError(f"unit {unit!r} is none that is written: {', '.join(UNITS)}")
+    file = Path(path)
+    accept = accepted_words(accept, str(file))
+    channels, entry = read_channels(file, Options(unit_in_file, inventory, accept))
+    allowed = (*accept, *(entry.accept if entry else ()))
+    for channel in channels:
+        doubts = doubtful_motion(channel.code, channel.samples, channel.dt, channel.unit_in_file)
+        accept_or_refuse(file, allowed, doubts)
+    source = _Source(file, _sha256(file), channels)
+    return _write_all(source, Path(folder), (form, unit), allowed)
+
+
+def _write_all(
+    source: _Source, place: Path, how: tuple[str, str], allowed: tuple[str, ...]
+) -> list[Path]:
+    form, unit = how
+    groups = [source.channels] if form == "mseed" else [[channel] for channel in source.channels]
+    name = record_name(source.path)
+    make_folder(place)
+    rows: dict[str, dict[str, Any]] = dict(index_table(place))
+    written: list[Path] = []
+    for group in groups:
+        code = "" if len(groups) == 1 else f".{_plain(group[0].code) or len(written) + 1}"
+        target = place / f"{name}{code}{SUFFIXES[form]}"
+        if target.resolve() == source.path.resolve() or target in written:
+            raise InputError(f"{target}: is the source or written twice; name another folder")
+        if target.stem in rows and rows[target.stem].get("source") != source.path.name:
+            raise InputError(
+                f"{target}: the index there has it from elsewhere; name another folder"
+            )
+        _write(target, group, source, form, unit)
+        written.append(target)
+        if not all(is_vertical(channel) for channel in group):
+            row = _row(target, group, source, unit) | {"accept": " ".join(allowed)}
+            rows[row["id"]] = row
+    write_index(place, rows.values())
+    return written
+
+
+def write_motions(motions: Iterable[Motion], folder: str | Path) -> list[Path]:
+    """Write motions as miniSEED in m/s2, a file each named by its id, with an index.
+
+    Parameters
+    ----------
+    motions : iterable of Motion
+        Taken one at a time.
+    folder : path
+        Made if needed. Files of the same names are replaced, and so are their rows of the index.
+
+    Returns
+    -------
+    list of Path
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written; it is not there then.
+    """
+    place = make_folder(Path(folder))
+    rows: dict[str, dict[str, Any]] = dict(index_table(place))
+    written = []
+    for motion in motions:
+        target = place / f"{motion.id}.mseed"
+        pairs = (("HN1", motion.acceleration), ("HNZ", motion.vertical))
+        stream = Stream(
+            _trace(("XX", "", "", code), values, motion.dt, UTCDateTime(0))
+            for code, values in pairs
+            if values is not None
+        )
+        with replacing(target) as part:
+            stream.write(str(part), format="MSEED", encoding="FLOAT64", byteorder=">")
+        known = {key: value for key, value in motion.metadata.items() if key in COLUMNS}
+        rows[motion.id] = {
+            **known, "id": motion.id, "file": target.name, "sha256": _sha256(target),
+            "component": "HN1", "dt_s": motion.dt, "unit": "m/s2",
+        }  # fmt: skip
+        written.append(target)
+    write_index(place, rows.values())
+    return written
+
+
+def _write(target: Path, group: Sequence[Channel], source: _Source, form: str, unit: str) -> None:
+    with replacing(target) as part:
+        if form == "mseed":
+            _write_miniseed(part, group, unit)
+            return
+        channel = group[0]
+        values = channel.samples / unit_factor(unit, str(target))
+        text = _at2_text if form == "at2" else _column_text
+        part.write_text(text(channel, values, source, unit), encoding="ascii")
+
+
+def _row(target: Path, group: Sequence[Channel], source: _Source, unit: str) -> dict[str, Any]:
+    first = group[0]
+    facts = _facts(first)
+    return {
+        "id": target.stem,
+        "file": target.name,
+        "sha256": _sha256(target),
+        "event": facts["event"],
+        "dt_s": first.dt,
+        "unit": unit,
+        "channels": " ".join(channel.code for channel in group),
+        "source": source.path.name,
+        "source_sha256": source.sha256,
+        "steps": _steps(first),
+    }
+
+
+def _write_miniseed(part: Path, group: Sequence[Channel], unit: str) -> None:
+    factor = unit_factor(unit, str(part))
+    stream = Stream()
+    for codes, channel in zip(_seed_codes(group), group, strict=True):
+        values = channel.samples / factor
+        stream.append(_trace(codes, values, channel.dt, channel.start))
+    stream.write(str(part), format="MSEED", encoding="FLOAT64", byteorder=">")
+
+
+def _trace(
+    codes: tuple[str, str, str, str], values: NDArray[np.float64], dt: float, start: UTCDateTime
+) -> Trace:
+    names = ("network", "station", "location", "channel")
+    header = dict(zip(names, codes, strict=True))
+    data = np.ascontiguousarray(values, dtype=np.float64)
+    return Trace(data, {**header, "delta": dt, "starttime": start})
+
+
+def _seed_codes(group: Sequence[Channel]) -> list[tuple[str, str, str, str]]:
+    """Network, station, location and channel of each: its own if SEED can hold them, or new ones.
+
+    Then an instrument is a location, with horizontals HN1, HN2, ... and the vertical HNZ.
+    """
+    own = []
+    for channel in group:
+        stats = channel.trace.stats
+        names = (_plain(stats.network)[:2] or "XX", _plain(stats.station)[:5])
+        own.append((*names, str(stats.location).strip(), channel.code))
+    held = all(re.fullmatch(r"[A-Z0-9]{0,2}:[A-Z0-9]{1,3}", f"{o[2]}:{o[3]}") for o in own)
+    if held and len(set(own)) == len(own):
+        return own
+    instruments = list(dict.fromkeys(channel.group for channel in group))
+    horizontals = dict.fromkeys(instruments, 0)
+    codes = []
+    for (network, station, _, _), channel in zip(own, group, strict=True):
+        place = f"{instruments.index(channel.group):02d}" if len(instruments) > 1 else ""
+        if is_vertical(channel):
+            code = "HNZ"
+        else:
+            horizontals[channel.group] += 1
+            code = f"HN{horizontals[channel.group]}"
+        codes.append((network, station, place, code))
+    if len(set(codes)) < len(codes) or max(horizontals.values()) > 9 or len(instruments) > 99:
+        raise InputError(
+            f"miniSEED has no codes for these {len(group)} channels; convert to at2 or text"
+        )
+    return codes
+
+
+def _at2_text(channel: Channel, values: NDArray[np.float64], source: _Source, unit: str) -> str:
+    facts = _facts(channel)
+    found = _ISO.match(facts["date"])
+    date = f"{found[2]}/{found[3]}/{found[1]}" if found else facts["date"]
+    words = [facts["event"] or "unknown event", date, facts["station"] or "unknown station"]
+    names = [word.replace(",", " ") for word in (*words, channel.code) if word]
+    header = [
+        _line(f"{_made(source)}; {_steps(channel)}"),
+        _line(", ".join(names)),
+        f"ACCELERATION TIME SERIES IN UNITS OF {unit.upper()}",
+        f"NPTS= {values.size:6d}, DT= {channel.dt!r} SEC",
+    ]
+    starts = range(0, values.size, _AT2_COLUMNS)
+    rows = ("".join(f"{v:15.7E}" for v in values[i : i + _AT2_COLUMNS]) for i in starts)
+    return "\n".join((*header, *rows)) + "\n"
+
+
+def _column_text(channel: Channel, values: NDArray[np.float64], source: _Source, unit: str) -> str:
+    facts = _facts(channel)
+    names = ("event", "date", "station")
+    header = [
+        f"two columns: time [s], acceleration [{unit}]",
+        _made(source),
+        *(f"{name}: {facts[name]}" for name in names if facts[name]),
+        f"component: {channel.code}; dt = {channel.dt!r} s; {values.size} samples",
+        *(f"step: {step}" for step in channel.log),
+    ]
+    lines = (f"# {_line(text)}" for text in header)
+    time = np.arange(values.size) * channel.dt
+    rows = (f"{t:.10g} {v!r}" for t, v in zip(time.tolist(), values.tolist(), strict=True))
+    return "\n".join((*lines, *rows)) + "\n"
+
+
+def _facts(channel: Channel) -> dict[str, str]:
+    stats = channel.trace.stats
+    record = stats.get("record") or stats.get("at2") or {}
+    date = record.get("date") or (str(stats.starttime.date) if stats.starttime.timestamp else "")
+    return {
+        "event": str(record.get("event", "")),
+        "date": str(date),
+        "station": str(record.get("station") or stats.station),
+    }
+
+
+def _made(source: _Source) -> str:
+    return f"archfrag {version('archfrag')} from {source.path.name}, sha256 {source.sha256[:16]}"
+
+
+def _steps(channel: Channel) -> str:
+    return " ".join(channel.log)
+
+
+def _line(text: str) -> str:
+    """One line of ASCII."""
+    plain = " ".join(text.split()).encode("ascii", "backslashreplace").decode()
+    return plain if len(plain) <= _LONGEST_LINE else plain[: _LONGEST_LINE - 3] + "..."
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _plain(code: str) -> str:
+    return re.sub(r"[^A-Za-z0-9]", "", str(code)).upper()

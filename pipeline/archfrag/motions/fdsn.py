@@ -1,0 +1,298 @@
+"""Events, stations and waveforms of FDSN web services, within limits of time and size.
+
+obspy's client knows the services' names and how a request is written; what it would leave open
+is bounded here: each answer comes whole, within its time and size, or not at all.
+References: FDSN web service specifications, https://www.fdsn.org/webservices/.
+"""
+
+import io
+import time
+import urllib.error
+import urllib.request
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from http.client import HTTPException
+from typing import Any, NamedTuple
+
+from obspy import Inventory, UTCDateTime, read_events, read_inventory
+from obspy.clients.fdsn import Client
+from obspy.clients.fdsn.header import URL_MAPPINGS
+from obspy.core.event import Event as Quake
+from obspy.core.event import Magnitude
+
+from archfrag.errors import InputError
+
+_PIECE = 2**16
+_NOTHING = (204, 404)
+
+
+class Limits(NamedTuple):
+    """What one answer may take: `seconds` from request to last byte, and `megabytes`."""
+
+    seconds: float = 60.0
+    megabytes: float = 100.0
+
+
+class Refusal(Exception):
+    """One sentence on why something could not be had.
+
+    `kind` is ``no data``, ``too large``, ``timeout``, ``service`` or ``unusable``. Another
+    attempt may help after ``timeout`` and ``service``.
+    """
+
+    def __init__(self, kind: str, sentence: str) -> None:
+        super().__init__(sentence)
+        self.kind = kind
+
+    @property
+    def passing(self) -> bool:
+        """Whether the same request may succeed later."""
+        return self.kind in ("timeout", "service")
+
+
+class Event(NamedTuple):
+    """An earthquake: origin and magnitudes, each None where the service has none."""
+
+    id: str
+    name: str
+    time: UTCDateTime
+    latitude: float
+    longitude: float
+    depth_km: float | None
+    magnitude: float | None
+    magnitude_type: str
+    moment_magnitude: float | None
+    quakeml: bytes
+
+
+class Channels(NamedTuple):
+    """Codes of the channels asked for, ``--`` for no location, and a span of time."""
+
+    network: str
+    station: str
+    location: str
+    channel: str
+    starttime: UTCDateTime
+    endtime: UTCDateTime
+
+
+class Service:
+    """One data centre.
+
+    Parameters
+    ----------
+    name : str
+        One of obspy's names, e.g. ``USGS``, ``NCEDC``, ``INGV``, or an address that begins with
+        ``http://`` or ``https://``.
+    limits : Limits
+
+    Raises
+    ------
+    InputError
+        If the name is neither.
+    """
+
+    def __init__(self, name: str, limits: Limits) -> None:
+        if name.upper() not in URL_MAPPINGS and not name.lower().startswith(
+            ("http://", "https://")
+        ):
+            raise InputError(
+                f"{name!r} is no data service that is known; allowed are an address "
+                f"(https://...) and {', '.join(sorted(URL_MAPPINGS))}"
+            )
+        self.name = name
+        try:
+            self._client = _BoundedClient(name, limits)
+        except ValueError:
+            raise InputError(f"{name!r} is not the address of a data service") from None
+
+    def event(self, id: str) -> Event:
+        """The event of an identifier.
+
+        Raises
+        ------
+        Refusal
+        """
+        body = io.BytesIO()
+        self._client.get_events(eventid=id, filename=body)
+        what = f"{self.name}: the answer for event {id}"
+        with _parsing(body, what, "QuakeML"):
+            quakes = list(read_events(body, format="QUAKEML"))
+            if not quakes:
+                raise Refusal("no data", f"{self.name}: holds no event {id}")
+            if not quakes[0].origins:
+                raise Refusal("unusable", f"{what} has no origin")
+            return _event(id, quakes[0], body.getvalue())
+
+    def stations(
+        self, channel: str, around: Event, radius: float, start: UTCDateTime, end: UTCDateTime
+    ) -> Inventory:
+        """Stations with such channels within a radius [degrees], without responses.
+
+        Raises
+        ------
+        Refusal
+        """
+        body = io.BytesIO()
+        self._client.get_stations(
+            channel=channel, latitude=around.latitude, longitude=around.longitude,
+            maxradius=radius, starttime=start, endtime=end, level="channel", filename=body,
+        )  # fmt: skip
+        with _parsing(body, f"{self.name}: the list of stations", "StationXML"):
+            return read_inventory(body, format="STATIONXML")
+
+    def responses(self, wanted: Channels) -> bytes:
+        """StationXML with the responses of channels.
+
+        Raises
+        ------
+        Refusal
+        """
+        body = io.BytesIO()
+        self._client.get_stations(**wanted._asdict(), level="response", filename=body)
+        place = f"{self.name}: the responses of {wanted.network}.{wanted.station}"
+        with _parsing(body, place, "StationXML"):
+            read_inventory(body, format="STATIONXML")
+        return body.getvalue()
+
+    def waveforms(self, wanted: Channels) -> bytes:
+        """MiniSEED as the service holds it; nothing of it is interpreted.
+
+        Raises
+        ------
+        Refusal
+        """
+        body = io.BytesIO()
+        self._client.get_waveforms(**wanted._asdict(), filename=body)
+        return body.getvalue()
+
+
+class _BoundedClient(Client):
+    """obspy's client, with every transfer by `_answer`."""
+
+    def __init__(self, address: str, limits: Limits) -> None:
+        self._limits = limits
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # on names that change
+            super().__init__(address, timeout=limits.seconds, _discover_services=False)
+
+    def _download(self, url: str, *_: Any, **__: Any) -> io.BytesIO:
+        request = urllib.request.Request(url, headers=self.request_headers)
+        return io.BytesIO(_answer(self._url_opener.open, request, self._limits))
+
+
+def _answer(
+    open_url: Callable[..., Any], request: urllib.request.Request, limits: Limits
+) -> bytes:
+    """Body of an answer with status 200.
+
+    Raises
+    ------
+    Refusal
+    """
+    place = request.full_url.split("/query")[0]
+    end = time.monotonic() + limits.seconds
+    try:
+        with open_url(request, timeout=limits.seconds) as response:
+            status, body = response.status, _body(response, place, end, limits)
+    except urllib.error.HTTPError as error:
+        with error:
+            raise _refused(place, error) from None
+    except (OSError, HTTPException) as error:
+        reason = getattr(error, "reason", error)
+        if isinstance(reason, TimeoutError):
+            raise _late(place, limits) from None
+        reason = getattr(reason, "strerror", None) or str(reason) or type(reason).__name__
+        raise Refusal("service", f"{place}: the service cannot be reached ({reason})") from None
+    if status in _NOTHING or not body:
+        raise Refusal("no data", f"{place}: holds nothing that was asked for")
+    return body
+
+
+def _body(response: Any, place: str, end: float, limits: Limits) -> bytes:
+    most = int(limits.megabytes * 1e6)
+    announced = int(response.headers.get("Content-Length") or 0)
+    pieces: list[bytes] = []
+    size = 0
+    while size <= most and announced <= most:
+        if time.monotonic() > end:
+            raise _late(place, limits)
+        piece = response.read1(_PIECE)
+        if not piece:
+            if size < announced:
+                raise Refusal(
+                    "service", f"{place}: the answer broke off after {size} of {announced} bytes"
+                )
+            return b"".join(pieces)
+        pieces.append(piece)
+        size += len(piece)
+    raise Refusal(
+        "too large", f"{place}: the answer is larger than the {limits.megabytes:g} MB allowed"
+    )
+
+
+def _late(place: str, limits: Limits) -> Refusal:
+    return Refusal("timeout", f"{place}: no whole answer within {limits.seconds:g} s")
+
+
+def _refused(place: str, error: urllib.error.HTTPError) -> Refusal:
+    """What a status means, with the first words of the service's own text."""
+    code = error.code
+    if code in _NOTHING:
+        return Refusal("no data", f"{place}: holds nothing that was asked for")
+    if code == 413:
+        return Refusal("too large", f"{place}: more was asked for than the service gives at once")
+    try:
+        text = " ".join(error.read1(500).decode("utf-8", "replace").split())
+    except (OSError, HTTPException):
+        text = ""
+    text = "" if text.startswith("<") else text[:120]
+    said = f" ({text or error.reason})" if text or error.reason else ""
+    if code in (401, 403):
+        return Refusal("unusable", f"{place}: the data are not open to all{said}")
+    if code == 429 or code >= 500:
+        return Refusal("service", f"{place}: the service answers with error {code}{said}")
+    return Refusal("unusable", f"{place}: the service refuses the request, error {code}{said}")
+
+
+@contextmanager
+def _parsing(body: io.BytesIO, what: str, language: str) -> Iterator[None]:
+    """Refuse what is not of that language, and what declares entities, which neither uses."""
+    text = body.getvalue()
+    if b"<!DOCTYPE" in text or b"\0" in text[:64]:
+        raise Refusal("unusable", f"{what} is not plain {language}")
+    body.seek(0)
+    try:
+        yield
+    except Refusal:
+        raise
+    except Exception as error:
+        reason = str(error).strip().splitlines()
+        raise Refusal(
+            "unusable",
+            f"{what} is not {language} ({reason[0] if reason else type(error).__name__})",
+        ) from None
+
+
+def _event(id: str, quake: Quake, quakeml: bytes) -> Event:
+    origin = quake.preferred_origin() or quake.origins[0]
+    preferred = quake.preferred_magnitude() or next(iter(quake.magnitudes), None)
+    moment = next(filter(_is_moment, [preferred, *quake.magnitudes]), None)
+    names = [text.text for text in quake.event_descriptions if text.text]
+    return Event(
+        id=id,
+        name=names[0] if names else "",
+        time=UTCDateTime(origin.time),
+        latitude=float(origin.latitude),
+        longitude=float(origin.longitude),
+        depth_km=None if origin.depth is None else float(origin.depth) / 1000.0,
+        magnitude=preferred.mag if preferred else None,
+        magnitude_type=(preferred.magnitude_type or "") if preferred else "",
+        moment_magnitude=moment.mag if moment else None,
+        quakeml=quakeml,
+    )
+
+
+def _is_moment(magnitude: Magnitude | None) -> bool:
+    return magnitude is not None and (magnitude.magnitude_type or "").lower().startswith("mw")

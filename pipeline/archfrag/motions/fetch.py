@@ -1,0 +1,337 @@
+"""Records of earthquakes from data centres: miniSEED, StationXML and an index in one folder.
+
+For each event a folder with ``event.xml`` (QuakeML as received), one miniSEED file for each
+station, in counts, and its responses as ``NET.STA.xml`` beside it, where `archfrag.motions.read`
+finds them. A station that is complete is in the index and is not asked for again.
+"""
+
+import contextlib
+import hashlib
+import re
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from obspy import Inventory
+from obspy.core.inventory import Station
+from obspy.geodetics import gps2dist_azimuth, kilometers2degrees
+
+from archfrag.errors import InputError, RecordError
+from archfrag.files import cannot_write, make_folder, replacing
+from archfrag.motions.fdsn import Channels, Event, Limits, Refusal, Service
+from archfrag.motions.index import index_table, write_index
+from archfrag.motions.read import read_motions
+
+MOST_FAILURES = 3  # one after the other, after which a service is left alone
+_KIND = re.compile(r"([A-Z]{2})[?*]?")
+_CODE = re.compile(r"[A-Za-z0-9_-]{1,16}")
+_TEMPORARY = ".fetch-"
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to fetch.
+
+    Parameters
+    ----------
+    events : tuple of str
+        Identifiers at `events_from`.
+    stations_from : str
+        Service of stations and waveforms: a name that obspy knows or an address.
+    events_from : str
+        Service of events.
+    radius : float [km]
+        Largest epicentral distance, up to 2000.
+    channels : tuple of str
+        Band and instrument of accelerometers, the best first: ``HN``; one is taken at a station.
+    before, after : float [s]
+        Window around the origin time.
+    most : int
+        Stations of an event, the nearest first.
+    limits : Limits
+
+    Raises
+    ------
+    InputError
+        If a value is outside its range.
+    """
+
+    events: tuple[str, ...]
+    stations_from: str
+    events_from: str = "USGS"
+    radius: float = 100.0
+    channels: tuple[str, ...] = ("HN", "EN", "BN")
+    before: float = 30.0
+    after: float = 180.0
+    most: int = 100
+    limits: Limits = field(default_factory=Limits)
+
+    def __post_init__(self) -> None:
+        for name, value, low, high in (
+            ("radius [km]", self.radius, 0.0, 2000.0),
+            ("before [s]", self.before, 0.0, 3600.0),
+            ("after [s]", self.after, 1.0, 7200.0),
+            ("stations", self.most, 1, 100_000),
+            ("timeout [s]", self.limits.seconds, 0.01, 3600.0),
+            ("size [MB]", self.limits.megabytes, 0.001, 2000.0),
+        ):
+            if not low <= value <= high:
+                raise InputError(f"{name} = {value:g} must be from {low:g} to {high:g}")
+        for kind in self.channels:
+            if not _KIND.fullmatch(kind):
+                raise InputError(
+                    f"channels {kind!r} must be two capitals, band and instrument, e.g. HN or HN?"
+                )
+
+
+@dataclass
+class Fetched:
+    """What came of a request: ids of records, new and kept, and why others are not there."""
+
+    new: list[str] = field(default_factory=list)
+    kept: list[str] = field(default_factory=list)
+    refused: list[Refusal] = field(default_factory=list)
+
+    @property
+    def passing(self) -> list[Refusal]:
+        """Those that another attempt may mend."""
+        return [refusal for refusal in self.refused if refusal.passing]
+
+
+class _Site(NamedTuple):
+    network: str
+    station: Station
+    epicentral_km: float
+
+    @property
+    def name(self) -> str:
+        return f"{self.network}.{self.station.code}"
+
+
+def fetch_records(
+    request: Request, folder: str | Path, say: Callable[[str], None] = lambda _: None
+) -> Fetched:
+    """Fetch records of events into a folder; what is there already is kept.
+
+    Parameters
+    ----------
+    request : Request
+    folder : path
+        Made if needed. No other command may be at work there.
+    say : callable
+        Takes a sentence for each record that came and for each that did not.
+
+    Raises
+    ------
+    InputError
+        If a service is unknown.
+    RecordError
+        If the folder's index cannot be used.
+    OutputError
+        If the folder cannot be written.
+
+    Examples
+    --------
+    >>> from archfrag.motions.fetch import Request, fetch_records
+    >>> request = Request(("nc73201181",), "NCEDC", radius=30.0)
+    >>> fetched = fetch_records(request, "napa")  # doctest: +SKIP
+    """
+    return _Fetching(request, make_folder(Path(folder)), say).run()
+
+
+class _Fetching:
+    def __init__(self, request: Request, folder: Path, say: Callable[[str], None]) -> None:
+        self.request, self.folder, self.say = request, folder, say
+        self.catalogue = Service(request.events_from, request.limits)
+        self.archive = Service(request.stations_from, request.limits)
+        self.rows: dict[str, dict[str, Any]] = dict(index_table(folder))
+        self.result = Fetched()
+        for left in folder.glob(f"*/{_TEMPORARY}*"):
+            shutil.rmtree(left, ignore_errors=True)
+        for left in (*folder.glob(".index.csv.*.tmp"), *folder.glob("*/.event.xml.*.tmp")):
+            left.unlink(missing_ok=True)
+
+    def run(self) -> Fetched:
+        for id in self.request.events:
+            try:
+                self._event(id)
+            except Refusal as refusal:
+                self._refuse(refusal)
+            except OSError as error:
+                raise cannot_write(self.folder, error) from None
+        return self.result
+
+    def _event(self, id: str) -> None:
+        try:
+            event = self.catalogue.event(id)
+            sites = self._sites(event)
+        except Refusal as refusal:
+            raise Refusal(refusal.kind, f"event {id}: {refusal}") from None
+        place = make_folder(self.folder / folder_name(id))
+        with replacing(place / "event.xml") as part:
+            part.write_bytes(event.quakeml)
+        failures = 0
+        for number, site in enumerate(sites):
+            try:
+                self._station(event, site, place)
+                failures = 0
+            except Refusal as refusal:
+                self._refuse(refusal)
+                failures = failures + 1 if refusal.passing else 0
+            if failures == MOST_FAILURES and number + 1 < len(sites):
+                raise Refusal(
+                    "service",
+                    f"{self.archive.name}: {failures} requests in a row failed; "
+                    f"{len(sites) - number - 1} stations of event {id} were not asked for",
+                )
+
+    def _refuse(self, refusal: Refusal) -> None:
+        self.result.refused.append(refusal)
+        self.say(str(refusal))
+
+    def _window(self, event: Event) -> tuple[Any, Any]:
+        return event.time - self.request.before, event.time + self.request.after
+
+    def _sites(self, event: Event) -> list[_Site]:
+        """Stations within the radius, the nearest first."""
+        patterns = ",".join(f"{kind[:2]}?" for kind in self.request.channels)
+        # Degrees of a sphere; the distance on the ellipsoid decides.
+        radius = kilometers2degrees(1.01 * self.request.radius)
+        found = self.archive.stations(patterns, event, radius, *self._window(event))
+        sites = sorted(_located(found, event), key=lambda site: (site.epicentral_km, site.name))
+        near = [site for site in sites if site.epicentral_km <= self.request.radius]
+        if not near:
+            raise Refusal(
+                "no data",
+                f"{self.archive.name} has no station with {patterns} within "
+                f"{self.request.radius:g} km",
+            )
+        return near[: self.request.most]
+
+    def _station(self, event: Event, site: _Site, place: Path) -> None:
+        label = f"{event.id} {site.name}"
+        if not (_CODE.fullmatch(site.network) and _CODE.fullmatch(site.station.code)):
+            raise Refusal("unusable", f"{label!r}: the codes of this station cannot name a file")
+        window = f"-{self.request.before:g} {self.request.after:g}"
+        for row in self.rows.values():
+            stated = (row.get("event"), row.get("station"), row.get("window_s"))
+            if stated == (event.id, site.name, window) and self._whole(row):
+                self.result.kept.append(row["id"])
+                return
+        try:
+            wanted, waveforms = self._waveforms(event, site)
+            responses = self.archive.responses(wanted)
+        except Refusal as refusal:
+            raise Refusal(refusal.kind, f"{label}: {refusal}") from None
+        channel = f"{wanted.location.replace('--', '')}.{wanted.channel[:2]}"
+        name = f"{place.name}_{site.name}.{channel}"
+        facts = self._store(place, name, site, waveforms, responses)
+        row = _row(name, event, site, window) | facts
+        row["terms"] = f"those of network {site.network}, fetched from {self.archive.name}"
+        self.rows[name] = row
+        write_index(self.folder, [self.rows[id] for id in sorted(self.rows)])
+        self.result.new.append(name)
+        self.say(f"{label}: {facts['channels']}, {site.epicentral_km:.1f} km from the epicentre")
+
+    def _whole(self, row: dict[str, Any]) -> bool:
+        path = self.folder / row["file"]
+        inventory = path.with_name(f"{row['station']}.xml")
+        with contextlib.suppress(OSError):
+            return inventory.is_file() and _sha256(path.read_bytes()) == row["sha256"]
+        return False
+
+    def _waveforms(self, event: Event, site: _Site) -> tuple[Channels, bytes]:
+        """Of the first kind and place of instrument that has any."""
+        span, nothing = self._window(event), Refusal("no data", "no channel of these kinds")
+        for kind in self.request.channels:
+            places = {c.location_code for c in site.station if c.code.startswith(kind[:2])}
+            for location in sorted(places):
+                codes = (site.network, site.station.code, location or "--", f"{kind[:2]}?")
+                wanted = Channels(*codes, *span)
+                try:
+                    return wanted, self.archive.waveforms(wanted)
+                except Refusal as refusal:
+                    if refusal.kind != "no data":
+                        raise
+                    nothing = refusal
+        raise nothing
+
+    def _store(
+        self, place: Path, name: str, site: _Site, waveforms: bytes, responses: bytes
+    ) -> dict[str, Any]:
+        """Put a record that can be read, with its StationXML, in its place."""
+        with tempfile.TemporaryDirectory(prefix=_TEMPORARY, dir=place) as part:
+            files = [Path(part) / f"{site.name}.xml", Path(part) / f"{name}.mseed"]
+            for path, content in zip(files, (responses, waveforms), strict=True):
+                path.write_bytes(content)
+            try:
+                motions = read_motions(files[1])
+            except RecordError as error:
+                told = str(error).replace(part, str(place))
+                raise Refusal("unusable", f"{told}; nothing of it is kept") from None
+            for path in files:
+                path.replace(place / path.name)
+        verticals = dict.fromkeys(m.metadata["vertical_component"] for m in motions)
+        codes = [*(motion.metadata["component"] for motion in motions), *verticals]
+        return {
+            "file": f"{place.name}/{name}.mseed",
+            "sha256": _sha256(waveforms),
+            "dt_s": motions[0].dt,
+            "channels": " ".join(filter(None, codes)),
+            "start_time": motions[0].metadata.get("start_time", ""),
+        }
+
+
+def folder_name(id: str) -> str:
+    """Name of a folder for an event: its identifier, where that may be the name of a file."""
+    plain = re.sub(r"[^A-Za-z0-9_-]+", "-", id).strip("-")[:60]
+    return plain if plain == id else f"{plain}-{_sha256(id.encode())[:6]}"
+
+
+def _located(inventory: Inventory, event: Event) -> Iterator[_Site]:
+    """Each station once, though its channels may be listed under several epochs."""
+    sites: dict[tuple[str, str], _Site] = {}
+    for network in inventory:
+        for station in network:
+            there = sites.get((network.code, station.code))
+            if there is not None:
+                there.station.channels.extend(station.channels)
+                continue
+            place = (float(station.latitude), float(station.longitude))
+            metres = gps2dist_azimuth(event.latitude, event.longitude, *place)[0]
+            site = _Site(network.code, station, metres / 1000.0)
+            sites[network.code, station.code] = site
+    yield from sites.values()
+
+
+def _row(name: str, event: Event, site: _Site, window: str) -> dict[str, Any]:
+    depth = event.depth_km
+    distance = None if depth is None else float(np.hypot(site.epicentral_km, depth))
+    return {
+        "id": name,
+        "event": event.id,
+        "Mw": event.moment_magnitude,
+        "distance_km": None if distance is None else round(distance, 3),
+        "unit": "",
+        "distance_kind": "hypocentral",
+        "epicentral_km": round(site.epicentral_km, 3),
+        "event_name": event.name,
+        "origin_time": str(event.time),
+        "event_latitude": event.latitude,
+        "event_longitude": event.longitude,
+        "depth_km": depth,
+        "magnitude": event.magnitude,
+        "magnitude_type": event.magnitude_type,
+        "station": site.name,
+        "station_latitude": float(site.station.latitude),
+        "station_longitude": float(site.station.longitude),
+        "window_s": window,
+    }
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()

@@ -1,0 +1,212 @@
+"""What the commands of records print, draw and need beside one call of `archfrag.motions`."""
+
+import io
+import os
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from archfrag.errors import InputError
+from archfrag.study.files import write_text
+from archfrag.study.provenance import finite
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from archfrag.motions.inspection import Channel, Inspection
+    from archfrag.motions.motion import Motion
+    from archfrag.motions.selection import Selection, Target
+
+_SPECTRAL = r"T(\d+(?:\.\d+)?)S"
+
+
+def inspection_facts(found: "Inspection") -> dict[str, Any]:
+    """What is in a file, in SI units, ready for JSON."""
+    names = ("format", "event", "date", "magnitude")
+    return finite(
+        {"file": str(found.path)}
+        | {name: getattr(found, name) for name in names}
+        | {"channels": [_channel_facts(channel) for channel in found.channels]}
+        | {"faults": list(found.faults)}
+    )
+
+
+def _channel_facts(channel: "Channel") -> dict[str, Any]:
+    facts = asdict(channel)
+    samples = facts.pop("samples")
+    pga = None if samples is None else float(np.abs(samples).max())
+    return facts | {"duration": (channel.count - 1) * channel.dt, "PGA": pga}
+
+
+def inspection_text(found: "Inspection") -> str:
+    """What is in a file, a line for each channel and for each fault."""
+    from archfrag.arch import STANDARD_GRAVITY
+
+    magnitude = None if found.magnitude is None else f"M {found.magnitude:g}"
+    stations = dict.fromkeys(channel.station for channel in found.channels)
+    head = (found.format, found.event, found.date, magnitude, *list(stations)[:3])
+    lines = [f"{found.path}: {', '.join(part for part in head if part)}"]
+    for channel in found.channels:
+        facts = [f"{channel.count} samples at {channel.dt:g} s"]
+        facts += [f"{(channel.count - 1) * channel.dt:.2f} s", channel.unit or "unit unknown"]
+        if channel.samples is not None:
+            facts.append(f"PGA {np.abs(channel.samples).max() / STANDARD_GRAVITY:.4f} g")
+        facts += [channel.level, "vertical" if channel.vertical else "", channel.start]
+        lines.append(f"  {channel.code or '(no code)':9s} {', '.join(filter(None, facts))}")
+        lines += [f"    ! {fault}" for fault in channel.faults]
+    return "\n".join([*lines, *(f"  ! {fault}" for fault in found.faults)])
+
+
+def inspection_motions(found: Sequence["Inspection"]) -> list[tuple[str, "Motion"]]:
+    """Label and motion of each channel whose unit is known."""
+    from archfrag.motions.motion import Motion
+
+    return [
+        (f"{file.path.name} {channel.code}".strip(), Motion(channel.samples, channel.dt))
+        for file in found
+        for channel in file.channels
+        if channel.samples is not None and channel.count > 1
+    ]
+
+
+def measure_files(files: Sequence[Path], out: Path, reading: dict[str, Any]) -> "pd.DataFrame":
+    """Flatfile of record files, with what it takes to read them again.
+
+    Parameters
+    ----------
+    files : sequence of Path
+    out : Path
+        Of the flatfile: its column ``file`` is relative to the folder.
+    reading : dict
+        Passed to `archfrag.motions.read.read_motions`.
+
+    Raises
+    ------
+    RecordError
+        If a file cannot be used.
+    """
+    from archfrag.motions.flatfile import measure_records
+    from archfrag.motions.read import read_motions
+
+    table = measure_records(
+        replace(motion, metadata={**motion.metadata, "file": os.path.relpath(file, out.parent)})
+        for file in files
+        for motion in read_motions(file, **reading)
+    )
+    if reading["unit"]:
+        table["unit"] = reading["unit"]
+    if reading["accept"]:
+        table["accept"] = " ".join(reading["accept"])
+    return table
+
+
+def table_rows(table: "pd.DataFrame") -> list[dict[str, Any]]:
+    """Rows of a flatfile, ready for JSON: null where a cell is empty."""
+    import json
+
+    return json.loads(table.to_json(orient="records", double_precision=15))
+
+
+def table_spectra(table: "pd.DataFrame") -> dict[float, NDArray[np.float64]]:
+    """Sa [g] of the rows of a flatfile by period [s]."""
+    columns = table.columns.to_series().str.extract(rf"^{_SPECTRAL}$")[0].dropna()
+    return {float(period): table[name].to_numpy(float) for name, period in columns.items()}
+
+
+def select_from(flatfile: Path, options: dict[str, Any]) -> "Selection":
+    """Selection of the records of a flatfile by the options of the command.
+
+    Raises
+    ------
+    InputError
+        If the target is not given, or twice.
+    RecordError
+        If the flatfile cannot be used or has too few records.
+    """
+    from archfrag.motions.flatfile import read_flatfile
+    from archfrag.motions.selection import select_records
+
+    target = _target(options)
+    return select_records(
+        read_flatfile(flatfile), target, options["count"], options["seed"],
+        max_scale=options["max_scale"], per_event=options["per_event"],
+    )  # fmt: skip
+
+
+def _target(options: dict[str, Any]) -> "Target":
+    from archfrag.motions.selection import Rupture, conditional_spectrum, predict, read_target
+
+    scenario = ("magnitude", "distance", "vs30", "period")
+    given = [name for name in (*scenario, "sa", "epsilon") if options[name] is not None]
+    if options["target"] is not None:
+        if given:
+            raise InputError(f"--target and --{given[0]}: a target is a file or a scenario")
+        return read_target(options["target"])
+    missing = [f"--{name}" for name in scenario if name not in given]
+    levels = [name for name in ("sa", "epsilon") if name in given]
+    if missing or len(levels) != 1:
+        lacking = ", ".join(missing) or "one of --sa and --epsilon"
+        raise InputError(f"a target is --target FILE.csv or a scenario; {lacking} is needed")
+    rupture = Rupture(options["magnitude"], options["distance"], options["vs30"])
+    level, period, model = options["sa"], options["period"], options["model"]
+    if level is None:
+        ln_median, sd, _ = predict(rupture, model, [period])
+        level = float(np.exp(ln_median[0] + options["epsilon"] * sd[0]))
+    return conditional_spectrum(rupture, level, period, models=(model,))
+
+
+def selection_text(selection: "Selection", out: Path) -> str:
+    """How many records were selected from how many, and how near to the target they are."""
+    median, sd = (np.nanmax(np.abs(error), initial=0.0) for error in selection.errors)
+    return (
+        f"{len(selection.table)} records selected of {selection.candidates}: median within "
+        f"{100 * median:.1f} % of the target's, sd within {100 * sd:.1f} %: {out}"
+    )
+
+
+def save_selection(selection: "Selection", path: Path) -> None:
+    """Write the figure of a selection as SVG, whole or not at all."""
+    import matplotlib
+
+    buffer = io.StringIO()
+    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "archfrag"}):
+        selection.figure().savefig(buffer, format="svg", metadata={"Date": None})
+    write_text(path, buffer.getvalue())
+
+
+def make_chosen(
+    out: Path, magnitudes: str | None, distances: str | None, count: int, seed: int
+) -> list[Path]:
+    """Make synthetic motions of each magnitude and distance, with seeds one after another.
+
+    Raises
+    ------
+    InputError
+        If one of both lists is missing, or holds something else than numbers that the model takes.
+    OutputError
+        If they cannot be written.
+    """
+    from archfrag.motions.convert import write_motions
+    from archfrag.motions.synthetic import make_motion
+
+    pairs = [
+        (magnitude, distance)
+        for magnitude in _numbers("magnitudes", magnitudes)
+        for distance in _numbers("distances", distances)
+        for _ in range(count)
+    ]
+    made = (make_motion(*pair, seed + number) for number, pair in enumerate(pairs))
+    return write_motions(made, out)
+
+
+def _numbers(name: str, text: str | None) -> list[float]:
+    if text is None:
+        raise InputError(f"--{name} is missing; magnitudes and distances are given together")
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(f"--{name} {text}: numbers with commas between are needed") from None
