@@ -87,7 +87,8 @@ def read_channels(path: Path, options: Options) -> tuple[list[Channel], IndexEnt
             check_sha256(entry)
     content = file_content(path, options.columns)
     accepted = _check_counts(content, path, options.accept)
-    unequal = unequal_counts(content)
+    # Pieces between gaps are unequal in the formats of networks.
+    unequal = unequal_counts(content) if content.format in OWN else ()
     stream = joined(content.traces, path)
     channels = []
     for trace in stream:
@@ -192,7 +193,7 @@ def _ends_in_a_number(content: Content, path: Path) -> bool:
 
 def unequal_counts(content: Content) -> tuple[str, ...]:
     """A sentence on channels of one record that have different numbers of samples."""
-    if content.format not in OWN or len(set(content.held)) < 2:
+    if len(set(content.held)) < 2:
         return ()
     counts = zip(content.traces, content.held)
     listed = ", ".join(f"{channel_code(trace)} {held}" for trace, held in counts)

@@ -291,7 +291,7 @@ def _record_facts(cube: Any, plan: Plan) -> None:
         variable = _create(cube, column, ("record",), "record")
         variable[:] = [np.nan if value is None else value for value in given]
     vertical = Column(
-        "record_vertical", "i1", "1", "whether the vertical component moves the arch too",
+        "record_vertical", "i1", "", "whether the vertical component moves the arch too",
         flags=((0, "horizontal_only"), (1, "with_vertical")),
         comment="Scaled by the factor of the horizontal component.",
     )  # fmt: skip
