@@ -33,20 +33,29 @@ class Grounds(NamedTuple):
 def grounds_of(motions: Sequence[tuple[np.ndarray, np.ndarray | None, float]]) -> Grounds:
     """Arrays of ground motions, each (horizontal, vertical or None, time step)."""
     across = [np.asarray(given, float) for given, _, _ in motions]
+    # Zeros that are only read take no memory.
     upwards = [
-        np.zeros_like(wave) if given is None else np.asarray(given, float)
+        np.zeros(wave.shape) if given is None or not np.any(given) else np.asarray(given, float)
         for wave, (_, given, _) in zip(across, motions)
     ]
     step = np.array([float(dt) for _, _, dt in motions])
 
     def integral(wave: np.ndarray, dt: float) -> np.ndarray:
-        return np.concatenate([[0.0], np.cumsum(0.5 * dt * (wave[1:] + wave[:-1]))])
+        total = np.zeros(wave.shape)
+        if np.any(wave):
+            np.add(wave[1:], wave[:-1], out=total[1:])
+            total *= 0.5 * dt
+            np.cumsum(total, out=total)
+        return total
+
+    def joined(waves: Sequence[np.ndarray]) -> np.ndarray:
+        return waves[0] if len(waves) == 1 else np.concatenate(waves)
 
     return Grounds(
-        np.concatenate(across),
-        np.concatenate(upwards),
-        np.concatenate([integral(a, dt) for a, dt in zip(across, step)]),
-        np.concatenate([integral(a, dt) for a, dt in zip(upwards, step)]),
+        joined(across),
+        joined(upwards),
+        joined([integral(a, dt) for a, dt in zip(across, step)]),
+        joined([integral(a, dt) for a, dt in zip(upwards, step)]),
         np.cumsum([0, *(wave.size for wave in across)]),
         step,
     )
