@@ -91,7 +91,9 @@ def test_many_runs_by_events_are_those_made_alone():
 
 def test_events_are_few_for_blocks_and_for_pulses_on_short_chains():
     cases = {
-        (1, 4000, 1e-3): True,
+        (1, 4000, 1e-2): True,
+        (1, 4000, 0.03): False,
+        (1, 4, 0.03): True,
         (7, 4, 1e-3): True,
         (7, 4000, 1e-3): False,
         (7, 4000, 1e-4): True,

@@ -45,9 +45,9 @@ ATTEMPTS = 3
 NEGLIGIBLE = 1e-6
 # Between events all voussoirs are stepped at so many times the step that steps at impacts take.
 STEADY = 2.0
-# Tolerances above this ask for no more than a few long steps.
-COARSEST = 0.2
 FEWEST_BODIES, FEW_BODIES, FEW_BREAKS = 2, 10, 50
+# Tolerances above these ask for no more than a few long steps: with few breaks, and with many.
+COARSEST, COARSEST_OF_MANY = 0.2, 0.01
 
 
 def goes_by_events(n_body: int, n_break: int, tolerance: float, coarse: float) -> bool:
@@ -68,8 +68,8 @@ def goes_by_events(n_body: int, n_break: int, tolerance: float, coarse: float) -
     """
     if tolerance <= coarse:
         return True
-    few = n_body <= FEWEST_BODIES or (n_body <= FEW_BODIES and n_break <= FEW_BREAKS)
-    return few and tolerance <= COARSEST and coarse > 0.0
+    pulse = n_body <= FEW_BODIES and n_break <= FEW_BREAKS and tolerance <= COARSEST
+    return coarse > 0.0 and (pulse or (n_body <= FEWEST_BODIES and tolerance <= COARSEST_OF_MANY))
 
 
 def count_breaks(*parts: np.ndarray) -> int:
