@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 import archfrag as af
+from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError
 from archfrag.mechanics.status import Status
 from archfrag.methods.auto import count_breaks, goes_by_events
+from archfrag.methods.event_driven import front
 from archfrag.methods.registry import steps_of_tolerance
 from archfrag.simulation.checks import own_time
 
@@ -79,6 +81,24 @@ def test_a_pulse_on_a_short_chain_goes_by_events_alone_and_in_a_study():
         assert many.peak_rotation.values[row] == alone.peak_rotation
     stepped = af.simulate(ARCH, pulse, rtol=1e-2, settings={"coarse": 0.0}, history=True)
     assert stepped.model_time["mega_voussoirs"] == stepped.model_time["four_hinges"] == 0.0
+
+
+def test_a_run_that_only_rests_takes_neither_steps_nor_events(monkeypatch):
+    pulse = af.Motion(
+        np.where(TIME < 0.3, 1.0, 0.0), vertical=np.where(TIME < 0.3, -0.2, 0.0), dt=0.001
+    )
+    plus = af.onset(ARCH).plus
+    limit = plus * STANDARD_GRAVITY / (1.0 + 0.2 * plus)
+    factors = [0.5 * limit, 0.999 * limit, 1.4 * limit]
+    used = []
+    run_many = front.run_many
+    monkeypatch.setattr(front, "run_many", lambda *a: used.append(len(a[2])) or run_many(*a))
+    many = af.simulate_many(ARCH, pulse, factors)
+    assert used == [1]
+    assert many.steps.values[:2].tolist() == [0, 0]
+    assert many.steps.values[2] > 0
+    for row, factor in enumerate(factors):
+        assert af.simulate(ARCH, pulse, scale=factor).end_time == many.end_time.values[row]
 
 
 def test_many_runs_by_events_are_those_made_alone():

@@ -21,6 +21,7 @@ from types import ModuleType
 
 import numpy as np
 
+from archfrag.mechanics.model import model_of
 from archfrag.mechanics.status import Count, Status
 from archfrag.mechanics.types import (
     Chain,
@@ -96,6 +97,14 @@ def _sparse(chain: Chain, ground: GroundMotion, options: Options, coarse: float)
     return goes_by_events(chain.mass.size, n_break, options.tolerance, coarse)
 
 
+def _rests(ground: GroundMotion, factor: float, gravity: float, rest: tuple) -> bool:
+    """Whether the body force never leaves the rest range [g]; then nothing is integrated."""
+    upward, across = gravity + factor * ground.vertical, factor * ground.horizontal
+    if not upward.min() > 0.0:
+        return False
+    return bool((rest[0] * upward > across).all() and (rest[1] * upward > -across).all())
+
+
 def refined(options: Options, factor: float) -> Options:
     """Options for a tolerance smaller by a factor."""
     return options._replace(
@@ -164,6 +173,11 @@ def run_many(
         return method.run_many(chain, grounds, motion[chosen], factor[chosen], given)
 
     sparse = np.array([_sparse(chain, ground, options, coarse) for ground in grounds])[motion]
+    if sparse.any():
+        model, joined = model_of(chain), stepper.joined_grounds(grounds)
+        rest = stepper.rest_of(model, options, joined)
+        for row in np.flatnonzero(sparse):
+            sparse[row] = not _rests(grounds[motion[row]], factor[row], chain.gravity, rest)
     results = stepper.new_results(len(motion))
     for by_events in (False, True):
         runs = np.flatnonzero(sparse == by_events)
@@ -207,5 +221,8 @@ def run(
         return method.results_of(chain, ground, position, velocity, from_rest, given, frames, log)
 
     sparse = _sparse(chain, ground, options, coarse)
+    if sparse and from_rest:
+        rest = stepper.rest_of(model_of(chain), options, stepper.joined_grounds([ground]))
+        sparse = not _rests(ground, ground.factor, chain.gravity, rest)
     attempts = _attempts(options, sparse, hand_over, coarse)
     return stepper.outcome_of(_made_well(chain, attempts, 1, make), 0)
