@@ -95,9 +95,10 @@ class TestPrepared:
         assert motions_key(study) != motions_key(other)
 
 
-def test_cube_holds_the_seeds(tmp_path):
+def test_cube_holds_the_seeds_and_which_records_have_a_vertical(tmp_path):
     text = TEXT.replace("levels: [0.1, 0.6, 1.2]", "levels: [0.1]")
-    study = study_with(tmp_path, f"{FILES}\n  {MADE}", text)
+    made = MADE.replace("seed: 3", "seed: 3, vertical: true")
+    study = study_with(tmp_path, f"{FILES}\n  {made}", text)
     prepare_motions(study)
     run_batch(study, workers=2, quiet=True)
     with netCDF4.Dataset(write_cube(study)) as cube:
@@ -105,6 +106,8 @@ def test_cube_holds_the_seeds(tmp_path):
         assert np.isnan(seeds[:2]).all()
         assert seeds[2:].tolist() == [3_000_000, 3_000_000, 3_000_001, 3_000_001]
         assert cube["record_seed"][2:].tolist() == [3_000_000 + n for n in range(4)]
+        assert cube["record_vertical"][:].tolist() == [0, 0, 1, 1, 1, 1]
+        assert cube.vertical_component == "used for 4 of 6 records"
 
 
 @pytest.mark.parametrize(

@@ -142,7 +142,8 @@ class TestInspect:
         Stream(traces).write(str(path), format="MSEED")
         (found,) = facts("inspect", path, "--unit", "m/s2")
         assert [channel["count"] for channel in found["channels"]] == [300, 300, 310]
-        assert found["faults"][0].endswith("unequal numbers of samples (HNE 300, HNE 300, HNN 310)")
+        counts = "(HNE 300, HNE 300, HNN 310)"
+        assert found["faults"][0].endswith(f"unequal numbers of samples {counts}")
         assert found["faults"][1].startswith("channel .AB..HNE has a gap of 7 s")
 
     def test_an_unreadable_file_among_others(self, at2, tmp_path):

@@ -129,7 +129,8 @@ class Motions(Section):
     """Record files or patterns; each a path, or a mapping with path and what to know of them."""
     vertical: bool = False
     """Whether vertical components move the arches too, from the records' own files or from those
-    beside them; scaled by the factor of the horizontal one. A record without one is refused."""
+    beside them; scaled by the factor of the horizontal one. A record without one is refused.
+    Of synthetic motions synthetic.vertical decides."""
     processing: Steps = ()
     """What is done to each record before it is measured and scaled, in this order."""
     synthetic: Synthetic | None = None

@@ -181,7 +181,7 @@ def _global_attributes(study: Study, plan: Plan) -> dict[str, str]:
         "source": (
             f"rigid-block simulations with archfrag {_version()}, method {study.method.name}"
         ),
-        "vertical_component": "used" if study.motions.vertical else "not used",
+        "vertical_component": _vertical_component(plan),
         "history": (
             "Records read, processed and scaled to the levels of the intensity measure; one "
             "simulation for each arch, record and level; results gathered by archfrag."
@@ -197,6 +197,14 @@ def _global_attributes(study: Study, plan: Plan) -> dict[str, str]:
         "loss_limit": f"{study.method.loss_limit:g}",
         **attributes(study, plan),
     }
+
+
+def _vertical_component(plan: Plan) -> str:
+    """What was used, not what was asked for: synthetic motions have a key of their own."""
+    count, of = sum(record.vertical for record in plan.records), len(plan.records)
+    if 0 < count < of:
+        return f"used for {count} of {of} records"
+    return "used" if count else "not used"
 
 
 def _version() -> str:

@@ -77,7 +77,8 @@ class Synthetic(Section):
     seed: Annotated[int, Field(ge=0, le=10**9)] = 1
     """What all that is drawn follows from."""
     vertical: bool = False
-    """Whether each motion has a vertical component."""
+    """Whether each motion has a vertical component, which moves the arches whatever
+    motions.vertical says of records."""
     pulses: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
     """Probability that a motion has the velocity pulse of a near fault."""
 
