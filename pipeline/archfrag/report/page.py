@@ -20,6 +20,7 @@ from archfrag.errors import InputError, OutputError
 from archfrag.fragility.fit import Fragility
 from archfrag.report import motion_figures, tables
 from archfrag.report.arch_section import arch_section
+from archfrag.report.beside import Beside, beside_section
 from archfrag.report.canvas import Picture, standalone
 from archfrag.report.motion_figures import PERIODS, Spectrum
 from archfrag.report.summary import Scale, arch_results, reading_scale
@@ -57,6 +58,8 @@ class ReportInputs:
     title : str
     confidence : float
         Of all bands and intervals.
+    beside : Beside, optional
+        Another study with the same measure, to be compared in the arches that both have.
     """
 
     cube: xr.Dataset | Path
@@ -69,6 +72,7 @@ class ReportInputs:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     title: str = "Fragility of masonry arches"
     confidence: float = 0.9
+    beside: Beside | None = None
 
 
 def write_report(study_results: ReportInputs, out: Path) -> Path:
@@ -147,6 +151,7 @@ def render(study_results: ReportInputs) -> str:
 def _render(inputs: ReportInputs, cube: xr.Dataset) -> tuple[str, list[dict[str, Any]]]:
     scale = reading_scale(cube, inputs.measure)
     _check(inputs, cube)
+    beside = beside_section(inputs, cube, scale)
     sections = [
         arch_section(inputs, cube, arch_results(cube, name, scale), arch, onset, f"arch{i}")
         for i, (name, arch, onset) in enumerate(inputs.arches)
@@ -164,6 +169,7 @@ def _render(inputs: ReportInputs, cube: xr.Dataset) -> tuple[str, list[dict[str,
     text = environment.get_template("report.html.j2").render(
         title=inputs.title,
         sections=sections,
+        beside=beside,
         scale=scale,
         caution=scaled_far(cube, levels),
         loss_limit=_loss_limit(cube),

@@ -91,6 +91,7 @@ class ArchResults:
     model_time: FloatArray  # (n_record, n_level, n_model) [s]
     models: list[str]
     lost_contact_time: FloatArray | None = None  # [s]; None in cubes that do not say
+    contact_losses: IntArray | None = None  # times that a joint was without contact
 
     @property
     def level_texts(self) -> list[str]:
@@ -199,4 +200,5 @@ def arch_results(cube: xr.Dataset, arch: str, scale: Scale) -> ArchResults:
         lost_contact_time=(
             table("lost_contact_time", float) if "lost_contact_time" in part else None
         ),
+        contact_losses=table("contact_losses", np.int64) if "contact_losses" in part else None,
     )

@@ -61,10 +61,10 @@ def answer(
         "beta_interval": f"{beta_low:#.3g} to {beta_high:#.3g}",
         "theta_resampled": _between(resampled.theta if resampled else None, scale.unit),
         "beta_resampled": _between(resampled.beta if resampled else None, ""),
-        "correlation": _signed(f"{fit.correlation:.2f}"),
+        "correlation": signed(f"{fit.correlation:.2f}"),
         "n_total": str(fit.n_total),
         "n_levels": str(fit.n_levels),
-        "log_likelihood": _signed(f"{fit.log_likelihood:.3f}"),
+        "log_likelihood": signed(f"{fit.log_likelihood:.3f}"),
     }
 
 
@@ -219,7 +219,8 @@ def _between(ends: tuple[float, float] | None, unit: str) -> str:
     return f"{digits(ends[0])} to {digits(ends[1])} {unit}".strip()
 
 
-def _signed(text: str) -> str:
+def signed(text: str) -> str:
+    """A number with a proper minus."""
     return text.replace("-", "−")
 
 

@@ -1,0 +1,244 @@
+"""A study shown beside another one of the same arches: both curves, and what changed."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+from archfrag.errors import InputError
+from archfrag.fragility.fit import Fragility
+from archfrag.mechanics.collapse import NOTED_GAP
+from archfrag.report import canvas, figures, tables
+from archfrag.report.canvas import Picture, faint_grid, legend_above, picture
+from archfrag.report.summary import ArchResults, Scale, arch_results, study_config
+from archfrag.study.config import Study
+from archfrag.study.fits import FITS, load_fits, open_cube
+from archfrag.study.steps import require
+
+if TYPE_CHECKING:
+    from archfrag.report.page import ReportInputs
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Another study: its cube and, by arch, its curves or the sentences why there are none."""
+
+    cube: xr.Dataset
+    fits: Mapping[str, Fragility | str]
+
+
+class _Side(NamedTuple):
+    """One study's part in a comparison of an arch."""
+
+    study: str
+    vertical: str
+    results: ArchResults
+    fit: Fragility | str
+    resampled: figures.Resampled | None
+
+
+def load_beside(study: Study, other: Study) -> Beside:
+    """Results of a study that is to be shown beside the report's own.
+
+    Raises
+    ------
+    InputError
+        If both have the same id, or the results of `other` are missing or not those of the study
+        as it is.
+    OutputError
+        If a third study's cube is in the folder of `other`.
+    """
+    refused = f"study {other.id!r} cannot be shown beside {study.id!r}"
+    if study.id == other.id:
+        raise InputError(f"{refused}: each study needs its own id")
+    try:
+        require(other, "cube")
+        require(other, "fit")
+        with open_cube(other) as cube:
+            return Beside(cube.load(), load_fits(other.folder / FITS))
+    except InputError as error:
+        raise InputError(f"{refused}, since it is not finished: {error}") from error
+
+
+def beside_section(
+    inputs: "ReportInputs", cube: xr.Dataset, scale: Scale
+) -> dict[str, Any] | None:
+    """What the page says of another study, by the names that its template uses.
+
+    Parameters
+    ----------
+    inputs : ReportInputs
+    cube : xarray.Dataset
+        Of the report's own study.
+    scale : Scale
+        Of the report; levels of the other study are shown in its unit too.
+
+    Returns
+    -------
+    dict or None
+        None if there is no other study.
+
+    Raises
+    ------
+    InputError
+        If the studies differ in measure or SI unit, or have no arch in common.
+    """
+    if inputs.beside is None:
+        return None
+    cubes = (cube, inputs.beside.cube)
+    names = [str(each.attrs.get("archfrag_study", "not told")) for each in cubes]
+    refused = f"study {names[1]!r} cannot be shown beside {names[0]!r}"
+    kinds = [_measure(each) for each in cubes]
+    if kinds[0] != kinds[1]:
+        raise InputError(f"{refused}: its levels are of {kinds[1]}, not of {kinds[0]}")
+    own = [name for name, _, _ in inputs.arches]
+    theirs = [str(name) for name in cubes[1]["arch"].values]
+    common = [name for name in own if name in theirs]
+    if not common:
+        raise InputError(f"{refused}: it has no arch {' or '.join(own)}, but {', '.join(theirs)}")
+    arches = []
+    for number, arch in enumerate(common):
+        fits = (inputs.fits[arch], inputs.beside.fits[arch])
+        sides = [_side(*each, arch, scale, inputs.confidence) for each in zip(names, cubes, fits)]
+        shown = _curves(sides, inputs.confidence, f"beside{number}-curves")
+        arches.append({"name": arch, "curves": shown, "table": _table(sides, inputs.confidence)})
+    records = [set(each["record"].values.tolist()) for each in cubes]
+    return {
+        "names": names,
+        "arches": arches,
+        "records": [len(each) for each in records],
+        "common": len(records[0] & records[1]),
+        "differences": _differences(names, cubes, common),
+    }
+
+
+def _measure(cube: xr.Dataset) -> str:
+    about = cube["intensity"].attrs
+    return f"{about.get('measure', about.get('long_name'))} [{about.get('units')}]"
+
+
+def _side(
+    study: str,
+    cube: xr.Dataset,
+    fit: Fragility | str,
+    arch: str,
+    scale: Scale,
+    confidence: float,
+) -> _Side:
+    results = arch_results(cube, arch, scale)
+    several = isinstance(fit, Fragility) and len(results.records) > 1
+    resampled = figures.resample(results, confidence) if several else None
+    vertical = str(cube.attrs.get("vertical_component", "not told"))
+    return _Side(study, vertical, results, fit, resampled)
+
+
+def _curves(sides: Sequence[_Side], confidence: float, name: str) -> Picture:
+    """Both curves of an arch with their bands, and the observed fractions."""
+    scale = sides[0].results.scale
+    reach = 1.05 * max(side.results.levels.max() for side in sides)
+    im = np.linspace(0.0, reach, 400)
+    looks: tuple[tuple[str, dict[str, Any]], ...] = (
+        (canvas.SKY, {"color": canvas.BLUE, "ls": "-", "marker": "o"}),
+        (canvas.ORANGE, {"color": canvas.VERMILION, "ls": "--", "marker": "s", "mfc": "none"}),
+    )
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        for side, (pale, look) in zip(sides, looks):
+            if side.resampled is not None:
+                levels, band = side.resampled.levels, side.resampled.band
+                axes.fill_between(levels, band.lower, band.upper, color=pale, alpha=0.25, lw=0.0)
+            if isinstance(side.fit, Fragility):
+                axes.plot(im, side.fit.probability(im / scale.factor), **look | {"marker": ""})
+            counts, used = side.results.counts, side.results.counts.n > 0
+            fraction = counts.collapsed[used] / counts.n[used]
+            axes.plot(side.results.levels[used], fraction, **look | {"ls": ""}, ms=3.8)
+            axes.plot([], [], **look, ms=3.8, label=side.study)
+        axes.set(
+            xlim=(0.0, reach), ylim=(-0.02, 1.02), xlabel=scale.label,
+            ylabel="probability of collapse [1]",
+        )  # fmt: skip
+        faint_grid(axes)
+        legend_above(axes, columns=2)
+
+    medians = (
+        f"{side.study} median {scale.text(side.fit.theta)}"
+        if isinstance(side.fit, Fragility)
+        else f"{side.study} no curve"
+        for side in sides
+    )
+    return picture(
+        name, (canvas.WIDTH, 3.7), draw,
+        alternative=f"Probability of collapse of {sides[0].results.arch} against {scale.label} in "
+        f"two studies: {', '.join(medians)}",
+        caption="Points: collapsed / (collapsed + standing) at each level. Shaded: "
+        f"{100 * confidence:.0f} % bands from resampled records, of each study by itself. Where "
+        "both have the same records the change is known better than the bands, which hold the "
+        "variation between records, suggest.",
+    )  # fmt: skip
+
+
+def _table(sides: Sequence[_Side], confidence: float) -> tables.Table:
+    """One row for each figure, one column for each study."""
+    columns = [_figures(side, sides[0], confidence) for side in sides]
+    rows = [[key, *(column[key] for column in columns)] for key in columns[0]]
+    return tables.Table(["figure", *(side.study for side in sides)], rows)
+
+
+def _figures(side: _Side, first: _Side, confidence: float) -> dict[str, str]:
+    results, counts, percent = side.results, side.results.counts, f"{100 * confidence:.0f} %"
+    band = side.resampled.band if side.resampled else None
+    answer = tables.answer(results, side.fit, confidence, band)
+    change = "–"
+    if side is not first and isinstance(side.fit, Fragility) and isinstance(first.fit, Fragility):
+        change = tables.signed(f"{100.0 * (side.fit.theta / first.fit.theta - 1.0):+.1f} %")
+    lost, losses = results.lost_contact_time, results.contact_losses
+    numbers = {
+        "runs": counts.runs.sum(),
+        "collapsed": counts.collapsed.sum(),
+        f"lost contact by a gap above {100 * NOTED_GAP:g} % of a joint's length":
+            None if lost is None else np.isfinite(lost).sum(),
+        "of these, standing": results.stood_after_loss,
+        "runs with a loss of contact by any gap": None if losses is None else (losses > 0).sum(),
+        "losses of contact by any gap": None if losses is None else losses.sum(),
+        "unfinished": counts.unfinished.sum(),
+        "solver failures": counts.solver_failures.sum(),
+    }  # fmt: skip
+    return {
+        "vertical component": side.vertical,
+        "median capacity θ": answer.get("theta", "no curve"),
+        f"{percent} of θ, records resampled": answer.get("theta_resampled", "–"),
+        f"change of θ from {first.study}": change,
+        "dispersion β": answer.get("beta", "no curve"),
+        f"{percent} of β, records resampled": answer.get("beta_resampled", "–"),
+        **{key: "not told" if n is None else f"{n:,}" for key, n in numbers.items()},
+    }
+
+
+def _differences(
+    names: Sequence[str], cubes: Sequence[xr.Dataset], arches: Sequence[str]
+) -> tables.Table | None:
+    """Arches, levels and method in which the studies differ; None if they do not."""
+    one, other = (_settings(cube, arches) for cube in cubes)
+    rows = [
+        [key, one.get(key, "–"), other.get(key, "–")]
+        for key in sorted(one.keys() | other.keys())
+        if one.get(key) != other.get(key)
+    ]
+    return tables.Table(["key", *names], rows) if rows else None
+
+
+def _settings(cube: xr.Dataset, arches: Sequence[str]) -> dict[str, str]:
+    config = study_config(cube)
+    parts = {name: config.get(name, {}) for name in ("intensity", "method")}
+    entries = {f"arches.{entry['id']}": entry for entry in config.get("arches", ())}
+    parts |= {key: entries[key] for name in arches if (key := f"arches.{name}") in entries}
+    return {
+        f"{part}.{key}": json.dumps(value, ensure_ascii=False)
+        for part, values in parts.items()
+        for key, value in values.items()
+    }

@@ -1,0 +1,196 @@
+"""A study beside another one: both curves and their figures, or one sentence why not."""
+
+import json
+
+import lxml.html
+import numpy as np
+import pytest
+import xarray as xr
+from click.testing import CliRunner
+
+from archfrag.cli import main
+from archfrag.errors import InputError
+from archfrag.fragility.counts import Verdict
+from archfrag.report.beside import Beside, beside_section
+from archfrag.report.summary import reading_scale
+from tests.report import synthetic
+from tests.study.small import TEXT, small_study
+
+
+def study(name, vertical, theta=4.0, arches=("ring",), thickness=1.5):
+    """Cube of a made-up study with losses of contact in the runs that collapsed."""
+    cube = synthetic.cube(arches, theta=theta)
+    fell = cube["verdict"] == Verdict.COLLAPSED
+    config = {"arches": [{"id": arch, "thickness": thickness} for arch in arches]}
+    cube.attrs |= {
+        "archfrag_study": name,
+        "vertical_component": vertical,
+        "archfrag_config": json.dumps(config),
+    }
+    cube["intensity"].attrs["measure"] = "PGA"
+    cube["lost_contact_time"] = cube["collapse_time"]
+    return cube.assign(contact_losses=3 * fell.astype(int))
+
+
+def inputs(one, other):
+    def fits(cube):
+        return {str(arch): synthetic.fit_or_sentence(cube, arch) for arch in cube["arch"].values}
+
+    names = [str(arch) for arch in one["arch"].values]
+    return synthetic.inputs(names, cube=one, fits=fits(one), beside=Beside(other, fits(other)))
+
+
+def shown(given):
+    return beside_section(given, given.cube, reading_scale(given.cube, "PGA"))
+
+
+def rows_of(table):
+    return {key: values for key, *values in (table.heads, *table.rows)}
+
+
+class TestSection:
+    def test_figures_of_both_studies(self):
+        one, other = study("up", "used"), study("flat", "not used", theta=5.0)
+        given = inputs(one, other)
+        (ring,) = shown(given)["arches"]
+        rows = rows_of(ring["table"])
+        fits = [given.fits["ring"], given.beside.fits["ring"]]
+        fell = [int((cube["verdict"] == Verdict.COLLAPSED).sum()) for cube in (one, other)]
+        assert rows["figure"] == ["up", "flat"]
+        assert rows["vertical component"] == ["used", "not used"]
+        assert rows["median capacity θ"] == [f"{fit.theta / 9.80665:#.3g} g" for fit in fits]
+        assert rows["dispersion β"] == [f"{fit.beta:#.3g}" for fit in fits]
+        change = 100 * (fits[1].theta / fits[0].theta - 1)
+        assert change > 5
+        assert rows["change of θ from up"] == ["–", f"+{change:.1f} %"]
+        assert rows["runs"] == ["54", "54"]
+        assert fell[0] != fell[1]
+        for key in ("collapsed", "runs with a loss of contact by any gap"):
+            assert rows[key] == [str(n) for n in fell]
+        assert rows["lost contact by a gap above 2 % of a joint's length"] == list(map(str, fell))
+        assert rows["losses of contact by any gap"] == [str(3 * n) for n in fell]
+        assert rows["of these, standing"] == ["0", "0"]
+        assert rows["unfinished"] == rows["solver failures"] == ["1", "1"]
+
+    def test_only_arches_that_both_have(self):
+        one = study("up", "used", arches=("ring", "wall"))
+        found = shown(inputs(one, study("flat", "not used", arches=("tower", "wall"))))
+        assert [arch["name"] for arch in found["arches"]] == ["wall"]
+
+    def test_what_else_differs(self):
+        one = study("up", "used")
+        found = shown(inputs(one, study("flat", "used", thickness=1.2)))["differences"]
+        assert rows_of(found) == {"key": ["up", "flat"], "arches.ring.thickness": ["1.5", "1.2"]}
+        assert shown(inputs(one, study("flat", "not used")))["differences"] is None
+
+    def test_without_a_curve_and_in_older_cubes(self):
+        other = study("flat", "not used").drop_vars(["lost_contact_time", "contact_losses"])
+        other["verdict"][:] = Verdict.STANDING
+        rows = rows_of(shown(inputs(study("up", "used"), other))["arches"][0]["table"])
+        assert rows["median capacity θ"][1] == "no curve"
+        assert rows["change of θ from up"] == ["–", "–"]
+        assert rows["losses of contact by any gap"][1] == "not told"
+
+    def test_none_without_another_study(self):
+        assert shown(synthetic.inputs()) is None
+
+
+class TestRefused:
+    @pytest.mark.parametrize(
+        ("key", "value", "kind"),
+        [("measure", "Sa(0.5)", r"Sa\(0.5\) \[m s-2\]"), ("units", "m s-1", r"PGA \[m s-1\]")],
+    )
+    def test_other_measure_or_unit(self, key, value, kind):
+        given = inputs(study("up", "used"), study("flat", "not used"))
+        given.beside.cube["intensity"].attrs[key] = value
+        with pytest.raises(
+            InputError, match="study 'flat' cannot be shown beside 'up': .*" + kind
+        ):
+            shown(given)
+
+    def test_no_arch_in_common(self):
+        given = inputs(study("up", "used"), study("flat", "not used", arches=("wall",)))
+        with pytest.raises(
+            InputError, match=r"'flat' .* beside 'up': it has no arch ring, but wall"
+        ):
+            shown(given)
+
+
+def text(element):
+    return " ".join(element.text_content().split())
+
+
+def section(html):
+    (found,) = lxml.html.document_fromstring(html).xpath('//section[@id="beside"]')
+    return found
+
+
+def table(found, label):
+    (grid,) = found.xpath(f'.//table[@aria-label="{label}"]')
+    rows = [[text(cell) for cell in row.xpath("./*")] for row in grid.xpath(".//tr")]
+    return {key: values for key, *values in rows}
+
+
+MADE = """synthetic: {events: 3, magnitude: [6.5], distance_km: [10.0], seed: 3, vertical: YES}
+  vertical: NO"""  # is of records, not of synthetic motions
+
+
+def call(command, path, *options):
+    return CliRunner().invoke(main, [command, str(path), *map(str, options)])
+
+
+@pytest.fixture(scope="module")
+def studies(tmp_path_factory):
+    """A study with verticals, the same without, and one that is not run."""
+    folder = tmp_path_factory.mktemp("beside")
+    paths = []
+    for name, made, recorded in (("up", "true", "false"), ("flat", "false", "true"),
+                                 ("idle", "false", "false")):  # fmt: skip
+        changed = TEXT.replace(
+            'files: ["records/*.AT2"]', MADE.replace("YES", made).replace("NO", recorded)
+        )
+        changed = changed.replace("id: small", f"id: {name}").replace(
+            "output: out", f"output: {name}"
+        )
+        paths.append(small_study(folder, changed, f"{name}.yaml"))
+    for path in paths[:2]:
+        for command in ("motions", "batch", "cube", "fit"):
+            result = call(command, path)
+            assert result.exit_code == 0, result.output
+    return paths
+
+
+@pytest.mark.slow
+class TestCommand:
+    def test_with_and_without_vertical(self, studies):
+        up, flat, _ = studies
+        result = call("report", up, "--beside", flat)
+        assert result.exit_code == 0, result.output
+        found = section((up.parent / "up" / "report.html").read_text())
+        assert [text(head) for head in found.xpath("./h3")] == ["ring", "slab"]
+        (curves, _) = found.xpath(".//figure")
+        words = {text(each) for each in curves.xpath(".//*[local-name()='text']")}
+        assert {"up", "flat", "PGA [g]"} <= words
+        assert "3 have the same name in both" in text(found)
+        rows = table(found, "ring in both studies")
+        assert rows["vertical component"] == ["used", "not used"]
+        cubes = [xr.load_dataset(path.parent / path.stem / "cube.nc") for path in (up, flat)]
+        assert np.array_equal(cubes[0]["scale_factor"], cubes[1]["scale_factor"])
+        losses = [int(cube["contact_losses"].sel(arch="ring").sum()) for cube in cubes]
+        assert losses[0] != losses[1]
+        assert rows["losses of contact by any gap"] == [f"{n:,}" for n in losses]
+
+    def test_refused_in_one_sentence(self, studies):
+        up, _, idle = studies
+        page = up.parent / "up" / "report.html"
+        assert call("report", up).exit_code == 0
+        before = page.read_bytes()
+        for other, sentence in (
+            (idle, "study 'idle' cannot be shown beside 'up', since it is not finished: "),
+            (up, "study 'up' cannot be shown beside 'up': each study needs its own id"),
+        ):
+            result = call("report", up, "--beside", other)
+            assert result.exit_code != 0
+            assert result.stderr.startswith(f"archfrag: error: {sentence}")
+            assert result.stderr.count("\n") == 1
+        assert page.read_bytes() == before
