@@ -3,6 +3,7 @@
 import numpy as np
 
 from .helpers import at2_text, wave
+from .layouts import dyna_text, geonet_text, itaca_text, resorce_text
 
 G = 980.665  # [cm/s2]
 
@@ -220,5 +221,11 @@ MADE_UP = {
     "AT2": (at2,),
     "COSMOS": (cosmos, lambda: cosmos(2, 4, factor=G), lambda: cosmos(0, 50, factor=1e5)),
     "DMG": (dmg_v1, dmg_pairs, dmg_v2),
+    "DYNA": (lambda: dyna_text(98.0 * wave(400)), lambda: itaca_text(98.0 * wave(400))),
+    "GEONET": (
+        lambda: geonet_text(dict(zip(("S16W", "Up", "N74W"), 9800.0 * np.array(components())))),
+        lambda: geonet_text({"S16W": 980.0 * wave(400)}, level="corrected"),
+    ),
+    "RESORCE": (lambda: resorce_text(0.98 * wave(400)),),
     "SMC": (smc, lambda: smc(kind="1 UNCORRECTED ACCELEROGRAM", times=0.003 * np.arange(400))),
 }
