@@ -26,10 +26,23 @@ def _takes(*options: Callable) -> Callable:
     return decorate
 
 
-reads_record = _takes(
+def _columns(context: click.Context, parameter: click.Parameter, text: str | None) -> Any:
+    from archfrag.motions.formats.columns import parse_columns
+
+    return None if text is None else parse_columns(text)
+
+
+_known = _takes(
     click.option("--unit", help="unit of the samples where the file does not say"),
     click.option("--inventory", type=_path,
                  help="StationXML of a record in counts, if not beside it as NAME.xml"),
+    click.option("--columns", callback=_columns, metavar="KEY=N,...",
+                 help="where the numbers of a plain text are: time=1,acceleration=2, or "
+                 "acceleration=1,dt=0.01; dt=0.01 alone takes all numbers, row after row; also "
+                 "vertical=COLUMN and skip=LINES"),
+)  # fmt: skip
+reads_record = _takes(
+    _known,
     click.option("--accept", multiple=True,
                  type=click.Choice(["pga", "time_step", "samples", "header"]),
                  help="Let pass a peak outside 1e-5 to 5 g, a time step outside 1e-4 to 0.1 s, "
@@ -100,8 +113,7 @@ def show(files: tuple[Path, ...], as_json: bool, **reading: Any) -> None:
 
 @records.command()
 @_files
-@click.option("--inventory", type=_path, help="StationXML, if not beside the file as NAME.xml")
-@click.option("--unit", help="unit of the samples where the file does not say")
+@_known
 @_figure
 @json_option
 @click.pass_context
@@ -244,13 +256,14 @@ def convert(
     Example:
       archfrag records convert CE23837.V1C --to at2 --in g --out converted
     """
+    from archfrag.motions.channels import Options
     from archfrag.motions.convert import convert_record
 
-    reading["unit_in_file"] = reading.pop("unit")
+    options = Options(**reading)
     written = [
         {"file": str(path), "source": str(file)}
         for file in files
-        for path in convert_record(file, out, form, wanted, **reading)
+        for path in convert_record(file, out, form, wanted, options)
     ]
     _print(written, "\n".join(entry["file"] for entry in written), as_json)
 
@@ -312,29 +325,36 @@ def fetch(
 @records.command()
 @_takes(
     _out,
-    click.option("--magnitudes", metavar="M,M,...", help="Moment magnitudes."),
-    click.option("--distances", metavar="KM,KM,...", help="Distances to the rupture [km]."),
-    click.option("--count", type=click.IntRange(min=1), default=1, show_default=True,
-                 help="Motions for each magnitude and distance."),
-    _seed, json_option,
+    click.option("--events", type=int, help="Earthquakes."),
+    click.option("--records-per-event", type=int, help="Records of each; 1 if not given."),
+    click.option("--magnitude", metavar="M,...|M:M",
+                 help="Moment magnitudes: a list that the earthquakes take in turn, or two ends "
+                 "between which they are drawn."),
+    click.option("--distance-km", metavar="D,...|D:D",
+                 help="Distances to the rupture [km]: a list that the records take in turn, or "
+                 "two ends."),
+    click.option("--sites", type=int,
+                 help="Sites that the records go through in turn; one for each if not given."),
+    click.option("--vs30", type=float, help="Of the sites [m/s], 450 to 1000; 760 if not given."),
+    click.option("--vertical", is_flag=True, default=None, help="With vertical components."),
+    click.option("--pulses", type=float,
+                 help="Probability that a motion has the pulse of a near fault."),
+    click.option("--seed", type=int, help="What is drawn follows from it; 1 if not given."),
+    json_option,
 )  # fmt: skip
-def make(
-    out: Path, magnitudes: str | None, distances: str | None, count: int, seed: int, as_json: bool
-) -> None:
+def make(out: Path, as_json: bool, **wanted: Any) -> None:
     """Make synthetic motions with their index.
 
-    Without magnitudes and distances they are those that archfrag ships.
+    Options are the keys of `motions.synthetic` in a study, which makes the same motions without
+    files. Without any of them the motions are those that archfrag ships.
 
     \b
     Example:
-      archfrag records make --magnitudes 6,7 --distances 10,30 --count 5 --out synthetic
+      archfrag records make --events 10 --records-per-event 3 --magnitude 5.5:7.5 \\
+        --distance-km 10:100 --out synthetic
     """
-    from archfrag.motions.synthetic import make_suite
     from archfrag.study.record_commands import make_chosen
 
-    if magnitudes is None and distances is None:
-        paths = make_suite(out)
-    else:
-        paths = make_chosen(out, magnitudes, distances, count, seed)
+    paths = make_chosen(out, wanted)
     facts = {"folder": str(out), "files": [str(path) for path in paths]}
     _print(facts, f"{len(paths)} records and index.csv written to {out}", as_json)

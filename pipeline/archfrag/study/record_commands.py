@@ -54,7 +54,7 @@ def inspection_text(found: "Inspection") -> str:
         facts = [f"{channel.count} samples at {channel.dt:g} s"]
         facts += [f"{(channel.count - 1) * channel.dt:.2f} s", channel.unit or "unit unknown"]
         if channel.samples is not None:
-            facts.append(f"PGA {np.abs(channel.samples).max() / STANDARD_GRAVITY:.4f} g")
+            facts.append(f"PGA {np.abs(channel.samples).max() / STANDARD_GRAVITY:.4g} g")
         facts += [channel.level, "vertical" if channel.vertical else "", channel.start]
         lines.append(f"  {channel.code or '(no code)':9s} {', '.join(filter(None, facts))}")
         lines += [f"    ! {fault}" for fault in channel.faults]
@@ -101,6 +101,8 @@ def measure_files(files: Sequence[Path], out: Path, reading: dict[str, Any]) -> 
         table["unit"] = reading["unit"]
     if reading["accept"]:
         table["accept"] = " ".join(reading["accept"])
+    if reading["columns"]:
+        table["columns"] = str(reading["columns"])
     return table
 
 
@@ -178,35 +180,62 @@ def save_selection(selection: "Selection", path: Path) -> None:
     write_text(path, buffer.getvalue())
 
 
-def make_chosen(
-    out: Path, magnitudes: str | None, distances: str | None, count: int, seed: int
-) -> list[Path]:
-    """Make synthetic motions of each magnitude and distance, with seeds one after another.
+def make_chosen(out: Path, wanted: dict[str, Any]) -> list[Path]:
+    """Make synthetic motions with their index.
+
+    Parameters
+    ----------
+    out : Path
+    wanted : dict
+        Keys of `motions.synthetic` of a study as text or numbers, None where not given; without
+        any of them the shipped suite is made.
 
     Raises
     ------
     InputError
-        If one of both lists is missing, or holds something else than numbers that the model takes.
+        If a key is missing or has a value that is not allowed, or the folder has an index of
+        other records.
     OutputError
         If they cannot be written.
     """
-    from archfrag.motions.convert import write_motions
-    from archfrag.motions.synthetic import make_motion
+    from pydantic import ValidationError
 
-    pairs = [
-        (magnitude, distance)
-        for magnitude in _numbers("magnitudes", magnitudes)
-        for distance in _numbers("distances", distances)
-        for _ in range(count)
-    ]
-    made = (make_motion(*pair, seed + number) for number, pair in enumerate(pairs))
-    return write_motions(made, out)
+    from archfrag.motions.index import index_table
+    from archfrag.motions.synthetic import make_suite, plan_motions
+    from archfrag.study.sentences import first_sentence
+    from archfrag.study.synthetic import Synthetic, plan_of
 
-
-def _numbers(name: str, text: str | None) -> list[float]:
-    if text is None:
-        raise InputError(f"--{name} is missing; magnitudes and distances are given together")
+    others = [name for name, row in index_table(out).items() if not row.get("model")]
+    if others:
+        raise InputError(
+            f"--out {out}: the index there lists other records ({others[0]}); name another folder"
+        )
+    given = {key: value for key, value in wanted.items() if value is not None}
+    if not given:
+        return make_suite(out)
+    for key in ("magnitude", "distance_km"):
+        if key in given:
+            given[key] = _listed_or_drawn(_option(key), given[key])
     try:
+        plan = plan_of(Synthetic.model_validate(given))
+    except ValidationError as error:
+        key, rest = first_sentence(error, given).split(" ", 1)
+        raise InputError(f"{_option(key)} {rest}") from None
+    return make_suite(out, plan_motions(plan))
+
+
+def _option(key: str) -> str:
+    return f"--{key.replace('_', '-')}"
+
+
+def _listed_or_drawn(option: str, text: str) -> list[float] | dict[str, float]:
+    """Numbers with commas between, or two ends with a colon between."""
+    ends = text.split(":")
+    try:
+        if len(ends) == 2:
+            return {"start": float(ends[0]), "stop": float(ends[1])}
         return [float(part) for part in text.split(",")]
     except ValueError:
-        raise InputError(f"--{name} {text}: numbers with commas between are needed") from None
+        raise InputError(
+            f"{option} {text}: a list such as 6,6.5,7 or two ends such as 6:7 are needed"
+        ) from None
