@@ -37,7 +37,7 @@ _known = _takes(
     click.option("--inventory", type=_path,
                  help="StationXML of a record in counts, if not beside it as NAME.xml"),
     click.option("--columns", callback=_columns, metavar="KEY=N,...",
-                 help="where the numbers of a plain text are: time=1,acceleration=2, or "
+                 help="where the numbers of files in no format are: time=1,acceleration=2, or "
                  "acceleration=1,dt=0.01; dt=0.01 alone takes all numbers, row after row; also "
                  "vertical=COLUMN and skip=LINES"),
 )  # fmt: skip
@@ -105,9 +105,10 @@ def show(files: tuple[Path, ...], as_json: bool, **reading: Any) -> None:
     Example:
       archfrag records show RSN6_I-ELC180.AT2
     """
+    from archfrag.study.record_commands import reading_of
     from archfrag.study.single import motion_facts, motion_text
 
-    facts = [entry for file in files for entry in motion_facts(file, **reading)]
+    facts = [entry for file in files for entry in motion_facts(file, **reading_of(file, reading))]
     _print(facts, "\n".join(map(motion_text, facts)), as_json)
 
 
@@ -137,13 +138,14 @@ def inspect(
         inspection_facts,
         inspection_motions,
         inspection_text,
+        reading_of,
     )
 
     _drawing(figure)
     found, facts, unreadable = [], [], []
     for file in files:
         try:
-            found.append(inspect_record(file, **reading))
+            found.append(inspect_record(file, **reading_of(file, reading)))
             facts.append(inspection_facts(found[-1]))
         except RecordError as error:
             unreadable.append(str(error))
@@ -163,16 +165,18 @@ def inspect(
 @records.command()
 @_files
 @click.option("--out", type=_path, required=True, metavar="FLATFILE.csv", help="Table to write.")
+@click.option("--periods", metavar="T,T,...", help="Periods of Sa [s] beside 0.01 to 10 s.")
 @reads_record
 @_figure
 @json_option
 def measure(
-    files: tuple[Path, ...], out: Path, figure: Path | None, as_json: bool, **reading: Any
-) -> None:
+    files: tuple[Path, ...], out: Path, figure: Path | None, periods: str | None, as_json: bool,
+    **reading: Any,
+) -> None:  # fmt: skip
     """Measure record FILES and write a flatfile.
 
-    Every horizontal component has a row. Columns are named as in the NGA flatfiles; the figure
-    has the response spectra.
+    Every horizontal component has a row; files of verticals beside theirs are left out. Columns
+    are named as in the NGA flatfiles; the figure has the response spectra.
 
     \b
     Example:
@@ -182,7 +186,7 @@ def measure(
     from archfrag.study.record_commands import measure_files, table_rows, table_spectra
 
     _drawing(figure)
-    table = measure_files(files, out, reading)
+    table = measure_files(files, out, periods, reading)
     write_flatfile(out, table)
     if figure is not None:
         from archfrag.report.record_figures import measured
@@ -258,12 +262,12 @@ def convert(
     """
     from archfrag.motions.channels import Options
     from archfrag.motions.convert import convert_record
+    from archfrag.study.record_commands import reading_of
 
-    options = Options(**reading)
     written = [
         {"file": str(path), "source": str(file)}
         for file in files
-        for path in convert_record(file, out, form, wanted, options)
+        for path in convert_record(file, out, form, wanted, Options(**reading_of(file, reading)))
     ]
     _print(written, "\n".join(entry["file"] for entry in written), as_json)
 

@@ -425,6 +425,15 @@ class TestColumns:
         with pytest.raises(RecordError, match=r"line 2: columns .*'tim=1' is not known"):
             load_index(found)
 
+    def test_they_are_not_for_files_that_name_their_format(self, text, at2, three, tmp_path):
+        rows = facts("measure", text, at2, *self.KNOWN, "--out", tmp_path / "flat.csv")
+        assert [row["record"] for row in rows] == ["plain", "record"]
+        assert [row["columns"] for row in rows] == ["acceleration=2 time=1 skip=1", None]
+        assert [found["format"] for found in facts("inspect", text, at2, three, *self.KNOWN)] == [
+            "COLUMNS", "AT2", "MSEED"
+        ]  # fmt: skip
+        assert facts("inspect", text, *self.KNOWN)[0]["faults"] == []
+
     @pytest.mark.parametrize(
         ("columns", "sentence"),
         [
@@ -456,9 +465,33 @@ class TestMeasure:
         text = done("measure", three, "--unit", "m/s2", "--out", out).stdout
         assert text == f"2 components measured: {out}\n"
 
+    def test_many_files_are_shared_out_and_stay_in_order(self, tmp_path):
+        files = []
+        for number in range(40):
+            files.append(tmp_path / f"r{number % 7}-{number:02d}.AT2")
+            files[-1].write_text(at2_text((0.1 + 0.01 * number) * wave()))
+        rows = facts("measure", *files, "--out", tmp_path / "f.csv", "--periods", "0.33")
+        assert [row["record"] for row in rows] == [file.stem for file in files]
+        (one,) = facts("measure", files[9], "--out", tmp_path / "g.csv", "--periods", "0.33")
+        assert rows[9] == one
+        assert one["T0.330S"] > 0.0
+        files[20].write_text("no record")
+        assert "r6-20.AT2" in refused("measure", *files, "--out", tmp_path / "h.csv")[1]
+        assert not (tmp_path / "h.csv").exists()
+
+    def test_a_vertical_beside_its_horizontals_is_left_out(self, tmp_path):
+        for code in ("000", "090", "-UP"):
+            (tmp_path / f"RSN1_{code}.AT2").write_text(at2_text(0.3 * wave()))
+        files = sorted(tmp_path.glob("*.AT2"))
+        rows = facts("measure", *files, "--out", tmp_path / "f.csv")
+        assert [row["record"] for row in rows] == ["RSN1_000", "RSN1_090"]
+
     def test_what_is_refused(self, at2, tmp_path):
         assert refused("measure", tmp_path / "no.AT2", "--out", tmp_path / "f.csv")[0] == 2
         assert refused("measure", at2, "--out", tmp_path / "no" / "f.csv")[0] == 4
+        for wrong in ("0.5,x", "0.001", "nan"):
+            code, said = refused("measure", at2, "--out", tmp_path / "f.csv", "--periods", wrong)
+            assert (code, said.startswith(f"--periods {wrong}: ")) == (2, True)
         assert not list(tmp_path.glob("*.csv"))
 
 

@@ -27,6 +27,7 @@ from archfrag.motions.units import unit_factor
 SUFFIXES = {"mseed": ".mseed", "at2": ".AT2", "text": ".txt"}
 UNITS = ("m/s2", "g")
 _AT2_COLUMNS = 5
+_HEADER = ("date", "magnitude", "epicentral_km", "vs30_mps", "station", "azimuth")
 _LONGEST_LINE = 1000
 _ISO = re.compile(r"(\d{4})-(\d{1,2})-(\d{1,2})")
 
@@ -148,6 +149,7 @@ def _row(target: Path, group: Sequence[Channel], source: _Source, unit: str) -> 
         "file": target.name,
         "sha256": _sha256(target),
         "event": facts["event"],
+        **{key: first.record[key] for key in _HEADER if key in first.record},
         "dt_s": first.dt,
         "unit": unit,
         "channels": " ".join(channel.code for channel in group),

@@ -4,6 +4,7 @@ import csv
 import hashlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -108,10 +109,17 @@ def find_entry(path: str | Path) -> IndexEntry | None:
         index = folder / INDEX_NAME
         if not index.is_file() or not _is_index(index):
             continue
-        for entry in load_index(index):
-            if entry.path.resolve() == record:
-                return entry
+        state = index.stat()
+        entry = _by_path(index, state.st_mtime_ns, state.st_size).get(record)
+        if entry is not None:
+            return entry
     return None
+
+
+@lru_cache(maxsize=4)
+def _by_path(index: Path, changed: int, size: int) -> dict[Path, IndexEntry]:
+    """Rows by their files: asked for each file of a folder, and thousands lie in one."""
+    return {entry.path.resolve(): entry for entry in reversed(load_index(index))}
 
 
 def index_table(folder: str | Path) -> dict[str, dict[str, str]]:

@@ -107,8 +107,9 @@ def inspect_record(
     """
     source = Path(path)
     entry = find_entry(source)
-    content = file_content(source, columns or (entry.columns if entry else None))
-    faults = [*content.messages, *unequal_counts(content)]
+    columns = columns or (entry.columns if entry else None)
+    content = file_content(source, columns)
+    faults = [*(() if columns else content.messages), *unequal_counts(content)]
     traces, announced = list(content.traces), list(content.announced)
     try:
         whole = list(joined(list(content.traces), source))
