@@ -179,7 +179,9 @@ def simulate(
     from archfrag.simulate import simulate as run_simulation
     from archfrag.study.single import response_facts, response_text
 
-    reading = {key: options.pop(key) for key in ("unit", "component", "inventory", "accept")}
+    reading = {
+        key: options.pop(key) for key in ("unit", "component", "inventory", "accept", "columns")
+    }
     motion = read_motion(record, **reading)
     if pga is not None:
         scale = scale_factor(motion, "PGA", pga * STANDARD_GRAVITY)

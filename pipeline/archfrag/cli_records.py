@@ -26,10 +26,23 @@ def _takes(*options: Callable) -> Callable:
     return decorate
 
 
-reads_record = _takes(
+def _columns(context: click.Context, parameter: click.Parameter, text: str | None) -> Any:
+    from archfrag.motions.formats.columns import parse_columns
+
+    return None if text is None else parse_columns(text)
+
+
+_known = _takes(
     click.option("--unit", help="unit of the samples where the file does not say"),
     click.option("--inventory", type=_path,
                  help="StationXML of a record in counts, if not beside it as NAME.xml"),
+    click.option("--columns", callback=_columns, metavar="KEY=N,...",
+                 help="where the numbers of files in no format are: time=1,acceleration=2, or "
+                 "acceleration=1,dt=0.01; dt=0.01 alone takes all numbers, row after row; also "
+                 "vertical=COLUMN and skip=LINES"),
+)  # fmt: skip
+reads_record = _takes(
+    _known,
     click.option("--accept", multiple=True,
                  type=click.Choice(["pga", "time_step", "samples", "header"]),
                  help="Let pass a peak outside 1e-5 to 5 g, a time step outside 1e-4 to 0.1 s, "
@@ -92,16 +105,16 @@ def show(files: tuple[Path, ...], as_json: bool, **reading: Any) -> None:
     Example:
       archfrag records show RSN6_I-ELC180.AT2
     """
+    from archfrag.study.record_commands import reading_of
     from archfrag.study.single import motion_facts, motion_text
 
-    facts = [entry for file in files for entry in motion_facts(file, **reading)]
+    facts = [entry for file in files for entry in motion_facts(file, **reading_of(file, reading))]
     _print(facts, "\n".join(map(motion_text, facts)), as_json)
 
 
 @records.command()
 @_files
-@click.option("--inventory", type=_path, help="StationXML, if not beside the file as NAME.xml")
-@click.option("--unit", help="unit of the samples where the file does not say")
+@_known
 @_figure
 @json_option
 @click.pass_context
@@ -125,13 +138,14 @@ def inspect(
         inspection_facts,
         inspection_motions,
         inspection_text,
+        reading_of,
     )
 
     _drawing(figure)
     found, facts, unreadable = [], [], []
     for file in files:
         try:
-            found.append(inspect_record(file, **reading))
+            found.append(inspect_record(file, **reading_of(file, reading)))
             facts.append(inspection_facts(found[-1]))
         except RecordError as error:
             unreadable.append(str(error))
@@ -151,16 +165,18 @@ def inspect(
 @records.command()
 @_files
 @click.option("--out", type=_path, required=True, metavar="FLATFILE.csv", help="Table to write.")
+@click.option("--periods", metavar="T,T,...", help="Periods of Sa [s] beside 0.01 to 10 s.")
 @reads_record
 @_figure
 @json_option
 def measure(
-    files: tuple[Path, ...], out: Path, figure: Path | None, as_json: bool, **reading: Any
-) -> None:
+    files: tuple[Path, ...], out: Path, figure: Path | None, periods: str | None, as_json: bool,
+    **reading: Any,
+) -> None:  # fmt: skip
     """Measure record FILES and write a flatfile.
 
-    Every horizontal component has a row. Columns are named as in the NGA flatfiles; the figure
-    has the response spectra.
+    Every horizontal component has a row; files of verticals beside theirs are left out. Columns
+    are named as in the NGA flatfiles; the figure has the response spectra.
 
     \b
     Example:
@@ -170,7 +186,7 @@ def measure(
     from archfrag.study.record_commands import measure_files, table_rows, table_spectra
 
     _drawing(figure)
-    table = measure_files(files, out, reading)
+    table = measure_files(files, out, periods, reading)
     write_flatfile(out, table)
     if figure is not None:
         from archfrag.report.record_figures import measured
@@ -244,13 +260,14 @@ def convert(
     Example:
       archfrag records convert CE23837.V1C --to at2 --in g --out converted
     """
+    from archfrag.motions.channels import Options
     from archfrag.motions.convert import convert_record
+    from archfrag.study.record_commands import reading_of
 
-    reading["unit_in_file"] = reading.pop("unit")
     written = [
         {"file": str(path), "source": str(file)}
         for file in files
-        for path in convert_record(file, out, form, wanted, **reading)
+        for path in convert_record(file, out, form, wanted, Options(**reading_of(file, reading)))
     ]
     _print(written, "\n".join(entry["file"] for entry in written), as_json)
 
@@ -312,29 +329,36 @@ def fetch(
 @records.command()
 @_takes(
     _out,
-    click.option("--magnitudes", metavar="M,M,...", help="Moment magnitudes."),
-    click.option("--distances", metavar="KM,KM,...", help="Distances to the rupture [km]."),
-    click.option("--count", type=click.IntRange(min=1), default=1, show_default=True,
-                 help="Motions for each magnitude and distance."),
-    _seed, json_option,
+    click.option("--events", type=int, help="Earthquakes."),
+    click.option("--records-per-event", type=int, help="Records of each; 1 if not given."),
+    click.option("--magnitude", metavar="M,...|M:M",
+                 help="Moment magnitudes: a list that the earthquakes take in turn, or two ends "
+                 "between which they are drawn."),
+    click.option("--distance-km", metavar="D,...|D:D",
+                 help="Distances to the rupture [km]: a list that the records take in turn, or "
+                 "two ends."),
+    click.option("--sites", type=int,
+                 help="Sites that the records go through in turn; one for each if not given."),
+    click.option("--vs30", type=float, help="Of the sites [m/s], 450 to 1000; 760 if not given."),
+    click.option("--vertical", is_flag=True, default=None, help="With vertical components."),
+    click.option("--pulses", type=float,
+                 help="Probability that a motion has the pulse of a near fault."),
+    click.option("--seed", type=int, help="What is drawn follows from it; 1 if not given."),
+    json_option,
 )  # fmt: skip
-def make(
-    out: Path, magnitudes: str | None, distances: str | None, count: int, seed: int, as_json: bool
-) -> None:
+def make(out: Path, as_json: bool, **wanted: Any) -> None:
     """Make synthetic motions with their index.
 
-    Without magnitudes and distances they are those that archfrag ships.
+    Options are the keys of `motions.synthetic` in a study, which makes the same motions without
+    files. Without any of them the motions are those that archfrag ships.
 
     \b
     Example:
-      archfrag records make --magnitudes 6,7 --distances 10,30 --count 5 --out synthetic
+      archfrag records make --events 10 --records-per-event 3 --magnitude 5.5:7.5 \\
+        --distance-km 10:100 --out synthetic
     """
-    from archfrag.motions.synthetic import make_suite
     from archfrag.study.record_commands import make_chosen
 
-    if magnitudes is None and distances is None:
-        paths = make_suite(out)
-    else:
-        paths = make_chosen(out, magnitudes, distances, count, seed)
+    paths = make_chosen(out, wanted)
     facts = {"folder": str(out), "files": [str(path) for path in paths]}
     _print(facts, f"{len(paths)} records and index.csv written to {out}", as_json)

@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from obspy import Stream, Trace, UTCDateTime
 
 from archfrag.cli import main
+from archfrag.errors import RecordError
 from archfrag.motions.index import load_index
 from archfrag.motions.read import load_motion, read_motion, read_motions
 from tests.motions.fdsn_server import EVENT, data_centre
@@ -323,17 +324,36 @@ class TestFetch:
 
 
 class TestMake:
-    def test_chosen_motions(self, tmp_path):
-        numbers = ("--magnitudes", "6,6.5", "--distances", "10", "--count", "2", "--seed", "5")
-        found = facts("make", "--out", tmp_path / "a", *numbers)
-        assert len(found["files"]) == 4
-        done("make", "--out", tmp_path / "b", *numbers)
+    PLAN = (
+        "--events", "2", "--records-per-event", "2", "--magnitude", "6:7",
+        "--distance-km", "10,20",
+        "--sites", "3", "--vs30", "500", "--vertical", "--pulses", "0.5", "--seed", "4",
+    )  # fmt: skip
+
+    def test_they_are_those_of_the_same_keys_in_a_study(self, tmp_path):
+        from archfrag.study.synthetic import Synthetic, made_motions
+
+        found = facts("make", "--out", tmp_path / "a", *self.PLAN)
+        assert [file.rsplit("/", 1)[1] for file in found["files"]] == [
+            "e1-r1.mseed", "e1-r2.mseed", "e2-r1.mseed", "e2-r2.mseed"
+        ]  # fmt: skip
+        done("make", "--out", tmp_path / "b", *self.PLAN)
         index = (tmp_path / "a" / "index.csv").read_text()
         assert index == (tmp_path / "b" / "index.csv").read_text()
-        entries = load_index(tmp_path / "a")
-        assert [entry.metadata["Mw"] for entry in entries] == [6.0, 6.0, 6.5, 6.5]
-        assert [entry.metadata["seed"] for entry in entries] == [5, 6, 7, 8]
-        assert len({load_motion(entry).acceleration[500] for entry in entries}) == 4
+        wanted = Synthetic(
+            events=2, records_per_event=2, magnitude={"start": 6.0, "stop": 7.0},
+            distance_km=(10.0, 20.0), sites=3, vs30=500.0, vertical=True, pulses=0.5, seed=4,
+        )  # fmt: skip
+        entries, made = load_index(tmp_path / "a"), list(made_motions(wanted))
+        for entry, motion in zip(entries, made, strict=True):
+            read = load_motion(entry)
+            assert np.array_equal(read.acceleration, motion.acceleration)
+            assert np.array_equal(read.vertical, motion.vertical)
+            seeds = ("seed", "event_seed", "site_seed")
+            assert [entry.metadata[s] for s in seeds] == [motion.metadata[s] for s in seeds]
+        pulses = ["pulse_period_s" in motion.metadata for motion in made]
+        assert [entry.metadata["pulse"] for entry in entries] == [str(each) for each in pulses]
+        assert len(set(pulses)) == 2
 
     def test_the_shipped_ones(self, tmp_path):
         text = done("make", "--out", tmp_path).stdout
@@ -343,15 +363,91 @@ class TestMake:
     @pytest.mark.parametrize(
         ("options", "sentence"),
         [
-            (["--magnitudes", "6"], "--distances is missing; magnitudes and"),
-            (["--magnitudes", "6,x", "--distances", "1"], "--magnitudes 6,x: numbers with"),
-            (["--magnitudes", "9", "--distances", "1"], "magnitude 9.0 is outside 3 to 8"),
+            (["--vertical"], "--events is missing (2 more keys are wrong too)"),
+            (["--magnitude", "6,x"], "--magnitude 6,x: a list such as 6,6.5,7 or two ends such"),
+            (["--magnitude", "7:6", "--events", "1", "--distance-km", "5"],
+             "--magnitude must have stop above start = 7, not 6"),
+            (["--magnitude", "6", "--events", "1", "--distance-km", "5,400"],
+             "--distance-km[1] = 400.0 must be less than or equal to 300"),
         ],
-    )
+    )  # fmt: skip
     def test_what_is_refused(self, tmp_path, options, sentence):
         code, text = refused("make", "--out", tmp_path / "o", *options)
         assert code == 2
         assert text.startswith(sentence)
+        assert not (tmp_path / "o").exists()
+
+    def test_an_index_of_other_records_is_left_alone(self, at2, tmp_path):
+        done("convert", at2, "--out", tmp_path / "o")
+        before = (tmp_path / "o" / "index.csv").read_text()
+        code, text = refused("make", "--out", tmp_path / "o", *self.PLAN)
+        assert (code, "lists other records (record); name another folder" in text) == (2, True)
+        assert (tmp_path / "o" / "index.csv").read_text() == before
+
+
+class TestColumns:
+    """`--columns` for a plain text of numbers, in each command that reads a record."""
+
+    @pytest.fixture
+    def text(self, tmp_path):
+        path = tmp_path / "plain.txt"
+        rows = (f"{0.01 * i:.2f}, {value:.6f}" for i, value in enumerate(0.3 * wave()))
+        path.write_text("\n".join(["any words", *rows]) + "\n")
+        return path
+
+    KNOWN = ("--unit", "g", "--columns", "time=1,acceleration=2,skip=1")
+
+    def test_the_commands_read_it(self, text, tmp_path):
+        peak = 0.3 * np.abs(wave()).max()
+        (channel,) = facts("inspect", text, *self.KNOWN)[0]["channels"]
+        (shown,) = facts("show", text, *self.KNOWN)
+        assert channel["PGA"] == shown["PGA"] == pytest.approx(peak * G, rel=1e-5)
+        (written,) = facts("convert", text, *self.KNOWN, "--out", tmp_path / "o", "--to", "at2")
+        again = read_motion(written["file"]).acceleration
+        assert np.abs(again).max() == pytest.approx(peak * G, rel=1e-5)
+        arch = ("--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoirs", "7",
+                "--friction", "0.7", "--json")  # fmt: skip
+        result = CliRunner().invoke(main, ["simulate", str(text), *self.KNOWN, *arch])
+        assert json.loads(result.stdout)["status"]
+
+    def test_a_flatfile_and_a_selection_know_the_columns(self, text, tmp_path):
+        out, target = tmp_path / "flat.csv", tmp_path / "target.csv"
+        (row,) = facts("measure", text, *self.KNOWN, "--out", out)
+        assert row["columns"] == "acceleration=2 time=1 skip=1"
+        target.write_text("period_s,Sa_g\n0.2,0.4\n0.5,0.3\n")
+        found = tmp_path / "selected.csv"
+        done("select", out, "--target", target, "--count", "1", "--max-scale", "100",
+             "--out", found)  # fmt: skip
+        motion = load_motion(load_index(found)[0])
+        assert np.abs(motion.acceleration).max() == pytest.approx(row["PGA_g"] * G, rel=1e-4)
+        found.write_text(found.read_text().replace("time=1", "tim=1"))
+        with pytest.raises(RecordError, match=r"line 2: columns .*'tim=1' is not known"):
+            load_index(found)
+
+    def test_they_are_not_for_files_that_name_their_format(self, text, at2, three, tmp_path):
+        rows = facts("measure", text, at2, *self.KNOWN, "--out", tmp_path / "flat.csv")
+        assert [row["record"] for row in rows] == ["plain", "record"]
+        assert [row["columns"] for row in rows] == ["acceleration=2 time=1 skip=1", None]
+        assert [found["format"] for found in facts("inspect", text, at2, three, *self.KNOWN)] == [
+            "COLUMNS", "AT2", "MSEED"
+        ]  # fmt: skip
+        assert facts("inspect", text, *self.KNOWN)[0]["faults"] == []
+
+    @pytest.mark.parametrize(
+        ("columns", "sentence"),
+        [
+            ("time=1,acc=2", "columns 'time=1,acc=2': 'acc=2' is not known; allowed are time=COL"),
+            ("time=1,time=2", "columns 'time=1,time=2': 'time=2' occurs twice; allowed are"),
+            ("time=1.5", "columns 'time=1.5': 'time=1.5' is not known; allowed are"),
+            ("time", "columns 'time': 'time' is not known; allowed are"),
+            ("time=1", "columns 'time=1' must have acceleration where another column is named"),
+            ("dt=-1", "columns 'dt=-1' must have a positive dt, not -1"),
+            ("", "columns '' must have either time or dt"),
+        ],
+    )
+    def test_a_slip_of_the_pen_is_a_sentence(self, text, columns, sentence):
+        code, said = refused("inspect", text, "--columns", columns)
+        assert (code, said.startswith(sentence)) == (2, True), said
 
 
 @needs("flatfile")
@@ -368,9 +464,33 @@ class TestMeasure:
         text = done("measure", three, "--unit", "m/s2", "--out", out).stdout
         assert text == f"2 components measured: {out}\n"
 
+    def test_many_files_are_shared_out_and_stay_in_order(self, tmp_path):
+        files = []
+        for number in range(40):
+            files.append(tmp_path / f"r{number % 7}-{number:02d}.AT2")
+            files[-1].write_text(at2_text((0.1 + 0.01 * number) * wave()))
+        rows = facts("measure", *files, "--out", tmp_path / "f.csv", "--periods", "0.33")
+        assert [row["record"] for row in rows] == [file.stem for file in files]
+        (one,) = facts("measure", files[9], "--out", tmp_path / "g.csv", "--periods", "0.33")
+        assert rows[9] == one
+        assert one["T0.330S"] > 0.0
+        files[20].write_text("no record")
+        assert "r6-20.AT2" in refused("measure", *files, "--out", tmp_path / "h.csv")[1]
+        assert not (tmp_path / "h.csv").exists()
+
+    def test_a_vertical_beside_its_horizontals_is_left_out(self, tmp_path):
+        for code in ("000", "090", "-UP"):
+            (tmp_path / f"RSN1_{code}.AT2").write_text(at2_text(0.3 * wave()))
+        files = sorted(tmp_path.glob("*.AT2"))
+        rows = facts("measure", *files, "--out", tmp_path / "f.csv")
+        assert [row["record"] for row in rows] == ["RSN1_000", "RSN1_090"]
+
     def test_what_is_refused(self, at2, tmp_path):
         assert refused("measure", tmp_path / "no.AT2", "--out", tmp_path / "f.csv")[0] == 2
         assert refused("measure", at2, "--out", tmp_path / "no" / "f.csv")[0] == 4
+        for wrong in ("0.5,x", "0.001", "nan"):
+            code, said = refused("measure", at2, "--out", tmp_path / "f.csv", "--periods", wrong)
+            assert (code, said.startswith(f"--periods {wrong}: ")) == (2, True)
         assert not list(tmp_path.glob("*.csv"))
 
 

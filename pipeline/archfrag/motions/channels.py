@@ -32,11 +32,11 @@ _reader = Reader()
 
 
 class Options(NamedTuple):
-    """What the user said of a file."""
+    """What the user said of a file, see `archfrag.motions.read.read_motion`."""
 
-    unit: str | None
-    inventory: str | Path | Inventory | None
-    accept: tuple[str, ...]
+    unit: str | None = None
+    inventory: str | Path | Inventory | None = None
+    accept: tuple[str, ...] = ()
     columns: Columns | None = None
 
 
@@ -82,7 +82,8 @@ def read_channels(path: Path, options: Options) -> tuple[list[Channel], IndexEnt
     """
     entry = find_entry(path)
     if entry is not None:
-        options = options._replace(accept=(*options.accept, *entry.accept))
+        accept = (*options.accept, *entry.accept)
+        options = options._replace(accept=accept, columns=options.columns or entry.columns)
         if path.is_file():
             check_sha256(entry)
     content = file_content(path, options.columns)
@@ -112,7 +113,7 @@ def file_content(path: Path, columns: Columns | None = None) -> Content:
         for trace in traces:
             trace.stats._format = "COLUMNS"
         counts = [trace.stats.npts for trace in traces]
-        return Content("COLUMNS", traces, counts, counts, (f"{columns}.",))
+        return Content("COLUMNS", traces, counts, counts, (f"Columns {columns}.",))
     name = str(path)
     # By its name alone, so that a damaged header is judged by the reader that knows it.
     found = "AT2" if path.suffix.lower() == ".at2" else recognise(name, TEXT)

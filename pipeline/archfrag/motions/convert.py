@@ -7,7 +7,7 @@ digits of its columns.
 
 import hashlib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,8 +19,7 @@ from obspy import Stream, Trace, UTCDateTime
 from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing
 from archfrag.motions.channels import Channel, Options, is_vertical, read_channels
-from archfrag.motions.index import COLUMNS, index_table, write_index
-from archfrag.motions.motion import Motion
+from archfrag.motions.index import index_table, write_index
 from archfrag.motions.plausible import accept_or_refuse, accepted_words, doubtful_motion
 from archfrag.motions.read import record_name
 from archfrag.motions.units import unit_factor
@@ -28,6 +27,7 @@ from archfrag.motions.units import unit_factor
 SUFFIXES = {"mseed": ".mseed", "at2": ".AT2", "text": ".txt"}
 UNITS = ("m/s2", "g")
 _AT2_COLUMNS = 5
+_HEADER = ("date", "magnitude", "epicentral_km", "vs30_mps", "station", "azimuth")
 _LONGEST_LINE = 1000
 _ISO = re.compile(r"(\d{4})-(\d{1,2})-(\d{1,2})")
 
@@ -43,17 +43,14 @@ def convert_record(
     folder: str | Path,
     form: str = "mseed",
     unit: str = "m/s2",
-    *,
-    unit_in_file: str | None = None,
-    inventory: str | Path | None = None,
-    accept: Iterable[str] = (),
+    options: Options | None = None,
 ) -> list[Path]:
     """Write the channels of a record file in another format.
 
     Parameters
     ----------
     path : path
-        A record, see `archfrag.motions.read.read_motion`, also for `inventory` and `accept`.
+        A record.
     folder : path
         Made if needed. The source is never replaced, other files of the same name are.
     form : str
@@ -61,8 +58,8 @@ def convert_record(
         acceleration).
     unit : str
         ``m/s2`` or ``g``.
-    unit_in_file : str, optional
-        Where the record does not say it.
+    options : archfrag.motions.channels.Options, optional
+        What to know of the record: unit in the file, inventory, what to accept, columns.
 
     Returns
     -------
@@ -95,9 +92,10 @@ def convert_record(
     if unit not in UNITS:
         raise InputError(f"unit {unit!r} is none that is written: {', '.join(UNITS)}")
     file = Path(path)
-    accept = accepted_words(accept, str(file))
-    channels, entry = read_channels(file, Options(unit_in_file, inventory, accept))
-    allowed = (*accept, *(entry.accept if entry else ()))
+    options = options or Options()
+    options = options._replace(accept=accepted_words(options.accept, str(file)))
+    channels, entry = read_channels(file, options)
+    allowed = (*options.accept, *(entry.accept if entry else ()))
     for channel in channels:
         doubts = doubtful_motion(channel.code, channel.samples, channel.dt, channel.unit_in_file)
         accept_or_refuse(file, allowed, doubts)
@@ -132,48 +130,6 @@ def _write_all(
     return written
 
 
-def write_motions(motions: Iterable[Motion], folder: str | Path) -> list[Path]:
-    """Write motions as miniSEED in m/s2, a file each named by its id, with an index.
-
-    Parameters
-    ----------
-    motions : iterable of Motion
-        Taken one at a time.
-    folder : path
-        Made if needed. Files of the same names are replaced, and so are their rows of the index.
-
-    Returns
-    -------
-    list of Path
-
-    Raises
-    ------
-    OutputError
-        If a file cannot be written; it is not there then.
-    """
-    place = make_folder(Path(folder))
-    rows: dict[str, dict[str, Any]] = dict(index_table(place))
-    written = []
-    for motion in motions:
-        target = place / f"{motion.id}.mseed"
-        pairs = (("HN1", motion.acceleration), ("HNZ", motion.vertical))
-        stream = Stream(
-            _trace(("XX", "", "", code), values, motion.dt, UTCDateTime(0))
-            for code, values in pairs
-            if values is not None
-        )
-        with replacing(target) as part:
-            stream.write(str(part), format="MSEED", encoding="FLOAT64", byteorder=">")
-        known = {key: value for key, value in motion.metadata.items() if key in COLUMNS}
-        rows[motion.id] = {
-            **known, "id": motion.id, "file": target.name, "sha256": _sha256(target),
-            "component": "HN1", "dt_s": motion.dt, "unit": "m/s2",
-        }  # fmt: skip
-        written.append(target)
-    write_index(place, rows.values())
-    return written
-
-
 def _write(target: Path, group: Sequence[Channel], source: _Source, form: str, unit: str) -> None:
     with replacing(target) as part:
         if form == "mseed":
@@ -193,6 +149,7 @@ def _row(target: Path, group: Sequence[Channel], source: _Source, unit: str) -> 
         "file": target.name,
         "sha256": _sha256(target),
         "event": facts["event"],
+        **{key: first.record[key] for key in _HEADER if key in first.record},
         "dt_s": first.dt,
         "unit": unit,
         "channels": " ".join(channel.code for channel in group),

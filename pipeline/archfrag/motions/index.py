@@ -4,15 +4,19 @@ import csv
 import hashlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from archfrag.errors import RecordError
+from archfrag.errors import InputError, RecordError
 from archfrag.files import replacing
 from archfrag.motions.plausible import accepted_words
 from archfrag.motions.units import unit_factor
+
+if TYPE_CHECKING:
+    from archfrag.motions.formats.columns import Columns
 
 INDEX_NAME = "index.csv"
 COLUMNS = (
@@ -44,6 +48,8 @@ class IndexEntry:
         ``seed``, ``event_seed`` and ``site_seed`` as int or None, the rest as text.
     accept : tuple of str
         What to let pass in this record, see `archfrag.motions.read.read_motion`.
+    columns : archfrag.Columns, optional
+        Where the numbers of a plain text are.
     """
 
     id: str
@@ -52,6 +58,7 @@ class IndexEntry:
     sha256: str
     metadata: dict[str, Any]
     accept: tuple[str, ...] = ()
+    columns: "Columns | None" = None
 
 
 def load_index(path: str | Path) -> list[IndexEntry]:
@@ -59,13 +66,14 @@ def load_index(path: str | Path) -> list[IndexEntry]:
 
     Columns ``id``, ``file`` and ``unit`` are needed; see ``COLUMNS`` for the others. Of a file
     with several horizontals ``component`` names the one that is meant. A column ``accept`` may
-    say what to let pass (``pga``, ``time_step``, ``samples``, blanks between).
+    say what to let pass (``pga``, ``time_step``, ``samples``, blanks between), a column
+    ``columns`` where the numbers of a plain text are (``time=1 acceleration=2``).
 
     Raises
     ------
     RecordError
         If the file is missing, a needed column or value is, two rows have the same id, a number
-        is none, or a unit or a word of ``accept`` is unknown.
+        is none, or a unit or a word of ``accept`` or ``columns`` is unknown.
     """
     source = Path(path)
     if source.is_dir():
@@ -101,10 +109,17 @@ def find_entry(path: str | Path) -> IndexEntry | None:
         index = folder / INDEX_NAME
         if not index.is_file() or not _is_index(index):
             continue
-        for entry in load_index(index):
-            if entry.path.resolve() == record:
-                return entry
+        state = index.stat()
+        entry = _by_path(index, state.st_mtime_ns, state.st_size).get(record)
+        if entry is not None:
+            return entry
     return None
+
+
+@lru_cache(maxsize=4)
+def _by_path(index: Path, changed: int, size: int) -> dict[Path, IndexEntry]:
+    """Rows by their files: asked for each file of a folder, and thousands lie in one."""
+    return {entry.path.resolve(): entry for entry in reversed(load_index(index))}
 
 
 def index_table(folder: str | Path) -> dict[str, dict[str, str]]:
@@ -192,7 +207,7 @@ def _entry(row: dict[str, str], source: Path, line: int) -> IndexEntry:
     metadata: dict[str, Any] = {
         key: value
         for key, value in values.items()
-        if key not in (*_NEEDED, "sha256", *_NUMBERS, *_SEEDS, "accept", "accepted")
+        if key not in (*_NEEDED, "sha256", *_NUMBERS, *_SEEDS, "accept", "accepted", "columns")
     }
     for column in (*_NUMBERS, *_SEEDS):
         if column in values:
@@ -205,7 +220,19 @@ def _entry(row: dict[str, str], source: Path, line: int) -> IndexEntry:
         sha256=values.get("sha256", ""),
         metadata=metadata,
         accept=accepted_words(values.get("accept", "").split(), place),
+        columns=_columns(values.get("columns", ""), place),
     )
+
+
+def _columns(text: str, place: str) -> "Columns | None":
+    if not text:
+        return None
+    from archfrag.motions.formats.columns import parse_columns
+
+    try:
+        return parse_columns(text)
+    except InputError as error:
+        raise RecordError(f"{place}: {error}") from None
 
 
 def _number(text: str, kind: type, place: str) -> float | int | None:

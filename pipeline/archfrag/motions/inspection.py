@@ -11,6 +11,7 @@ from obspy import Inventory, Trace
 from archfrag.errors import RecordError
 from archfrag.motions.calibrate import Calibrated, calibrate, channel_code, find_inventory
 from archfrag.motions.channels import file_content, joined, offset_fault, unequal_counts
+from archfrag.motions.formats.columns import Columns
 from archfrag.motions.index import IndexEntry, find_entry
 from archfrag.motions.partners import VERTICAL
 from archfrag.motions.plausible import doubtful_count, doubtful_motion
@@ -67,7 +68,11 @@ class Inspection:
 
 
 def inspect_record(
-    path: str | Path, unit: str | None = None, *, inventory: str | Path | Inventory | None = None
+    path: str | Path,
+    unit: str | None = None,
+    *,
+    inventory: str | Path | Inventory | None = None,
+    columns: Columns | None = None,
 ) -> Inspection:
     """Tell what is in a record file and what is wrong with it; only an unreadable one is refused.
 
@@ -78,6 +83,8 @@ def inspect_record(
         Of the samples, where the file does not say it.
     inventory : path or obspy.Inventory, optional
         StationXML of a record in counts.
+    columns : Columns, optional
+        Where the numbers of a plain text are.
 
     Returns
     -------
@@ -99,8 +106,10 @@ def inspect_record(
     ('the header announces 5 samples of channel 90, the file holds only 4',)
     """
     source = Path(path)
-    content = file_content(source)
-    faults = [*content.messages, *unequal_counts(content)]
+    entry = find_entry(source)
+    columns = columns or (entry.columns if entry else None)
+    content = file_content(source, columns)
+    faults = [*(() if columns else content.messages), *unequal_counts(content)]
     traces, announced = list(content.traces), list(content.announced)
     try:
         whole = list(joined(list(content.traces), source))
@@ -108,7 +117,6 @@ def inspect_record(
             traces, announced = whole, [trace.stats.npts for trace in whole]
     except RecordError as error:
         faults.append(_without(source, error))
-    entry = find_entry(source)
     channels = tuple(
         _channel(trace, count, (source, unit, inventory, entry))
         for trace, count in zip(traces, announced, strict=True)

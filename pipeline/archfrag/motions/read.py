@@ -183,7 +183,7 @@ def load_motion(entry: IndexEntry) -> Motion:
         If the file is missing, has changed since it was listed, or has another time step.
     """
     check_sha256(entry)
-    options = Options(entry.unit or None, None, entry.accept)
+    options = Options(entry.unit or None, None, entry.accept, entry.columns)
     motion = _read_one(entry.path, options, None, of_several=entry.metadata.get("component"))
     step = entry.metadata.get("dt_s")
     if step is not None and not np.isclose(step, motion.dt, rtol=1e-6, atol=0.0):

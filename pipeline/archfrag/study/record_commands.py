@@ -1,9 +1,13 @@
 """What the commands of records print, draw and need beside one call of `archfrag.motions`."""
 
 import io
+import math
 import os
+import signal
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +16,7 @@ from numpy.typing import NDArray
 
 from archfrag.errors import InputError
 from archfrag.study.files import write_text
-from archfrag.study.provenance import finite
+from archfrag.study.provenance import available_cores, finite
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,6 +26,8 @@ if TYPE_CHECKING:
     from archfrag.motions.selection import Selection, Target
 
 _SPECTRAL = r"T(\d+(?:\.\d+)?)S"
+_PERIODS = (0.01, 20.0)  # [s]
+_MANY = 32  # files from which processes share the work
 
 
 def inspection_facts(found: "Inspection") -> dict[str, Any]:
@@ -54,7 +60,7 @@ def inspection_text(found: "Inspection") -> str:
         facts = [f"{channel.count} samples at {channel.dt:g} s"]
         facts += [f"{(channel.count - 1) * channel.dt:.2f} s", channel.unit or "unit unknown"]
         if channel.samples is not None:
-            facts.append(f"PGA {np.abs(channel.samples).max() / STANDARD_GRAVITY:.4f} g")
+            facts.append(f"PGA {np.abs(channel.samples).max() / STANDARD_GRAVITY:.4g} g")
         facts += [channel.level, "vertical" if channel.vertical else "", channel.start]
         lines.append(f"  {channel.code or '(no code)':9s} {', '.join(filter(None, facts))}")
         lines += [f"    ! {fault}" for fault in channel.faults]
@@ -73,7 +79,22 @@ def inspection_motions(found: Sequence["Inspection"]) -> list[tuple[str, "Motion
     ]
 
 
-def measure_files(files: Sequence[Path], out: Path, reading: dict[str, Any]) -> "pd.DataFrame":
+def reading_of(file: Path, reading: dict[str, Any]) -> dict[str, Any]:
+    """What to know of a file: columns are for plain text, not for formats that name themselves."""
+    from archfrag.motions.formats.waveform import TEXT, recognise
+
+    if reading["columns"] is None or not file.is_file():
+        return reading
+    with open(file, "rb") as opened:
+        binary = b"\0" in opened.read(512)
+    if binary or recognise(str(file), TEXT):
+        return {**reading, "columns": None}
+    return reading
+
+
+def measure_files(
+    files: Sequence[Path], out: Path, periods: str | None, reading: dict[str, Any]
+) -> "pd.DataFrame":
     """Flatfile of record files, with what it takes to read them again.
 
     Parameters
@@ -81,6 +102,8 @@ def measure_files(files: Sequence[Path], out: Path, reading: dict[str, Any]) -> 
     files : sequence of Path
     out : Path
         Of the flatfile: its column ``file`` is relative to the folder.
+    periods : str, optional
+        Of Sa [s] beside the usual ones, with commas between.
     reading : dict
         Passed to `archfrag.motions.read.read_motions`.
 
@@ -88,19 +111,61 @@ def measure_files(files: Sequence[Path], out: Path, reading: dict[str, Any]) -> 
     ------
     RecordError
         If a file cannot be used.
+    InputError
+        If a period is none.
     """
+    import pandas as pd
+
+    from archfrag.motions.partners import vertical_files
+
+    paths = list(dict.fromkeys(files))
+    verticals = vertical_files(sorted(paths))
+    wanted = [path for path in paths if path not in verticals]
+    measured = partial(_measured, out=out, periods=_periods(periods), reading=reading)
+    workers = available_cores() if len(wanted) >= _MANY else 1
+    if workers == 1:
+        return pd.concat(map(measured, wanted), ignore_index=True)
+    # Interrupted is the command, not each of its processes.
+    ignore = (signal.SIGINT, signal.SIG_IGN)
+    with ProcessPoolExecutor(workers, initializer=signal.signal, initargs=ignore) as pool:
+        tables = pool.map(measured, wanted, chunksize=8)
+        return pd.concat(tables, ignore_index=True)
+
+
+def _periods(text: str | None) -> list[float]:
+    from archfrag.motions.flatfile import PERIODS
+
+    try:
+        more = [float(part) for part in text.split(",")] if text else []
+    except ValueError:
+        raise InputError(f"--periods {text}: numbers with commas between are needed [s]") from None
+    for period in more:
+        if not _PERIODS[0] <= period <= _PERIODS[1]:
+            ends = f"{_PERIODS[0]:g} to {_PERIODS[1]:g}"
+            raise InputError(f"--periods {text}: {period:g} s is outside {ends} s")
+    return sorted({round(period, 3) for period in (*PERIODS, *more)})
+
+
+def _measured(
+    file: Path, out: Path, periods: Sequence[float], reading: dict[str, Any]
+) -> "pd.DataFrame":
+    """Rows of the components of one file."""
     from archfrag.motions.flatfile import measure_records
     from archfrag.motions.read import read_motions
 
+    reading = reading_of(file, reading)
+    name = os.path.relpath(file, out.parent)
+    motions = read_motions(file, **reading)
     table = measure_records(
-        replace(motion, metadata={**motion.metadata, "file": os.path.relpath(file, out.parent)})
-        for file in files
-        for motion in read_motions(file, **reading)
+        (replace(motion, metadata={**motion.metadata, "file": name}) for motion in motions),
+        periods,
     )
     if reading["unit"]:
         table["unit"] = reading["unit"]
     if reading["accept"]:
         table["accept"] = " ".join(reading["accept"])
+    if reading["columns"]:
+        table["columns"] = str(reading["columns"])
     return table
 
 
@@ -130,15 +195,24 @@ def select_from(flatfile: Path, options: dict[str, Any]) -> "Selection":
     from archfrag.motions.flatfile import read_flatfile
     from archfrag.motions.selection import select_records
 
-    target = _target(options)
+    table = read_flatfile(flatfile)
+    table.attrs["source"] = str(flatfile)
+    target = _target(options, sorted(table_spectra(table)))
     return select_records(
-        read_flatfile(flatfile), target, options["count"], options["seed"],
+        table, target, options["count"], options["seed"],
         max_scale=options["max_scale"], per_event=options["per_event"],
     )  # fmt: skip
 
 
-def _target(options: dict[str, Any]) -> "Target":
-    from archfrag.motions.selection import Rupture, conditional_spectrum, predict, read_target
+def _target(options: dict[str, Any], measured: Sequence[float]) -> "Target":
+    """Target at periods that the records were measured at, since between them scatter is lost."""
+    from archfrag.motions.selection import (
+        PERIODS,
+        Rupture,
+        conditional_spectrum,
+        predict,
+        read_target,
+    )
 
     scenario = ("magnitude", "distance", "vs30", "period")
     given = [name for name in (*scenario, "sa", "epsilon") if options[name] is not None]
@@ -156,7 +230,8 @@ def _target(options: dict[str, Any]) -> "Target":
     if level is None:
         ln_median, sd, _ = predict(rupture, model, [period])
         level = float(np.exp(ln_median[0] + options["epsilon"] * sd[0]))
-    return conditional_spectrum(rupture, level, period, models=(model,))
+    near = {min(measured, key=lambda have: abs(math.log(have / t)), default=t) for t in PERIODS}
+    return conditional_spectrum(rupture, level, period, sorted(near), models=(model,))
 
 
 def selection_text(selection: "Selection", out: Path) -> str:
@@ -178,35 +253,62 @@ def save_selection(selection: "Selection", path: Path) -> None:
     write_text(path, buffer.getvalue())
 
 
-def make_chosen(
-    out: Path, magnitudes: str | None, distances: str | None, count: int, seed: int
-) -> list[Path]:
-    """Make synthetic motions of each magnitude and distance, with seeds one after another.
+def make_chosen(out: Path, wanted: dict[str, Any]) -> list[Path]:
+    """Make synthetic motions with their index.
+
+    Parameters
+    ----------
+    out : Path
+    wanted : dict
+        Keys of `motions.synthetic` of a study as text or numbers, None where not given; without
+        any of them the shipped suite is made.
 
     Raises
     ------
     InputError
-        If one of both lists is missing, or holds something else than numbers that the model takes.
+        If a key is missing or has a value that is not allowed, or the folder has an index of
+        other records.
     OutputError
         If they cannot be written.
     """
-    from archfrag.motions.convert import write_motions
-    from archfrag.motions.synthetic import make_motion
+    from pydantic import ValidationError
 
-    pairs = [
-        (magnitude, distance)
-        for magnitude in _numbers("magnitudes", magnitudes)
-        for distance in _numbers("distances", distances)
-        for _ in range(count)
-    ]
-    made = (make_motion(*pair, seed + number) for number, pair in enumerate(pairs))
-    return write_motions(made, out)
+    from archfrag.motions.index import index_table
+    from archfrag.motions.synthetic import make_suite, plan_motions
+    from archfrag.study.sentences import first_sentence
+    from archfrag.study.synthetic import Synthetic, plan_of
 
-
-def _numbers(name: str, text: str | None) -> list[float]:
-    if text is None:
-        raise InputError(f"--{name} is missing; magnitudes and distances are given together")
+    others = [name for name, row in index_table(out).items() if not row.get("model")]
+    if others:
+        raise InputError(
+            f"--out {out}: the index there lists other records ({others[0]}); name another folder"
+        )
+    given = {key: value for key, value in wanted.items() if value is not None}
+    if not given:
+        return make_suite(out)
+    for key in ("magnitude", "distance_km"):
+        if key in given:
+            given[key] = _listed_or_drawn(_option(key), given[key])
     try:
+        plan = plan_of(Synthetic.model_validate(given))
+    except ValidationError as error:
+        key, rest = first_sentence(error, given).split(" ", 1)
+        raise InputError(f"{_option(key)} {rest}") from None
+    return make_suite(out, plan_motions(plan))
+
+
+def _option(key: str) -> str:
+    return f"--{key.replace('_', '-')}"
+
+
+def _listed_or_drawn(option: str, text: str) -> list[float] | dict[str, float]:
+    """Numbers with commas between, or two ends with a colon between."""
+    ends = text.split(":")
+    try:
+        if len(ends) == 2:
+            return {"start": float(ends[0]), "stop": float(ends[1])}
         return [float(part) for part in text.split(",")]
     except ValueError:
-        raise InputError(f"--{name} {text}: numbers with commas between are needed") from None
+        raise InputError(
+            f"{option} {text}: a list such as 6,6.5,7 or two ends such as 6:7 are needed"
+        ) from None

@@ -193,7 +193,7 @@ def motion_text(facts: dict[str, Any]) -> str:
     lines = [
         f"{facts['id']}: {facts['samples']} samples at {facts['dt']:g} s, "
         f"{facts['duration']:.2f} s" + (", with vertical" if facts["vertical"] else ""),
-        f"  PGA {facts['PGA'] / STANDARD_GRAVITY:.4f} g, PGV {100 * facts['PGV']:.2f} cm/s, "
+        f"  PGA {facts['PGA'] / STANDARD_GRAVITY:.4g} g, PGV {100 * facts['PGV']:.4g} cm/s, "
         f"Arias {facts['Arias']:.4g} m/s, D5-95 {facts['D5_95']:.2f} s",
     ]
     return "\n".join([*lines, *(f"  {step}" for step in facts["log"])])

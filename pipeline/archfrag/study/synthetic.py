@@ -14,6 +14,7 @@ from archfrag.study.digests import canonical_json
 
 if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
+    from archfrag.motions.synthetic import Plan
 
 FILE = "synthetic"  # in the place of the name of a record file
 Magnitude = Annotated[float, Field(ge=3.0, le=8.0)]
@@ -83,23 +84,29 @@ class Synthetic(Section):
     """Probability that a motion has the velocity pulse of a near fault."""
 
 
-def made_motions(wanted: Synthetic) -> Iterator["Motion"]:
-    """The motions of a study, each with its recipe and its digest in its metadata."""
-    from archfrag.motions.synthetic import Plan, plan_motions
+def plan_of(wanted: Synthetic) -> "Plan":
+    """The same for `archfrag.motions.synthetic`."""
+    from archfrag.motions.synthetic import Plan
 
     both = (wanted.magnitude, wanted.distance_km)
     magnitude, distance = (
         each if isinstance(each, tuple) else (each.start, each.stop) for each in both
     )
     given = wanted.model_dump(exclude={"magnitude", "distance_km"})
-    plan = Plan(
+    return Plan(
         magnitude=magnitude,
         distance=distance,
         drawn_magnitude=isinstance(wanted.magnitude, Magnitudes),
         drawn_distance=isinstance(wanted.distance_km, Distances),
         **given,
     )
-    for recipe in plan_motions(plan):
+
+
+def made_motions(wanted: Synthetic) -> Iterator["Motion"]:
+    """The motions of a study, each with its recipe and its digest in its metadata."""
+    from archfrag.motions.synthetic import plan_motions
+
+    for recipe in plan_motions(plan_of(wanted)):
         motion = recipe.make()
         facts = {
             "file": FILE,

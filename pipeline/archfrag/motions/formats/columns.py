@@ -2,9 +2,9 @@
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,10 @@ LARGEST_FILE, LONGEST_LINE = 2**27, 2**22  # [bytes]
 UNEVEN = 0.1  # of a step: what rounded times may be off by
 _BLOCK = 10_000  # lines
 _COMMENTS = ("#", "%")
+_WORDS = {
+    "time": "time=COLUMN", "acceleration": "acceleration=COLUMN", "vertical": "vertical=COLUMN",
+    "dt": "dt=SECONDS", "skip": "skip=LINES",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,44 @@ class Columns:
                 )
         if self.skip < 0:
             raise InputError(f"columns must have skip of at least 0, not {self.skip}")
+
+    def __str__(self) -> str:
+        """As `parse_columns` reads it."""
+        given = {key: value for key, value in asdict(self).items() if value}
+        return " ".join(f"{key}={value:.15g}" for key, value in given.items())
+
+
+def parse_columns(text: str) -> Columns:
+    """Columns from words such as ``time=1,acceleration=2,skip=3``, commas or blanks between.
+
+    Raises
+    ------
+    InputError
+        If a word is none of the fields of `Columns`, occurs twice, or holds another number than
+        allowed.
+
+    Examples
+    --------
+    >>> parse_columns("acceleration=1,dt=0.01")
+    Columns(acceleration=1, time=None, dt=0.01, vertical=None, skip=0)
+    """
+    given: dict[str, Any] = {}
+    for word in text.replace(",", " ").split():
+        key, _, value = word.partition("=")
+        try:
+            number = (float if key == "dt" else int)(value)
+        except ValueError:
+            key = ""
+        if key not in _WORDS or key in given:
+            raise InputError(
+                f"columns {text!r}: {word!r} {'occurs twice' if key in given else 'is not known'};"
+                f" allowed are {', '.join(_WORDS.values())}"
+            )
+        given[key] = number
+    try:
+        return Columns(**given)
+    except InputError as error:
+        raise InputError(f"columns {text!r}{str(error).removeprefix('columns')}") from None
 
 
 class _Table(NamedTuple):

@@ -34,6 +34,7 @@ _INDEX = {
     "record": "id", "file": "file", "sha256": "sha256", "event": "event", "magnitude": "Mw",
     "distance_km": "distance_km", "vs30_mps": "Vs30_mps", "component": "component",
     "dt_s": "dt_s", "unit": "unit", "station": "station", "accept": "accept",
+    "columns": "columns",
 }  # fmt: skip
 
 

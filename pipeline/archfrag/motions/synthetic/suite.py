@@ -187,7 +187,8 @@ def make_suite(out_dir: str | Path, recipes: Sequence[Recipe] | None = None) -> 
         rows = list(_written(folder, recipes))
         part = folder / f".{INDEX_NAME}.part"
         with open(part, "w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+            columns = (*COLUMNS, *(["pulse"] if any(r.options.pulse for r in recipes) else []))
+            writer = csv.DictWriter(file, columns, lineterminator="\n", extrasaction="ignore")
             writer.writeheader()
             writer.writerows(rows)
         os.replace(part, folder / INDEX_NAME)
@@ -215,6 +216,7 @@ def _written(folder: Path, recipes: Sequence[Recipe]) -> Iterator[dict]:
             "dt_s": motion.dt,
             "unit": "m/s2",
             "terms": TERMS,
+            "pulse": recipe.options.pulse,
         }
 
 
