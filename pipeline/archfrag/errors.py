@@ -16,7 +16,16 @@ class InputError(ArchfragError):
 
 
 class RecordError(InputError):
-    """A ground-motion record that cannot be read or used; names the file."""
+    """A ground-motion record that cannot be read or used; names the file.
+
+    What is quoted from a file may have any length: beyond `LONGEST` characters it is cut.
+    """
+
+    LONGEST = 900
+
+    def __init__(self, sentence: str) -> None:
+        cut = len(sentence) > self.LONGEST
+        super().__init__(f"{sentence[: self.LONGEST]} ..." if cut else sentence)
 
 
 class StudyError(InputError):

@@ -431,3 +431,19 @@ class TestRealRecords:
         for is_format, folder in folders.items():
             claimed = {path.parent.name for path in files if is_format(path)}
             assert claimed == {folder}
+
+
+def test_a_start_that_no_calendar_can_name_is_left_out(tmp_path):
+    text = geonet_text({"N00E": SAMPLES})
+    hours = text.replace("       3       4\n", "       3 9999999\n", 1)
+    assert hours != text
+    motion = read_motion(write(tmp_path, hours, "a.V1A"))
+    assert "start_time" not in motion.metadata
+
+
+def test_what_is_quoted_from_a_file_is_cut(tmp_path):
+    path = write(tmp_path, resorce_text(SAMPLES / 1000.0, count="4" * 5000), "a.acc")
+    with pytest.raises(RecordError) as caught:
+        read_motion(path)
+    assert str(caught.value).startswith(str(path))
+    assert len(str(caught.value)) < 1000

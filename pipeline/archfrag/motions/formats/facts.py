@@ -27,6 +27,8 @@ _SIGNED_PLACE = re.compile(r"([-+]?\d+\.\d+)\s*,?\s+([-+]?\d+\.\d+)")
 _DEPTH = re.compile(r"\bH\s*=\s*(\d+\.?\d*)\s*KM")
 _PEAK_WITHIN = 0.01  # of the header's peak, beside its rounding
 _PEAK_DOUBTFUL = 0.1
+# Starts before or after these are none: in the years 68 and 2762 [s].
+_EARLIEST, _LATEST = -6e10, 2.5e10
 _LONGEST = 10_000_000  # samples that a header may announce
 
 
@@ -219,7 +221,7 @@ def trace_of(
         "delta": dt, "network": network, "station": station, "location": location,
         "channel": record.get("component", ""), "record": AttribDict(record),
     }  # fmt: skip
-    if start is not None:
+    if start is not None and _EARLIEST < start.timestamp < _LATEST:
         header["starttime"] = start
     return Trace(samples, header=header)
 
