@@ -66,7 +66,7 @@ def load_index(path: str | Path) -> list[IndexEntry]:
 
     Columns ``id``, ``file`` and ``unit`` are needed; see ``COLUMNS`` for the others. Of a file
     with several horizontals ``component`` names the one that is meant. A column ``accept`` may
-    say what to let pass (``pga``, ``time_step``, ``samples``, blanks between), a column
+    say what to let pass (``pga``, ``time_step``, ``samples``, ``header``, blanks between), a column
     ``columns`` where the numbers of a plain text are (``time=1 acceleration=2``).
 
     Raises
