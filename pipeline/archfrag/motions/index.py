@@ -66,8 +66,8 @@ def load_index(path: str | Path) -> list[IndexEntry]:
 
     Columns ``id``, ``file`` and ``unit`` are needed; see ``COLUMNS`` for the others. Of a file
     with several horizontals ``component`` names the one that is meant. A column ``accept`` may
-    say what to let pass (``pga``, ``time_step``, ``samples``, blanks between), a column
-    ``columns`` where the numbers of a plain text are (``time=1 acceleration=2``).
+    say what to let pass (``pga``, ``time_step``, ``samples``, ``header``, blanks between), one
+    called ``columns`` where the numbers of a plain text are (``time=1 acceleration=2``).
 
     Raises
     ------

@@ -100,13 +100,15 @@ def measured(spectra: Mapping[float, NDArray[np.float64]], name: str) -> Picture
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        for number, row in enumerate(rows):
-            label = None if number else f"{len(rows)} components"
-            axes.plot(periods, row, color=canvas.GREY, lw=0.5, alpha=0.6, label=label)
+        faint = min(0.6, 60.0 / len(rows))  # so that hundreds leave the band to be seen
+        for row in rows:
+            axes.plot(periods, row, color=canvas.GREY, lw=0.5, alpha=faint)
+        axes.plot([], [], color=canvas.GREY, lw=0.5, label=f"{len(rows)} components")
         axes.fill_between(
-            periods, low, high, color=canvas.SKY, alpha=0.3, linewidth=0, label="16 to 84 %"
-        )
-        axes.plot(periods, median, color=canvas.BLUE, lw=2.0, label="median")
+            periods, low, high, color=canvas.SKY, alpha=0.4, linewidth=0, label="16 to 84 %",
+            zorder=2.5,
+        )  # fmt: skip
+        axes.plot(periods, median, color=canvas.BLUE, lw=2.0, label="median", zorder=3.0)
         _spectral_axes(axes)
         legend_above(axes)
 

@@ -4,7 +4,9 @@ from typing import TYPE_CHECKING
 
 import matplotlib
 import numpy as np
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator
 
 if TYPE_CHECKING:
     from archfrag.motions.selection.select import Selection
@@ -39,8 +41,17 @@ def draw(selection: "Selection") -> Figure:
         left.set_ylabel("Sa, 5 % damping [g]")
         right.set_ylabel("standard deviation of ln Sa")
         right.set_ylim(bottom=0.0)
+        _plain(left.yaxis)
         for axis in (left, right):
             axis.set_xlabel("period [s]")
+            _plain(axis.xaxis)
             axis.legend(fontsize=7, frameon=False)
             axis.grid(True, which="major", lw=0.3)
         return figure
+
+
+def _plain(axis: Axis) -> None:
+    """Numbers such as 0.05 in the place of powers of ten."""
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=20))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_locator(NullLocator())
