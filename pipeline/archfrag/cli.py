@@ -347,7 +347,7 @@ def motions(study: Any, say: Callable[[str], None]) -> None:
 
     check_output(study)
     stored = prepare_motions(study)
-    say(f"motions: {len(stored)} records x {len(study.intensity.si)} levels ready")
+    say(f"motions: {len(stored)} records ready")
 
 
 @_step
@@ -363,7 +363,8 @@ def batch(
     log = run_batch(study, batch, workers, quiet)
     count = study.execution.batches
     say(
-        f"batch {batch + 1} of {count}: {log.runs} runs, {log.kept} of them kept from before, "
+        f"batch {batch + 1} of {count}: {log.runs} runs in {log.rounds} rounds, {log.kept} of "
+        f"them kept from before, "
         f"{log.wall_time:.1f} s on {log.workers} workers"
     )
 
@@ -372,12 +373,9 @@ def batch(
 def cube(study: Any, say: Callable[[str], None]) -> None:
     """Gather the results into one CF netCDF cube."""
     from archfrag.study.cube import write_cube, write_timings
-    from archfrag.study.parts import forget_other_plans
-    from archfrag.study.plan import make_plan
 
     path = write_cube(study)
     write_timings(study)
-    forget_other_plans(make_plan(study))
     say(f"cube: {path}")
 
 

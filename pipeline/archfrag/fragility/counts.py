@@ -12,12 +12,16 @@ IntArray = NDArray[np.int64]
 
 
 class Verdict(IntEnum):
-    """What one run says about collapse; only the first two say anything."""
+    """What one run says about collapse; only the first two say anything.
+
+    NOT_SIMULATED is a cell of the grid for which the design of the study asked for no run.
+    """
 
     STANDING = 0
     COLLAPSED = 1
     UNFINISHED = 2
     SOLVER_FAILURE = 3
+    NOT_SIMULATED = 4
 
 
 @dataclass(frozen=True)
@@ -36,7 +40,7 @@ class VerdictCounts:
 
     @property
     def runs(self) -> IntArray:
-        """All runs whatever their verdict, (n_level,)."""
+        """All runs that were made, whatever their verdict, (n_level,)."""
         return self.n + self.unfinished + self.solver_failures
 
 
@@ -64,6 +68,8 @@ def count_verdicts(verdict: ArrayLike) -> VerdictCounts:
         )
     codes = codes.reshape(-1, codes.shape[-1])
     standing, collapsed, unfinished, failures = (
-        np.count_nonzero(codes == v, axis=0).astype(np.int64) for v in Verdict
+        np.count_nonzero(codes == v, axis=0).astype(np.int64)
+        for v in Verdict
+        if v != Verdict.NOT_SIMULATED
     )
     return VerdictCounts(standing, collapsed, unfinished, failures)

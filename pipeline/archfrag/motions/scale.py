@@ -36,10 +36,20 @@ def scale_factor(motion: Motion, measure_name: str, level: float) -> float:
     if not (np.isfinite(level) and level > 0.0):
         unit = parse_measure(measure_name).unit
         raise InputError(f"level {level} {unit} of {measure_name} must be a number above 0")
-    value = measure(motion, measure_name)
+    return factor_of(motion, measure_name, measure(motion, measure_name), level)
+
+
+def factor_of(motion: Motion, measure_name: str, value: float, level: float) -> float:
+    """As `scale_factor` of a motion whose value in the measure is known.
+
+    Raises
+    ------
+    RecordError
+        If the value is 0.
+    """
     if value == 0.0:
         raise RecordError(
             f"{motion.id or 'motion'}: {measure_name} of the record is 0, so no factor can bring "
             f"it to {level:g}"
         )
-    return float((level / value) ** (1.0 / exponent))
+    return float((level / value) ** (1.0 / scaling_exponent(measure_name)))

@@ -1,4 +1,4 @@
-"""The runs of a batch on dask workers: chunk by chunk, resumable, with bounded memory."""
+"""The runs of a batch on dask workers: round by round, resumable, with bounded memory."""
 
 import contextlib
 import inspect
@@ -9,26 +9,33 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import dask
+import numpy as np
 from distributed import Client, Future, LocalCluster, Security, wait
 from distributed.scheduler import KilledWorker
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from archfrag.errors import ArchfragError, WorkerError
-from archfrag.study.bundles import Bundles
+from archfrag.study.bundles import Bundles, Rates
 from archfrag.study.checks import check_arches
 from archfrag.study.config import Study
 from archfrag.study.files import make_folder
-from archfrag.study.parts import read_part
-from archfrag.study.plan import Plan, chunks_of_batch, make_plan
+from archfrag.study.plan import Plan, make_plan
 from archfrag.study.provenance import add_to_log, available_cores, machine
+from archfrag.study.rounds import Cases
+from archfrag.study.store import Store, timings_folder
 from archfrag.study.worker import run_chunks
 
 # A worker is to stay below 400 MB; dask ends one that reaches 95 % of the limit.
 MEMORY_LIMIT = 800 * 10**6
 IN_FLIGHT = 2
+# A chunk is one call: four of its runs go side by side to near its end, workers share a round.
+LANES, SMALLEST_CHUNK, LARGEST_CHUNK, CHUNKS_EACH = 4, 8, 200, 3
 LOOK_AFTER = 0.5  # between looks whether workers are there [s]
 LOSSES_ALLOWED = 3
 PATIENCE = 60.0
@@ -62,6 +69,7 @@ class BatchLog:
     batch: int
     runs: int = 0
     kept: int = 0
+    rounds: int = 0
     workers: int = 0
     wall_time: float = 0.0  # [s]
     kernel_time: float = 0.0  # summed over workers [s]
@@ -71,7 +79,7 @@ class BatchLog:
 def run_batch(
     study: Study, batch: int = 0, workers: int | None = None, quiet: bool = False
 ) -> BatchLog:
-    """Run one batch of a study; parts that are there and valid are kept.
+    """Make the runs of one batch that the design asks for; those that are there are kept.
 
     Parameters
     ----------
@@ -97,31 +105,66 @@ def run_batch(
     """
     started = time.perf_counter()
     plan = make_plan(study)
-    chunks = list(chunks_of_batch(plan, batch, study.execution.batches))
-    for folder in (plan.part(0).parent, plan.timing(0).parent):
+    for folder in (plan.parts, timings_folder(plan.parts)):
         make_folder(folder)
-    missing = [chunk for chunk in chunks if read_part(plan, chunk) is None]
-    log = BatchLog(batch, runs=sum(len(plan.rows(c)) for c in chunks))
-    log.kept = log.runs - sum(len(plan.rows(c)) for c in missing)
-    if missing:
-        plan.save()
-        log.workers = min(workers or study.execution.workers or available_cores(), len(missing))
-        with _progress(log, quiet) as bar, contextlib.ExitStack() as stack:
-            with _ticking(bar):
-                _compile_kernels(kernels_needed(study, plan), bar)
-                bar.set_description("starting workers")
-                with ThreadPoolExecutor(1) as beside:
-                    checked = beside.submit(check_arches, study)
-                    client = stack.enter_context(_client(study, log.workers))
-                checked.result()
-            _start_clock(bar)
-            for done in _results(client, plan, missing):
-                bar.update(int(done["runs"]))
-                log.kernel_time += done["kernel_time"]
-                log.peak_memory[str(done["pid"])] = done["peak_memory"]
+    log = BatchLog(batch)
+    rounds, store = plan.rounds(batch, study.execution.batches), Store(plan.parts)
+    log.workers = workers or study.execution.workers or available_cores()
+    with contextlib.ExitStack() as stack:
+        crew: _Crew | None = None
+        bar = stack.enter_context(_progress(quiet))
+        while len(rounds.wanted):
+            factors = plan.factors(rounds.wanted)
+            keys = plan.keys(rounds.wanted, factors)
+            missing = np.flatnonzero(store.places(keys) < 0)
+            log.runs += len(keys)
+            log.kept += len(keys) - missing.size
+            _count(bar, log)
+            if missing.size:
+                if crew is None:
+                    plan.save()
+                    crew = stack.enter_context(_started(study, plan, log.workers, bar))
+                chunks = cut(rounds.wanted[missing], study.execution.chunk, log.workers)
+                work = [(cases, factors[missing[rows]]) for rows, cases in chunks]
+                for done in crew.results(plan, work):
+                    store.add(Path(done["part"]))
+                    bar.update(int(done["runs"]))
+                    log.kernel_time += done["kernel_time"]
+                    log.peak_memory[str(done["pid"])] = done["peak_memory"]
+            rounds.answer(store.verdicts(keys))
+    log.rounds = rounds.count
     log.wall_time = time.perf_counter() - started
     add_to_log(study.work, {"step": "batch", **asdict(log), **machine()})
     return log
+
+
+def cut(cases: Cases, chunk: int | None, workers: int) -> list[tuple[slice, Cases]]:
+    """Runs cut into chunks of one arch and stage each, which a worker makes in one call."""
+    even = -(-len(cases) // (CHUNKS_EACH * workers))
+    most = chunk or min(max(-(-even // LANES) * LANES, SMALLEST_CHUNK), LARGEST_CHUNK)
+    kind = np.stack([cases["stage"], cases["arch"]])
+    borders = np.flatnonzero((kind[:, 1:] != kind[:, :-1]).any(axis=0)) + 1
+    chunks = []
+    for start, end in pairwise([0, *borders.tolist(), len(cases)]):
+        for first in range(start, end, most):
+            rows = slice(first, min(first + most, end))
+            chunks.append((rows, cases[rows]))
+    return chunks
+
+
+@contextlib.contextmanager
+def _started(study: Study, plan: Plan, workers: int, bar: tqdm) -> Iterator["_Crew"]:
+    """Workers that are ready, kernels compiled and arches checked."""
+    with contextlib.ExitStack() as stack:
+        with _ticking(bar):
+            _compile_kernels(kernels_needed(study, plan), bar)
+            bar.set_description("starting workers")
+            with ThreadPoolExecutor(1) as beside:
+                checked = beside.submit(check_arches, study)
+                client = stack.enter_context(_client(study, workers))
+            checked.result()
+        _start_clock(bar)
+        yield _Crew(client)
 
 
 def _compile_kernels(names: list[str], bar: tqdm) -> None:
@@ -137,27 +180,29 @@ def _compile_kernels(names: list[str], bar: tqdm) -> None:
 
 
 def kernels_needed(study: Study, plan: Plan) -> list[str]:
-    """Names of the methods whose kernels a study's method uses: `auto` may go by events."""
+    """Names of the methods whose kernels a study's methods use: `auto` may go by events."""
     from archfrag.methods.auto import goes_by_events
     from archfrag.methods.registry import AUTO, METHODS
 
-    method = study.method
-    if method.name != AUTO:
-        return [method.name]
     defaults = {parameter.name: parameter.default for parameter in METHODS[AUTO].parameters}
-    rtol = defaults["rtol"] if method.rtol is None else method.rtol
-    coarse = (method.settings or {}).get("coarse", defaults["coarse"])
     bodies = {entry.build().n_voussoir for entry in study.arches}
     breaks = {record.breaks for record in plan.records}
-    found = {goes_by_events(n, each, rtol, coarse) for n in bodies for each in breaks}
-    return [name for by, name in ((False, AUTO), (True, "event_driven")) if by in found]
+    names = {}
+    for method in plan.methods:
+        if method["name"] != AUTO:
+            names[method["name"]] = True
+            continue
+        rtol = defaults["rtol"] if method["rtol"] is None else method["rtol"]
+        coarse = method["settings"].get("coarse", defaults["coarse"])
+        by_events = {goes_by_events(n, each, rtol, coarse) for n in bodies for each in breaks}
+        names |= {(AUTO, "event_driven")[by]: True for by in sorted(by_events)}
+    return list(names)
 
 
 @contextlib.contextmanager
-def _progress(log: BatchLog, quiet: bool) -> Iterator[tqdm]:
+def _progress(quiet: bool) -> Iterator[tqdm]:
     with tqdm(
-        total=log.runs,
-        initial=log.kept,
+        total=0,
         unit="run",
         desc="simulations",
         disable=quiet,
@@ -166,6 +211,15 @@ def _progress(log: BatchLog, quiet: bool) -> Iterator[tqdm]:
         mininterval=0.2 if sys.stderr.isatty() else 10.0,
     ) as bar:
         yield bar
+
+
+def _count(bar: tqdm, log: BatchLog) -> None:
+    """Show the runs asked for so far as the total, and those kept as done."""
+    if not bar.disable:
+        bar.total = log.runs
+        bar.initial = log.kept
+        bar.n = max(bar.n, log.kept)
+        bar.refresh()
 
 
 @contextlib.contextmanager
@@ -230,44 +284,6 @@ def _client(study: Study, count: int) -> Iterator[Client]:
         yield client
 
 
-def _results(client: Client, plan: Plan, chunks: list[int]) -> Iterator[dict[str, float]]:
-    """Run chunks with few in flight, so that memory does not grow with their number."""
-    at_work: set[Future] = set()
-    crew = _Crew(client)
-    bundles = Bundles(plan, chunks, crew.size)
-
-    def send(count: int) -> None:
-        for _ in range(count):
-            bundle = bundles.take()
-            if not bundle:
-                return
-            key = f"{_name(bundle)}-{plan.identity[:12]}"
-            at_work.add(client.submit(run_chunks, str(plan.path), bundle, key=key, pure=False))
-
-    send(IN_FLIGHT * max(1, crew.size))
-    try:
-        while at_work:
-            with contextlib.suppress(TimeoutError):
-                wait(at_work, timeout=1.0, return_when="FIRST_COMPLETED")
-            crew.check()
-            for future in [future for future in at_work if future.done()]:
-                results = _result(future)
-                if results is not None:
-                    at_work.discard(future)
-                    bundles.learn(results)
-                    send(1)
-                    yield from results
-    finally:
-        if at_work:
-            with contextlib.suppress(Exception):
-                client.cancel(list(at_work), force=True)
-
-
-def _name(bundle: tuple[int, ...]) -> str:
-    first, others = bundle[0], len(bundle) - 1
-    return f"chunk-{first}" + (f"-and-{others}-more" if others else "")
-
-
 def _result(future: Future) -> list[dict[str, float]] | None:
     """Results of a bundle; None if it went under with its worker and is to be made again."""
     try:
@@ -284,18 +300,58 @@ def _result(future: Future) -> list[dict[str, float]] | None:
 
 
 class _Crew:
-    """Watches for workers that vanish: dask itself would wait for ever."""
+    """Workers, watched for those that vanish: dask itself would wait for ever."""
 
     def __init__(self, client: Client) -> None:
         self._client = client
         self._seen = set(self._addresses())
         self.size = len(self._seen)
         self._alive_at = self._looked_at = time.monotonic()
+        self._rates = Rates()
+
+    def results(self, plan: Plan, work: list[tuple[Cases, NDArray]]) -> Iterator[dict[str, Any]]:
+        """Run chunks with few in flight, so that memory does not grow with their number."""
+        at_work: dict[Future, tuple[int, ...]] = {}
+        duration = np.array([record.duration for record in plan.records])
+        lengths = [float(duration[cases["record"]].sum()) for cases, _ in work]
+        kinds = [(int(cases["stage"][0]), int(cases["arch"][0])) for cases, _ in work]
+        bundles = Bundles(lengths, kinds, self.size, self._rates)
+
+        def send(count: int) -> None:
+            for _ in range(count):
+                bundle = bundles.take()
+                if not bundle:
+                    return
+                chunks = [work[chunk] for chunk in bundle]
+                key = f"runs-{plan.keys(chunks[0][0][:1], chunks[0][1][:1]).tobytes().hex()}"
+                future = self._client.submit(
+                    run_chunks, str(plan.path), chunks, key=key, pure=False
+                )
+                at_work[future] = bundle
+
+        send(IN_FLIGHT * max(1, self.size))
+        try:
+            while at_work:
+                with contextlib.suppress(TimeoutError):
+                    wait(list(at_work), timeout=1.0, return_when="FIRST_COMPLETED")
+                self._check()
+                for future in [future for future in at_work if future.done()]:
+                    results = _result(future)
+                    if results is not None:
+                        bundle = at_work.pop(future)
+                        walls = [each["wall_time"] for each in results]
+                        bundles.learn(zip(bundle, walls))
+                        send(1)
+                        yield from results
+        finally:
+            if at_work:
+                with contextlib.suppress(Exception):
+                    self._client.cancel(list(at_work), force=True)
 
     def _addresses(self) -> list[str]:
         return list(self._client.scheduler_info(n_workers=-1)["workers"])
 
-    def check(self) -> None:
+    def _check(self) -> None:
         now = time.monotonic()
         if now - self._looked_at < LOOK_AFTER:
             return

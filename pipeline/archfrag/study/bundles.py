@@ -1,11 +1,7 @@
-"""Chunks of a batch, dealt out to workers in bundles that take a second or two each."""
+"""Chunks of a round, dealt out to workers in bundles that take a second or two each."""
 
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
-
-import numpy as np
-
-from archfrag.study.plan import Plan
+from collections.abc import Iterable, Sequence
 
 # An exchange with a worker costs its scheduler about 10 ms, as much as a chunk of short runs; a
 # bundle is what a lost worker loses, and what the others wait for at the end.
@@ -14,51 +10,54 @@ DEALT_AT_ONCE = 1 / 2  # of a worker's fair part of what is left
 MOST_CHUNKS = 200
 
 
-def simulated_time(plan: Plan, chunks: Sequence[int]) -> list[float]:
-    """Durations of the records of all runs in each chunk, summed [s]."""
-    duration = np.array([record.duration for record in plan.records])
-    n_level = len(plan.levels)
-    return [
-        float(duration[np.array(plan.rows(chunk)) // n_level % duration.size].sum())
-        for chunk in chunks
-    ]
+class Rates:
+    """Wall time a simulated second by kind of run, as far as chunks have shown it."""
 
+    def __init__(self) -> None:
+        self._wall: dict[object, float] = {}  # [s]
+        self._simulated: dict[object, float] = {}  # [s]
 
-def longest_first(plan: Plan, chunks: Sequence[int]) -> list[int]:
-    """Chunks by simulated time, the longest first: then workers finish together."""
-    length = dict(zip(chunks, simulated_time(plan, chunks)))
-    return sorted(chunks, key=lambda chunk: -length[chunk])
+    def learn(self, kind: object, wall: float, simulated: float) -> None:
+        """Take note of what a chunk took."""
+        self._wall[kind] = self._wall.get(kind, 0.0) + wall
+        self._simulated[kind] = self._simulated.get(kind, 0.0) + simulated
+
+    def of(self, kind: object) -> float:
+        """Wall time a simulated second; infinite if no chunk of this kind is done yet."""
+        if kind not in self._wall:
+            return float("inf")
+        return self._wall[kind] / max(self._simulated[kind], 1e-9)
 
 
 class Bundles:
-    """Deals out the chunks of a plan, the longest first.
+    """Deals out chunks, the longest first.
 
-    A bundle is as long as the chunks before it suggest, and shorter towards the end. Of an arch
-    of which nothing is known yet a bundle is one chunk.
+    A bundle is as long as the chunks before it suggest, and shorter towards the end. Of a kind of
+    which nothing is known yet a bundle is one chunk.
 
     Parameters
     ----------
-    plan : Plan
-    chunks : sequence of int
+    lengths : sequence of float
+        Simulated time of the records of each chunk [s].
+    kinds : sequence
+        What decides the pace of each chunk, such as its arch.
     workers : int
+    rates : Rates
+        Of chunks before these; learns from these.
     """
 
-    def __init__(self, plan: Plan, chunks: Sequence[int], workers: int) -> None:
-        self._length = dict(zip(chunks, simulated_time(plan, chunks)))
-        self._arch = {chunk: plan.case(plan.rows(chunk).start)[0] for chunk in chunks}
-        self._waiting = deque(longest_first(plan, chunks))
-        self._left = sum(self._length.values())
+    def __init__(
+        self, lengths: Sequence[float], kinds: Sequence[object], workers: int, rates: Rates
+    ) -> None:
+        self._length, self._kind, self._rates = lengths, kinds, rates
+        self._waiting = deque(sorted(range(len(lengths)), key=lambda chunk: -lengths[chunk]))
+        self._left = sum(lengths)
         self._workers = max(1, workers)
-        self._wall: dict[int, float] = {}  # by arch [s]
-        self._simulated: dict[int, float] = {}  # in that [s]
 
-    def learn(self, done: Iterable[Mapping[str, float]]) -> None:
-        """Take note of how long chunks took: their `chunk` and `wall_time` [s]."""
-        for result in done:
-            chunk = int(result["chunk"])
-            arch = self._arch[chunk]
-            self._wall[arch] = self._wall.get(arch, 0.0) + result["wall_time"]
-            self._simulated[arch] = self._simulated.get(arch, 0.0) + self._length[chunk]
+    def learn(self, walls: Iterable[tuple[int, float]]) -> None:
+        """Take note of how long chunks took: number and wall time [s]."""
+        for chunk, wall in walls:
+            self._rates.learn(self._kind[chunk], wall, self._length[chunk])
 
     def take(self) -> tuple[int, ...]:
         """The next bundle; empty if all chunks are dealt out."""
@@ -66,7 +65,7 @@ class Bundles:
         spent, allowed = 0.0, 0.0
         while self._waiting and len(bundle) < MOST_CHUNKS:
             chunk = self._waiting[0]
-            pace = self._pace(self._arch[chunk])
+            pace = self._rates.of(self._kind[chunk])
             if not bundle:
                 fair = DEALT_AT_ONCE * pace * self._left / self._workers
                 allowed = min(max(fair, SHORTEST), LONGEST)
@@ -76,9 +75,3 @@ class Bundles:
             bundle.append(self._waiting.popleft())
             self._left -= self._length[chunk]
         return tuple(bundle)
-
-    def _pace(self, arch: int) -> float:
-        """Wall time a simulated second; infinite if no chunk of the arch is done yet."""
-        if arch not in self._wall:
-            return float("inf")
-        return self._wall[arch] / max(self._simulated[arch], 1e-9)

@@ -9,7 +9,7 @@ from archfrag.errors import OutputError, StabilityError, StudyError
 from archfrag.study.config import Study, load_study
 from archfrag.study.cube import refuse_foreign_cube
 from archfrag.study.files import cannot_write
-from archfrag.study.records import read_sources, scale_factors, study_inputs
+from archfrag.study.records import measured, read_sources, study_inputs
 
 STUDY_FILE = "study.yaml"
 
@@ -93,7 +93,7 @@ def check_study(study: Study) -> Summary:
     study_inputs(study)
     records = 0
     for motion in read_sources(study):
-        scale_factors(motion, study)
+        measured(motion, study)
         records += 1
     if not records:
         raise StudyError("motions: the study has no record")

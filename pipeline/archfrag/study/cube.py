@@ -1,6 +1,7 @@
 """The cube: all parts of a study in one CF-1.11 netCDF file."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,15 +9,18 @@ import netCDF4
 import numpy as np
 from numpy.typing import NDArray
 
-from archfrag.errors import InputError, OutputError
+from archfrag.errors import OutputError
 from archfrag.fragility.counts import Verdict
 from archfrag.study.config import Study
+from archfrag.study.design import GRIDS
 from archfrag.study.files import make_folder, replacing
 from archfrag.study.outcome import COLUMNS, Column
-from archfrag.study.parts import read_part
-from archfrag.study.plan import Plan, make_plan, run_table
-from archfrag.study.provenance import attributes
-from archfrag.study.records import SEEDS
+from archfrag.study.plan import Plan, make_plan
+from archfrag.study.provenance import attributes, strict_json
+from archfrag.study.records import SEEDS, PreparedRecord
+from archfrag.study.replay import Results, gather, replay
+from archfrag.study.rounds import CASE, FINE, Cases
+from archfrag.study.store import Store
 from archfrag.study.written import is_ours_damaged
 
 CUBE = "cube.nc"
@@ -73,51 +77,21 @@ def write_cube(study: Study) -> Path:
     """
     refuse_foreign_cube(study)
     plan = make_plan(study)
-    table = gather(plan)
+    results = gather(plan)
     path = make_folder(study.folder) / CUBE
     with replacing(path) as temporary:
         try:
             with netCDF4.Dataset(temporary, "w", format="NETCDF4") as cube:
-                _write(cube, study, plan, table)
+                _write(cube, study, plan, results)
         except RuntimeError as error:  # netCDF's word for a disk that is full
             raise OSError(str(error)) from error
     return path
 
 
-def gather(plan: Plan) -> dict[str, NDArray]:
-    """Columns of all runs in the order of the plan, each (n_run,); `model_time` (n_run, n_model).
-
-    Raises
-    ------
-    InputError
-        If parts are missing or were made by different ladders of models.
-    """
-    table: dict[str, NDArray] = {c.name: np.empty(plan.n_run, c.dtype) for c in COLUMNS}
-    missing = []
-    for chunk in range(plan.n_chunk):
-        part = read_part(plan, chunk)
-        if part is None:
-            missing.append(chunk)
-            continue
-        if "model" not in table:
-            table["model"] = part["model"]
-            table["model_time"] = np.empty((plan.n_run, part["model"].size))
-        if part["model"].tolist() != table["model"].tolist():
-            raise InputError(f"{plan.part(chunk)}: tells of other models than the parts before")
-        rows = plan.rows(chunk)
-        for name in (*(c.name for c in COLUMNS), "model_time"):
-            table[name][rows.start : rows.stop] = part[name]
-    if missing:
-        raise InputError(
-            f"{plan.part(0).parent}: {len(missing)} of {plan.n_chunk} parts are missing or "
-            f"damaged; `archfrag run STUDY --resume` with the file of study {plan.study!r} makes "
-            "them and the cube"
-        )
-    return table
-
-
 def write_timings(study: Study) -> Path:
     """Gather the wall times of all runs into ``timings.csv``; not part of the cube.
+
+    Parts that hold no run of the study any more are removed.
 
     Raises
     ------
@@ -129,51 +103,88 @@ def write_timings(study: Study) -> Path:
     import pandas as pd
 
     plan = make_plan(study)
-    table = run_table(plan)[["run", "arch", "record", "level"]]
-    names = ["run", "steps", "wall_time"]
-    files = [plan.timing(chunk) for chunk in range(plan.n_chunk)]
-    times = [pd.read_csv(file, names=names) for file in files if file.is_file()]
+    store = Store(plan.parts)
+    cases, _ = replay(plan, store)
+    keys = plan.keys(cases, plan.factors(cases))
+    wall_time, steps = np.full(len(cases), np.nan), np.zeros(len(cases), np.int64)
+    for _, rows, part, times in store.rows(store.places(keys)):
+        wall_time[rows], steps[rows] = times, part["steps"]
+    table = pd.DataFrame(
+        {
+            "stage": cases["stage"],
+            "arch": np.array([arch["id"] for arch in plan.arches])[cases["arch"]],
+            "record": np.array([record.id for record in plan.records])[cases["record"]],
+            "level": cases["level"],
+            "steps": steps,
+            "wall_time": wall_time,
+        }
+    )
     path = study.work / TIMINGS
-    if times:
-        table = table.merge(pd.concat(times), on="run", how="left")
     with replacing(path) as temporary:
         table.to_csv(temporary, index=False)
+    store.forget_others([keys])
     return path
 
 
-def _write(cube: Any, study: Study, plan: Plan, table: dict[str, NDArray]) -> None:
+class _Layout:
+    """Where runs are in the cube: (arch, record, level), with one level where each has its own."""
+
+    def __init__(self, plan: Plan, cases: Cases) -> None:
+        self.regular = plan.design["kind"] in GRIDS
+        n_level = len(plan.levels) if self.regular else 1
+        self.shape = (len(plan.arches), len(plan.records), n_level)
+        self._cell = (cases["arch"], cases["record"], cases["place"])
+
+    def fill(self, values: NDArray, missing: float) -> NDArray:
+        """Values of runs by their cells, with `missing` where there is no run."""
+        cells = np.full((*self.shape, *values.shape[1:]), missing, values.dtype)
+        cells[self._cell] = values
+        return cells
+
+
+def _write(cube: Any, study: Study, plan: Plan, results: Results) -> None:
     arches = [entry.build() for entry in study.arches]
-    shape = (len(arches), len(plan.records), len(plan.levels))
-    models = [str(name) for name in table["model"]]
-    for name, size in zip((*_RUN, "model"), (*shape, len(models))):
+    fine = results.cases["stage"] == FINE
+    own = results.some(fine)
+    grid = _Layout(plan, own.cases)
+    for name, size in zip((*_RUN, "model"), (*grid.shape, len(own.models))):
         cube.createDimension(name, size)
-    cube.setncatts(_global_attributes(study, plan))
+    notes = {plan.arches[arch]["id"]: note for arch, note in sorted(own.notes.items())}
+    cube.setncatts(_global_attributes(study, plan, {**plan.design, "arches": notes}))
     _labels(cube, "arch", "arch", [entry.id for entry in study.arches], "name of the arch")
     _labels(cube, "record", "record", [r.id for r in plan.records], "name of the record")
-    _labels(cube, "model", "model", models, "model of the ladder that a time was simulated with")
-    _levels(cube, study)
+    _labels(
+        cube, "model", "model", own.models, "model of the ladder that a time was simulated with"
+    )
+    _levels(cube, study, plan, grid, own)
     _arch_facts(cube, arches)
     _record_facts(cube, plan)
     for column in COLUMNS:
-        variable = _create(cube, column, _RUN)
-        variable[:] = table[column.name].reshape(shape)
+        _create(cube, column, _RUN)[:] = grid.fill(own.table[column.name], column.missing)
+    if not fine.all():
+        coarse = results.some(~fine)
+        column = replace(
+            COLUMNS[0], name="coarse_verdict", long_name="what a run by the coarse method says"
+        )
+        _create(cube, column, _RUN)[:] = _Layout(plan, coarse.cases).fill(
+            coarse.table["verdict"], COLUMNS[0].missing
+        )
     column = Column(
         "lost_contact_and_stand", "i4", "1",
         "number of runs of all records that lost contact at a joint and stand",
     )  # fmt: skip
-    regained = np.isfinite(table["lost_contact_time"]) & (table["verdict"] == Verdict.STANDING)
-    variable = _create(cube, column, (_RUN[0], _RUN[2]), "arch intensity")
-    variable[:] = regained.reshape(shape).sum(axis=1)
+    lost = np.isfinite(own.table["lost_contact_time"])
+    regained = grid.fill(lost & (own.table["verdict"] == Verdict.STANDING), False)
+    _create(cube, column, (_RUN[0], _RUN[2]), "arch level")[:] = regained.sum(axis=1)
     column = Column(
         "model_time", "f8", "s", "simulated time in each model",
         comment="The models add up to end_time: from rest through few bodies to all voussoirs.",
     )  # fmt: skip
     variable = _create(cube, column, (*_RUN, "model"), f"{_LABELS} model")
-    variable[:] = table["model_time"].reshape(*shape, len(models))
+    variable[:] = grid.fill(own.table["model_time"], np.nan)
 
 
-def _global_attributes(study: Study, plan: Plan) -> dict[str, str]:
-    names = ", ".join(entry.id for entry in study.arches)
+def _global_attributes(study: Study, plan: Plan, design: dict[str, Any]) -> dict[str, str]:
     return {
         "Conventions": "CF-1.11",
         "title": study.title,
@@ -183,18 +194,19 @@ def _global_attributes(study: Study, plan: Plan) -> dict[str, str]:
         ),
         "vertical_component": _vertical_component(plan),
         "history": (
-            "Records read, processed and scaled to the levels of the intensity measure; one "
-            "simulation for each arch, record and level; results gathered by archfrag."
+            "Records read, processed and scaled to levels of the intensity measure; simulations "
+            f"as the design {study.design.kind} asks for them; results gathered by archfrag."
         ),
         "references": (
             "A. Sinopoli, A semi-analytical approach for masonry arch dynamics; the README of "
             "archfrag"
         ),
         "comment": (
-            f"Arches {names} under {len(plan.records)} records at {len(plan.levels)} levels of "
+            f"{len(plan.arches)} arches under {len(plan.records)} records scaled by "
             f"{study.intensity.measure}. Wall times and machine are in a log beside this file."
         ),
         "loss_limit": f"{study.method.loss_limit:g}",
+        "archfrag_design": strict_json(design),
         **attributes(study, plan),
     }
 
@@ -253,18 +265,29 @@ def _labels(
     variable[:] = np.array(encoded, dtype=f"S{length}").view("S1").reshape(len(texts), length)
 
 
-def _levels(cube: Any, study: Study) -> None:
-    level = Column("level", "i4", "1", "number of the intensity level, counted from 0")
-    _create(cube, level, ("level",), "")[:] = np.arange(len(study.intensity.si))
+def _levels(cube: Any, study: Study, plan: Plan, grid: "_Layout", results: Results) -> None:
     from archfrag.motions.measures import measure_unit
 
+    level = Column("level", "i4", "1", "number of the intensity level, counted from 0")
+    _create(cube, level, ("level",), "")[:] = np.arange(grid.shape[2])
+    measure = study.intensity.measure
     intensity = Column(
-        "intensity", "f8", _UDUNITS[measure_unit(study.intensity.measure)],
-        f"{study.intensity.measure} of the scaled record",
-    )  # fmt: skip
-    variable = _create(cube, intensity, ("level",), "")
-    variable.measure = study.intensity.measure
-    variable[:] = study.intensity.si
+        "intensity", "f8", _UDUNITS[measure_unit(measure)], f"{measure} of the scaled record"
+    )
+    scale = Column("scale_factor", "f8", "1", "factor on the record that reaches the level")
+    if grid.regular:
+        variable = _create(cube, intensity, ("level",), "")
+        variable[:] = plan.levels
+        record, place = np.indices(grid.shape[1:])
+        cases = np.zeros(record.size, CASE)
+        cases["record"], cases["level"] = record.ravel(), np.array(plan.levels)[place.ravel()]
+        factors = _create(cube, scale, ("record", "level"), "record intensity")
+        factors[:] = plan.factors(cases).reshape(grid.shape[1:])
+    else:
+        variable = _create(cube, intensity, _RUN, "arch record")
+        variable[:] = grid.fill(results.cases["level"], np.nan)
+        _create(cube, scale, _RUN)[:] = grid.fill(results.factors, np.nan)
+    variable.measure = measure
 
 
 def _arch_facts(cube: Any, arches: Sequence[Any]) -> None:
@@ -284,9 +307,6 @@ def _arch_facts(cube: Any, arches: Sequence[Any]) -> None:
 
 def _record_facts(cube: Any, plan: Plan) -> None:
     records = plan.records
-    scale = Column("scale_factor", "f8", "1", "factor on the record that reaches the level")
-    variable = _create(cube, scale, ("record", "level"), "record intensity")
-    variable[:] = [record.factors for record in records]
     facts = (
         Column("record_dt", "f8", "s", "time between samples of the record"),
         Column("record_duration", "f8", "s", "time from the first to the last sample"),
@@ -298,6 +318,8 @@ def _record_facts(cube: Any, plan: Plan) -> None:
         given = [getattr(record, key) for record in records]
         variable = _create(cube, column, ("record",), "record")
         variable[:] = [np.nan if value is None else value for value in given]
+    _record_measures(cube, records)
+    _labels(cube, "event", "record", [r.event for r in records], "earthquake", "record")
     vertical = Column(
         "record_vertical", "i1", "", "whether the vertical component moves the arch too",
         flags=((0, "horizontal_only"), (1, "with_vertical")),
@@ -318,3 +340,22 @@ def _record_facts(cube: Any, plan: Plan) -> None:
     _labels(cube, "accepted", "record", [r.accepted for r in records],
             "what is implausible in the record and was accepted by a key of the study",
             "record")  # fmt: skip
+
+
+def _record_measures(cube: Any, records: Sequence[PreparedRecord]) -> None:
+    """Values of the records as they are in all measures: times factor ** exponent in a run."""
+    from archfrag.motions.measures import measure_unit, scaling_exponent
+
+    names = list(records[0].measures)
+    cube.createDimension("measure", len(names))
+    _labels(cube, "measure", "measure", names, "intensity measure")
+    _labels(cube, "measure_unit", "measure", [measure_unit(name) for name in names],
+            "unit of the intensity measure", "measure")  # fmt: skip
+    exponent = Column("measure_exponent", "i4", "1", "power of the scale factor in the measure")
+    variable = _create(cube, exponent, ("measure",), "measure")
+    variable[:] = [scaling_exponent(name) for name in names]
+    column = Column(
+        "record_measure", "f8", "", "intensity of the record as it is, in the unit of each measure"
+    )
+    variable = _create(cube, column, ("record", "measure"), "record measure")
+    variable[:] = [[record.measures[name] for name in names] for record in records]

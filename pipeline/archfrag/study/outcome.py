@@ -43,6 +43,15 @@ class Column:
     flags: Sequence[tuple[int, str]] = ()
     comment: str = ""
 
+    @property
+    def missing(self) -> float:
+        """What stands in a cell that was not simulated: a code of its own, -1 or nan."""
+        if self.name == "verdict":
+            return Verdict.NOT_SIMULATED
+        if self.flags and self.flags[0][1] == "none":
+            return 0
+        return np.nan if self.dtype.startswith("f") else -1
+
 
 def _flags(kind: Any) -> tuple[tuple[int, str], ...]:
     return tuple((int(member), member.name.lower()) for member in kind)
@@ -53,7 +62,9 @@ COLUMNS = (
         "verdict", "i1", "", "what the run says about collapse", flags=_flags(Verdict),
         comment="Unfinished runs and solver failures count neither as collapse nor as survival.",
     ),
-    Column("status", "i1", "", "how the run ended", flags=_flags(Status)),
+    Column(
+        "status", "i1", "", "how the run ended", flags=((-1, "not_simulated"), *_flags(Status))
+    ),
     Column(
         "collapse_time", "f8", "s", "time at which a joint lost its contact for good", np.nan,
         comment="From the first sample of the record.",

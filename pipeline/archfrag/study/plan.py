@@ -1,80 +1,94 @@
-"""The run table of a study: arch x record x level in a fixed order, cut into chunks."""
+"""What the runs of a study follow from, and what each of them is."""
 
+import hashlib
 import json
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field, fields
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 from archfrag import __version__
 from archfrag.errors import InputError
 from archfrag.kernel_cache import kernel_hash
 from archfrag.study.config import Study
+from archfrag.study.design import Cloud, Design, Ida, Scattered
 from archfrag.study.digests import canonical_json, digest_of, source_hash
 from archfrag.study.files import write_text
+from archfrag.study.grids import Grid, ida, stripes
 from archfrag.study.records import PreparedRecord, load_prepared
-
-if TYPE_CHECKING:
-    import pandas as pd
+from archfrag.study.rounds import Cases, Rounds, Strand
+from archfrag.study.scattered import cloud, scattered
 
 # Source, beside the kernels, that an edit of which may change results.
 DECIDING = (
     "arch", "mechanics", "methods", "simulate.py", "simulation", "study/arches.py",
     "study/case.py", "study/outcome.py", "study/worker.py",
 )  # fmt: skip
-# Enough parts for an even share among workers, few enough for a file system; runs enough in each
-# that four go side by side to near its end.
-PARTS_WANTED, SMALLEST_CHUNK, LARGEST_CHUNK = 500, 32, 200
+KEY = 16  # bytes
 
 
 @dataclass(frozen=True)
 class Plan:
     """All that decides what the runs of a study are, and nothing that does not.
 
-    Run ``(a * n_record + r) * n_level + l`` is arch a, record r, level l.
+    Attributes
+    ----------
+    study : str
+    folder : str
+        Of work.
+    arches : tuple of dict
+        As their models dump them.
+    records : tuple of PreparedRecord
+    levels : tuple of float, (n_level,)
+        In the SI unit of the measure.
+    power : float
+        A level grows with the factor to the power 1 / `power`.
+    measure : str
+    methods : tuple of dict
+        By stage: the study's, and the coarse one of a design in two stages.
+    design : dict
+    identity : str
+        Hash of the code that makes the results.
     """
 
     study: str
-    folder: str  # of work
+    folder: str
     arches: tuple[dict[str, Any], ...]
     records: tuple[PreparedRecord, ...]
-    levels: tuple[float, ...]  # (n_level,) in the SI unit of the measure
-    method: dict[str, Any]
-    chunk: int
-    identity: str  # hash of all that decides the results and how they are cut into parts
+    levels: tuple[float, ...]
+    power: float
+    measure: str
+    methods: tuple[dict[str, Any], ...]
+    design: dict[str, Any]
+    identity: str
+    _digests: dict[Any, bytes] = field(default_factory=dict, compare=False, repr=False)
 
     @property
-    def n_run(self) -> int:
-        """Number of runs."""
-        return len(self.arches) * len(self.records) * len(self.levels)
-
-    @property
-    def n_chunk(self) -> int:
-        """Number of chunks, and so of parts."""
-        return -(-self.n_run // self.chunk)
-
-    def rows(self, chunk: int) -> range:
-        """Runs of a chunk."""
-        return range(chunk * self.chunk, min((chunk + 1) * self.chunk, self.n_run))
-
-    def case(self, run: int) -> tuple[int, int, int]:
-        """Arch, record and level of a run, counted from 0."""
-        rest, level = divmod(run, len(self.levels))
-        arch, record = divmod(rest, len(self.records))
-        return arch, record, level
-
-    def part(self, chunk: int) -> Path:
-        """Part file of a chunk."""
-        return Path(self.folder) / "parts" / f"{chunk:06d}-{self.identity[:12]}.npz"
-
-    def timing(self, chunk: int) -> Path:
-        """File with the wall times of a chunk."""
-        return Path(self.folder) / "timings" / f"{chunk:06d}-{self.identity[:12]}.csv"
+    def parts(self) -> Path:
+        """Folder of the parts."""
+        return Path(self.folder) / "parts"
 
     @property
     def path(self) -> Path:
         """Where the plan is stored for workers."""
-        return Path(self.folder) / "parts" / f"plan-{self.identity[:12]}.json"
+        return self.parts / f"plan-{self.digest[:12]}.json"
+
+    @property
+    def digest(self) -> str:
+        """Of all of it but the folder: the same plan makes the same cube."""
+        return digest_of({**self._dump(), "folder": ""})
+
+    def _dump(self) -> dict[str, Any]:
+        return {
+            each.name: getattr(self, each.name) if each.name != "records" else
+            [asdict(record) for record in self.records]
+            for each in fields(self) if not each.name.startswith("_")
+        }  # fmt: skip
 
     def save(self) -> None:
         """Store the plan for workers.
@@ -83,18 +97,94 @@ class Plan:
         ------
         OutputError
         """
-        write_text(self.path, canonical_json(asdict(self)) + "\n")
+        write_text(self.path, canonical_json(self._dump()) + "\n")
 
     @classmethod
     def load(cls, path: Path) -> "Plan":
         """Inverse of `save`."""
         stored = json.loads(path.read_text(encoding="utf-8"))
-        records = tuple(
-            PreparedRecord(**(entry | {"factors": tuple(entry["factors"])}))
-            for entry in stored.pop("records")
-        )
-        arches, levels = tuple(stored.pop("arches")), tuple(stored.pop("levels"))
-        return cls(arches=arches, records=records, levels=levels, **stored)
+        records = tuple(PreparedRecord(**entry) for entry in stored.pop("records"))
+        lists = {name: tuple(stored.pop(name)) for name in ("arches", "levels", "methods")}
+        return cls(records=records, **lists, **stored)
+
+    def factors(self, cases: Cases) -> NDArray[np.float64]:
+        """Factors that bring the records of runs to their levels, (n,)."""
+        return self._at_one[cases["record"]] * cases["level"] ** self.power
+
+    @cached_property
+    def _at_one(self) -> NDArray[np.float64]:
+        return np.array([record.factor for record in self.records])
+
+    def keys(self, cases: Cases, factors: NDArray[np.float64]) -> NDArray[np.void]:
+        """Identity of each run: of its code, arch, motion, factor and method, (n,) of 16 bytes."""
+        made = bytearray()
+        for stage, arch, record, factor in zip(
+            cases["stage"].tolist(), cases["arch"].tolist(), cases["record"].tolist(), factors
+        ):
+            state = hashlib.blake2b(self._stem(stage, arch, record), digest_size=KEY)
+            state.update(factor.tobytes())
+            made += state.digest()
+        return np.frombuffer(bytes(made), dtype=f"V{KEY}")
+
+    def _stem(self, stage: int, arch: int, record: int) -> bytes:
+        """What runs of an arch under a record by a method have in common."""
+        known = self._digests
+        place = (stage, arch, record)
+        if place not in known:
+            chain = {k: v for k, v in self.arches[arch].items() if k != "id"}
+            for key, value in (
+                (("method", stage), self.methods[stage]), (("arch", arch), chain)
+            ):  # fmt: skip
+                if key not in known:
+                    known[key] = digest_of(value).encode()
+            known[place] = b"/".join(
+                (self.identity.encode(), known["method", stage], known["arch", arch],
+                 self.records[record].prepared.encode())
+            )  # fmt: skip
+        return known[place]
+
+    def rounds(self, batch: int = 0, batches: int = 1) -> Rounds:
+        """What the design asks for, of all of it or of one of several batches.
+
+        Raises
+        ------
+        InputError
+            If there is no such batch.
+        """
+        if not 0 <= batch < batches:
+            raise InputError(f"--batch {batch}: must be from 0 to {batches - 1}")
+        return Rounds(dict(self._strands(batch, batches)))
+
+    def _strands(self, batch: int, batches: int) -> Iterator[tuple[int, Strand]]:
+        design = TypeAdapter[Design](Design).validate_python(self.design)
+        records, levels = np.arange(len(self.records)), np.array(self.levels)
+        for arch in range(len(self.arches)):
+            if design.kind == "stripes":
+                own = records[(arch * records.size + records) % batches == batch]
+                if own.size:
+                    yield arch, stripes(Grid(arch, own, levels, np.empty((own.size, 0))))
+            # What these ask for follows from all runs of an arch.
+            elif arch % batches != batch:
+                continue
+            elif isinstance(design, Ida):
+                yield arch, ida(Grid(arch, records, levels, self._measures()), design)
+            elif isinstance(design, Scattered):
+                yield arch, scattered(arch, records, levels, design)
+            elif isinstance(design, Cloud):
+                own = (design.factor / self._at_one) ** (1.0 / self.power)
+                yield arch, cloud(arch, records, own)
+
+    def _measures(self) -> NDArray[np.float64]:
+        """ln of the records' other measures where the study's own is 1, (n_record, n_measure)."""
+        from archfrag.motions.measures import scaling_exponent
+
+        names = [name for name in self.records[0].measures if name != self.measure]
+        values = np.array([[r.measures[name] for name in names] for r in self.records])
+        values = values.reshape(len(self.records), len(names))
+        exponents = np.array([scaling_exponent(name) for name in names], dtype=float)
+        with np.errstate(divide="ignore"):
+            logs = np.log(values) + exponents * np.log(self._at_one)[:, None]
+        return logs[:, np.isfinite(logs).all(axis=0)]
 
 
 def make_plan(study: Study) -> Plan:
@@ -105,71 +195,24 @@ def make_plan(study: Study) -> Plan:
     InputError
         If they are not.
     """
-    records = load_prepared(study)
-    arches = [entry.model_dump() for entry in study.arches]
-    levels = study.intensity.si
-    n_run = len(arches) * len(records) * len(levels)
-    wanted = -(-n_run // PARTS_WANTED)
-    chunk = study.execution.chunk or min(max(wanted, SMALLEST_CHUNK), LARGEST_CHUNK)
-    decides = {
-        "archfrag": __version__,
-        "kernels": kernel_hash(),
-        "source": source_hash(*DECIDING),
-        "arches": arches,
-        "records": [[r.id, r.prepared, *r.factors] for r in records],
-        "measure": study.intensity.measure,
-        "levels": levels,
-        "method": study.method.model_dump(),
-        "chunk": chunk,
-    }
+    from archfrag.motions.measures import scaling_exponent
+
+    design = study.design
+    methods = [study.method.model_dump()]
+    if design.kind == "two_stage":
+        coarse = design.coarse
+        same = {"follow": study.method.follow, "loss_limit": study.method.loss_limit}
+        methods.append(coarse.model_copy(update=same).model_dump())
+    decides = [__version__, kernel_hash(), source_hash(*DECIDING)]
     return Plan(
         study=study.id,
         folder=str(study.work),
-        arches=tuple(arches),
-        records=tuple(records),
-        levels=levels,
-        method=study.method.model_dump(),
-        chunk=chunk,
+        arches=tuple(entry.model_dump() for entry in study.arches),
+        records=tuple(load_prepared(study)),
+        levels=study.intensity.si,
+        power=1.0 / scaling_exponent(study.intensity.measure),
+        measure=study.intensity.measure,
+        methods=tuple(methods),
+        design=design.model_dump(),
         identity=digest_of(decides),
     )
-
-
-def run_table(plan: Plan, chunks: Sequence[int] | None = None) -> "pd.DataFrame":
-    """Runs of a plan, or of some of its chunks, one row each.
-
-    Returns
-    -------
-    DataFrame
-        Columns run, chunk, arch, record, level [SI], factor [1], duration [s].
-    """
-    import pandas as pd
-
-    runs = [
-        run for chunk in (range(plan.n_chunk) if chunks is None else chunks)
-        for run in plan.rows(chunk)
-    ]  # fmt: skip
-    cases = [plan.case(run) for run in runs]
-    return pd.DataFrame(
-        {
-            "run": runs,
-            "chunk": [run // plan.chunk for run in runs],
-            "arch": [plan.arches[a]["id"] for a, _, _ in cases],
-            "record": [plan.records[r].id for _, r, _ in cases],
-            "level": [plan.levels[i] for _, _, i in cases],
-            "factor": [plan.records[r].factors[i] for _, r, i in cases],
-            "duration": [plan.records[r].duration for _, r, _ in cases],
-        }
-    )
-
-
-def chunks_of_batch(plan: Plan, batch: int, batches: int) -> range:
-    """Chunks of one of several batches; neighbouring chunks go to different batches.
-
-    Raises
-    ------
-    InputError
-        If there is no such batch.
-    """
-    if not 0 <= batch < batches:
-        raise InputError(f"--batch {batch}: must be from 0 to {batches - 1}")
-    return range(batch, plan.n_chunk, batches)

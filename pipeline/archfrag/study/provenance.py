@@ -31,6 +31,7 @@ def portable_config(study: Study) -> dict[str, Any]:
         "arches": [{"id": entry.id, **entry.build().parameters} for entry in study.arches],
         "intensity": {**study.intensity.model_dump(), "levels": list(study.intensity.given)},
         "method": study.method.model_dump(),
+        "design": study.design.model_dump(),
     }
 
 
@@ -85,7 +86,7 @@ def attributes(study: Study, plan: Plan) -> dict[str, str]:
         "archfrag_versions": strict_json(versions()),
         "archfrag_commit": commit(),
         "archfrag_machine": platform.machine(),
-        "archfrag_plan": plan.identity,
+        "archfrag_plan": plan.digest,
     }
 
 

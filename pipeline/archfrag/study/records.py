@@ -28,6 +28,12 @@ if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
 
 MANIFEST = "motions.json"
+# Measures in which every run is known: the study's own is compared with them.
+COMPARED = (
+    "PGA", "PGV", "PGD", "Arias", "CAV", "HI", "ASI", "Sa(0.1)", "Sa(0.2)", "Sa(0.3)", "Sa(0.5)",
+    "Sa(0.7)", "Sa(1)", "Sa(1.5)", "Sa(2)", "Sa(3)", "AvgSA(0.2,2)", "FIV3(0.5)", "FIV3(1)",
+    "FIV3(2)",
+)  # fmt: skip
 SEEDS = ("seed", "event_seed", "site_seed")
 _AGAIN = "`archfrag motions` on the study file makes it"
 
@@ -60,7 +66,9 @@ class PreparedRecord:
     duration: float  # [s]
     magnitude: float | None
     distance: float | None  # [km]
-    factors: tuple[float, ...]  # (n_level,) [1]
+    factor: float  # that brings the study's measure to 1 in its SI unit
+    measures: dict[str, float]  # of the motion as it is, in SI units
+    event: str = ""  # name of the earthquake, if it is known
     accepted: str = ""  # what is implausible and was accepted by a key of the study
     breaks: int = 10**9  # samples at which the motion is not linear in time; many if not counted
     vertical: bool = False  # whether the motion has its vertical component
@@ -68,6 +76,9 @@ class PreparedRecord:
     seed: int | None = None  # of a synthetic motion
     event_seed: int | None = None
     site_seed: int | None = None
+
+    def __hash__(self) -> int:
+        return hash((self.id, self.prepared))
 
 
 def find_sources(study: Study) -> list[Source]:
@@ -226,22 +237,20 @@ def _all_motions(study: Study) -> Iterator[tuple[Path | str, "Motion"]]:
             yield "motions.synthetic", motion
 
 
-def scale_factors(motion: "Motion", study: Study) -> tuple[float, ...]:
-    """Factors that bring a motion to the levels of a study, (n_level,) [1].
+def measured(motion: "Motion", study: Study) -> tuple[float, dict[str, float]]:
+    """Factor that brings a motion to 1 in the study's measure, and its value in all measures.
 
     Raises
     ------
     RecordError
         If no factor can.
     """
-    from archfrag.motions.measures import scaling_exponent
-    from archfrag.motions.scale import scale_factor
+    from archfrag.motions.measures import measure_all
+    from archfrag.motions.scale import factor_of
 
-    levels, measure = study.intensity.si, study.intensity.measure
-    # Measuring once: spectral measures of long records take longer than many runs.
-    first = scale_factor(motion, measure, levels[0])
-    power = 1.0 / scaling_exponent(measure)
-    return tuple(first * (level / levels[0]) ** power for level in levels)
+    own = study.intensity.measure
+    values = measure_all(motion, dict.fromkeys((own, *COMPARED)))
+    return factor_of(motion, own, values[own], 1.0), values
 
 
 def study_inputs(study: Study) -> Inputs:
@@ -263,7 +272,7 @@ def prepare_motions(study: Study, progress: Any = None) -> list[PreparedRecord]:
     Raises
     ------
     StudyError, RecordError
-        See `read_sources` and `scale_factors`.
+        See `read_sources` and `measured`.
     OutputError
         If the output folder cannot be written.
     """
@@ -302,7 +311,7 @@ def _store(study: Study, folder: Path, progress: Any) -> list[PreparedRecord]:
     records: list[PreparedRecord] = []
     for motion in read_sources(study):
         path = folder / f"{len(records):05d}.npz"
-        factors, metadata = scale_factors(motion, study), motion.metadata
+        (factor, measures), metadata = measured(motion, study), motion.metadata
         parts = [part for part in (motion.acceleration, motion.vertical) if part is not None]
         recipe, sha256 = metadata.get("recipe", ""), metadata["file_sha256"]
         if not recipe:
@@ -318,7 +327,9 @@ def _store(study: Study, folder: Path, progress: Any) -> list[PreparedRecord]:
                 duration=motion.duration,
                 magnitude=_number(metadata.get("Mw") or metadata.get("magnitude")),
                 distance=_number(metadata.get("distance_km")),
-                factors=factors,
+                factor=factor,
+                measures=measures,
+                event=str(metadata.get("event") or metadata.get("event_id") or ""),
                 accepted=str(motion.metadata.get("accepted") or ""),
                 breaks=count_breaks(*parts),
                 vertical=motion.vertical is not None,
@@ -373,19 +384,16 @@ def load_prepared(study: Study) -> list[PreparedRecord]:
     Raises
     ------
     InputError
-        If there are none yet, they belong to other levels or another study, or a stored motion
+        If there are none yet, they are of other records or another measure, or a stored motion
         is not the one that was prepared.
     """
     manifest, path = read_manifest(study), study.work / MANIFEST
     if manifest["key"] != motions_key(study):
         raise InputError(
-            f"{path}: was made for other records or levels than the study now has; {_AGAIN} anew"
+            f"{path}: was made for other records or another measure than the study now has; {_AGAIN} anew"
         )
     try:
-        records = [
-            PreparedRecord(**(entry | {"factors": tuple(entry["factors"])}))
-            for entry in manifest["records"]
-        ]
+        records = [PreparedRecord(**entry) for entry in manifest["records"]]
     except (KeyError, TypeError) as error:
         raise InputError(f"{path}: is damaged ({error}); {_AGAIN} anew") from None
     for record in records:
@@ -436,11 +444,10 @@ def load_stored(path: Path, prepared: str) -> "Motion":
 
 
 def motions_key(study: Study) -> dict[str, Any]:
-    """What a study says of its motions and levels."""
+    """What a study says of its motions and its measure."""
     return {
         "motions": study.motions.model_dump(mode="json"),
         "measure": study.intensity.measure,
-        "levels": list(study.intensity.si),
     }
 
 

@@ -14,9 +14,10 @@ from archfrag.study.config import Study
 from archfrag.study.digests import canonical_json, digest_of, sha256_if_there, source_hash
 from archfrag.study.files import make_folder, write_text
 from archfrag.study.inputs import changes
-from archfrag.study.parts import read_part
-from archfrag.study.plan import Plan, chunks_of_batch, make_plan
+from archfrag.study.plan import Plan, make_plan
 from archfrag.study.records import MANIFEST, motions_key, read_manifest, study_inputs
+from archfrag.study.replay import replay
+from archfrag.study.store import Store
 from archfrag.study.written import remember
 
 STEPS = "steps"
@@ -98,10 +99,8 @@ def stale_steps(study: Study) -> tuple[list[str], list[str]]:
     gathered = not _wrong(study, "cube", plan)
     for i, step in enumerate(names):
         wrong = _wrong(study, step, plan)
-        if step.startswith("batch") and not wrong and not gathered:
-            chunks = chunks_of_batch(plan, names.index(step) - 1, study.execution.batches)
-            if any(read_part(plan, chunk) is None for chunk in chunks):
-                wrong = f"parts in {plan.part(0).parent} are missing or damaged"
+        if step.startswith("batch") and not wrong and not gathered and _unfinished(plan):
+            wrong = f"results in {plan.parts} are missing or damaged"
         if wrong:
             return names[i:], [wrong] if stamp_file(study, step).is_file() else []
     return [], []
@@ -117,6 +116,14 @@ def forget_stale(study: Study) -> tuple[list[str], list[str]]:
     return stale, changed
 
 
+def _unfinished(plan: Plan) -> bool:
+    try:
+        replay(plan, Store(plan.parts))
+    except InputError:
+        return True
+    return False
+
+
 def _changed_motions(study: Study) -> list[str] | None:
     """What has changed since the motions were prepared; None if nothing has."""
     inputs = study_inputs(study)
@@ -127,7 +134,7 @@ def _changed_motions(study: Study) -> list[str] | None:
         return [str(error)] if there else []
     changed = changes(manifest["inputs"], inputs)
     if manifest["key"] != motions_key(study):
-        changed.append("the study asks for other records or levels")
+        changed.append("the study asks for other records or another measure")
     if changed:
         return changed
     try:
@@ -163,9 +170,14 @@ def _made_from(study: Study, step: str, plan: Plan | None = None) -> str:
         decides += [source_hash("motions", "study/records.py", "study/inputs.py")]
         return digest_of(decides)
     if step.startswith("batch") or step == "cube":
-        decides.append((plan or make_plan(study)).identity)
+        decides.append((plan or make_plan(study)).digest)
     if step == "cube":
-        decides += [study.title, study.institution, source_hash("study")]
+        decides += [
+            study.title,
+            study.institution,
+            list(study.intensity.given),
+            source_hash("study"),
+        ]
         decides.append(sha256_if_there(study.work / MANIFEST))
     if step in ("fit", "report"):
         decides += [sha256_if_there(path) for path in products(study, "cube")]

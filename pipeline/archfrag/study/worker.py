@@ -8,19 +8,20 @@ import time
 from collections.abc import Sequence
 from functools import lru_cache
 from itertools import groupby
-from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from archfrag.study.arches import ArchEntry
 from archfrag.study.case import simulate_cases
-from archfrag.study.files import replacing
 from archfrag.study.outcome import table_of
-from archfrag.study.parts import write_part
 from archfrag.study.plan import Plan
 from archfrag.study.records import PreparedRecord, motion_of_record
+from archfrag.study.rounds import Cases
+from archfrag.study.store import new_table, write_part, write_timing
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
@@ -60,42 +61,47 @@ def peak_memory() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
 
 
-def run_cases(plan: Plan, runs: Sequence[int]) -> list["Response"]:
-    """Some runs of a plan, those of one arch together."""
+def run_cases(plan: Plan, place: Path, cases: Cases, factors: NDArray) -> list["Response"]:
+    """Some runs of a plan in their order, those of one arch and stage together."""
     responses: list[Response] = []
-    place = plan.path
-    for a, group in groupby(map(plan.case, runs), key=itemgetter(0)):
-        cases = list(group)
-        records = {r: plan.records[r] for _, r, _ in cases}
-        motions = {r: _motion(plan.folder, record) for r, record in records.items()}
+    modified = _modified(place)
+    kinds = zip(cases["stage"].tolist(), cases["arch"].tolist())
+    start = 0
+    for (stage, arch), group in groupby(kinds):
+        end = start + len(list(group))
+        numbers = cases["record"][start:end].tolist()
+        motions = {r: _motion(plan.folder, plan.records[r]) for r in dict.fromkeys(numbers)}
         responses += simulate_cases(
-            plan.method,
-            _arch(str(place), _modified(place), a),
-            [motions[r] for _, r, _ in cases],
-            [records[r].factors[level] for _, r, level in cases],
+            plan.methods[stage],
+            _arch(str(place), modified, arch),
+            [motions[r] for r in numbers],
+            factors[start:end].tolist(),
         )
+        start = end
     return responses
 
 
-def run_chunks(plan_path: str, chunks: Sequence[int]) -> list[dict[str, float]]:
+def run_chunks(plan_path: str, chunks: Sequence[tuple[Cases, NDArray]]) -> list[dict[str, Any]]:
     """Run several chunks one after the other; see `run_chunk`."""
-    return [run_chunk(plan_path, chunk) for chunk in chunks]
+    return [run_chunk(plan_path, *chunk) for chunk in chunks]
 
 
-def run_chunk(plan_path: str, chunk: int) -> dict[str, float]:
-    """Run a chunk, write its part and then its wall times.
+def run_chunk(plan_path: str, cases: Cases, factors: NDArray) -> dict[str, Any]:
+    """Run some cases, write their part and then their wall times.
 
     Parameters
     ----------
     plan_path : str
         Stored plan.
-    chunk : int
+    cases : ndarray of CASE, (n,)
+    factors : ndarray, (n,)
+        On the records.
 
     Returns
     -------
     dict
-        chunk, runs, kernel_time [s], wall_time [s] with all that is done beside the runs,
-        peak_memory [MB] and pid of this process.
+        part (its file), runs, kernel_time [s], wall_time [s] with all that is done beside the
+        runs, peak_memory [MB] and pid of this process.
 
     Raises
     ------
@@ -103,19 +109,16 @@ def run_chunk(plan_path: str, chunk: int) -> dict[str, float]:
         If the part cannot be written.
     """
     started = time.perf_counter()
-    plan = _plan(plan_path, _modified(Path(plan_path)))
-    responses = run_cases(plan, plan.rows(chunk))
-    write_part(plan, chunk, table_of(responses))
-    lines = [
-        f"{run},{response.steps},{response.wall_time:.6f}\n"
-        for run, response in zip(plan.rows(chunk), responses)
-    ]
-    with replacing(plan.timing(chunk), lasting=False) as temporary:
-        temporary.write_text("".join(lines), encoding="utf-8")
+    place = Path(plan_path)
+    plan = _plan(plan_path, _modified(place))
+    responses = run_cases(plan, place, cases, factors)
+    part = write_part(plan.parts, new_table(plan.keys(cases, factors), table_of(responses)))
+    wall_time = np.array([response.wall_time for response in responses])
+    write_timing(part, wall_time)
     return {
-        "chunk": chunk,
+        "part": str(part),
         "runs": len(responses),
-        "kernel_time": sum(response.wall_time for response in responses),
+        "kernel_time": float(wall_time.sum()),
         "wall_time": time.perf_counter() - started,
         "peak_memory": peak_memory(),
         "pid": os.getpid(),

@@ -1,0 +1,288 @@
+"""Designs on the study's own levels: stripes, and the lowest collapsing level of each record."""
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import entr, ndtr
+
+from archfrag.fragility.counts import Verdict
+from archfrag.study.design import Ida, Precision, TwoStage
+from archfrag.study.precision import half_width, more_needed
+from archfrag.study.rounds import COARSE, FINE, Cases, Strand, Verdicts, cases_of
+
+FIRST_RECORDS = 10  # searched without knowing what others have shown
+# A run that stands goes on to the end of the record: on the shipped study it costs five times one
+# that collapses.
+COST_OF_STANDING = 5.0
+LEAST_PRIOR = 1e-3  # at each level, whatever other records have shown
+LEAST_DEVIATION = 0.1  # of ln capacity from what is expected
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Records and levels of one arch's share of a study.
+
+    Attributes
+    ----------
+    arch : int
+    records : ndarray of int, (n_record,)
+        Their numbers.
+    levels : ndarray, (n_level,)
+        [SI]
+    measures : ndarray, (n_record, n_measure)
+        Logarithms of other intensity measures of the records where the study's own is 1.
+    """
+
+    arch: int
+    records: NDArray[np.int64]
+    levels: FloatArray
+    measures: FloatArray
+
+    def cases(self, rows: Sequence[int], places: Sequence[int], stage: int = FINE) -> Cases:
+        """Runs of some rows at some levels."""
+        place = np.asarray(places, dtype=np.int64)
+        return cases_of(
+            self.arch, self.records[np.asarray(rows)], place, self.levels[place], stage
+        )
+
+
+def stripes(grid: Grid) -> Strand:
+    """Every record at every level, in one round."""
+    n_record, n_level = grid.records.size, grid.levels.size
+    rows, places = np.divmod(np.arange(n_record * n_level), n_level)
+    verdicts = yield grid.cases(rows, places)
+    return {"runs": len(verdicts)}
+
+
+class Borders:
+    """Where each record turns from standing to collapse, as far as it is known.
+
+    Attributes
+    ----------
+    low, high : ndarray of int, (n_record,)
+        The highest level known to be below the border and the lowest above it; -1 and n_level
+        where there is none.
+    seen : ndarray of int, (n_record, n_level)
+        Verdicts of the runs made; NOT_SIMULATED elsewhere.
+    expected : ndarray, (n_record, n_level + 1)
+        Probability that level l is the lowest that causes collapse, n_level if none does.
+    """
+
+    def __init__(self, grid: Grid) -> None:
+        n_record, n_level = grid.records.size, grid.levels.size
+        self.grid = grid
+        self.low = np.full(n_record, -1)
+        self.high = np.full(n_record, n_level)
+        self.seen = np.full((n_record, n_level), int(Verdict.NOT_SIMULATED), np.int8)
+        self.expected = np.full((n_record, n_level + 1), 1.0 / (n_level + 1))
+
+    def expect(self, rows: Sequence[int], median: FloatArray, deviation: float) -> None:
+        """Expect ln capacities of some rows to be normal about `median`."""
+        ends = np.concatenate([[-np.inf], np.log(self.grid.levels), [np.inf]])
+        reach = max(deviation, LEAST_DEVIATION)
+        mass = np.diff(ndtr((ends - median[:, None]) / reach), axis=1) + LEAST_PRIOR
+        self.expected[np.asarray(rows)] = mass / mass.sum(axis=1, keepdims=True)
+
+    def next_places(self, rows: Sequence[int]) -> NDArray[np.int64]:
+        """Level to try next for each of some rows, -1 where nothing is left to try.
+
+        The one that tells most for its cost: the entropy of its verdict over the cost expected.
+        Levels where a run had no verdict are not tried again.
+        """
+        rows = np.asarray(rows)
+        place = np.arange(self.grid.levels.size)
+        low, high = self.low[rows, None], self.high[rows, None]
+        within = (np.arange(place.size + 1) > low) & (np.arange(place.size + 1) <= high)
+        mass = np.where(within, self.expected[rows], 0.0)
+        below = np.cumsum(mass, axis=1)
+        collapse = below[:, :-1] / below[:, -1:]
+        cost = collapse + COST_OF_STANDING * (1.0 - collapse)
+        gain = (entr(collapse) + entr(1.0 - collapse)) / cost
+        free = (place > low) & (place < high) & (self.seen[rows] == Verdict.NOT_SIMULATED)
+        best = np.where(free, gain, -1.0).argmax(axis=1)
+        return np.where(free.any(axis=1), best, -1)
+
+    def take(self, rows: NDArray, places: NDArray, verdicts: Verdicts) -> None:
+        """Note verdicts."""
+        self.seen[rows, places] = verdicts
+        fell, stood = verdicts == Verdict.COLLAPSED, verdicts == Verdict.STANDING
+        np.minimum.at(self.high, rows[fell], places[fell])
+        np.maximum.at(self.low, rows[stood], places[stood])
+
+    def brackets(self) -> FloatArray:
+        """Between which levels the capacity of each record lies, (n_record, 2); 0 and inf."""
+        ends = np.concatenate([[0.0], self.grid.levels, [np.inf]])
+        return np.stack([ends[self.low + 1], ends[self.high + 1]], axis=1)
+
+    def middles(self) -> FloatArray:
+        """ln of the middle of each bracket, half a level beyond the ends, (n_record,)."""
+        logs = np.log(self.grid.levels)
+        step = np.diff(logs).mean() if logs.size > 1 else 0.5
+        ends = np.concatenate([[logs[0] - step], logs, [logs[-1] + step]])
+        return 0.5 * (ends[self.low + 1] + ends[self.high + 1])
+
+
+def search(borders: Borders, rows: Sequence[int], stage: int) -> Generator[Cases, Verdicts, None]:
+    """Narrow the brackets of some rows until neighbouring levels are left."""
+    rows = np.asarray(rows, dtype=np.int64)
+    while rows.size:
+        places = borders.next_places(rows)
+        rows, places = rows[places >= 0], places[places >= 0]
+        if rows.size:
+            verdicts = yield borders.grid.cases(rows, places, stage)
+            borders.take(rows, places, verdicts)
+
+
+def expected_by_measures(borders: Borders, known: range, rows: range) -> tuple[FloatArray, float]:
+    """ln capacities of some rows from those known, by the measure that predicts these best.
+
+    Straight lines in the logarithm of one other measure at the study's own; the one with the
+    least error where each record is predicted from the others.
+
+    Returns
+    -------
+    (ndarray, float)
+        Expected ln capacities of `rows` and their standard deviation.
+    """
+    capacity = borders.middles()[known.start : known.stop]
+    best = (capacity.mean() + np.zeros(len(rows)), float(capacity.std(ddof=1)))
+    least = best[1]
+    for values in borders.grid.measures.T:
+        x = values[known.start : known.stop]
+        spread = x - x.mean()
+        if not spread @ spread > 1e-9:
+            continue
+        slope = spread @ capacity / (spread @ spread)
+        leverage = 1.0 / x.size + spread**2 / (spread @ spread)
+        left = (capacity - capacity.mean() - slope * spread) / np.maximum(1.0 - leverage, 0.05)
+        error = float(np.sqrt(left @ left / (x.size - 1)))
+        if error < least:
+            at = values[rows.start : rows.stop] - x.mean()
+            best, least = (capacity.mean() + slope * at, error), error
+    return best
+
+
+def ida(grid: Grid, design: Ida) -> Strand:
+    """Search the lowest collapsing level of each record, then try some cells beyond it.
+
+    The first records are searched knowing nothing, the others expecting what their measures and
+    the first suggest; what is found does not depend on what was expected. In two stages the
+    search is made by the coarse method, and then by the study's own, expecting what the coarse
+    one found and how far it was off on the first records.
+    """
+    fine, coarse = Borders(grid), Borders(grid)
+    runs = {FINE: 0, COARSE: 0}
+    n_record, done, used = grid.records.size, 0, 0
+    used = min(FIRST_RECORDS, n_record)
+    note: dict[str, Any] = {}
+    while True:
+        rows = range(done, used)
+        if isinstance(design, TwoStage):
+            if done > 2:
+                coarse.expect(rows, *expected_by_measures(coarse, range(done), rows))
+            yield from _counted(search(coarse, rows, COARSE), runs)
+            decided = _decided(design, rows)
+            _expect_coarse(fine, coarse, _decided(design, range(done)), decided)
+        else:
+            decided = list(rows)
+            if done > 2:
+                fine.expect(rows, *expected_by_measures(fine, range(done), rows))
+        yield from _counted(search(fine, decided, FINE), runs)
+        done = used
+        if design.precision is None:
+            used = n_record
+        else:
+            used, note = _more_records(design.precision, fine, runs[FINE], done)
+        if used == done:
+            break
+    cells = _cells_to_check(fine, design, _decided(design, range(done)))
+    found = yield from _counted(_check(fine, cells), runs)
+    note |= {"runs": runs[FINE], "records": done, **found}
+    return note | ({"coarse_runs": runs[COARSE]} if isinstance(design, TwoStage) else {})
+
+
+def _decided(design: Ida, rows: range) -> list[int]:
+    """Rows whose capacity the study's own method decides: an even fraction of them."""
+    fraction = design.fine if isinstance(design, TwoStage) else 1.0
+    return [row for row in rows if int((row + 1) * fraction) > int(row * fraction)]
+
+
+def _expect_coarse(fine: Borders, coarse: Borders, known: list[int], rows: list[int]) -> None:
+    """Expect what the coarse search found, corrected by how far it was off on known rows."""
+    if not rows:
+        return
+    guess = coarse.middles()
+    bias, deviation = 0.0, 2.0 * LEAST_DEVIATION
+    if len(known) > 2:
+        off = (fine.middles() - guess)[known]
+        bias, deviation = float(off.mean()), float(off.std(ddof=1))
+    fine.expect(rows, guess[rows] + bias, deviation)
+
+
+def _cells_to_check(
+    borders: Borders, design: Ida, rows: Sequence[int]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and levels of cells that were not simulated, one for each of some records."""
+    count = -(-borders.grid.records.size // 3) if design.checks is None else design.checks
+    generator = np.random.default_rng([design.seed, borders.grid.arch])
+    chosen = []
+    for row in generator.permutation(np.asarray(rows, dtype=np.int64))[:count]:
+        free = np.flatnonzero(borders.seen[row] == Verdict.NOT_SIMULATED)
+        if free.size:
+            chosen.append((int(row), int(generator.choice(free))))
+    cells = np.array(sorted(chosen), dtype=np.int64).reshape(-1, 2)
+    return cells[:, 0], cells[:, 1]
+
+
+def _check(
+    borders: Borders, cells: tuple[NDArray[np.int64], NDArray[np.int64]]
+) -> Generator[Cases, Verdicts, dict[str, int]]:
+    """Runs beyond the brackets, which move nothing: how often do they contradict?"""
+    rows, places = cells
+    if not rows.size:
+        return {"checked": 0, "contradictions": 0}
+    verdicts = yield borders.grid.cases(rows, places)
+    borders.seen[rows, places] = verdicts
+    fell, stood = verdicts == Verdict.COLLAPSED, verdicts == Verdict.STANDING
+    against = np.where(places <= borders.low[rows], fell, stood)
+    return {"checked": int((fell | stood).sum()), "contradictions": int(against.sum())}
+
+
+def _more_records(
+    wanted: Precision, borders: Borders, runs: int, done: int
+) -> tuple[int, dict[str, Any]]:
+    """Records to use next, and what is to be said if there are to be no more."""
+    width = half_width(borders.brackets()[:done], wanted.confidence)
+    note: dict[str, Any] = {"half_width": width, "reached": bool(width <= wanted.theta)}
+    if note["reached"]:
+        return done, note
+    allowed = int((wanted.runs - runs) * done / runs)
+    available = borders.grid.records.size - done
+    more = min(more_needed(width, wanted.theta, done), allowed, available)
+    if more > 0:
+        return done + more, note
+    note["why"] = (
+        f"there are no more than {done} records"
+        if available <= 0
+        else f"{wanted.runs} runs do not suffice"
+    )
+    return done, note
+
+
+def _counted(
+    runs_of: Generator[Cases, Verdicts, Any], runs: dict[int, int]
+) -> Generator[Cases, Verdicts, Any]:
+    """The same runs, counted by stage."""
+    try:
+        cases = next(runs_of)
+        while True:
+            for stage in runs:
+                runs[stage] += int((cases["stage"] == stage).sum())
+            cases = runs_of.send((yield cases))
+    except StopIteration as over:
+        return over.value

@@ -1,0 +1,216 @@
+"""Results of runs by the identity of each: parts written whole or not at all, and read again.
+
+A part holds some runs, one row each with its key. Its name is the hash of its content, so that a
+damaged one is seen; what the rows mean follows from their keys, so that a study that is changed
+or grows keeps every run that is still what it was.
+"""
+
+import contextlib
+import hashlib
+import io
+from collections.abc import Iterable, Iterator
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from archfrag.study.files import replacing
+from archfrag.study.outcome import COLUMNS
+from archfrag.study.plan import KEY
+
+Table = NDArray[np.void]
+_SUFFIX = ".npy"
+
+
+@lru_cache(maxsize=8)
+def table_type(models: tuple[str, ...]) -> np.dtype:
+    """Type of a row: its key, all columns, and the time simulated in each model."""
+    columns = [(column.name, column.dtype) for column in COLUMNS]
+    times = [(name, "f8") for name in models]
+    return np.dtype([("key", f"V{KEY}"), *columns, ("model_time", times)])
+
+
+def new_table(keys: NDArray[np.void], columns: dict[str, NDArray]) -> Table:
+    """Rows of runs from their keys and from `archfrag.study.outcome.table_of`."""
+    models = tuple(str(name) for name in columns["model"])
+    table = np.zeros(len(keys), table_type(models))
+    table["key"] = keys
+    for column in COLUMNS:
+        table[column.name] = columns[column.name]
+    for place, name in enumerate(models):
+        table["model_time"][name] = columns["model_time"][:, place]
+    return table
+
+
+def write_part(folder: Path, table: Table) -> Path:
+    """Write a part; the same results give the same bytes under the same name.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written; no half of it is left.
+    """
+    content = io.BytesIO()
+    np.save(content, table, allow_pickle=False)
+    digest = hashlib.blake2b(content.getbuffer(), digest_size=KEY).hexdigest()
+    path = folder / f"{digest}{_SUFFIX}"
+    # Not made lasting: what a power cut tears, `read_part` takes for missing.
+    with replacing(path, lasting=False) as temporary:
+        temporary.write_bytes(content.getbuffer())
+    return path
+
+
+def read_part(path: Path) -> Table | None:
+    """Rows of a part; None if it is damaged or of another version of archfrag."""
+    try:
+        content = path.read_bytes()
+        if hashlib.blake2b(content, digest_size=KEY).hexdigest() != path.stem:
+            return None
+        table = np.load(io.BytesIO(content), allow_pickle=False)
+        models = table.dtype["model_time"].names
+    except (OSError, ValueError, KeyError, EOFError):
+        return None
+    if models is None or table.dtype != table_type(models):
+        return None
+    rows: Table = table
+    return rows
+
+
+class Rows(NamedTuple):
+    """Some rows of a part: which of those asked for they are, and their wall times [s]."""
+
+    path: Path
+    asked: NDArray[np.int64]
+    table: Table
+    wall_time: NDArray[np.float64]
+
+
+class Store:
+    """All runs of which the parts of a folder hold the results.
+
+    Only keys and verdicts are kept in memory, 25 bytes a run.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the parts; need not exist.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._files: list[Path] = []
+        self._key: list[NDArray[np.void]] = []
+        self._verdict: list[NDArray[np.int8]] = []
+        self._of_part: list[int] = []
+        self._sorted: tuple[NDArray, NDArray, NDArray] | None = None
+        for path in sorted(folder.glob(f"*{_SUFFIX}")):
+            self.add(path)
+
+    def add(self, path: Path) -> bool:
+        """Take in a part; False if it is damaged."""
+        table = read_part(path)
+        if table is None:
+            return False
+        self._files.append(path)
+        self._key.append(table["key"].copy())
+        self._verdict.append(table["verdict"].copy())
+        self._of_part.append(len(table))
+        self._sorted = None
+        return True
+
+    def _index(self) -> tuple[NDArray, NDArray, NDArray]:
+        """Sorted keys as text, their places among all rows, and all verdicts."""
+        if self._sorted is None:
+            keys = np.concatenate([np.empty(0, f"V{KEY}"), *self._key])
+            text = np.ascontiguousarray(keys).view(">u8").reshape(-1, 2)
+            order = np.lexsort((text[:, 1], text[:, 0]))
+            verdict = np.concatenate([np.empty(0, np.int8), *self._verdict])
+            self._sorted = (text[order], order, verdict)
+        return self._sorted
+
+    def places(self, keys: NDArray[np.void]) -> NDArray[np.int64]:
+        """Row of each key among all rows, -1 where there is no result, (n,)."""
+        known, order, _ = self._index()
+        if not len(known):
+            return np.full(len(keys), -1)
+        wanted = np.ascontiguousarray(keys).view(">u8").reshape(-1, 2)
+        # The first eight bytes tell nearly all keys apart; the second column settles the rest.
+        low = np.searchsorted(known[:, 0], wanted[:, 0])
+        place = np.full(len(wanted), -1)
+        left = np.arange(len(wanted))
+        while left.size:
+            at = low[left]
+            inside = at < len(known)
+            left, at = left[inside], at[inside]
+            same = known[at, 0] == wanted[left, 0]
+            left, at = left[same], at[same]
+            found = known[at, 1] == wanted[left, 1]
+            place[left[found]] = order[at[found]]
+            left = left[~found]
+            low[left] += 1
+        return place
+
+    def verdicts(self, keys: NDArray[np.void]) -> NDArray[np.int8]:
+        """Verdict of each key, -1 where there is no result, (n,)."""
+        place = self.places(keys)
+        verdict = self._index()[2]
+        found = np.full(len(place), -1, np.int8)
+        found[place >= 0] = verdict[place[place >= 0]]
+        return found
+
+    def rows(self, places: NDArray[np.int64]) -> Iterator["Rows"]:
+        """Rows at some places, part by part.
+
+        Raises
+        ------
+        OSError
+            If a part has been damaged since it was taken in.
+        """
+        ends = np.cumsum(self._of_part)
+        order = np.argsort(places, kind="stable")
+        starts = np.searchsorted(places[order], np.concatenate([[0], ends]))
+        for number, path in enumerate(self._files):
+            some = order[starts[number] : starts[number + 1]]
+            if not some.size:
+                continue
+            table = read_part(path)
+            if table is None:
+                raise OSError(f"{path} has been damaged or removed")
+            within = places[some] - (ends[number] - len(table))
+            times = read_timing(path, len(table))[within]
+            yield Rows(path, some, table[within], times)
+
+    def forget_others(self, keys: Iterable[NDArray[np.void]]) -> None:
+        """Remove parts, with their wall times, that hold none of the runs of these keys."""
+        wanted = np.concatenate([self.places(some) for some in keys])
+        ends = np.cumsum(self._of_part)
+        used = set(np.searchsorted(ends, wanted[wanted >= 0], side="right").tolist())
+        keep = {path.stem for number, path in enumerate(self._files) if number in used}
+        for folder in (self.folder, timings_folder(self.folder)):
+            for path in folder.glob(f"*{_SUFFIX}"):
+                if path.stem not in keep:
+                    with contextlib.suppress(OSError):
+                        path.unlink()
+
+
+def timings_folder(parts: Path) -> Path:
+    """Folder of the wall times beside that of the parts: they belong in no result."""
+    return parts.parent / "timings"
+
+
+def write_timing(part: Path, wall_time: NDArray[np.float64]) -> None:
+    """Write the wall times of the rows of a part [s]."""
+    path = timings_folder(part.parent) / part.name
+    with replacing(path, lasting=False) as temporary, open(temporary, "wb") as file:
+        np.save(file, wall_time)
+
+
+def read_timing(part: Path, count: int) -> NDArray[np.float64]:
+    """Wall times of the rows of a part [s], nan where they are not known."""
+    with contextlib.suppress(OSError, ValueError, EOFError):
+        times: NDArray[np.float64] = np.load(timings_folder(part.parent) / part.name)
+        if times.shape == (count,):
+            return times
+    return np.full(count, np.nan)
