@@ -46,12 +46,14 @@ __all__ = [
 _NAMES = (
     "status", "collapsed", "collapse_time", "collapse_joint", "collapse_mode",
     "lost_contact_time", "lost_contact_joint", "lost_contact_mode", "widest_gap",
-    "peak_rotation", "peak_displacement", "energy_error", "end_time", "residual", "overlap",
+    "peak_rotation", "peak_displacement", "residual_rotation",
+    "residual_displacement", "energy_error", "end_time", "residual", "overlap",
     "steps",
 )  # fmt: skip
 _UNITS = {
     "collapse_time": "s", "lost_contact_time": "s", "peak_rotation": "rad",
-    "peak_displacement": "m", "end_time": "s",
+    "peak_displacement": "m", "residual_rotation": "rad",
+    "residual_displacement": "m", "end_time": "s",
 }  # fmt: skip
 
 

@@ -109,3 +109,5 @@ class Peak(IntEnum):
     DISPLACEMENT = 1  # of any centroid [m]
     RESIDUAL = 2  # largest contact residual measured [1]
     OVERLAP = 3  # deepest overlap of two bodies at a corner, over the joint's length [1]
+    END_ROTATION = 4  # largest of any body at the end of the run [rad]
+    END_DISPLACEMENT = 5  # largest of any centroid at the end of the run [m]

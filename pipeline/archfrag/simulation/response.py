@@ -71,6 +71,8 @@ class Response:
         Of any voussoir [rad].
     peak_displacement : float
         Of any voussoir's centroid, relative to the ground [m].
+    residual_rotation, residual_displacement : float
+        Largest rotation [rad] and displacement [m] at the end of the run.
     events : dict of str to int
         "impacts" (joints that closed), "openings", "slides", "contact_losses" and "rests";
         "events": instants located at which the mechanism changed; "hand_overs": times that
@@ -127,6 +129,8 @@ class Response:
     widest_gap: float
     peak_rotation: float
     peak_displacement: float
+    residual_rotation: float
+    residual_displacement: float
     events: dict[str, int]
     model_time: dict[str, float]
     energy_error: float
@@ -199,6 +203,8 @@ def response_of(
         widest_gap=loss[Loss.WIDEST],
         peak_rotation=peak[Peak.ROTATION],
         peak_displacement=peak[Peak.DISPLACEMENT],
+        residual_rotation=peak[Peak.END_ROTATION],
+        residual_displacement=peak[Peak.END_DISPLACEMENT],
         events={name: int(count[entry]) for name, entry in _EVENTS.items()},
         model_time={name: model_time[model] for name, model in _MODELS.items()},
         energy_error=energy[Energy.STRAY_PEAK] / largest if largest > 0.0 else 0.0,

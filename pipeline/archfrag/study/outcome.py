@@ -95,6 +95,11 @@ COLUMNS = (
         "peak_displacement", "f8", "m",
         "largest displacement of a voussoir's centroid relative to the ground",
     ),
+    Column("residual_rotation", "f8", "rad", "largest rotation of a voussoir at the end"),
+    Column(
+        "residual_displacement", "f8", "m",
+        "largest displacement of a voussoir's centroid relative to the ground at the end",
+    ),
     Column(
         "energy_error", "f8", "1",
         "energy made or lost by the integrator, over the largest kinetic energy",
@@ -152,6 +157,8 @@ def row_of(response: "Response") -> dict[str, Any]:
         "overlap": response.overlap,
         "peak_rotation": response.peak_rotation,
         "peak_displacement": response.peak_displacement,
+        "residual_rotation": response.residual_rotation,
+        "residual_displacement": response.residual_displacement,
         "energy_error": response.energy_error,
         "end_time": response.end_time,
         "contact_residual": response.residual,

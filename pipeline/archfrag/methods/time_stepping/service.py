@@ -291,6 +291,19 @@ def new_results(n_run: int) -> Results:
 
 
 @kernel
+def record_end(model, state):
+    """Rotation and displacement that are left at the end."""
+    rotation = farthest = 0.0
+    for i in range(1, state.position.shape[0] - 1):
+        dx = state.position[i, 0] - model.centroid[i, 0]
+        dy = state.position[i, 1] - model.centroid[i, 1]
+        farthest = max(farthest, dx * dx + dy * dy)
+        rotation = max(rotation, abs(state.position[i, 2]))
+    state.peak[Peak.END_ROTATION] = rotation
+    state.peak[Peak.END_DISPLACEMENT] = np.sqrt(farthest)
+
+
+@kernel
 def end_run(model, grounds, state, work, path, limits, output, results, row):
     """Write what a run has ended in."""
     clock, energy = state.clock, state.energy
@@ -317,6 +330,7 @@ def end_run(model, grounds, state, work, path, limits, output, results, row):
     energy[Energy.POTENTIAL] = potential - clock[Clock.START]
     energy[Energy.LARGEST_KINETIC] = max(energy[Energy.LARGEST_KINETIC], kinetic)
     results.status[row], results.end_time[row] = status, clock[Clock.TIME]
+    record_end(model, state)
     given = state.loss, state.count, energy, state.peak
     kept = results.loss, results.count, results.energy, results.peak
     for k in range(4):
