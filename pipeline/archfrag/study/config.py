@@ -22,9 +22,11 @@ from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import GeometryError, InputError, StudyError
 from archfrag.motions.plausible import Acceptable
 from archfrag.study import WORK
+from archfrag.study.answers import Hazard, LimitStates, ReportKeys
 from archfrag.study.arches import ArchEntry, Identifier, Section, refuse
 from archfrag.study.design import Design, Stripes
 from archfrag.study.method import Method, parameter_texts
+from archfrag.study.paths import PathText
 from archfrag.study.processing import Steps
 from archfrag.study.sentences import first_sentence
 from archfrag.study.synthetic import Synthetic
@@ -40,24 +42,10 @@ LEVEL_UNITS: dict[str, dict[str, float]] = {
     "m": {"m": 1.0, "cm": 0.01},
 }
 PERIODS = (0.01, 20.0)  # of a spectral measure [s]
-LONGEST_NAME, LONGEST_PATH = 255, 3900  # [bytes] of file systems; results add to a path
 
 
 def _refuse_key(key: str, text: str) -> PydanticCustomError:
     return PydanticCustomError("refused_key", "", {"key": key, "text": text})
-
-
-def _usable_path(value: str) -> str:
-    if value.startswith("~"):
-        raise refuse("begins with the home folder of a user that there is not")
-    if max(map(len, os.fsencode(value).split(b"/"))) > LONGEST_NAME:
-        raise refuse(f"must have names of at most {LONGEST_NAME} bytes between its slashes")
-    if len(os.fsencode(value)) > LONGEST_PATH:
-        raise refuse(f"must have at most {LONGEST_PATH} bytes with the folders above it")
-    return value
-
-
-PathText = Annotated[str, Field(min_length=1), AfterValidator(_usable_path)]
 
 
 class ColumnKeys(Section):
@@ -290,6 +278,9 @@ class Study(Section):
     intensity: Intensity
     method: Method = Method()
     design: Design = Stripes()
+    limit_states: LimitStates = LimitStates()
+    risk: Hazard | None = None
+    report: ReportKeys = ReportKeys()
     execution: Execution = Execution()
 
     @model_validator(mode="after")
@@ -382,6 +373,7 @@ _PATHS = {
     ("motions", "files", "*"),
     ("motions", "files", "*", "path"),
     ("motions", "files", "*", "inventory"),
+    ("risk", "hazard"),
 }
 
 

@@ -292,6 +292,7 @@ def _levels(cube: Any, study: Study, plan: Plan, grid: "_Layout", results: Resul
 
 def _arch_facts(cube: Any, arches: Sequence[Any]) -> None:
     from archfrag.simulate import onset
+    from archfrag.simulation.static_limit import static_limit
 
     starts = [onset(arch) for arch in arches]
     comment = "In multiples of standard gravity, 9.80665 m s-2."
@@ -303,6 +304,15 @@ def _arch_facts(cube: Any, arches: Sequence[Any]) -> None:
         )  # fmt: skip
         variable = _create(cube, column, ("arch",), "arch")
         variable[:] = [getattr(start, name) for start in starts]
+    column = Column(
+        "static_limit", "f8", "rad",
+        "rotation at which the mechanism of onset is in unstable equilibrium", np.nan,
+    )  # fmt: skip
+    variable = _create(cube, column, ("arch",), "arch")
+    variable[:] = [static_limit(arch, start) for arch, start in zip(arches, starts)]
+    column = Column("joint_length", "f8", "m", "mean length of the joints")
+    variable = _create(cube, column, ("arch",), "arch")
+    variable[:] = [np.linalg.norm(arch.extrados - arch.intrados, axis=1).mean() for arch in arches]
 
 
 def _record_facts(cube: Any, plan: Plan) -> None:

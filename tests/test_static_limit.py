@@ -1,0 +1,57 @@
+"""How far the mechanism of onset can be turned before the weight no longer brings it back."""
+
+import numpy as np
+import pytest
+from scipy.optimize import fsolve, minimize_scalar
+
+import archfrag as af
+from archfrag.simulation.static_limit import static_limit
+
+
+def test_of_a_block_and_of_a_column_it_is_the_angle_of_the_diagonal():
+    block = af.Block(width=0.2, height=1.0, friction=0.8)
+    assert static_limit(block, af.onset(block)) == pytest.approx(np.arctan(0.2), rel=1e-6)
+    sides = np.array([[0.0, 0.0], [0.0, 0.7], [0.0, 2.0]])
+    column = af.Arch.from_joints(sides, sides + [0.5, 0.0], friction=0.8, free_end=True)
+    assert static_limit(column, af.onset(column)) == pytest.approx(np.arctan(0.25), rel=1e-6)
+
+
+@pytest.mark.parametrize("voussoirs", [7, 12])
+def test_of_an_arch_it_is_where_the_potential_energy_of_the_linkage_is_largest(voussoirs):
+    arch = af.Arch.circular(10.0, 1.5, 157.5, voussoirs, friction=0.7)
+    start = af.onset(arch)
+    corner = {"intrados": arch.intrados, "extrados": arch.extrados}
+    a, b, c, d = (corner[side][joint] for joint, side in start.hinges)
+    joints = [joint for joint, _ in start.hinges]
+
+    def rotate(vector, angle):
+        return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]) @ vector
+
+    def angles(first):
+        def closing(two):
+            ends = rotate(b - a, first) + rotate(c - b, two[0]) + rotate(d - c, two[1])
+            return ends - (d - a)
+
+        # The hinges of this arch turn its middle bar the other way.
+        return np.array([first, *fsolve(closing, [-first, first])])
+
+    def energy(first):
+        turn = angles(first)
+        knees = [a, a + rotate(b - a, turn[0]), d - rotate(d - c, turn[2])]
+        return sum(
+            arch.chain.mass[i] * (knee + rotate(arch.chain.centroid[i] - pivot, angle))[1]
+            for knee, pivot, angle, low, high in zip(knees, (a, b, c), turn, joints, joints[1:])
+            for i in range(low, high)
+        )
+
+    sense = 1.0 if energy(1e-4) > energy(-1e-4) else -1.0
+    top = minimize_scalar(
+        lambda x: -energy(sense * x), bounds=(0.0, 0.3), method="bounded", options={"xatol": 1e-9}
+    )
+    expected = np.abs(angles(sense * top.x)).max()
+    assert static_limit(arch, start) == pytest.approx(expected, rel=1e-4)
+
+
+def test_a_mechanism_that_slides_has_none():
+    block = af.Block(width=1.0, height=1.0, friction=0.2)
+    assert np.isnan(static_limit(block, af.onset(block)))
