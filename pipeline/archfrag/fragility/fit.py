@@ -118,7 +118,7 @@ def fit_many(levels: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> FitMany:
     >>> from archfrag.fragility.fit import fit_many
     >>> many = fit_many([0.2, 0.4, 0.8], [[1, 5, 9], [0, 0, 10]], 10)
     >>> many.theta.round(3), many.fitted
-    (array([0.412,   nan]), array([ True, False]))
+    (array([0.4, nan]), array([ True, False]))
     """
     levels, collapses = np.asarray(levels, dtype=float), np.asarray(collapses, dtype=float)
     if collapses.ndim != 2 or levels.shape != collapses.shape[1:] or not levels.size:

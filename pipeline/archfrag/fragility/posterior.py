@@ -1,0 +1,220 @@
+"""Posterior of a lognormal curve under a proper, objective prior: few runs give a band too.
+
+The prior is Jeffreys', the square root of the determinant of the Fisher information of the
+design, which is proper for a probit line at two levels or more and leaves the posterior proper
+also where the likelihood has no maximum (Ibrahim and Laud 1991, Journal of the American
+Statistical Association 86; Chen, Ibrahim and Kim 2008, the same 103; for fragility curves
+Van Biesbroeck, Gauchy, Feau and Garnier 2023, arXiv 2302.06935, and 2025, arXiv 2503.07343).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import log_ndtr, ndtr
+
+from archfrag.errors import FitError
+from archfrag.fragility.capacities import checked_brackets
+from archfrag.fragility.curve import FloatArray, Fragility, log_intensity
+from archfrag.fragility.fit import checked_stripes
+from archfrag.fragility.grid import LineGrid, line_grid
+from archfrag.fragility.intervals import Band, check_confidence, tails
+from archfrag.fragility.likelihood import log_between
+
+_HALF = np.array([0.5])
+_ONE_SIGMA = np.array([0.15865525393145707, 0.8413447460685429])
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """What is known of a curve after the runs.
+
+    Attributes
+    ----------
+    fragility : Fragility
+        Of kind ``"posterior"``: medians of theta and beta; the covariance of (ln theta, beta)
+        is from half the width of their central 68 %, as their tails are not normal.
+    grid : LineGrid
+        Distribution of the probit line in (ln im - centre) / width.
+    centre, width : float
+    """
+
+    fragility: Fragility
+    grid: LineGrid
+    centre: float
+    width: float
+
+    def theta_interval(self, confidence: float = 0.9) -> tuple[float, float]:
+        """Central credible interval of the median capacity, unit of the levels."""
+        check_confidence(confidence)
+        low, high = self.grid.log_medians(np.array(tails(confidence)))
+        return float(np.exp(self.centre + self.width * low)), float(
+            np.exp(self.centre + self.width * high)
+        )
+
+    def beta_interval(self, confidence: float = 0.9) -> tuple[float, float]:
+        """Central credible interval of the dispersion."""
+        check_confidence(confidence)
+        high, low = self.width / self.grid.slopes(np.array(tails(confidence)))
+        return float(low), float(high)
+
+    def band(self, im: ArrayLike, confidence: float = 0.9) -> Band:
+        """Central credible interval of the probability of collapse at each `im`, >= 0."""
+        check_confidence(confidence)
+        lower, upper = self._probabilities(im, np.array(tails(confidence)))
+        return Band(lower, upper, confidence)
+
+    def probability(self, im: ArrayLike) -> FloatArray:
+        """Median of the probability of collapse at each `im`, >= 0, same shape."""
+        return self._probabilities(im, _HALF)[0]
+
+    def _probabilities(self, im: ArrayLike, level: FloatArray) -> FloatArray:
+        logs = log_intensity(im)
+        x = (np.atleast_1d(logs).ravel() - self.centre) / self.width
+        inside = np.isfinite(x)
+        found = np.zeros((level.size, x.size))
+        found[:, np.isposinf(x)] = 1.0
+        found[:, inside] = ndtr(self.grid.probits(x[inside], level))
+        return found.reshape(level.size, *logs.shape)
+
+
+def fit_posterior(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Posterior:
+    """Posterior of the curve of runs that are independent, each with a motion of its own.
+
+    Prior: Jeffreys' for the levels and numbers of runs that were made, restricted to rising
+    curves (beta > 0), times 1 / (1 / beta + 1 / r), where r is ln of the highest over the lowest
+    level. Jeffreys' alone lets 90 % bands hold the truth in 78 to 86 % at 10 runs, as it makes
+    beta too small; the factor cures this as the right Haar measure does for capacities, and
+    stops growing where beta exceeds what the levels span, so that the prior stays proper. It
+    assumes nothing of the arch but that levels were chosen to span the curve; it depends on the
+    design, so that it moves a little when runs are added. Runs that share their records are not
+    independent: use `fit_capacity_posterior`.
+
+    Parameters
+    ----------
+    im, collapses, n : array_like, (n_level,)
+        As for `fit_stripes`; single runs are levels with n = 1. All may have collapsed, or none.
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be.
+    FitError
+        If there are runs at fewer than two levels.
+
+    Examples
+    --------
+    >>> from archfrag.fragility.posterior import fit_posterior
+    >>> known = fit_posterior([0.2, 0.3, 0.4, 0.6], [0, 0, 1, 1], 1)
+    >>> low, high = known.theta_interval(0.9)
+    >>> low < 0.35 < high
+    True
+    """
+    im, collapses, n = checked_stripes(im, collapses, n)
+    levels, place = np.unique(im[n > 0], return_inverse=True)
+    _require_two(levels)
+    k = np.bincount(place, collapses[n > 0])
+    m = np.bincount(place, n[n > 0])
+    x, centre, width = _scaled(np.log(levels))
+
+    def log_density(a: FloatArray, b: FloatArray) -> FloatArray:
+        z = a[..., None] + b[:, None, None] * x
+        small = log_ndtr(-np.abs(z))
+        large = np.log1p(-np.exp(small))
+        likelihood = np.where(z > 0.0, large, small) @ k + np.where(z > 0.0, small, large) @ (
+            m - k
+        )
+        weight = m * np.exp(-z * z - small - large)
+        total, first, second = weight.sum(axis=-1), weight @ x, weight @ (x * x)
+        tilt = np.log(b / (b + 1.0 / (x[-1] - x[0])))
+        return likelihood + _log_root(total * second - first**2) + tilt[:, None]
+
+    return _summed(line_grid(log_density, x), centre, width, levels.size, int(m.sum()))
+
+
+def fit_capacity_posterior(
+    lower: ArrayLike, upper: ArrayLike, n_effective: float | None = None
+) -> Posterior:
+    """Posterior of the curve of records whose capacities lie in brackets.
+
+    Prior: beta times Jeffreys' prior for capacities that are told apart by the ends of these
+    brackets only. Where brackets are narrow this is the right Haar measure 1 / beta of
+    (ln theta, beta), under which the interval at each intensity is exact for a normal sample
+    (that of Student's t for theta, of chi-square for beta, of the non-central t for the curve);
+    where they are wide it stays proper, also if one capacity would agree with all records.
+
+    Parameters
+    ----------
+    lower, upper : array_like, (n_record,)
+        As for `fit_brackets`, but lower < upper.
+    n_effective : float, optional
+        Independent records that these are worth; all if left out. The likelihood is raised to
+        the power n_effective / n.
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be.
+    FitError
+        If all brackets share fewer than two ends.
+    """
+    lower, upper = checked_brackets(lower, upper)
+    ends = np.unique(np.concatenate([lower[lower > 0.0], upper[np.isfinite(upper)]]))
+    _require_two(ends)
+    x, centre, width = _scaled(np.log(ends))
+    edges = np.concatenate([[-np.inf], x, [np.inf]])
+    pairs, number = np.unique(np.stack([lower, upper]), axis=1, return_counts=True)
+    place = np.searchsorted(ends, pairs) + np.array([[0], [1]])
+    place[0, pairs[0] > 0.0] += 1
+    i, j = place
+    power = number * (1.0 if n_effective is None else n_effective / lower.size)
+
+    def log_density(a: FloatArray, b: FloatArray) -> FloatArray:
+        z = np.empty((*a.shape, edges.size))
+        z[..., 0], z[..., -1] = -np.inf, np.inf
+        z[..., 1:-1] = a[..., None] + b[:, None, None] * x
+        likelihood = log_between(z[..., i], z[..., j]) @ power
+        mass = np.exp(np.maximum(log_between(z[..., :-1], z[..., 1:]), -600.0))
+        density = np.exp(-0.5 * z * z)
+        moment = density.copy()
+        moment[..., 1:-1] *= x
+        g, h = np.diff(density, axis=-1), np.diff(moment, axis=-1)
+        determinant = (g * g / mass).sum(-1) * (h * h / mass).sum(-1) - (g * h / mass).sum(-1) ** 2
+        return likelihood + _log_root(determinant)
+
+    n = lower.size if n_effective is None else max(1, round(n_effective))
+    return _summed(line_grid(log_density, x), centre, width, ends.size, n)
+
+
+def _log_root(determinant: FloatArray) -> FloatArray:
+    return 0.5 * np.log(np.maximum(determinant, 1e-250))
+
+
+def _require_two(levels: FloatArray) -> None:
+    if levels.size < 2:
+        raise FitError(
+            f"runs that collapsed or stood are at {levels.size} levels; a posterior needs two"
+        )
+
+
+def _scaled(logs: FloatArray) -> tuple[FloatArray, float, float]:
+    centre, width = float(logs.mean()), float(logs.std())
+    return (logs - centre) / width, centre, width
+
+
+def _summed(grid: LineGrid, centre: float, width: float, n_levels: int, n: int) -> Posterior:
+    """A posterior with its medians."""
+    low, high = width * grid.log_medians(_ONE_SIGMA)
+    beta_high, beta_low = width / grid.slopes(_ONE_SIGMA)
+    errors = np.array([0.5 * (high - low), 0.5 * (beta_high - beta_low)])
+    correlation = np.array([[1.0, grid.correlation()], [grid.correlation(), 1.0]])
+    curve = Fragility(
+        theta=float(np.exp(centre + width * grid.log_medians(_HALF)[0])),
+        beta=float(width / grid.slopes(_HALF)[0]),
+        covariance=correlation * np.outer(errors, errors),
+        log_likelihood=float("nan"),
+        n_levels=n_levels,
+        n_total=n,
+        kind="posterior",
+    )
+    return Posterior(curve, grid, centre, width)
