@@ -15,9 +15,10 @@ from archfrag.fragility.curve import FloatArray
 
 LogDensity = Callable[[FloatArray, FloatArray], FloatArray]
 
-_DEPTH = 18.0
+_DEPTH, _ROW_DEPTH = 18.0, 10.0
 _REACH = 9.0
 _HALVINGS = 46
+_ROWS, _NODES = 32, 30
 
 
 @dataclass(frozen=True)
@@ -50,11 +51,9 @@ class LineGrid:
         node = np.clip(place.astype(np.int64), 0, last - 1)
         t = np.clip(place - node, 0.0, 1.0)
         row = np.arange(self.slope.size)
-        p, q = self.density[row, node], self.density[row, node + 1]
-        rise = self.below[row, node + 1] - self.below[row, node]
-        p, q = p * self.step, q * self.step
-        cubic = t * (p + t * (3.0 * rise - 2.0 * p - q + t * (p + q - 2.0 * rise)))
-        return (self.below[row, node] + cubic) @ self.mass
+        low, high = self.below[row, node], self.below[row, node + 1]
+        p, q = self.density[row, node] * self.step, self.density[row, node + 1] * self.step
+        return _cubic(t, low, high, p, q) @ self.mass
 
     def probits(self, x: FloatArray, level: FloatArray) -> FloatArray:
         """Quantiles of a + b x at each x: (n_level, n_x)."""
@@ -82,8 +81,17 @@ class LineGrid:
 
     def slopes(self, level: FloatArray) -> FloatArray:
         """Quantiles of b, (n_level,)."""
-        below = np.cumsum(self.mass) - 0.5 * self.mass - np.gradient(self.mass) / 12.0
-        return np.exp(np.interp(level, np.maximum.accumulate(below), np.log(self.slope)))
+        below = _integral(self.mass[None])[0]
+        below, density = below / below[-1], self.mass / below[-1]
+
+        def less(place: FloatArray) -> FloatArray:
+            node = np.minimum(place.astype(np.int64), self.mass.size - 2)
+            low, high = below[node], below[node + 1]
+            return _cubic(place - node, low, high, density[node], density[node + 1]) - level
+
+        ends = np.zeros(level.shape), np.full(level.shape, self.mass.size - 1.0)
+        first, last = np.log(self.slope[[0, -1]])
+        return np.exp(first + (last - first) * _root(less, *ends) / (self.mass.size - 1.0))
 
     def correlation(self) -> float:
         """Of ln theta and beta, both cut at their 1 and 99 % quantiles."""
@@ -99,37 +107,36 @@ class LineGrid:
 
 
 def line_grid(
-    log_density: LogDensity, x: FloatArray, n_row: int = 40, n_node: int = 36
+    log_density: LogDensity, x: FloatArray, slopes: tuple[float, float] | None = None
 ) -> LineGrid:
     """Lay a grid where a density of (a, ln b) is.
 
     Parameters
     ----------
     log_density : callable
-        Of intercepts (n_row, n_node) and slopes (n_row,); with one peak along each row, and of
-        the masses of the rows. Levels far apart from one another are where (a, b) matters, so
-        the search spans all lines that change somewhere between or near the levels.
+        Of intercepts (n_row, n_node) and slopes (n_row,); with one peak along each row, and the
+        masses of the rows with one peak.
     x : ndarray, (n_level,)
-        Distinct levels, at least two.
+        Distinct levels, at least two: the search spans all lines that rise near or between them.
+    slopes : (float, float), optional
+        Between which b is known to be, to search less.
     """
     x = np.sort(x)
-    low = np.log(1e-4 / (x[-1] - x[0]))
-    high = np.log(20.0 / np.diff(x).min())
+    low, high = slopes or (1e-4 / (x[-1] - x[0]), 20.0 / np.diff(x).min())
+    low, high = np.log(low), np.log(high)
     for _ in range(12):
         rows = np.linspace(low, high, 16)
-        slope = np.exp(rows)
-        mass = _rows(log_density, slope, *_limits(log_density, slope, x), 12)[0]
-        kept = np.flatnonzero(mass > mass.max() - _DEPTH)
+        limits = _limits(log_density, np.exp(rows), x)
+        mass = _rows(log_density, np.exp(rows), *limits, 12)[0]
+        kept = np.flatnonzero(mass > mass.max() - _ROW_DEPTH)
         low, high = rows[max(kept[0] - 1, 0)], rows[min(kept[-1] + 1, rows.size - 1)]
         if kept.size >= 7:
             break
-    slope = np.exp(np.linspace(low, high, n_row))
-    first, last = _limits(log_density, slope, x)
-    mass, step, density = _rows(log_density, slope, first, last, n_node)
-    rate = np.gradient(density, axis=1)
-    below = np.cumsum(density, axis=1) - 0.5 * (density + density[:, :1])
-    below -= (rate - rate[:, :1]) / 12.0
-    below = np.maximum.accumulate(np.clip(below, 0.0, None), axis=1)
+    fine = np.linspace(low, high, _ROWS)
+    slope = np.exp(fine)
+    first, last = (np.interp(fine, rows, limit) for limit in limits)
+    mass, step, density = _rows(log_density, slope, first, last, _NODES)
+    below = _integral(density)
     total = below[:, -1:]
     mass = np.exp(mass - mass.max())
     return LineGrid(
@@ -161,6 +168,20 @@ def _rows(log_density, slope, first, last, n_node):
     top = value.max(axis=1, keepdims=True)
     density = np.exp(value - top)
     return top[:, 0] + np.log(density.sum(axis=1) * step), step, density
+
+
+def _integral(density: FloatArray) -> FloatArray:
+    """Integral of rows up to each node at unit step: trapezia with their end correction."""
+    rate = np.gradient(density, axis=1)
+    below = np.cumsum(density, axis=1) - 0.5 * (density + density[:, :1])
+    below -= (rate - rate[:, :1]) / 12.0
+    return np.maximum.accumulate(np.clip(below, 0.0, None), axis=1)
+
+
+def _cubic(t: FloatArray, low: FloatArray, high: FloatArray, p: FloatArray, q: FloatArray):
+    """Hermite's cubic between values `low`, `high` with slopes `p`, `q`, at 0 <= t <= 1."""
+    rise = high - low
+    return low + t * (p + t * (3.0 * rise - 2.0 * p - q + t * (p + q - 2.0 * rise)))
 
 
 def _root(function, low: FloatArray, high: FloatArray) -> FloatArray:

@@ -1,10 +1,10 @@
 """Posterior of a lognormal curve under a proper, objective prior: few runs give a band too.
 
-The prior is Jeffreys', the square root of the determinant of the Fisher information of the
-design, which is proper for a probit line at two levels or more and leaves the posterior proper
-also where the likelihood has no maximum (Ibrahim and Laud 1991, Journal of the American
-Statistical Association 86; Chen, Ibrahim and Kim 2008, the same 103; for fragility curves
-Van Biesbroeck, Gauchy, Feau and Garnier 2023, arXiv 2302.06935, and 2025, arXiv 2503.07343).
+The prior of runs rests on Jeffreys', the square root of the determinant of the Fisher
+information of the design, which is proper for a probit line at two levels or more, and so leaves
+the posterior proper where the likelihood has no maximum (Ibrahim and Laud 1991, Journal of the
+American Statistical Association 86; Chen, Ibrahim and Kim 2008, the same 103). For fragility
+curves see Van Biesbroeck, Gauchy, Feau and Garnier (arXiv 2302.06935 and 2503.07343).
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from scipy.special import log_ndtr, ndtr
 from archfrag.errors import FitError
 from archfrag.fragility.capacities import checked_brackets
 from archfrag.fragility.curve import FloatArray, Fragility, log_intensity
-from archfrag.fragility.fit import checked_stripes
+from archfrag.fragility.fit import checked_stripes, fit_many
 from archfrag.fragility.grid import LineGrid, line_grid
 from archfrag.fragility.intervals import Band, check_confidence, tails
 from archfrag.fragility.likelihood import log_between
@@ -129,7 +129,8 @@ def fit_posterior(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Posterio
         tilt = np.log(b / (b + 1.0 / (x[-1] - x[0])))
         return likelihood + _log_root(total * second - first**2) + tilt[:, None]
 
-    return _summed(line_grid(log_density, x), centre, width, levels.size, int(m.sum()))
+    grid = line_grid(log_density, x, _known_slopes(np.exp(x), k, m))
+    return _summed(grid, centre, width, levels.size, int(m.sum()))
 
 
 def fit_capacity_posterior(
@@ -137,11 +138,13 @@ def fit_capacity_posterior(
 ) -> Posterior:
     """Posterior of the curve of records whose capacities lie in brackets.
 
-    Prior: beta times Jeffreys' prior for capacities that are told apart by the ends of these
-    brackets only. Where brackets are narrow this is the right Haar measure 1 / beta of
-    (ln theta, beta), under which the interval at each intensity is exact for a normal sample
-    (that of Student's t for theta, of chi-square for beta, of the non-central t for the curve);
-    where they are wide it stays proper, also if one capacity would agree with all records.
+    Prior: the right Haar measure 1 / beta of (ln theta, beta), under which the intervals of a
+    normal sample are exact (Student's t for theta, chi-square for beta, the non-central t for
+    the curve), times beta^2 / (beta^2 + d^2 / 12) with d the median width of the brackets in
+    ln im, so that it stays proper where one capacity would agree with all records, and times
+    1 / (1 + (beta / r)^2) with r that of all their ends, so that it does where few records are
+    bracketed from both sides. Assumes lognormal, independent capacities, and a beta between
+    what the levels resolve and what they span.
 
     Parameters
     ----------
@@ -156,34 +159,45 @@ def fit_capacity_posterior(
     InputError
         If an argument cannot be.
     FitError
-        If all brackets share fewer than two ends.
+        If no capacity is known to be above any level, or none to be below, or there is one end
+        only.
     """
     lower, upper = checked_brackets(lower, upper)
     ends = np.unique(np.concatenate([lower[lower > 0.0], upper[np.isfinite(upper)]]))
     _require_two(ends)
     x, centre, width = _scaled(np.log(ends))
-    edges = np.concatenate([[-np.inf], x, [np.inf]])
+    if not (lower.any() and np.isfinite(upper).any()):
+        side = ("below", ends[0]) if np.isfinite(upper).any() else ("above", ends[-1])
+        raise FitError(
+            f"all {lower.size} capacities lie {side[0]} {side[1]:g}, so nothing bounds theta on "
+            f"the other side; add levels {side[0]} it"
+        )
     pairs, number = np.unique(np.stack([lower, upper]), axis=1, return_counts=True)
-    place = np.searchsorted(ends, pairs) + np.array([[0], [1]])
-    place[0, pairs[0] > 0.0] += 1
-    i, j = place
     power = number * (1.0 if n_effective is None else n_effective / lower.size)
+    with np.errstate(divide="ignore"):
+        low, high = (np.log(pairs) - centre) / width
+    closed = np.isfinite(high - low)
+    resolved = np.median(np.repeat((high - low)[closed], number[closed])) if closed.any() else 0.0
+    resolved = max(float(resolved), float(np.diff(x).min()))
+    span = float(x[-1] - x[0])
 
     def log_density(a: FloatArray, b: FloatArray) -> FloatArray:
-        z = np.empty((*a.shape, edges.size))
-        z[..., 0], z[..., -1] = -np.inf, np.inf
-        z[..., 1:-1] = a[..., None] + b[:, None, None] * x
-        likelihood = log_between(z[..., i], z[..., j]) @ power
-        mass = np.exp(np.maximum(log_between(z[..., :-1], z[..., 1:]), -600.0))
-        density = np.exp(-0.5 * z * z)
-        moment = density.copy()
-        moment[..., 1:-1] *= x
-        g, h = np.diff(density, axis=-1), np.diff(moment, axis=-1)
-        determinant = (g * g / mass).sum(-1) * (h * h / mass).sum(-1) - (g * h / mass).sum(-1) ** 2
-        return likelihood + _log_root(determinant)
+        z_low, z_high = (a[..., None] + b[:, None, None] * end for end in (low, high))
+        known = np.log1p((b * resolved) ** 2 / 12.0) + np.log1p((b * span) ** -2.0) + np.log(b)
+        return log_between(z_low, z_high) @ power - known[:, None]
 
     n = lower.size if n_effective is None else max(1, round(n_effective))
     return _summed(line_grid(log_density, x), centre, width, ends.size, n)
+
+
+def _known_slopes(levels: FloatArray, k: FloatArray, m: FloatArray) -> tuple[float, float] | None:
+    """Slopes beyond which there is nothing, where runs are many and the likelihood narrow."""
+    many = fit_many(levels, k[None], m)
+    beta, error = many.beta[0], np.sqrt(many.covariance[0, 1, 1])
+    if not error < 0.2 * beta:
+        return None
+    reach = np.exp(9.0 * error / beta)
+    return 1.0 / (beta * reach), reach / beta
 
 
 def _log_root(determinant: FloatArray) -> FloatArray:
@@ -207,7 +221,8 @@ def _summed(grid: LineGrid, centre: float, width: float, n_levels: int, n: int) 
     low, high = width * grid.log_medians(_ONE_SIGMA)
     beta_high, beta_low = width / grid.slopes(_ONE_SIGMA)
     errors = np.array([0.5 * (high - low), 0.5 * (beta_high - beta_low)])
-    correlation = np.array([[1.0, grid.correlation()], [grid.correlation(), 1.0]])
+    together = grid.correlation()
+    correlation = np.array([[1.0, together], [together, 1.0]])
     curve = Fragility(
         theta=float(np.exp(centre + width * grid.log_medians(_HALF)[0])),
         beta=float(width / grid.slopes(_HALF)[0]),
