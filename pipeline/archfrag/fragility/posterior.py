@@ -7,20 +7,22 @@ American Statistical Association 86; Chen, Ibrahim and Kim 2008, the same 103). 
 curves see Van Biesbroeck, Gauchy, Feau and Garnier (arXiv 2302.06935 and 2503.07343).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import log_ndtr, ndtr
 
-from archfrag.errors import FitError
-from archfrag.fragility.capacities import checked_brackets
+from archfrag.errors import FitError, InputError
+from archfrag.fragility.brackets import checked_brackets
 from archfrag.fragility.curve import FloatArray, Fragility, log_intensity
 from archfrag.fragility.fit import checked_stripes, fit_many
 from archfrag.fragility.grid import LineGrid, line_grid
 from archfrag.fragility.intervals import Band, check_confidence, tails
 from archfrag.fragility.likelihood import log_between
 
+Terms = tuple[FloatArray, FloatArray]
 _HALF = np.array([0.5])
 _ONE_SIGMA = np.array([0.15865525393145707, 0.8413447460685429])
 
@@ -33,7 +35,8 @@ class Posterior:
     ----------
     fragility : Fragility
         Of kind ``"posterior"``: medians of theta and beta; the covariance of (ln theta, beta)
-        is from half the width of their central 68 %, as their tails are not normal.
+        is from half the width of their central 68 %, as their tails are not normal; the
+        log-likelihood is that of the medians, without binomial coefficients.
     grid : LineGrid
         Distribution of the probit line in (ln im - centre) / width.
     centre, width : float
@@ -113,11 +116,11 @@ def fit_posterior(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Posterio
     im, collapses, n = checked_stripes(im, collapses, n)
     levels, place = np.unique(im[n > 0], return_inverse=True)
     _require_two(levels)
-    k = np.bincount(place, collapses[n > 0])
-    m = np.bincount(place, n[n > 0])
+    k: FloatArray = np.bincount(place, collapses[n > 0]).astype(float)
+    m: FloatArray = np.bincount(place, n[n > 0]).astype(float)
     x, centre, width = _scaled(np.log(levels))
 
-    def log_density(a: FloatArray, b: FloatArray) -> FloatArray:
+    def terms(a: FloatArray, b: FloatArray) -> Terms:
         z = a[..., None] + b[:, None, None] * x
         small = log_ndtr(-np.abs(z))
         large = np.log1p(-np.exp(small))
@@ -127,10 +130,10 @@ def fit_posterior(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Posterio
         weight = m * np.exp(-z * z - small - large)
         total, first, second = weight.sum(axis=-1), weight @ x, weight @ (x * x)
         tilt = np.log(b / (b + 1.0 / (x[-1] - x[0])))
-        return likelihood + _log_root(total * second - first**2) + tilt[:, None]
+        return likelihood, _log_root(total * second - first**2) + tilt[:, None]
 
-    grid = line_grid(log_density, x, _known_slopes(np.exp(x), k, m))
-    return _summed(grid, centre, width, levels.size, int(m.sum()))
+    slopes = _known_slopes(np.exp(x), k, m)
+    return _summed(terms, x, (centre, width), int(m.sum()), slopes)
 
 
 def fit_capacity_posterior(
@@ -157,21 +160,28 @@ def fit_capacity_posterior(
     Raises
     ------
     InputError
-        If an argument cannot be.
+        If an argument cannot be, or a capacity is exact.
     FitError
         If no capacity is known to be above any level, or none to be below, or there is one end
         only.
     """
     lower, upper = checked_brackets(lower, upper)
+    if np.any(lower == upper):
+        raise InputError(
+            f"the capacity {lower[lower == upper][0]:g} is exact; brackets of some width are "
+            "needed (for exact capacities see capacity_band)"
+        )
+    for known, side, end in (
+        (lower.any(), "below", upper.min()), (np.isfinite(upper).any(), "above", lower.max()),
+    ):  # fmt: skip
+        if not known:
+            raise FitError(
+                f"nothing bounds theta from {side}: add levels {side} {end:g}, the "
+                f"{'lowest' if side == 'below' else 'highest'} tried"
+            )
     ends = np.unique(np.concatenate([lower[lower > 0.0], upper[np.isfinite(upper)]]))
     _require_two(ends)
     x, centre, width = _scaled(np.log(ends))
-    if not (lower.any() and np.isfinite(upper).any()):
-        side = ("below", ends[0]) if np.isfinite(upper).any() else ("above", ends[-1])
-        raise FitError(
-            f"all {lower.size} capacities lie {side[0]} {side[1]:g}, so nothing bounds theta on "
-            f"the other side; add levels {side[0]} it"
-        )
     pairs, number = np.unique(np.stack([lower, upper]), axis=1, return_counts=True)
     power = number * (1.0 if n_effective is None else n_effective / lower.size)
     with np.errstate(divide="ignore"):
@@ -181,13 +191,13 @@ def fit_capacity_posterior(
     resolved = max(float(resolved), float(np.diff(x).min()))
     span = float(x[-1] - x[0])
 
-    def log_density(a: FloatArray, b: FloatArray) -> FloatArray:
+    def terms(a: FloatArray, b: FloatArray) -> Terms:
         z_low, z_high = (a[..., None] + b[:, None, None] * end for end in (low, high))
-        known = np.log1p((b * resolved) ** 2 / 12.0) + np.log1p((b * span) ** -2.0) + np.log(b)
-        return log_between(z_low, z_high) @ power - known[:, None]
+        prior = np.log1p((b * resolved) ** 2 / 12.0) + np.log1p((b * span) ** -2.0) + np.log(b)
+        return log_between(z_low, z_high) @ power, -prior[:, None]
 
     n = lower.size if n_effective is None else max(1, round(n_effective))
-    return _summed(line_grid(log_density, x), centre, width, ends.size, n)
+    return _summed(terms, x, (centre, width), n)
 
 
 def _known_slopes(levels: FloatArray, k: FloatArray, m: FloatArray) -> tuple[float, float] | None:
@@ -216,19 +226,25 @@ def _scaled(logs: FloatArray) -> tuple[FloatArray, float, float]:
     return (logs - centre) / width, centre, width
 
 
-def _summed(grid: LineGrid, centre: float, width: float, n_levels: int, n: int) -> Posterior:
-    """A posterior with its medians."""
+def _summed(
+    terms: Callable[[FloatArray, FloatArray], Terms], x: FloatArray, scale: tuple[float, float],
+    n: int, slopes: tuple[float, float] | None = None,
+) -> Posterior:  # fmt: skip
+    """The posterior of a log-likelihood and log-prior, with its medians."""
+    centre, width = scale
+    grid = line_grid(lambda a, b: np.add(*terms(a, b)), x, slopes)
     low, high = width * grid.log_medians(_ONE_SIGMA)
     beta_high, beta_low = width / grid.slopes(_ONE_SIGMA)
     errors = np.array([0.5 * (high - low), 0.5 * (beta_high - beta_low)])
     together = grid.correlation()
     correlation = np.array([[1.0, together], [together, 1.0]])
+    middle, slope = grid.log_medians(_HALF), grid.slopes(_HALF)
     curve = Fragility(
-        theta=float(np.exp(centre + width * grid.log_medians(_HALF)[0])),
-        beta=float(width / grid.slopes(_HALF)[0]),
+        theta=float(np.exp(centre + width * middle[0])),
+        beta=float(width / slope[0]),
         covariance=correlation * np.outer(errors, errors),
-        log_likelihood=float("nan"),
-        n_levels=n_levels,
+        log_likelihood=float(terms(-slope[:, None] * middle, slope)[0][0, 0]),
+        n_levels=x.size,
         n_total=n,
         kind="posterior",
     )

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.capacities import Brackets, brackets_of
+from archfrag.fragility.brackets import Brackets, brackets_of
 from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.fragility.intervals import Band
