@@ -23,16 +23,17 @@ class Fragility:
     beta : float
         Dispersion: standard deviation of the logarithm of capacity [1].
     covariance : ndarray, (2, 2)
-        Of (ln theta, beta): inverse of the observed Fisher information.
+        Of (ln theta, beta): inverse of the observed Fisher information, or as `kind` says.
     log_likelihood : float
         At the maximum; of stripes with the binomial coefficients, of capacities the density of
         their logarithms.
     n_levels : int
-        Levels (stripes) or distinct observed capacities (IDA) that were used.
+        Levels (stripes), distinct observed capacities (IDA) or ends of brackets that were used.
     n_total : int
         Runs (stripes) or records (IDA) that were used.
     kind : str
-        ``"stripes"``, ``"ida"`` or ``"ida_truncated"``.
+        ``"stripes"``, ``"ida"`` (moments), ``"ida_truncated"``, ``"brackets"`` or
+        ``"posterior"`` (medians).
     """
 
     theta: float

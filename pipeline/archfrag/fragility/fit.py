@@ -5,18 +5,44 @@ straight line Phi^-1(P) = intercept + slope ln im with slope = 1 / beta, in whic
 likelihood is concave: it has one maximum, and none exactly where the data are separated.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammaln
 
 from archfrag.errors import FitError, InputError
+from archfrag.fragility.capacities import curve_of_line, fit_moments, fit_truncated
 from archfrag.fragility.curve import FloatArray, Fragility
-from archfrag.fragility.likelihood import binomial_loss, censored_normal, probit_line
+from archfrag.fragility.likelihood import Observations, likeliest_lines
 
-__all__ = ["Fragility", "checked_stripes", "fit_ida", "fit_stripes"]
+__all__ = ["FitMany", "Fragility", "checked_stripes", "fit_ida", "fit_many", "fit_stripes"]
 
 _FLAT_SLOPE = 1e-9
 _LARGEST_LOG = 600.0
+
+
+@dataclass(frozen=True)
+class FitMany:
+    """Curves of many draws; nan where the likelihood of a draw has no maximum.
+
+    Attributes
+    ----------
+    theta, beta : ndarray, (n_draw,)
+        Median, in the unit of the levels, and dispersion.
+    covariance : ndarray, (n_draw, 2, 2)
+        Of (ln theta, beta).
+    log_likelihood : ndarray, (n_draw,)
+        With the binomial coefficients.
+    fitted : ndarray of bool, (n_draw,)
+        Where there is a curve.
+    """
+
+    theta: FloatArray
+    beta: FloatArray
+    covariance: FloatArray
+    log_likelihood: FloatArray
+    fitted: NDArray[np.bool_]
 
 
 def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Fragility:
@@ -54,25 +80,90 @@ def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Fragility:
     used = n > 0
     im, collapses, n = im[used], collapses[used], n[used]
     _require_overlap(im, collapses, n)
-    log_im = np.log(im)
-    centre, width = log_im.mean(), log_im.std()
-    line, information = probit_line((log_im - centre) / width, collapses, n - collapses)
-    if line[1] <= max(_FLAT_SLOPE, width * abs(line[0]) / _LARGEST_LOG):
+    many = fit_many(im, collapses[None], n)
+    if not many.fitted[0]:
         raise _not_rising(im)
-    scale = width / line[1]
-    jacobian = np.array([[-scale, scale * line[0] / line[1]], [0.0, -scale / line[1]]])
-    theta = np.exp(centre - scale * line[0])
-    coefficients = gammaln(n + 1) - gammaln(collapses + 1) - gammaln(n - collapses + 1)
-    z = line[0] + line[1] * (log_im - centre) / width
     return Fragility(
-        theta=float(theta),
-        beta=float(scale),
-        covariance=jacobian @ np.linalg.inv(information) @ jacobian.T,
-        log_likelihood=float(np.sum(coefficients) - binomial_loss(z, collapses, n - collapses)),
+        theta=float(many.theta[0]),
+        beta=float(many.beta[0]),
+        covariance=many.covariance[0],
+        log_likelihood=float(many.log_likelihood[0]),
         n_levels=int(np.unique(im).size),
         n_total=int(n.sum()),
         kind="stripes",
     )
+
+
+def fit_many(levels: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> FitMany:
+    """Fit a curve to each of many draws of collapse counts, all at once.
+
+    The estimates are those of `fit_stripes`.
+
+    Parameters
+    ----------
+    levels : array_like, (n_level,)
+        Intensities, > 0.
+    collapses : array_like, (n_draw, n_level)
+        Runs that collapsed, 0 to `n`; weights that are not whole are allowed.
+    n : array_like, (n_draw, n_level) or what broadcasts to it
+        Runs that collapsed or stood.
+
+    Raises
+    ------
+    InputError
+        If a shape or a value cannot be.
+
+    Examples
+    --------
+    >>> from archfrag.fragility.fit import fit_many
+    >>> many = fit_many([0.2, 0.4, 0.8], [[1, 5, 9], [0, 0, 10]], 10)
+    >>> many.theta.round(3), many.fitted
+    (array([0.4, nan]), array([ True, False]))
+    """
+    levels, collapses = np.asarray(levels, dtype=float), np.asarray(collapses, dtype=float)
+    if collapses.ndim != 2 or levels.shape != collapses.shape[1:] or not levels.size:
+        raise InputError(
+            f"collapses has shape {collapses.shape}, levels {levels.shape}; draws by levels are "
+            "needed"
+        )
+    n = np.broadcast_to(np.asarray(n, dtype=float), collapses.shape)
+    if not np.all((collapses >= 0.0) & (collapses <= n) & np.isfinite(n)):
+        raise InputError("collapses holds a value that is not between 0 and n")
+    if not np.all((levels > 0.0) & np.isfinite(levels)):
+        raise InputError("levels holds a value that is not a positive finite number")
+    fitted = _overlapping(levels, collapses, n)
+    draws = np.flatnonzero(fitted)
+    theta, beta, log_likelihood = (np.full(len(n), np.nan) for _ in range(3))
+    covariance = np.full((len(n), 2, 2), np.nan)
+    if draws.size:
+        x = np.log(levels)
+        centre, width = x.mean(), x.std()
+        k, m = collapses[draws], n[draws]
+        seen = Observations((x - centre) / width, k, m - k)
+        lines, information, value = likeliest_lines(seen, draws.size)
+        flattest = np.maximum(_FLAT_SLOPE, width * np.abs(lines[:, 0]) / _LARGEST_LOG)
+        rising = lines[:, 1] > flattest
+        fitted[draws] = rising
+        draws, k, m = draws[rising], k[rising], m[rising]
+        theta[draws], beta[draws], covariance[draws] = curve_of_line(
+            lines[rising], information[rising], float(centre), float(width)
+        )
+        coefficients = gammaln(m + 1) - gammaln(k + 1) - gammaln(m - k + 1)
+        log_likelihood[draws] = value[rising] + coefficients.sum(axis=1)
+    return FitMany(theta, beta, covariance, log_likelihood, fitted)
+
+
+def _overlapping(levels: FloatArray, collapses: FloatArray, n: FloatArray) -> NDArray[np.bool_]:
+    """Draws whose likelihood has a maximum with a rising curve, as far as order tells."""
+    fell, stood = collapses > 0.0, collapses < n
+    first_fall, last_fall, first_stand, last_stand = (
+        function(np.where(mask, levels, fill), axis=1)
+        for mask, function, fill in (
+            (fell, np.min, np.inf), (fell, np.max, -np.inf),
+            (stood, np.min, np.inf), (stood, np.max, -np.inf),
+        )
+    )  # fmt: skip
+    return (first_fall < last_stand) & (first_stand < last_fall)
 
 
 def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragility:
@@ -106,24 +197,9 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragilit
     >>> round(curve.theta, 3)
     0.8
     """
-    capacities = np.asarray(capacities, dtype=float)
-    if capacities.ndim != 1 or capacities.size == 0:
-        raise InputError(
-            f"capacities has shape {capacities.shape}; a list of one number per record is needed"
-        )
-    if truncate_at is not None and not 0.0 < truncate_at < np.inf:
-        raise InputError(f"truncate_at is {truncate_at:g}; a positive finite number is needed")
-    allowed = capacities > 0.0
     if truncate_at is None:
-        allowed &= np.isfinite(capacities)
-    if not allowed.all():
-        raise InputError(
-            f"capacities holds {capacities[~allowed][0]:g}; they are positive numbers"
-            + (", and infinite only where truncate_at is given" if truncate_at is None else "")
-        )
-    if truncate_at is None or np.all(capacities <= truncate_at):
-        return _fit_complete(np.log(capacities))
-    return _fit_censored(np.log(capacities), float(np.log(truncate_at)))
+        return fit_moments(capacities)
+    return fit_truncated(capacities, truncate_at)
 
 
 def checked_stripes(
@@ -203,56 +279,4 @@ def _not_rising(im: FloatArray) -> FitError:
     return FitError(
         f"the share of collapses does not rise with intensity over the levels from "
         f"{im.min():g} to {im.max():g}, so no lognormal curve fits; add levels or records"
-    )
-
-
-def _fit_complete(logs: FloatArray) -> Fragility:
-    if np.all(logs == logs[0]):
-        raise FitError(
-            f"all {logs.size} capacities are {np.exp(logs[0]):g}, so beta tends to 0 and no "
-            "dispersion can be estimated; add records"
-        )
-    n = logs.size
-    mean, deviation = float(logs.mean()), float(logs.std(ddof=1))
-    z = (logs - mean) / deviation
-    return Fragility(
-        theta=float(np.exp(mean)),
-        beta=deviation,
-        covariance=deviation**2 * np.diag([1.0 / n, 0.5 / (n - 1)]),
-        log_likelihood=float(
-            -0.5 * np.sum(z * z) - n * np.log(deviation) - 0.5 * n * np.log(2.0 * np.pi)
-        ),
-        n_levels=int(np.unique(logs).size),
-        n_total=n,
-        kind="ida",
-    )
-
-
-def _fit_censored(logs: FloatArray, limit: float) -> Fragility:
-    observed = logs[logs <= limit]
-    if observed.size == 0:
-        raise FitError(
-            f"no capacity lies at or below truncate_at = {np.exp(limit):g}: theta lies above "
-            "it; try higher intensities"
-        )
-    if np.all(observed == limit):
-        raise FitError(
-            f"all observed capacities equal truncate_at = {np.exp(limit):g}, so beta tends to "
-            "0; resolve the capacities more finely"
-        )
-
-    scale = float(np.sqrt(np.mean((observed - limit) ** 2)))
-    (ratio, inverse), information, log_likelihood = censored_normal(
-        (observed - limit) / scale, logs.size - observed.size
-    )
-    deviation = float(scale / inverse)
-    jacobian = deviation * np.array([[1.0, -ratio / inverse], [0.0, -1.0 / inverse]])
-    return Fragility(
-        theta=float(np.exp(limit + deviation * ratio)),
-        beta=deviation,
-        covariance=jacobian @ np.linalg.inv(information) @ jacobian.T,
-        log_likelihood=float(log_likelihood - observed.size * np.log(scale)),
-        n_levels=int(np.unique(observed).size),
-        n_total=logs.size,
-        kind="ida_truncated",
     )

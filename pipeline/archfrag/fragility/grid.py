@@ -1,0 +1,194 @@
+"""Distribution of the probit line on a grid that finds its own extent, and its quantiles.
+
+Rows have one slope b = 1 / beta each, even in ln b; along a row the intercept a varies between
+limits of its own. Every quantile that a curve needs is one of a + b x <= c, which is a sum of
+distribution functions over the rows: of the probability at x with c unknown, of ln theta with
+c = 0 and x unknown.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from archfrag.fragility.curve import FloatArray
+
+LogDensity = Callable[[FloatArray, FloatArray], FloatArray]
+
+_DEPTH, _ROW_DEPTH = 18.0, 10.0
+_REACH = 9.0
+_HALVINGS = 46
+_ROWS, _NODES = 32, 30
+
+
+@dataclass(frozen=True)
+class LineGrid:
+    """Distribution of (a, b) of z = a + b x.
+
+    Attributes
+    ----------
+    slope : ndarray, (n_row,)
+        b, even in its logarithm.
+    mass : ndarray, (n_row,)
+        Of each row; sums to 1.
+    first, step : ndarray, (n_row,)
+        Intercepts of row i are first + step j.
+    density, below : ndarray, (n_row, n_node)
+        Of the intercept within its row, and its integral up to the node.
+    """
+
+    slope: FloatArray
+    mass: FloatArray
+    first: FloatArray
+    step: FloatArray
+    density: FloatArray
+    below: FloatArray
+
+    def probability(self, x: FloatArray, c: FloatArray) -> FloatArray:
+        """P(a + b x <= c), shape of x and c."""
+        place = (c[..., None] - self.slope * x[..., None] - self.first) / self.step
+        last = self.density.shape[1] - 1
+        node = np.clip(place.astype(np.int64), 0, last - 1)
+        t = np.clip(place - node, 0.0, 1.0)
+        row = np.arange(self.slope.size)
+        low, high = self.below[row, node], self.below[row, node + 1]
+        p, q = self.density[row, node] * self.step, self.density[row, node + 1] * self.step
+        return _cubic(t, low, high, p, q) @ self.mass
+
+    def probits(self, x: FloatArray, level: FloatArray) -> FloatArray:
+        """Quantiles of a + b x at each x: (n_level, n_x)."""
+        ends = self.first, self.first + self.step * (self.density.shape[1] - 1)
+        low = (ends[0] + np.multiply.outer(x, self.slope)).min(axis=1)
+        high = (ends[1] + np.multiply.outer(x, self.slope)).max(axis=1)
+        shape = (level.size, x.size)
+        xs = np.broadcast_to(x, shape)
+        return _root(
+            lambda c: self.probability(xs, c) - level[:, None],
+            np.broadcast_to(low, shape),
+            np.broadcast_to(high, shape),
+        )
+
+    def log_medians(self, level: FloatArray) -> FloatArray:
+        """Quantiles of ln theta = -a / b, (n_level,)."""
+        last = self.first + self.step * (self.density.shape[1] - 1)
+        ends = np.concatenate([-self.first / self.slope, -last / self.slope])
+        zero = np.zeros(level.shape)
+        return _root(
+            lambda t: (1.0 - self.probability(t, zero)) - level,
+            np.full(level.shape, ends.min()),
+            np.full(level.shape, ends.max()),
+        )
+
+    def slopes(self, level: FloatArray) -> FloatArray:
+        """Quantiles of b, (n_level,)."""
+        below = _integral(self.mass[None])[0]
+        below, density = below / below[-1], self.mass / below[-1]
+
+        def less(place: FloatArray) -> FloatArray:
+            node = np.minimum(place.astype(np.int64), self.mass.size - 2)
+            low, high = below[node], below[node + 1]
+            return _cubic(place - node, low, high, density[node], density[node + 1]) - level
+
+        ends = np.zeros(level.shape), np.full(level.shape, self.mass.size - 1.0)
+        first, last = np.log(self.slope[[0, -1]])
+        return np.exp(first + (last - first) * _root(less, *ends) / (self.mass.size - 1.0))
+
+    def correlation(self) -> float:
+        """Of ln theta and beta, both cut at their 1 and 99 % quantiles."""
+        node = self.first[:, None] + self.step[:, None] * np.arange(self.density.shape[1])
+        weight = self.density * (self.step * self.mass)[:, None]
+        tails = np.array([0.01, 0.99])
+        t = np.clip(-node / self.slope[:, None], *self.log_medians(tails))
+        beta = np.clip(1.0 / self.slope, *(1.0 / self.slopes(tails)[::-1]))[:, None]
+        weight = weight / weight.sum()
+        t, beta = t - (weight * t).sum(), beta - (weight * beta).sum()
+        scale = np.sqrt((weight * t * t).sum() * (weight * beta * beta).sum())
+        return float((weight * t * beta).sum() / scale)
+
+
+def line_grid(
+    log_density: LogDensity, x: FloatArray, slopes: tuple[float, float] | None = None
+) -> LineGrid:
+    """Lay a grid where a density of (a, ln b) is.
+
+    Parameters
+    ----------
+    log_density : callable
+        Of intercepts (n_row, n_node) and slopes (n_row,); with one peak along each row, and the
+        masses of the rows with one peak.
+    x : ndarray, (n_level,)
+        Distinct levels, at least two: the search spans all lines that rise near or between them.
+    slopes : (float, float), optional
+        Between which b is known to be, to search less.
+    """
+    x = np.sort(x)
+    low, high = slopes or (1e-4 / (x[-1] - x[0]), 20.0 / np.diff(x).min())
+    low, high = np.log(low), np.log(high)
+    for _ in range(12):
+        rows = np.linspace(low, high, 16)
+        limits = _limits(log_density, np.exp(rows), x)
+        mass = _rows(log_density, np.exp(rows), *limits, 12)[0]
+        kept = np.flatnonzero(mass > mass.max() - _ROW_DEPTH)
+        low, high = rows[max(kept[0] - 1, 0)], rows[min(kept[-1] + 1, rows.size - 1)]
+        if kept.size >= 7:
+            break
+    fine = np.linspace(low, high, _ROWS)
+    slope = np.exp(fine)
+    first, last = (np.interp(fine, rows, limit) for limit in limits)
+    mass, step, density = _rows(log_density, slope, first, last, _NODES)
+    below = _integral(density)
+    total = below[:, -1:]
+    mass = np.exp(mass - mass.max())
+    return LineGrid(
+        slope, mass / mass.sum(), first, step, density / (total * step[:, None]), below / total
+    )
+
+
+def _limits(log_density, slope: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Intercepts between which each row has its mass."""
+    first, last = -_REACH - slope * x[-1], _REACH - slope * x[0]
+    fraction = np.linspace(0.0, 1.0, 12)
+    row = np.arange(slope.size)
+    for _ in range(30):
+        node = first[:, None] + (last - first)[:, None] * fraction
+        value = log_density(node, slope)
+        kept = value > value.max(axis=1, keepdims=True) - _DEPTH
+        begin = np.maximum(kept.argmax(axis=1) - 1, 0)
+        end = fraction.size - 1 - np.maximum(kept[:, ::-1].argmax(axis=1) - 1, 0)
+        first, last = node[row, begin], node[row, end]
+        if np.all(end - begin >= 7):
+            break
+    return first, last
+
+
+def _rows(log_density, slope, first, last, n_node):
+    """Log mass (n_row,), step (n_row,) and density by node relative to its greatest."""
+    step = (last - first) / (n_node - 1)
+    value = log_density(first[:, None] + step[:, None] * np.arange(n_node), slope)
+    top = value.max(axis=1, keepdims=True)
+    density = np.exp(value - top)
+    return top[:, 0] + np.log(density.sum(axis=1) * step), step, density
+
+
+def _integral(density: FloatArray) -> FloatArray:
+    """Integral of rows up to each node at unit step: trapezia with their end correction."""
+    rate = np.gradient(density, axis=1)
+    below = np.cumsum(density, axis=1) - 0.5 * (density + density[:, :1])
+    below -= (rate - rate[:, :1]) / 12.0
+    return np.maximum.accumulate(np.clip(below, 0.0, None), axis=1)
+
+
+def _cubic(t: FloatArray, low: FloatArray, high: FloatArray, p: FloatArray, q: FloatArray):
+    """Hermite's cubic between values `low`, `high` with slopes `p`, `q`, at 0 <= t <= 1."""
+    rise = high - low
+    return low + t * (p + t * (3.0 * rise - 2.0 * p - q + t * (p + q - 2.0 * rise)))
+
+
+def _root(function, low: FloatArray, high: FloatArray) -> FloatArray:
+    """Where increasing functions cross zero, by halving."""
+    low, high = low.copy(), high.copy()
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        less = function(middle) < 0.0
+        low, high = np.where(less, middle, low), np.where(less, high, middle)
+    return 0.5 * (low + high)

@@ -1,0 +1,251 @@
+"""Posterior of a lognormal curve under a proper, objective prior: few runs give a band too.
+
+The prior of runs rests on Jeffreys', the square root of the determinant of the Fisher
+information of the design, which is proper for a probit line at two levels or more, and so leaves
+the posterior proper where the likelihood has no maximum (Ibrahim and Laud 1991, Journal of the
+American Statistical Association 86; Chen, Ibrahim and Kim 2008, the same 103). For fragility
+curves see Van Biesbroeck, Gauchy, Feau and Garnier (arXiv 2302.06935 and 2503.07343).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import log_ndtr, ndtr
+
+from archfrag.errors import FitError, InputError
+from archfrag.fragility.brackets import checked_brackets
+from archfrag.fragility.curve import FloatArray, Fragility, log_intensity
+from archfrag.fragility.fit import checked_stripes, fit_many
+from archfrag.fragility.grid import LineGrid, line_grid
+from archfrag.fragility.intervals import Band, check_confidence, tails
+from archfrag.fragility.likelihood import log_between
+
+Terms = tuple[FloatArray, FloatArray]
+_HALF = np.array([0.5])
+_ONE_SIGMA = np.array([0.15865525393145707, 0.8413447460685429])
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """What is known of a curve after the runs.
+
+    Attributes
+    ----------
+    fragility : Fragility
+        Of kind ``"posterior"``: medians of theta and beta; the covariance of (ln theta, beta)
+        is from half the width of their central 68 %, as their tails are not normal; the
+        log-likelihood is that of the medians, without binomial coefficients.
+    grid : LineGrid
+        Distribution of the probit line in (ln im - centre) / width.
+    centre, width : float
+    """
+
+    fragility: Fragility
+    grid: LineGrid
+    centre: float
+    width: float
+
+    def theta_interval(self, confidence: float = 0.9) -> tuple[float, float]:
+        """Central credible interval of the median capacity, unit of the levels."""
+        check_confidence(confidence)
+        low, high = self.grid.log_medians(np.array(tails(confidence)))
+        return float(np.exp(self.centre + self.width * low)), float(
+            np.exp(self.centre + self.width * high)
+        )
+
+    def beta_interval(self, confidence: float = 0.9) -> tuple[float, float]:
+        """Central credible interval of the dispersion."""
+        check_confidence(confidence)
+        high, low = self.width / self.grid.slopes(np.array(tails(confidence)))
+        return float(low), float(high)
+
+    def band(self, im: ArrayLike, confidence: float = 0.9) -> Band:
+        """Central credible interval of the probability of collapse at each `im`, >= 0."""
+        check_confidence(confidence)
+        lower, upper = self._probabilities(im, np.array(tails(confidence)))
+        return Band(lower, upper, confidence)
+
+    def probability(self, im: ArrayLike) -> FloatArray:
+        """Median of the probability of collapse at each `im`, >= 0, same shape."""
+        return self._probabilities(im, _HALF)[0]
+
+    def _probabilities(self, im: ArrayLike, level: FloatArray) -> FloatArray:
+        logs = log_intensity(im)
+        x = (np.atleast_1d(logs).ravel() - self.centre) / self.width
+        inside = np.isfinite(x)
+        found = np.zeros((level.size, x.size))
+        found[:, np.isposinf(x)] = 1.0
+        found[:, inside] = ndtr(self.grid.probits(x[inside], level))
+        return found.reshape(level.size, *logs.shape)
+
+
+def fit_posterior(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Posterior:
+    """Posterior of the curve of runs that are independent, each with a motion of its own.
+
+    Prior: Jeffreys' for the levels and numbers of runs that were made, restricted to rising
+    curves (beta > 0), times 1 / (1 / beta + 1 / r), where r is ln of the highest over the lowest
+    level. Jeffreys' alone lets 90 % bands hold the truth in 78 to 86 % at 10 runs, as it makes
+    beta too small; the factor cures this as the right Haar measure does for capacities, and
+    stops growing where beta exceeds what the levels span, so that the prior stays proper. It
+    assumes nothing of the arch but that levels were chosen to span the curve; it depends on the
+    design, so that it moves a little when runs are added. Runs that share their records are not
+    independent: use `fit_capacity_posterior`.
+
+    Parameters
+    ----------
+    im, collapses, n : array_like, (n_level,)
+        As for `fit_stripes`; single runs are levels with n = 1. All may have collapsed, or none.
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be.
+    FitError
+        If there are runs at fewer than two levels.
+
+    Examples
+    --------
+    >>> from archfrag.fragility.posterior import fit_posterior
+    >>> known = fit_posterior([0.2, 0.3, 0.4, 0.6], [0, 0, 1, 1], 1)
+    >>> low, high = known.theta_interval(0.9)
+    >>> low < 0.35 < high
+    True
+    """
+    im, collapses, n = checked_stripes(im, collapses, n)
+    levels, place = np.unique(im[n > 0], return_inverse=True)
+    _require_two(levels)
+    k: FloatArray = np.bincount(place, collapses[n > 0]).astype(float)
+    m: FloatArray = np.bincount(place, n[n > 0]).astype(float)
+    x, centre, width = _scaled(np.log(levels))
+
+    def terms(a: FloatArray, b: FloatArray) -> Terms:
+        z = a[..., None] + b[:, None, None] * x
+        small = log_ndtr(-np.abs(z))
+        large = np.log1p(-np.exp(small))
+        likelihood = np.where(z > 0.0, large, small) @ k + np.where(z > 0.0, small, large) @ (
+            m - k
+        )
+        weight = m * np.exp(-z * z - small - large)
+        total, first, second = weight.sum(axis=-1), weight @ x, weight @ (x * x)
+        tilt = np.log(b / (b + 1.0 / (x[-1] - x[0])))
+        return likelihood, _log_root(total * second - first**2) + tilt[:, None]
+
+    slopes = _known_slopes(np.exp(x), k, m)
+    return _summed(terms, x, (centre, width), int(m.sum()), slopes)
+
+
+def fit_capacity_posterior(
+    lower: ArrayLike, upper: ArrayLike, n_effective: float | None = None
+) -> Posterior:
+    """Posterior of the curve of records whose capacities lie in brackets.
+
+    Prior: the right Haar measure 1 / beta of (ln theta, beta), under which the intervals of a
+    normal sample are exact (Student's t for theta, chi-square for beta, the non-central t for
+    the curve), times beta^2 / (beta^2 + d^2 / 12) with d the median width of the brackets in
+    ln im, so that it stays proper where one capacity would agree with all records, and times
+    1 / (1 + (beta / r)^2) with r that of all their ends, so that it does where few records are
+    bracketed from both sides. Assumes lognormal, independent capacities, and a beta between
+    what the levels resolve and what they span.
+
+    Parameters
+    ----------
+    lower, upper : array_like, (n_record,)
+        As for `fit_brackets`, but lower < upper.
+    n_effective : float, optional
+        Independent records that these are worth; all if left out. The likelihood is raised to
+        the power n_effective / n.
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be, or a capacity is exact.
+    FitError
+        If no capacity is known to be above any level, or none to be below, or there is one end
+        only.
+    """
+    lower, upper = checked_brackets(lower, upper)
+    if np.any(lower == upper):
+        raise InputError(
+            f"the capacity {lower[lower == upper][0]:g} is exact; brackets of some width are "
+            "needed (for exact capacities see capacity_band)"
+        )
+    for known, side, end in (
+        (lower.any(), "below", upper.min()), (np.isfinite(upper).any(), "above", lower.max()),
+    ):  # fmt: skip
+        if not known:
+            raise FitError(
+                f"nothing bounds theta from {side}: add levels {side} {end:g}, the "
+                f"{'lowest' if side == 'below' else 'highest'} tried"
+            )
+    ends = np.unique(np.concatenate([lower[lower > 0.0], upper[np.isfinite(upper)]]))
+    _require_two(ends)
+    x, centre, width = _scaled(np.log(ends))
+    pairs, number = np.unique(np.stack([lower, upper]), axis=1, return_counts=True)
+    power = number * (1.0 if n_effective is None else n_effective / lower.size)
+    with np.errstate(divide="ignore"):
+        low, high = (np.log(pairs) - centre) / width
+    closed = np.isfinite(high - low)
+    resolved = np.median(np.repeat((high - low)[closed], number[closed])) if closed.any() else 0.0
+    resolved = max(float(resolved), float(np.diff(x).min()))
+    span = float(x[-1] - x[0])
+
+    def terms(a: FloatArray, b: FloatArray) -> Terms:
+        z_low, z_high = (a[..., None] + b[:, None, None] * end for end in (low, high))
+        prior = np.log1p((b * resolved) ** 2 / 12.0) + np.log1p((b * span) ** -2.0) + np.log(b)
+        return log_between(z_low, z_high) @ power, -prior[:, None]
+
+    n = lower.size if n_effective is None else max(1, round(n_effective))
+    return _summed(terms, x, (centre, width), n)
+
+
+def _known_slopes(levels: FloatArray, k: FloatArray, m: FloatArray) -> tuple[float, float] | None:
+    """Slopes beyond which there is nothing, where runs are many and the likelihood narrow."""
+    many = fit_many(levels, k[None], m)
+    beta, error = many.beta[0], np.sqrt(many.covariance[0, 1, 1])
+    if not error < 0.2 * beta:
+        return None
+    reach = np.exp(9.0 * error / beta)
+    return 1.0 / (beta * reach), reach / beta
+
+
+def _log_root(determinant: FloatArray) -> FloatArray:
+    return 0.5 * np.log(np.maximum(determinant, 1e-250))
+
+
+def _require_two(levels: FloatArray) -> None:
+    if levels.size < 2:
+        raise FitError(
+            f"runs that collapsed or stood are at {levels.size} levels; a posterior needs two"
+        )
+
+
+def _scaled(logs: FloatArray) -> tuple[FloatArray, float, float]:
+    centre, width = float(logs.mean()), float(logs.std())
+    return (logs - centre) / width, centre, width
+
+
+def _summed(
+    terms: Callable[[FloatArray, FloatArray], Terms], x: FloatArray, scale: tuple[float, float],
+    n: int, slopes: tuple[float, float] | None = None,
+) -> Posterior:  # fmt: skip
+    """The posterior of a log-likelihood and log-prior, with its medians."""
+    centre, width = scale
+    grid = line_grid(lambda a, b: np.add(*terms(a, b)), x, slopes)
+    low, high = width * grid.log_medians(_ONE_SIGMA)
+    beta_high, beta_low = width / grid.slopes(_ONE_SIGMA)
+    errors = np.array([0.5 * (high - low), 0.5 * (beta_high - beta_low)])
+    together = grid.correlation()
+    correlation = np.array([[1.0, together], [together, 1.0]])
+    middle, slope = grid.log_medians(_HALF), grid.slopes(_HALF)
+    curve = Fragility(
+        theta=float(np.exp(centre + width * middle[0])),
+        beta=float(width / slope[0]),
+        covariance=correlation * np.outer(errors, errors),
+        log_likelihood=float(terms(-slope[:, None] * middle, slope)[0][0, 0]),
+        n_levels=x.size,
+        n_total=n,
+        kind="posterior",
+    )
+    return Posterior(curve, grid, centre, width)
