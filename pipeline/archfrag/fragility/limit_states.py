@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -87,7 +88,7 @@ def fit_limit_states(
     --------
     >>> from archfrag.fragility.limit_states import fit_limit_states
     >>> rocks = [[0, 1, 1, 1], [0, 0, 1, 1], [1, 0, 1, 1]]
-    >>> falls = [[0, 0, 1, 1], [0, 0, 0, 1], [0, 1, 0, 1]]
+    >>> falls = [[0, 0, 1, 1], [0, 0, 0, 1], [1, 0, 0, 1]]
     >>> exceeded = [[list(cell) for cell in zip(*rows)] for rows in zip(rocks, falls)]
     >>> found = fit_limit_states(exceeded, [0.1, 0.2, 0.3, 0.4], ["motion", "collapse"])
     >>> found.n_contradictions
@@ -150,7 +151,7 @@ def _single(
 def _crossing(states: list[LimitState], fitted: list[int], levels: FloatArray) -> str:
     """Names of a pair of neighbours that cross within the levels, or nothing."""
     ends = levels[[0, -1]]
-    for i, j in zip(fitted, fitted[1:], strict=False):
+    for i, j in pairwise(fitted):
         milder, worse = states[i].fit, states[j].fit
         assert milder is not None
         assert worse is not None

@@ -45,6 +45,11 @@ class LogCapacities:
     side: NDArray[np.int64]
     rounding: FloatArray
 
+    def only(self, measure: int) -> "LogCapacities":
+        """The same in one measure."""
+        part = slice(measure, measure + 1)
+        return LogCapacities(self.values[part], self.side, self.rounding[part])
+
 
 def log_capacities(found: Brackets, log_value: FloatArray, exponent: FloatArray) -> LogCapacities:
     """Capacities of records in measures, from brackets of their scale factor.
@@ -82,9 +87,7 @@ def fit_capacities(known: LogCapacities, covariates: FloatArray) -> MeasureFits:
         One regression each; nan where not known.
     """
     n_measure, n_record = known.values.shape
-    once = np.ones((1, n_record))
-    pairs = [weighted_normal(known, once, i) for i in range(n_measure)]
-    log_theta, beta = (np.array(part)[:, 0] for part in zip(*pairs, strict=True))
+    log_theta, beta = weighted_normal(known, np.ones((1, n_record)))
     slopes = np.full((n_measure, len(covariates)), np.nan)
     p_values = slopes.copy()
     for j, covariate in enumerate(covariates):
@@ -96,32 +99,35 @@ def fit_capacities(known: LogCapacities, covariates: FloatArray) -> MeasureFits:
     return MeasureFits(log_theta, beta, np.full(n_measure, np.nan), slopes, p_values)
 
 
-def weighted_normal(
-    known: LogCapacities, weight: FloatArray, measure: int
-) -> tuple[FloatArray, FloatArray]:
-    """Mean and deviation of ln capacity in one measure for each row of weights, (n_fit,) each.
+def weighted_normal(known: LogCapacities, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean and deviation of ln capacity for each row of weights or of capacities, (n_fit,) each.
 
     Without bounds they are the moments, with n - 1; with bounds the likeliest values, with the
     same factor. The variance that the brackets' width adds is taken out (Sheppard's correction)
     unless nothing would be left.
+
+    Parameters
+    ----------
+    known : LogCapacities
+        Of n_fit measures and one row of weights, or of one measure and n_fit rows.
+    weight : ndarray, (n_fit or 1, n_record)
     """
-    y, rounding = known.values[measure], known.rounding[measure]
+    y, observed = known.values, known.side == OBSERVED
     total = weight.sum(axis=1)
-    if np.all(known.side == OBSERVED):
-        mean = weight @ y / total
-        off = y - mean[:, None]
-        square = (weight * off * off).sum(axis=1) / total
-    elif np.any(known.side == OBSERVED):
-        design = np.ones((y.size, 1))
+    if observed.all():
+        mean = (weight * y).sum(axis=1) / total
+        square = (weight * (y - mean[:, None]) ** 2).sum(axis=1) / total
+    elif observed.any():
+        design = np.ones((y.shape[1], 1))
         coefficients, deviation, _ = censored_lines(design, y, known.side, weight)
         mean, square = coefficients[:, 0], deviation**2
     else:
-        mean = square = np.full(len(weight), np.nan)
+        mean = np.full(max(len(weight), len(y)), np.nan)
+        square = mean.copy()
     with np.errstate(divide="ignore", invalid="ignore"):
         square = square * total / (total - 1.0)
-        observed = (weight * (known.side == OBSERVED)).sum(axis=1)
-        corrected = square - weight @ rounding / observed
-        square = np.where(corrected > 0.0, corrected, square)
+        rounding = (weight * known.rounding).sum(axis=1) / (weight * observed).sum(axis=1)
+        square = np.where(square > rounding, square - rounding, square)
     return mean, np.where(square > 0.0, np.sqrt(np.maximum(square, 0.0)), np.nan)
 
 
@@ -193,15 +199,11 @@ def _regressions(known: LogCapacities, covariate: FloatArray) -> tuple[FloatArra
             statistic = np.abs(slope) / np.sqrt(residual / (off @ off))
         return slope, 2.0 * student.sf(statistic, freedom)
     once = np.ones((1, off.size))
-    slopes, p_values = np.full(len(known.values), np.nan), np.full(len(known.values), np.nan)
+    nothing = np.full(len(known.values), np.nan)
     if np.count_nonzero(known.side == OBSERVED) < 4:
-        return slopes, p_values
-    constant = np.ones((off.size, 1))
-    for i, y in enumerate(known.values):
-        without = censored_lines(constant, y, known.side, once)[2][0]
-        coefficients, _, loss = censored_lines(
-            np.column_stack([constant, off]), y, known.side, once
-        )
-        slopes[i] = coefficients[0, 1]
-        p_values[i] = chi2.sf(max(2.0 * (without - loss[0]), 0.0), 1)
-    return slopes, p_values
+        return nothing, nothing
+    once, constant = np.ones((1, off.size)), np.ones((off.size, 1))
+    without = censored_lines(constant, known.values, known.side, once)[2]
+    design = np.column_stack([constant, off])
+    coefficients, _, loss = censored_lines(design, known.values, known.side, once)
+    return coefficients[:, 1], chi2.sf(np.maximum(2.0 * (without - loss), 0.0), 1)

@@ -160,7 +160,7 @@ def kernel_curve(
     >>> from archfrag.fragility.shapes import kernel_curve
     >>> runs = gather_runs([[0, 1, 0], [0, 0, 1], [0, 0, 1], [0, 1, 1]], [0.1, 0.2, 0.4])
     >>> curve = kernel_curve(runs, Resampling(seed=1), bandwidth=0.5)
-    >>> 0.0 < curve.probability(0.1) < curve.probability(0.4) < 1.0
+    >>> bool(0.0 < curve.probability(0.1) < curve.probability(0.4) < 1.0)
     True
     """
     _require_levels(runs)
@@ -235,7 +235,7 @@ def _bandwidth(runs: Runs, x: FloatArray, nodes: FloatArray, degree: str) -> flo
 
 
 def _pooled_with_gaps(collapses: FloatArray, n: FloatArray) -> FloatArray:
-    """`pooled`, where a level without runs in this draw lies on the line between its neighbours."""
+    """`pooled`; a level without runs in this draw lies on the line between its neighbours."""
     used = n > 0.0
     at = np.flatnonzero(used)
     return np.interp(np.arange(n.size), at, pooled(collapses[used], n[used]))
