@@ -30,7 +30,7 @@ def test_cells_that_decide_nothing_widen_the_bracket():
 def test_bisected_grid_is_filled_to_the_grid_it_stands_for():
     generator = np.random.default_rng(1)
     capacity = generator.uniform(0.05, 0.6, 40)
-    whole = (LEVELS >= capacity[:, None]).astype(int)
+    whole = (capacity[:, None] <= LEVELS).astype(int)
     bisected = np.full(whole.shape, 4)
     for row, cells in zip(whole, bisected, strict=True):
         low, high = -1, LEVELS.size

@@ -67,7 +67,7 @@ class TestBinary:
             cloud_binary([0.1, 0.1], [0, 1], DRAWS)
         with pytest.raises(InputError, match="0 and 1"):
             cloud_binary(im, [0, 1, 2, 1], DRAWS)
-        with pytest.raises(InputError, match="-0.1"):
+        with pytest.raises(InputError, match=r"-0\.1"):
             cloud_binary([-0.1, 0.2], [0, 1], DRAWS)
 
 
@@ -118,7 +118,7 @@ class TestModified:
 
 class TestCensored:
     def test_collapses_do_not_bias_the_line(self):
-        """Mean of 20 clouds (standard error 0.015 to 0.02); leaving collapses out makes slope and deviation too small."""
+        """Mean of 20 clouds, standard error up to 0.02; without collapses the slope is too small."""
         found, naive = np.zeros(3), np.zeros(2)
         for seed in range(20):
             im, response = cloud(seed + 50, cap=0.8)

@@ -144,5 +144,5 @@ def test_numerical_scatter():
 
 def test_combination_is_explicit():
     assert combine(0.3, 0.4, 1.2) == pytest.approx(1.3)
-    with pytest.raises(InputError, match="-0.1"):
+    with pytest.raises(InputError, match=r"-0\.1"):
         combine(0.3, -0.1)

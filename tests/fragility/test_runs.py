@@ -63,12 +63,12 @@ def test_many_intensities_are_gathered_without_loss():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (dict(verdict=[2, 3], im=0.1), "no run that"),
-        (dict(verdict=[0, 1], im=[0.1, 0.2, 0.3]), "one intensity per run"),
-        (dict(verdict=[0, 1], im=[0.1, -0.2]), "-0.2"),
-        (dict(verdict=[0, 1], im=[0.1, 0.2], record=[1]), "record"),
-        (dict(verdict=[0, 1], im=[0.1, 0.2], event=["a"]), "event"),
-        (dict(verdict=1, im=0.1), "n_record"),
+        ({"verdict": [2, 3], "im": 0.1}, "no run that"),
+        ({"verdict": [0, 1], "im": [0.1, 0.2, 0.3]}, "one intensity per run"),
+        ({"verdict": [0, 1], "im": [0.1, -0.2]}, "-0.2"),
+        ({"verdict": [0, 1], "im": [0.1, 0.2], "record": [1]}, "record"),
+        ({"verdict": [0, 1], "im": [0.1, 0.2], "event": ["a"]}, "event"),
+        ({"verdict": 1, "im": 0.1}, "n_record"),
     ],
 )
 def test_bad_input_is_refused(arguments, message):

@@ -69,9 +69,7 @@ class TestKernel:
 
     def test_constant_is_the_weighted_mean(self):
         verdict = grid(7)
-        curve = kernel_curve(
-            gather_runs(verdict, LEVELS), DRAWS, degree="constant", bandwidth=0.3
-        )
+        curve = kernel_curve(gather_runs(verdict, LEVELS), DRAWS, degree="constant", bandwidth=0.3)
         weight = np.exp(-0.5 * (np.log(LEVELS / curve.im[8]) / 0.3) ** 2)
         assert curve.value[8] == pytest.approx(weight @ verdict.mean(axis=0) / weight.sum())
 

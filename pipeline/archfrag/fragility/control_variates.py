@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.curve import FloatArray
@@ -80,8 +80,8 @@ def estimate_two_fidelity(
     scatter only; 'optimal' the regression coefficient of y on x, which has the least variance
     (for normal values this is the likeliest estimate with values missing; Anderson 1957, J. Am.
     Stat. Assoc. 52); 'fine' c = 0, the m records alone. That c is estimated from the same
-    records makes a bias of order 1 / m: it is estimated by the jackknife of both groups of
-    records and taken out.
+    records, and that a variance with divisor m is too small, makes a bias of order 1 / m: it is
+    estimated by the jackknife of both groups of records and taken out.
 
     The records with the expensive setting must not be chosen by their capacities.
 
@@ -117,18 +117,15 @@ def estimate_two_fidelity(
     x, y = _checked(coarse, fine, method)
     both = ~np.isnan(y)
     m = int(np.count_nonzero(both))
-    values, coefficient = _estimate(x, y, method)
+    estimates, coefficients = _estimates(x, y, _leaving_one_out(both), method)
+    values, coefficient = estimates[0], coefficients[0]
     square_error, bias = np.zeros(2), np.zeros(2)
-    for group in (np.flatnonzero(both), np.flatnonzero(~both)):
-        if method == "fine" and not both[group].all():
+    for without in (estimates[1:][both], estimates[1:][~both]):
+        if len(without) < 2:
             continue
-        if group.size < 2:
-            continue
-        without = np.array([_estimate(np.delete(x, i), np.delete(y, i), method)[0] for i in group])
-        mean = without.mean(axis=0)
-        part = (group.size - 1) / group.size
-        square_error += part * np.sum((without - mean) ** 2, axis=0)
-        bias += (group.size - 1) * (mean - values)
+        off = without - without.mean(axis=0)
+        square_error += (len(without) - 1) / len(without) * np.sum(off**2, axis=0)
+        bias += (len(without) - 1) * (without.mean(axis=0) - values)
     log_theta, beta = values - bias
     if not beta > 0.0:
         raise FitError(
@@ -216,17 +213,43 @@ def _gain(correlation: float, cost_ratio: float) -> tuple[float, float]:
     return (float(factor), float(fraction)) if factor > 1.0 else (1.0, 1.0)
 
 
-def _estimate(x: FloatArray, y: FloatArray, method: str) -> tuple[FloatArray, float]:
+def _leaving_one_out(both: NDArray[np.bool_]) -> FloatArray:
+    """Weights of all records, then with each left out in turn, (1 + n_record, n_record).
+
+    The others of its group (with both settings, or with the cheap one only) take over the weight
+    of the record left out, so that means over all records keep their fractions of the groups and
+    no linear estimate has a bias.
+    """
+    n = both.size
+    weight = np.ones((n + 1, n))
+    for group in (both, ~both):
+        size = np.count_nonzero(group)
+        if size > 1:
+            index = np.flatnonzero(group)
+            weight[np.ix_(index + 1, index)] = size / (size - 1)
+            weight[index + 1, index] = 0.0
+    return weight
+
+
+def _estimates(
+    x: FloatArray, y: FloatArray, weight: FloatArray, method: str
+) -> tuple[FloatArray, FloatArray]:
+    """ln theta and beta for each row of weights, (n_row, 2), and the coefficients."""
     both = ~np.isnan(y)
-    some, fine = x[both], y[both]
+    x0 = x.mean()
+    x, y = x - x0, np.where(both, y - x0, 0.0)
+    n, m = x.size, np.count_nonzero(both)
+    some = weight * both
+    mean_x, mean_y, mean_all = some @ x / m, some @ y / m, weight @ x / n
+    var_x, var_y = some @ (x * x) / m - mean_x**2, some @ (y * y) / m - mean_y**2
+    var_all = weight @ (x * x) / n - mean_all**2
     if method == "optimal":
-        off = some - some.mean()
-        c = float(off @ fine / (off @ off))
+        c = (some @ (x * y) / m - mean_x * mean_y) / var_x
     else:
-        c = 1.0 if method == "difference" else 0.0
-    log_theta = fine.mean() + c * (x.mean() - some.mean())
-    square = fine.var(ddof=1) + c * c * (x.var(ddof=1) - some.var(ddof=1))
-    return np.array([log_theta, np.sqrt(max(square, 0.0))]), c
+        c = np.full(len(weight), 1.0 if method == "difference" else 0.0)
+    square = var_y + c * c * (var_all - var_x)
+    log_theta = x0 + mean_y + c * (mean_all - mean_x)
+    return np.stack([log_theta, np.sqrt(np.maximum(square, 0.0))], axis=1), c
 
 
 def _checked(coarse: ArrayLike, fine: ArrayLike, method: str) -> tuple[FloatArray, FloatArray]:
