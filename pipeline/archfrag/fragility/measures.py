@@ -1,0 +1,245 @@
+"""Intensity measures compared: in which of them the collapses of a study scatter least.
+
+The motion of every run is known in all measures, (value of the unscaled motion) x (scale factor)
+** exponent, so one study has a curve in each of them.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from archfrag.errors import FitError, InputError
+from archfrag.fragility.borders import find_brackets
+from archfrag.fragility.curve import FloatArray
+from archfrag.fragility.measure_rows import SIGNIFICANCE, GridRuns, MeasureRow, ScatteredRuns
+from archfrag.fragility.runs import Resampling, event_groups
+
+__all__ = ["MeasureRow", "MeasureTable", "Motions", "compare_measures"]
+
+
+@dataclass(frozen=True)
+class Motions:
+    """What is known of the unscaled motions of a study.
+
+    Attributes
+    ----------
+    measures : sequence of str
+        Names, (n_measure,).
+    value : array_like, (n_record, n_measure)
+        Of the unscaled motions, > 0; nan where a measure is not known.
+    exponent : array_like, (n_measure,)
+        Power of the scale factor in each measure: 1 for PGA, 2 for Arias intensity, 0 for a
+        duration.
+    magnitude, distance : array_like, (n_record,), optional
+        Of the earthquake, and from it (any unit, > 0); nan where not known.
+    event : array_like of str, (n_record,), optional
+        Records of one event are resampled together.
+    """
+
+    measures: tuple[str, ...]
+    value: ArrayLike
+    exponent: ArrayLike
+    magnitude: ArrayLike | None = None
+    distance: ArrayLike | None = None
+    event: ArrayLike | None = None
+
+
+@dataclass(frozen=True)
+class MeasureTable:
+    """Outcome of `compare_measures`.
+
+    Attributes
+    ----------
+    rows : tuple of MeasureRow
+        In the order of the measures given.
+    own : str
+        The study's measure.
+    best : str
+        Of the sufficient measures with a curve for all records (of all such measures if none is
+        sufficient) the most efficient one: least `efficiency` for grids, greatest
+        `log_likelihood` for scattered runs.
+    p_value : float
+        Probability that the best is no better than the study's own, times the number of measures
+        it was chosen from; 1 if it is the study's own. From the bootstrap of records: of the
+        ratio of efficiencies for grids, of the sum over runs of the difference in log-likelihood
+        for scattered runs (as Vuong 1989, Econometrica 57).
+    ratio : float
+        Efficiency of the best over that of the study's own.
+    message : str
+    """
+
+    rows: tuple[MeasureRow, ...]
+    own: str
+    best: str
+    p_value: float
+    ratio: float
+    message: str
+
+
+def compare_measures(
+    verdict: ArrayLike,
+    factor: ArrayLike,
+    motions: Motions,
+    own: str,
+    resampling: Resampling,
+    *,
+    response: ArrayLike | None = None,
+) -> MeasureTable:
+    """Curve and qualities of each measure, from the runs of one arch.
+
+    A grid gives each record's capacity as a bracket of its scale factor, the border that the
+    fewest verdicts contradict, taken at its middle in logarithms (`find_brackets`). A record that
+    collapses at its lowest level, or at none, enters as a bound. Scattered runs, one level a
+    record, give a probit line in each measure.
+
+    Efficiency and sufficiency are those of Luco and Cornell (2007, Earthquake Spectra 23(2)). A
+    measure is called sufficient if ln capacity in it depends neither on magnitude nor on ln
+    distance, each tested at 5 % by itself (a t test of the slope; likelihood ratio where there
+    are bounds; score test for scattered runs). With few records dependence goes unseen.
+
+    Parameters
+    ----------
+    verdict : array_like of int, (n_record, n_level)
+        Codes of `archfrag.fragility.counts.Verdict`; all but standing and collapsed decide
+        nothing. One level means scattered runs.
+    factor : array_like, (n_record, n_level)
+        Scale factor of each run, rising along each row, > 0.
+    motions : Motions
+    own : str
+        The measure that the study was scaled by.
+    resampling : Resampling
+        Its confidence is not used.
+    response : array_like, (n_record,), optional
+        Peak response of scattered runs, > 0; used where the run stood, for practicality and
+        proficiency.
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be.
+    FitError
+        If no measure has a curve.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from archfrag.fragility.measures import Motions, compare_measures
+    >>> from archfrag.fragility.runs import Resampling, event_groups
+    >>> generator = np.random.default_rng(1)
+    >>> pgv = np.exp(generator.normal(-2.0, 0.5, 40))
+    >>> pga = 8.0 * pgv * np.exp(generator.normal(0.0, 0.5, 40))
+    >>> levels = np.geomspace(0.2, 12.0, 25)
+    >>> factor = levels / pga[:, None]
+    >>> verdict = factor * pgv[:, None] > np.exp(generator.normal(-1.6, 0.2, (40, 1)))
+    >>> motions = Motions(("PGA", "PGV"), np.stack([pga, pgv], axis=1), [1.0, 1.0])
+    >>> table = compare_measures(verdict, factor, motions, "PGA", Resampling(seed=1))
+    >>> table.best, table.p_value < 0.05
+    ('PGV', True)
+    """
+    codes, factors, log_value, exponent = _checked(verdict, factor, motions, own)
+    covariates = _covariates(motions, len(codes))
+    group = event_groups(motions.event, len(codes))
+    times = resampling.multiplicities(int(group.max()) + 1).astype(float)[:, group]
+    compared: ScatteredRuns | GridRuns
+    if codes.shape[1] == 1:
+        compared = ScatteredRuns(codes[:, 0], np.log(factors[:, 0]), log_value, exponent, times)
+        compared.use_response(response)
+    elif response is not None:
+        raise InputError("response belongs to scattered runs, one level a record")
+    else:
+        compared = GridRuns(find_brackets(codes, factors), log_value, exponent, times)
+    rows = compared.rows(motions.measures, covariates)
+    return _table(tuple(rows), own, compared)
+
+
+def _table(
+    rows: tuple[MeasureRow, ...], own: str, compared: GridRuns | ScatteredRuns
+) -> MeasureTable:
+    names = [row.measure for row in rows]
+    most = max(row.n_records for row in rows)
+    whole = [row for row in rows if not row.none and row.n_records == most]
+    whole = [row for row in whole if np.isfinite(compared.merit(row))]
+    if not whole:
+        raise FitError("no measure has a curve from these runs: " + rows[names.index(own)].none)
+    chosen = [row for row in whole if row.sufficient is not False] or whole
+    best = max(chosen, key=compared.merit)
+    mine = rows[names.index(own)]
+    p_value, ratio = 1.0, 1.0
+    if best.measure != own and not mine.none:
+        gain = compared.better_by(names.index(best.measure), names.index(own))
+        gain = gain[np.isfinite(gain)]
+        failed = (1.0 + np.count_nonzero(gain <= 0.0)) / (1.0 + gain.size)
+        p_value = float(min(1.0, failed * (len(chosen) - (mine in chosen))))
+        ratio = best.efficiency / mine.efficiency
+    first = max(whole, key=compared.merit)
+    message = _message(best, mine, p_value, ratio, any(row.sufficient for row in whole))
+    if first is not best:
+        message += f" {first.measure} is more efficient, but not sufficient."
+    return MeasureTable(rows, own, best.measure, p_value, float(ratio), message)
+
+
+def _message(
+    best: MeasureRow, own: MeasureRow, p_value: float, ratio: float, some_sufficient: bool
+) -> str:
+    kind = "the sufficient measures" if some_sufficient else "the measures"
+    if best.sufficient is False:
+        kind = "the measures, none of which is sufficient,"
+    head = f"Of {kind} {best.measure} is the most efficient (beta {best.beta:.2f}"
+    if best.measure == own.measure:
+        return head + "), and it is the one that the study was scaled by."
+    if own.none:
+        return head + f"); in {own.measure} there is no curve to compare it with."
+    doubt = (
+        "more than chance and the choice among them explain"
+        if p_value < SIGNIFICANCE
+        else "which chance and the choice among them can explain"
+    )
+    return head + (
+        f"): its dispersion is {ratio:.2f} times that of {own.measure}, {doubt} "
+        f"(p = {p_value:.2g})."
+    )
+
+
+def _checked(
+    verdict: ArrayLike, factor: ArrayLike, motions: Motions, own: str
+) -> tuple[NDArray[np.int64], FloatArray, FloatArray, FloatArray]:
+    codes, factors = np.asarray(verdict), np.asarray(factor, dtype=float)
+    if codes.ndim != 2 or codes.shape != factors.shape or codes.size == 0:
+        raise InputError(
+            f"verdict has shape {codes.shape}, factor {factors.shape}; (n_record, n_level) each"
+        )
+    if not np.all((factors > 0.0) & np.isfinite(factors)):
+        raise InputError("factor holds a number that is not positive and finite")
+    value = np.asarray(motions.value, dtype=float)
+    exponent = np.asarray(motions.exponent, dtype=float)
+    names = list(motions.measures)
+    if value.shape != (len(codes), len(names)) or exponent.shape != (len(names),):
+        raise InputError(
+            f"value has shape {value.shape}, exponent {exponent.shape}; {len(codes)} records by "
+            f"{len(names)} measures and one exponent per measure are needed"
+        )
+    if own not in names:
+        raise InputError(f"own is {own!r}, which is none of {', '.join(names)}")
+    if not np.all(exponent >= 0.0):
+        raise InputError("exponent holds a negative number; powers of the factor are 0 or more")
+    bad = value[~np.isnan(value) & ~((value > 0.0) & np.isfinite(value))]
+    if bad.size:
+        raise InputError(f"value holds {bad[0]:g}; measures are positive, nan where not known")
+    return codes, factors, np.log(value.T), exponent
+
+
+def _covariates(motions: Motions, n_record: int) -> FloatArray:
+    """Magnitude and ln distance, (2, n_record); nan where not known."""
+    out = np.full((2, n_record), np.nan)
+    for row, name in enumerate(("magnitude", "distance")):
+        given = getattr(motions, name)
+        if given is None:
+            continue
+        values = np.asarray(given, dtype=float)
+        if values.shape != (n_record,):
+            raise InputError(f"{name} has shape {values.shape}; one per record, ({n_record},)")
+        out[row] = values
+    with np.errstate(divide="ignore", invalid="ignore"):
+        out[1] = np.log(out[1])
+    return np.where(np.isfinite(out), out, np.nan)

@@ -1,0 +1,207 @@
+"""Runs that decided, ordered by intensity and by record, and their resampling."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from archfrag.errors import InputError
+from archfrag.fragility.counts import Verdict
+from archfrag.fragility.curve import FloatArray
+
+IntArray = NDArray[np.int64]
+
+MOST_LEVELS = 500
+MOST_GROUPS = 2000
+
+
+@dataclass(frozen=True)
+class Resampling:
+    """How a bootstrap is drawn and what is kept of it.
+
+    Attributes
+    ----------
+    seed : int
+        Of numpy's default generator; the same seed gives the same draws.
+    resamples : int
+        Number of draws, at least 100.
+    confidence : float
+        Two-sided, between 0 and 1.
+    """
+
+    seed: int
+    resamples: int = 1000
+    confidence: float = 0.9
+
+    def __post_init__(self) -> None:
+        if self.resamples < 100:
+            raise InputError(
+                f"resamples is {self.resamples}; at least 100 are needed for quantiles"
+            )
+        if not 0.0 < self.confidence < 1.0:
+            raise InputError(
+                f"confidence is {self.confidence:g}; it lies between 0 and 1, such as 0.9"
+            )
+
+    @property
+    def generator(self) -> np.random.Generator:
+        """A new generator from the seed."""
+        return np.random.default_rng(self.seed)
+
+    @property
+    def tails(self) -> list[float]:
+        """Lower and upper quantile of the interval."""
+        return [0.5 - 0.5 * self.confidence, 0.5 + 0.5 * self.confidence]
+
+    def multiplicities(self, n_group: int) -> IntArray:
+        """How often each group is drawn in each resample, (resamples, n_group)."""
+        return self.generator.multinomial(n_group, np.full(n_group, 1.0 / n_group), self.resamples)
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Collapses and runs at each distinct intensity, record by record.
+
+    Attributes
+    ----------
+    levels : ndarray, (n_level,)
+        Distinct intensities, rising, > 0.
+    collapses, n : ndarray, (n_record, n_level)
+        Collapses, and runs that collapsed or stood.
+    group : ndarray of int, (n_record,)
+        Records with the same number are resampled together: those of one event.
+    """
+
+    levels: FloatArray
+    collapses: FloatArray
+    n: FloatArray
+    group: IntArray
+
+    @property
+    def totals(self) -> tuple[FloatArray, FloatArray]:
+        """Collapses and runs at each level, (n_level,) each."""
+        return self.collapses.sum(axis=0), self.n.sum(axis=0)
+
+    @property
+    def records_repeat(self) -> bool:
+        """Whether some record serves at more than one level."""
+        return bool(np.any(np.count_nonzero(self.n, axis=1) > 1))
+
+    def binned(self, most: int) -> "Runs":
+        """The same with at most `most` levels: neighbours share their geometric mean."""
+        if self.levels.size <= most:
+            return self
+        place = np.arange(self.levels.size) * most // self.levels.size
+        start = np.searchsorted(place, np.arange(most))
+        weight = self.totals[1]
+        mean = np.bincount(place, weight * np.log(self.levels)) / np.bincount(place, weight)
+        collapses, n = (np.add.reduceat(part, start, axis=1) for part in (self.collapses, self.n))
+        return Runs(np.exp(mean), collapses, n, self.group)
+
+    def resample(self, resampling: Resampling) -> tuple[FloatArray, FloatArray]:
+        """Collapses and runs at each level in each draw of whole groups, (n_draw, n_level)."""
+        n_group = int(self.group.max()) + 1
+        kept = self.group % MOST_GROUPS
+        size = min(n_group, MOST_GROUPS)
+        grouped = np.zeros((2, size, self.levels.size))
+        np.add.at(grouped[0], kept, self.collapses)
+        np.add.at(grouped[1], kept, self.n)
+        times = resampling.multiplicities(size).astype(float)
+        return times @ grouped[0], times @ grouped[1]
+
+
+def gather_runs(
+    verdict: ArrayLike,
+    im: ArrayLike,
+    *,
+    record: ArrayLike | None = None,
+    event: ArrayLike | None = None,
+) -> Runs:
+    """Runs of a grid or of scattered motions, in the form that the curves of a study need.
+
+    Verdicts other than standing and collapsed (unfinished, solver failure, not simulated) decide
+    nothing and are left out. More than 500 distinct intensities are gathered into 500 groups of
+    neighbours, each at its geometric mean.
+
+    A design that chooses its runs by what the earlier ones did (`ida`) leaves out cells that are
+    decided in all but name; fill them before (`archfrag.fragility.borders.fill_verdicts`), or
+    the collapses that remain are a biased choice.
+
+    Parameters
+    ----------
+    verdict : array_like of int, (n_record, n_level) or (n_run,)
+        Codes of `archfrag.fragility.counts.Verdict`.
+    im : array_like
+        Intensity of each run, any shape that broadcasts to that of `verdict`, > 0.
+    record : array_like, (n_run,), optional
+        Which record each run of a one-dimensional `verdict` belongs to; each to its own if not
+        given. Rows are records if `verdict` is two-dimensional.
+    event : array_like, (n_record,), optional
+        Earthquake of each record, in the order of the rows or of the sorted `record`; an empty
+        text is an event of its own.
+
+    Raises
+    ------
+    InputError
+        If shapes do not match, an intensity is no positive number, or no run decides.
+
+    Examples
+    --------
+    >>> from archfrag.fragility.runs import gather_runs
+    >>> runs = gather_runs([[0, 0, 1], [0, 1, 1]], [0.1, 0.2, 0.4])
+    >>> [part.tolist() for part in runs.totals]
+    [[0.0, 1.0, 2.0], [2.0, 2.0, 2.0]]
+    """
+    codes = np.asarray(verdict)
+    if codes.ndim not in (1, 2):
+        raise InputError(f"verdict has shape {codes.shape}; (n_record, n_level) or (n_run,)")
+    try:
+        intensity = np.broadcast_to(np.asarray(im, dtype=float), codes.shape)
+    except ValueError:
+        raise InputError(
+            f"im has shape {np.shape(im)}, verdict {codes.shape}; one intensity per run is needed"
+        ) from None
+    if codes.ndim == 2:
+        row = np.broadcast_to(np.arange(codes.shape[0])[:, None], codes.shape)
+    elif record is None:
+        row = np.arange(codes.size)
+    else:
+        if np.shape(record) != codes.shape:
+            raise InputError(f"record has shape {np.shape(record)}, verdict {codes.shape}")
+        row = np.unique(np.asarray(record), return_inverse=True)[1]
+    decided = (codes == Verdict.STANDING) | (codes == Verdict.COLLAPSED)
+    if not decided.any():
+        raise InputError("verdict holds no run that collapsed or stood")
+    used = intensity[decided]
+    if not np.all((used > 0.0) & np.isfinite(used)):
+        bad = used[~((used > 0.0) & np.isfinite(used))][0]
+        raise InputError(f"im holds {bad:g}; intensities are positive finite numbers")
+    n_record = int(row.max()) + 1
+    group = event_groups(event, n_record)
+    levels, column = _levels(used)
+    present, slot = np.unique(row[decided], return_inverse=True)
+    n = np.zeros((present.size, levels.size))
+    collapses = np.zeros_like(n)
+    np.add.at(n, (slot, column), 1.0)
+    np.add.at(collapses, (slot, column), (codes[decided] == Verdict.COLLAPSED).astype(float))
+    return Runs(levels, collapses, n, np.unique(group[present], return_inverse=True)[1])
+
+
+def _levels(used: FloatArray) -> tuple[FloatArray, IntArray]:
+    levels, column = np.unique(used, return_inverse=True)
+    if levels.size <= MOST_LEVELS:
+        return levels, column
+    place = np.arange(levels.size) * MOST_LEVELS // levels.size
+    mean = np.bincount(place, np.log(levels)) / np.bincount(place)
+    return np.exp(mean), place[column]
+
+
+def event_groups(event: ArrayLike | None, n_record: int) -> IntArray:
+    """A number for each record, the same for those that share a named event."""
+    if event is None:
+        return np.arange(n_record)
+    names = np.asarray(event).astype(str)
+    if names.shape != (n_record,):
+        raise InputError(f"event has shape {names.shape}; one per record, ({n_record},)")
+    own = np.array([name or f"\0{i}" for i, name in enumerate(names)])
+    return np.unique(own, return_inverse=True)[1]

@@ -1,0 +1,248 @@
+"""Curves that are not bound to a lognormal shape: isotonic, and local probit lines."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import isotonic_regression
+from scipy.special import ndtr
+
+from archfrag.errors import FitError, InputError
+from archfrag.fragility.bands import Band
+from archfrag.fragility.binomial_lines import binomial_lines
+from archfrag.fragility.curve import FloatArray, log_intensity
+from archfrag.fragility.runs import Resampling, Runs
+
+_FOLDS = 5
+_CANDIDATES = 7
+_GRID = 17
+_BINS = 40
+_DEGREES = ("constant", "linear")
+
+
+@dataclass(frozen=True)
+class FreeCurve:
+    """A curve given by its values at some intensities, with the draws of its bootstrap.
+
+    Between the intensities it is linear in ln im; beyond them it keeps its last value, for the
+    data say nothing there.
+
+    Attributes
+    ----------
+    kind : str
+        ``"isotonic"`` or ``"kernel"``.
+    im, value : ndarray, (n_point,)
+        Intensities, rising, and probabilities of collapse there.
+    confidence : float
+        Two-sided, of the band.
+    bandwidth : float
+        Of the kernel, in ln im; nan for the isotonic curve.
+    """
+
+    kind: str
+    im: FloatArray
+    value: FloatArray
+    confidence: float
+    bandwidth: float = np.nan
+    _draws: FloatArray = field(repr=False, compare=False, default_factory=lambda: np.empty((0, 0)))
+
+    def probability(self, im: ArrayLike) -> FloatArray:
+        """Probability of collapse at intensity `im`, same shape.
+
+        Raises
+        ------
+        InputError
+            If an intensity is negative or not a number.
+        """
+        return np.interp(log_intensity(im), np.log(self.im), self.value)
+
+    def band(self, im: ArrayLike) -> Band:
+        """Pointwise band from the bootstrap of records (percentile method).
+
+        Where all runs of a level agree, so do those of each resample: the band has no width
+        there, and the exact interval of the level's fraction says more.
+
+        Raises
+        ------
+        InputError
+            If an intensity is negative or not a number.
+        """
+        x, nodes = log_intensity(im), np.log(self.im)
+        tails = [0.5 - 0.5 * self.confidence, 0.5 + 0.5 * self.confidence]
+        place = np.clip(np.searchsorted(nodes, x.ravel()), 1, len(nodes) - 1)
+        part = (np.clip(x.ravel(), nodes[0], nodes[-1]) - nodes[place - 1]) / (
+            nodes[place] - nodes[place - 1]
+        )
+        curves = self._draws[:, place - 1] * (1.0 - part) + self._draws[:, place] * part
+        lower, upper = np.quantile(curves, tails, axis=0)
+        return Band(lower.reshape(x.shape), upper.reshape(x.shape), self.confidence)
+
+
+def isotonic_curve(runs: Runs, resampling: Resampling) -> FreeCurve:
+    """Likeliest curve that never falls with intensity.
+
+    Pool adjacent violators, fractions weighted by their runs, is the maximum of the binomial
+    likelihood under that condition alone (Ayer, Brunk, Ewing, Reid and Silverman 1955, Ann.
+    Math. Stat. 26). The band is from the bootstrap of records, or of events where they are
+    named; it is known to be inconsistent for isotonic curves where intensities are many and runs
+    at each are few (Sen, Banerjee and Woodroofe 2010, Ann. Stat. 38): read it as a rough one for
+    scattered runs.
+
+    Parameters
+    ----------
+    runs : Runs
+        From `gather_runs`, of at least two levels.
+    resampling : Resampling
+
+    Raises
+    ------
+    FitError
+        If all runs are at one level.
+
+    Examples
+    --------
+    >>> from archfrag.fragility.runs import Resampling, gather_runs
+    >>> from archfrag.fragility.shapes import isotonic_curve
+    >>> runs = gather_runs([[0, 1, 0], [0, 0, 1], [0, 0, 1], [0, 1, 1]], [0.1, 0.2, 0.4])
+    >>> isotonic_curve(runs, Resampling(seed=1)).value.tolist()
+    [0.0, 0.5, 0.75]
+    """
+    _require_levels(runs)
+    collapses, n = runs.totals
+    value = pooled(collapses, n)
+    drawn = zip(*runs.resample(resampling), strict=True)
+    draws = np.array([_pooled_with_gaps(k, count) for k, count in drawn])
+    return FreeCurve("isotonic", runs.levels, value, resampling.confidence, _draws=draws)
+
+
+def pooled(collapses: FloatArray, n: FloatArray) -> FloatArray:
+    """Isotonic fractions of collapse, (n_level,); every level must have runs."""
+    return isotonic_regression(collapses / n, weights=n).x
+
+
+def kernel_curve(
+    runs: Runs,
+    resampling: Resampling,
+    *,
+    degree: str = "linear",
+    bandwidth: float | None = None,
+) -> FreeCurve:
+    """Local likelihood: at each intensity, a probit fit to the runs near it.
+
+    Runs count by a Gaussian kernel in ln im. The local fit is a probit line ('linear'; Fan,
+    Heckman and Wand 1995, J. Am. Stat. Assoc. 90), which for a wide kernel is the lognormal
+    curve itself, or a fraction ('constant'; Nadaraya-Watson). The curve may fall where the data
+    do. The bandwidth, if not given, is the one of seven from the mean distance of the levels to
+    twice their range under which records left out (a fifth at a time, events together) are
+    likeliest; the band is drawn with this bandwidth kept. More than 40 levels are gathered into
+    40 of neighbours.
+
+    Parameters
+    ----------
+    runs : Runs
+        From `gather_runs`, of at least two levels.
+    resampling : Resampling
+    degree : str
+        ``"linear"`` or ``"constant"``.
+    bandwidth : float, optional
+        Standard deviation of the kernel in ln im, > 0.
+
+    Raises
+    ------
+    InputError
+        If `degree` or `bandwidth` cannot be.
+    FitError
+        If all runs are at one level.
+
+    Examples
+    --------
+    >>> from archfrag.fragility.runs import Resampling, gather_runs
+    >>> from archfrag.fragility.shapes import kernel_curve
+    >>> runs = gather_runs([[0, 1, 0], [0, 0, 1], [0, 0, 1], [0, 1, 1]], [0.1, 0.2, 0.4])
+    >>> curve = kernel_curve(runs, Resampling(seed=1), bandwidth=0.5)
+    >>> bool(0.0 < curve.probability(0.1) < curve.probability(0.4) < 1.0)
+    True
+    """
+    _require_levels(runs)
+    if degree not in _DEGREES:
+        raise InputError(f"degree is {degree!r}; it is one of {', '.join(_DEGREES)}")
+    if bandwidth is not None and not 0.0 < bandwidth < np.inf:
+        raise InputError(f"bandwidth is {bandwidth:g}; a positive number in ln im is needed")
+    runs = runs.binned(_BINS)
+    x = np.log(runs.levels)
+    nodes = np.linspace(x[0], x[-1], _GRID)
+    width = bandwidth if bandwidth is not None else _bandwidth(runs, x, nodes, degree)
+    collapses, n = (part[None] for part in runs.totals)
+    value = _local(x, collapses, n, nodes, width, degree)[0]
+    draws = _local(x, *runs.resample(resampling), nodes, width, degree)
+    return FreeCurve(
+        "kernel", np.exp(nodes), value, resampling.confidence, bandwidth=width, _draws=draws
+    )
+
+
+def _local(
+    x: FloatArray,
+    collapses: FloatArray,
+    n: FloatArray,
+    nodes: FloatArray,
+    width: float,
+    degree: str,
+) -> FloatArray:
+    """Local fits of each data set at each node, (n_fit, n_node)."""
+    kernel = np.exp(-0.5 * ((x - nodes[:, None]) / width) ** 2)
+    kernel /= kernel.max(axis=1, keepdims=True)
+    weighted_runs = n @ kernel.T
+    if degree == "constant":
+        smallest = np.finfo(float).tiny
+        return np.clip(collapses @ kernel.T / np.maximum(weighted_runs, smallest), 0.0, 1.0)
+    values = np.empty(weighted_runs.shape)
+    distinct = x[None, :]
+    for j, node in enumerate(nodes):
+        near = kernel[j] > 1e-8
+        if np.count_nonzero(near) < 2:
+            near = np.argsort(np.abs(x - node)) < 2
+        lines = binomial_lines(
+            distinct[:, near] - node,
+            collapses[:, near] * kernel[j, near],
+            n[:, near] * kernel[j, near],
+        )
+        values[:, j] = ndtr(lines.intercept)
+    return values
+
+
+def _bandwidth(runs: Runs, x: FloatArray, nodes: FloatArray, degree: str) -> float:
+    """Bandwidth under which the records left out are likeliest."""
+    extent = x[-1] - x[0]
+    candidates = np.geomspace(
+        max(extent / (len(x) - 1), extent / _GRID), 2.0 * extent, _CANDIDATES
+    )
+    fold = runs.group % min(_FOLDS, int(runs.group.max()) + 1)
+    kept = [fold != i for i in np.unique(fold)]
+    if len(kept) < 2:
+        return float(candidates[-1])
+    collapses, n = (
+        np.stack([part[keep].sum(0) for keep in kept]) for part in (runs.collapses, runs.n)
+    )
+    all_collapses, all_n = runs.totals
+    k_out, n_out = all_collapses - collapses, all_n - n
+    scores = []
+    for width in candidates:
+        values = _local(x, collapses, n, nodes, float(width), degree)
+        p = np.stack([np.interp(x, nodes, value) for value in values])
+        p = np.clip(p, 1e-4, 1.0 - 1e-4)
+        scores.append(np.sum(k_out * np.log(p) + (n_out - k_out) * np.log1p(-p)))
+    return float(candidates[int(np.argmax(scores))])
+
+
+def _pooled_with_gaps(collapses: FloatArray, n: FloatArray) -> FloatArray:
+    """`pooled`; a level without runs in this draw lies on the line between its neighbours."""
+    used = n > 0.0
+    at = np.flatnonzero(used)
+    return np.interp(np.arange(n.size), at, pooled(collapses[used], n[used]))
+
+
+def _require_levels(runs: Runs) -> None:
+    if runs.levels.size < 2:
+        raise FitError(
+            f"all runs are at one level, {runs.levels[0]:g}, which gives no curve; add levels"
+        )

@@ -1,0 +1,121 @@
+"""Ordered limit states: nesting, crossing, and the joint fit against an independent likelihood."""
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+from scipy.stats import norm
+
+from archfrag.errors import InputError
+from archfrag.fragility.fit import fit_stripes
+from archfrag.fragility.limit_states import fit_limit_states, nest_exceedance
+
+LEVELS = np.geomspace(0.05, 2.0, 10)
+NAMES = ("motion", "contact lost", "collapse")
+
+
+def runs(seed, beta, n=40):
+    """Thresholds 0.2, 0.3, 0.5 of demand with one error per run; beta of each state given."""
+    error = np.random.default_rng(seed).normal(size=(n, LEVELS.size, 1))
+    z = np.log(LEVELS[:, None] / np.array([0.2, 0.3, 0.5])) / np.asarray(beta)
+    return (z >= error).astype(int)
+
+
+class TestNesting:
+    def test_more_severe_implies_less_severe(self):
+        nested, contradictions = nest_exceedance([[0, 1, 0], [0, 0, 1], [1, 0, 0], [4, 1, 2]])
+        assert nested.tolist() == [[1, 1, 0], [1, 1, 1], [1, 0, 0], [1, 1, -1]]
+        assert contradictions == 3
+
+    def test_undecided_states(self):
+        nested, _ = nest_exceedance([[0, 4, 4], [1, 4, 0], [4, 4, 4]])
+        assert nested.tolist() == [[0, 0, 0], [1, -1, 0], [-1, -1, -1]]
+
+
+class TestCurves:
+    def test_curves_that_do_not_cross_are_those_of_fit_stripes(self):
+        exceeded = runs(1, [0.4, 0.4, 0.4])
+        found = fit_limit_states(exceeded, LEVELS, NAMES, ["a", "b", "c"])
+        assert not found.common_beta
+        assert [state.name for state in found.states] == list(NAMES)
+        assert found.states[1].meaning == "b"
+        for i, state in enumerate(found.states):
+            alone = fit_stripes(LEVELS, exceeded[:, :, i].sum(axis=0), 40)
+            assert state.fit == alone
+
+    def test_crossing_curves_are_replaced_by_ordered_ones(self):
+        exceeded = runs(2, [0.2, 0.4, 1.2])
+        alone = [
+            fit_stripes(LEVELS, nest_exceedance(exceeded)[0][:, :, i].sum(0), 40) for i in range(3)
+        ]
+        assert np.any(np.diff([fit.probability(LEVELS) for fit in alone], axis=0) > 0)
+        found = fit_limit_states(exceeded, LEVELS, NAMES)
+        assert found.common_beta
+        assert "one beta" in found.message
+        curves = [state.fit.probability(LEVELS) for state in found.states]
+        assert np.all(np.diff(curves, axis=0) < 0)
+        assert len({state.fit.beta for state in found.states}) == 1
+        assert found.states[0].fit.kind == "ordered"
+
+    def test_joint_fit_is_where_the_likelihood_is_largest(self):
+        exceeded = runs(3, [0.2, 0.4, 1.2])
+        exceeded[:5, :, 1] = 4
+        found = fit_limit_states(exceeded, LEVELS, NAMES)
+        assert found.common_beta
+        nested = nest_exceedance(exceeded)[0].reshape(-1, 3)
+        x = np.broadcast_to(np.log(LEVELS), (40, LEVELS.size)).ravel()
+        high = (nested == 1).sum(axis=1)
+        low = 3 - (nested == 0).sum(axis=1)
+
+        def loss(p):
+            cumulative = norm.cdf((x[:, None] - p[:3]) / np.exp(p[3]))
+            cumulative = np.column_stack([np.ones(x.size), cumulative, np.zeros(x.size)])
+            rows = np.arange(x.size)
+            p_run = cumulative[rows, high] - cumulative[rows, low + 1]
+            return -np.log(np.maximum(p_run, 1e-300)).sum()
+
+        start = [*np.log([0.2, 0.3, 0.5]), -0.7]
+        options = {"xatol": 1e-9, "fatol": 1e-11, "maxiter": 8000, "maxfev": 8000}
+        best = minimize(loss, start, method="Nelder-Mead", options=options)
+        fits = [state.fit for state in found.states]
+        assert [np.log(fit.theta) for fit in fits] == pytest.approx(best.x[:3], abs=1e-6)
+        assert fits[0].beta == pytest.approx(np.exp(best.x[3]), rel=1e-6)
+        assert fits[0].log_likelihood == pytest.approx(-best.fun, rel=1e-9)
+
+    def test_errors_of_the_joint_fit(self):
+        """150 simulated studies with one beta, fitted jointly whether they cross or not."""
+        from archfrag.fragility.limit_states import _ordered
+
+        x = np.broadcast_to(np.log(LEVELS), (40, LEVELS.size)).ravel()
+        values, errors = [], []
+        for seed in range(150):
+            fits = _ordered(x, runs(seed, [0.4, 0.4, 0.4]).reshape(-1, 3))
+            values.append([np.log(fits[1].theta), fits[1].beta])
+            errors.append(fits[1].standard_errors)
+        assert np.mean(values, axis=0) == pytest.approx([np.log(0.3), 0.4], abs=0.01)
+        assert np.mean(errors, axis=0) == pytest.approx(np.std(values, axis=0), rel=0.2)
+
+    def test_a_state_without_a_curve_says_why(self):
+        exceeded = runs(4, [0.4, 0.4, 0.4])
+        exceeded[:, :, 2] = 0
+        found = fit_limit_states(exceeded, LEVELS, NAMES)
+        assert found.states[2].fit is None
+        assert "'collapse'" in found.states[2].none
+        assert found.states[0].fit is not None
+
+    def test_own_intensity_for_each_run(self):
+        exceeded = runs(5, [0.4, 0.4, 0.4])
+        grid = fit_limit_states(exceeded, LEVELS, NAMES)
+        each = fit_limit_states(exceeded, np.broadcast_to(LEVELS, (40, LEVELS.size)), NAMES)
+        assert grid.states == each.states
+
+
+def test_bad_input_is_refused():
+    exceeded = runs(1, [0.4, 0.4, 0.4])
+    with pytest.raises(InputError, match="n_state"):
+        fit_limit_states(exceeded[0], LEVELS, NAMES)
+    with pytest.raises(InputError, match="3 states, names 2"):
+        fit_limit_states(exceeded, LEVELS, NAMES[:2])
+    with pytest.raises(InputError, match="im has shape"):
+        fit_limit_states(exceeded, LEVELS[:3], NAMES)
+    with pytest.raises(InputError, match="im holds 0"):
+        fit_limit_states(exceeded, 0.0 * LEVELS, NAMES)

@@ -1,0 +1,246 @@
+"""Measures compared on simulated studies in which the best one and its dispersion are known."""
+
+import time
+
+import numpy as np
+import pytest
+
+from archfrag.errors import FitError, InputError
+from archfrag.fragility.measures import Motions, compare_measures
+from archfrag.fragility.runs import Resampling
+
+DRAWS = Resampling(seed=1, resamples=500)
+LEVELS = np.geomspace(0.2, 16.0, 18)
+THETA, BETA = 0.2, 0.25
+NAMES = ("PGA", "PGV", "IA", "duration")
+
+
+def study(seed, n=44, *, magnitude_effect=-0.3, levels=LEVELS):
+    """Collapse by PGV alone; PGA depends on magnitude too, IA is the square of a noisy PGV."""
+    generator = np.random.default_rng(seed)
+    magnitude, distance = generator.uniform(5.5, 7.5, n), generator.uniform(5.0, 60.0, n)
+    pgv = np.exp(generator.normal(-2.0, 0.5, n))
+    tilt = magnitude_effect * (magnitude - 6.5)
+    pga = 8.0 * pgv * np.exp(tilt + generator.normal(0.0, 0.35, n))
+    arias = (pgv * np.exp(generator.normal(0.0, 0.3, n))) ** 2
+    value = np.stack([pga, pgv, arias, np.exp(magnitude - 4.0)], axis=1)
+    capacity = THETA * np.exp(generator.normal(0.0, BETA, n))
+    factor = levels / pga[:, None]
+    verdict = (factor * pgv[:, None] >= capacity[:, None]).astype(int)
+    return verdict, factor, Motions(NAMES, value, [1.0, 1.0, 2.0, 0.0], magnitude, distance)
+
+
+def rows_of(table):
+    return {row.measure: row for row in table.rows}
+
+
+class TestGrid:
+    def test_known_curve_comes_back(self):
+        """Mean over 40 studies of 44: standard errors of ln theta 0.006, beta 2 %."""
+        rows = [
+            rows_of(compare_measures(*study(seed), "PGA", Resampling(1, 100)))
+            for seed in range(40)
+        ]
+        theta = np.exp(np.mean([np.log(row["PGV"].theta) for row in rows]))
+        beta = np.sqrt(np.mean([row["PGV"].beta ** 2 for row in rows]))
+        assert theta == pytest.approx(THETA, rel=0.02)
+        assert beta == pytest.approx(BETA, rel=0.05)
+
+    def test_rounding_to_levels_is_taken_out(self):
+        """Levels a factor of 1.8 apart add 0.17^2 to the variance of capacity."""
+        levels = np.geomspace(0.05, 40.0, 12)
+        squares = []
+        for seed in range(60):
+            rows = rows_of(
+                compare_measures(*study(seed, levels=levels), "PGA", Resampling(1, 100))
+            )
+            squares.append(rows["PGV"].beta ** 2)
+        assert np.sqrt(np.mean(squares)) == pytest.approx(BETA, rel=0.06)
+
+    def test_best_measure_and_its_advantage(self):
+        table = compare_measures(*study(1), "PGA", DRAWS)
+        rows = rows_of(table)
+        assert table.best == "PGV"
+        assert table.p_value < 0.05
+        assert table.ratio == pytest.approx(rows["PGV"].beta / rows["PGA"].beta)
+        assert "PGV is the most efficient" in table.message
+        own = compare_measures(*study(1), "PGV", DRAWS)
+        assert (own.best, own.p_value, own.ratio) == ("PGV", 1.0, 1.0)
+        assert "scaled by" in own.message
+
+    def test_no_advantage_is_not_claimed(self):
+        """Two measures of equal scatter: the better of them is no finding."""
+        claimed = 0
+        for seed in range(40):
+            generator = np.random.default_rng(seed)
+            true = generator.normal(-2.0, 0.5, 30)
+            value = np.exp(true[:, None] + generator.normal(0.0, 0.3, (30, 2)))
+            factor = LEVELS / 8.0 / value[:, :1]
+            verdict = (factor * np.exp(true)[:, None] >= THETA).astype(int)
+            table = compare_measures(
+                verdict, factor, Motions(("a", "b"), value, [1.0, 1.0]), "a", Resampling(1, 200)
+            )
+            claimed += table.best == "b" and table.p_value < 0.05
+        assert claimed <= 6
+
+    def test_power_of_a_measure_changes_nothing_but_beta(self):
+        verdict, factor, motions = study(2)
+        value = np.asarray(motions.value)
+        value = np.stack([value[:, 0], value[:, 1], value[:, 1] ** 3], axis=1)
+        names = ("PGA", "PGV", "PGV^3")
+        table = compare_measures(
+            verdict,
+            factor,
+            Motions(names, value, [1.0, 1.0, 3.0], motions.magnitude),
+            "PGA",
+            DRAWS,
+        )
+        rows = rows_of(table)
+        assert rows["PGV^3"].theta == pytest.approx(rows["PGV"].theta ** 3)
+        assert rows["PGV^3"].beta == pytest.approx(3.0 * rows["PGV"].beta)
+        assert rows["PGV^3"].efficiency == pytest.approx(rows["PGV"].efficiency)
+        assert rows["PGV^3"].practicality == pytest.approx(1.0 / 3.0)
+        assert rows["PGV^3"].proficiency == pytest.approx(rows["PGV^3"].beta)
+        assert rows["PGV^3"].p_magnitude == pytest.approx(rows["PGV"].p_magnitude)
+
+    @pytest.mark.parametrize("top", [18, 9])
+    def test_sufficiency(self, top):
+        """PGA capacity depends on magnitude by -0.3; with 9 levels a third is known as a bound."""
+        slopes, insufficient, sufficient = [], 0, 0
+        for seed in range(40):
+            verdict, factor, motions = study(seed)
+            table = compare_measures(
+                verdict[:, :top], factor[:, :top], motions, "PGA", Resampling(1, 100)
+            )
+            rows = rows_of(table)
+            slopes.append(rows["PGA"].slope_magnitude)
+            insufficient += rows["PGA"].p_magnitude < 0.05
+            sufficient += bool(rows["PGV"].sufficient)
+        assert np.mean(slopes) == pytest.approx(-0.3, abs=0.06)
+        assert insufficient >= 20
+        assert sufficient >= 31
+
+    def test_bounds_are_used(self):
+        """Records that never collapse are not left out, which would lower theta and beta."""
+        short = LEVELS[:10]
+        found = np.zeros(2)
+        for seed in range(40):
+            row = rows_of(compare_measures(*study(seed, levels=short), "PGA", Resampling(1, 100)))
+            assert 0 < row["PGV"].n_bracketed < row["PGV"].n_records == 44
+            found += np.array([np.log(row["PGV"].theta), row["PGV"].beta]) / 40
+        assert found == pytest.approx([np.log(THETA), BETA], abs=0.02)
+
+    def test_cells_not_simulated_change_nothing(self):
+        verdict, factor, motions = study(3)
+        bisected = verdict.copy()
+        first = verdict.argmax(axis=1)
+        position = np.arange(LEVELS.size)
+        bisected[np.abs(position - first[:, None] + 0.5) > 2.0] = 4
+        whole = compare_measures(verdict, factor, motions, "PGA", DRAWS)
+        assert compare_measures(bisected, factor, motions, "PGA", DRAWS).message == whole.message
+
+    def test_measures_that_have_no_curve(self):
+        verdict, factor, motions = study(4)
+        value = np.asarray(motions.value).copy()
+        value[:5, 1] = np.nan
+        table = compare_measures(
+            verdict, factor, Motions(NAMES, value, motions.exponent), "PGA", DRAWS
+        )
+        rows = rows_of(table)
+        assert "scaling does not change" in rows["duration"].none
+        assert rows["PGV"].n_records == 39
+        assert table.best != "PGV"
+        assert rows["PGA"].sufficient is None
+        with pytest.raises(FitError, match="no measure"):
+            compare_measures(np.zeros_like(verdict), factor, motions, "PGA", DRAWS)
+
+    def test_speed(self):
+        """20 measures of 44 records; measured 7 ms, with bounds 75 ms."""
+        verdict, factor, motions = study(5)
+        value = np.tile(np.asarray(motions.value)[:, :2], 10)
+        value *= np.exp(np.random.default_rng(1).normal(0.0, 0.1, value.shape))
+        many = Motions(
+            tuple(f"m{i}" for i in range(20)), value, np.ones(20), motions.magnitude,
+            motions.distance,
+        )  # fmt: skip
+        best = np.inf
+        for _ in range(3):
+            start = time.process_time()
+            compare_measures(verdict, factor, many, "m0", Resampling(1))
+            best = min(best, time.process_time() - start)
+        assert best < 0.1
+
+
+class TestScattered:
+    def scattered(self, seed, n=450):
+        levels = np.random.default_rng(seed + 1000).uniform(0.4, 6.0, n)
+        return study(seed, n, levels=levels[:, None])
+
+    def test_known_curve_and_best_measure(self):
+        verdict, factor, motions = self.scattered(1)
+        table = compare_measures(verdict, factor, motions, "PGA", DRAWS)
+        rows = rows_of(table)
+        assert rows["PGV"].theta == pytest.approx(THETA, rel=0.06)
+        assert rows["PGV"].beta == pytest.approx(BETA, rel=0.2)
+        assert rows["PGV"].log_likelihood == max(
+            row.log_likelihood for row in table.rows if not row.none
+        )
+        assert rows["PGA"].sufficient is False
+        assert table.best == "PGV"
+        assert table.p_value < 0.05
+
+    def test_slope_and_size_of_the_score_test(self):
+        """40 studies: slope of ln capacity on magnitude -0.3, found; none in PGV."""
+        slopes, p_values = [], []
+        for seed in range(40):
+            rows = rows_of(compare_measures(*self.scattered(seed, 300), "PGA", Resampling(1, 100)))
+            slopes.append(rows["PGA"].slope_magnitude)
+            p_values.append(rows["PGV"].p_magnitude)
+        assert np.mean(slopes) == pytest.approx(-0.3, abs=0.05)
+        assert np.mean(np.array(p_values) < 0.5) == pytest.approx(0.5, abs=0.24)
+
+    def test_response_of_a_cloud(self):
+        verdict, factor, motions = self.scattered(2)
+        pgv = factor[:, 0] * np.asarray(motions.value)[:, 1]
+        noise = np.random.default_rng(3).normal(0.0, 0.3, pgv.size)
+        response = np.where(verdict[:, 0] == 1, np.nan, pgv**1.5 * np.exp(noise))
+        rows = rows_of(compare_measures(verdict, factor, motions, "PGA", DRAWS, response=response))
+        assert rows["PGV"].practicality == pytest.approx(1.5, abs=0.1)
+        assert rows["PGV"].proficiency == pytest.approx(0.2, abs=0.03)
+        assert rows["PGA"].proficiency > rows["PGV"].proficiency
+
+
+def test_events_are_resampled_together():
+    """With all of an event's records alike, the advantage is known less well."""
+    verdict, factor, motions = study(7, n=8)
+    repeat = np.repeat(np.arange(8), 6)
+    value = np.asarray(motions.value)[repeat]
+    alone = Motions(NAMES, value, motions.exponent)
+    grouped = Motions(NAMES, value, motions.exponent, event=repeat.astype(str))
+    tables = [
+        compare_measures(verdict[repeat], factor[repeat], each, "PGA", Resampling(1, 2000))
+        for each in (alone, grouped)
+    ]
+    assert tables[0].best == tables[1].best != "PGA"
+    assert tables[1].p_value > tables[0].p_value
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"own": "PGD"}, "PGD"),
+        ({"exponent": [1.0, 1.0, -2.0, 0.0]}, "negative"),
+        ({"exponent": [1.0]}, "one exponent per measure"),
+        ({"magnitude": [6.0]}, "magnitude"),
+        ({"value": -1.0}, "-1"),
+    ],
+)
+def test_bad_input_is_refused(change, message):
+    verdict, factor, motions = study(1)
+    value = np.asarray(motions.value).copy()
+    value[0, 0] = change.get("value", value[0, 0])
+    other = Motions(
+        NAMES, value, change.get("exponent", motions.exponent), change.get("magnitude")
+    )
+    with pytest.raises(InputError, match=message):
+        compare_measures(verdict, factor, other, change.get("own", "PGA"), DRAWS)
