@@ -59,8 +59,6 @@ def in_core_sets(curves: CurveSet) -> dict[str, str]:
         ]  # fmt: skip
         content = {
             "description": f"Masonry arch {arch}. {curves.made.text}{note}",
-            "authors": [],
-            "paperReference": None,
             "creator": f"archfrag {curves.made.version}",
             "demandTypes": [demand.name],
             "demandUnits": [demand.unit],
@@ -84,7 +82,10 @@ def in_core_sets(curves: CurveSet) -> dict[str, str]:
 
 
 def _curve(description: str, variable: str, theta: float, beta: float) -> dict[str, Any]:
-    expression = f"scipy.stats.norm.cdf((math.log({variable}) - math.log({theta!r})) / {beta!r})"
+    median, dispersion = repr(float(theta)), repr(float(beta))
+    expression = (
+        f"scipy.stats.norm.cdf((math.log({variable}) - math.log({median})) / {dispersion})"
+    )
     return {
         "description": description,
         "curveParameters": None,

@@ -15,7 +15,7 @@ NAMESPACE = "http://openquake.org/xmlns/nrml/0.5"
 # OpenQuake holds a curve constant above its highest level: 4 dispersions above the median that
 # costs 3.2e-5 of probability.
 _REACH = 4.0
-_POINTS = 200
+_GRID = np.linspace(-_REACH, _REACH, 201)  # levels of a discrete curve, in dispersions
 
 
 def nrml_continuous(curves: CurveSet) -> str:
@@ -55,7 +55,12 @@ def nrml_continuous(curves: CurveSet) -> str:
         function = ElementTree.SubElement(
             model, "fragilityFunction", id=arch, format="continuous", shape="logncdf"
         )
-        limits = {"imt": imt.name, "noDamageLimit": "0.0", "minIML": "0.0", "maxIML": _real(highest)}
+        limits = {
+            "imt": imt.name,
+            "noDamageLimit": "0.0",
+            "minIML": "0.0",
+            "maxIML": _real(highest),
+        }
         ElementTree.SubElement(function, "imls", limits)
         for state, fit in states.items():
             variance = np.expm1(fit.beta**2)
@@ -66,14 +71,27 @@ def nrml_continuous(curves: CurveSet) -> str:
 
 
 def nrml_discrete(curves: CurveSet) -> str:
-    """Curves by their probabilities at about 200 levels.
+    """Curves by their probabilities at 201 levels for each limit state.
 
-    Levels are in geometric progression over the study's range and so far beyond it that the
-    curve has come down to 3.2e-5 and up to 0.99997, since OpenQuake holds it constant above the
-    highest level; the medians are among them. Between them OpenQuake interpolates linearly:
-    within 1e-4 for a dispersion of 0.3 or more.
+    Levels are 0.04 dispersions apart, the median among them, and reach from 4 dispersions below
+    it to 4 above it and over the study's range: OpenQuake holds a curve constant above its
+    highest level, here at 0.99997 or more. Between levels it interpolates linearly, within 1e-4
+    for dispersions up to 1.
 
-    Parameters, Returns, Raises: as `nrml_continuous`.
+    Parameters
+    ----------
+    curves : CurveSet
+        As for `nrml_continuous`.
+
+    Returns
+    -------
+    str
+        XML.
+
+    Raises
+    ------
+    FitError, InputError
+        As `nrml_continuous`.
     """
     imt = openquake_measure(curves.measure)
     complete = curves.require_curves("OpenQuake")
@@ -82,12 +100,12 @@ def nrml_discrete(curves: CurveSet) -> str:
     )
     for arch, states in complete.items():
         function = ElementTree.SubElement(model, "fragilityFunction", id=arch, format="discrete")
-        levels = _levels(curves.levels, states)
-        written = imt.factor * levels
+        levels = _levels(curves.levels, states, imt.factor)
         imls = ElementTree.SubElement(function, "imls", imt=imt.name, noDamageLimit="0.0")
-        imls.text = _row(written)
+        imls.text = _row(levels)
         for state, fit in states.items():
-            ElementTree.SubElement(function, "poes", ls=state).text = _row(fit.probability(levels))
+            poes = fit.probability(levels / imt.factor)
+            ElementTree.SubElement(function, "poes", ls=state).text = _row(poes)
     return _written(root)
 
 
@@ -118,14 +136,11 @@ def _top(fit: Fragility) -> float:
 
 
 def _levels(
-    studied: tuple[float, float], states: Mapping[str, Fragility]
+    studied: tuple[float, float], states: Mapping[str, Fragility], factor: float
 ) -> NDArray[np.float64]:
-    """Levels [SI] at which the curves of an arch are written, increasing."""
-    fits = states.values()
-    lowest = min(studied[0], *(f.theta * np.exp(-_REACH * f.beta) for f in fits))
-    highest = max(studied[1], *map(_top, fits))
-    even = np.geomspace(lowest, highest, _POINTS)
-    return np.unique(np.concatenate([even, [fit.theta for fit in fits]]))
+    """Levels in OpenQuake's unit at which the curves of an arch are written, increasing."""
+    parts = [fit.theta * np.exp(fit.beta * _GRID) for fit in states.values()]
+    return np.unique(factor * np.concatenate([*parts, studied]))
 
 
 def _real(value: float) -> str:

@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import re
+from itertools import chain
 
 from archfrag.errors import InputError
 from archfrag.export.curve_set import CurveSet
@@ -45,8 +46,8 @@ def pelicun_table(curves: CurveSet) -> str:
     )  # fmt: skip
     for arch, name in _ids(tuple(complete)).items():
         fits = complete[arch].values()
-        values = [("lognormal", repr(demand.factor * f.theta), repr(f.beta)) for f in fits]
-        writer.writerow([name, 0, demand.name, demand.unit, 0, 1, *sum(values, ())])
+        values = [("lognormal", float(demand.factor * f.theta), float(f.beta)) for f in fits]
+        writer.writerow([name, 0, demand.name, demand.unit, 0, 1, *chain(*values)])
     return text.getvalue()
 
 

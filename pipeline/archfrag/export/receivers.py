@@ -67,8 +67,8 @@ def openquake_measure(measure: str) -> Named:
     if parsed.kind == "AvgSA":
         first, last = parsed.periods
         note = (
-            f"OpenQuake's AvgSA must be the geometric mean of spectral accelerations from {first:g} "
-            f"to {last:g} s, as {measure} is; its periods are set with the ground-motion model"
+            "OpenQuake's AvgSA must be the geometric mean of spectral accelerations from "
+            f"{first:g} to {last:g} s, as {measure} is; its periods are set with the ground-motion model"
         )
         return named._replace(note="; ".join(filter(None, (note, named.note))))
     return named
