@@ -124,8 +124,8 @@ def _model(
     left = "".join(f" No curve for {arch}: {why}." for arch, why in curves.left_out.items())
     note = f" Note: {imt.note}." if imt.note else ""
     ElementTree.SubElement(model, "description").text = (
-        f"Probability of exceeding each limit state against {curves.measure}, as {imt.name} in "
-        f"{imt.unit}. {more}{curves.made.text}{note}{left}"
+        f"Probability of exceeding each limit state against {curves.measure} in {imt.unit}. {more}"
+        f"{curves.made.text}{note}{left}"
     )
     ElementTree.SubElement(model, "limitStates").text = " ".join(curves.limit_states)
     return root, model

@@ -68,7 +68,8 @@ def openquake_measure(measure: str) -> Named:
         first, last = parsed.periods
         note = (
             "OpenQuake's AvgSA must be the geometric mean of spectral accelerations from "
-            f"{first:g} to {last:g} s, as {measure} is; its periods are set with the ground-motion model"
+            f"{first:g} to {last:g} s, as {measure} is; its periods are set with the "
+            "ground-motion model"
         )
         return named._replace(note="; ".join(filter(None, (note, named.note))))
     return named

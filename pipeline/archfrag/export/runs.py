@@ -64,7 +64,9 @@ def facts_table(cube: xr.Dataset, dimension: str) -> Table:
         wide = cube.variables[name].values.reshape(cube.sizes[dimension], -1)
         columns |= dict(described)
         values |= {each: wide[:, n] for n, (each, _) in enumerate(described)}
-    return Table(f"{dimension}s", columns, [pd.DataFrame(values)])
+    return Table(
+        {"arch": "arches"}.get(dimension, f"{dimension}s"), columns, [pd.DataFrame(values)]
+    )
 
 
 def _run_variables(cube: xr.Dataset) -> list[str]:
@@ -76,7 +78,8 @@ def _run_variables(cube: xr.Dataset) -> list[str]:
         text = variable.dtype.kind in "OSU" and name not in _GROUPS
         if own and not summary and not text:
             found.append(str(name))
-    return [*_RUN, *(name for name in found if name not in _RUN)]
+    first = [*_RUN, "intensity"]
+    return [*first, *(name for name in found if name not in first)]
 
 
 def _describe(cube: xr.Dataset, name: str) -> list[tuple[str, Described]]:
