@@ -111,8 +111,15 @@ def export_study(study: Study, formats: Sequence[str], folder: Path | None = Non
                 path = made.folder / f"{study.id}-{ending}"
                 write_text(path, text)
                 made.files.append((name, path))
-        for name in [each for each in ("csv", "parquet") if each in wanted]:
-            made.files += _write_tables(study, curves, cube, made.folder, name)
+        asked = [name for name in wanted if name in ("csv", "parquet")]
+        known = curve_tables(curves, cube, _unit(study, cube)) if asked else ()
+        for name in asked:
+            tables = (
+                *known,
+                runs_table(cube),
+                *(facts_table(cube, d) for d in ("record", "arch")),
+            )
+            made.files += _write_tables(curves, tables, made.folder, name)
     made.notes = [*curves.cautions, *_notes(curves, wanted)]
     return made
 
@@ -143,27 +150,24 @@ def study_curves(study: Study, cube: xr.Dataset) -> CurveSet:
     )
 
 
+def _unit(study: Study, cube: xr.Dataset) -> Unit:
+    factor = study.intensity.given[0] / study.intensity.si[0]
+    return Unit(study.intensity.unit, str(cube["intensity"].attrs.get("units", "")), factor)
+
+
 def _write_tables(
-    study: Study, curves: CurveSet, cube: xr.Dataset, folder: Path, name: str
+    curves: CurveSet, tables: Sequence[Table], folder: Path, name: str
 ) -> list[tuple[str, Path]]:
     """Tables as CSV, with a JSON file that says what their columns are; or as Parquet."""
-    factor = study.intensity.given[0] / study.intensity.si[0]
-    unit = Unit(study.intensity.unit, str(cube["intensity"].attrs.get("units", "")), factor)
-    tables = (
-        *curve_tables(curves, cube, unit),
-        runs_table(cube),
-        facts_table(cube, "record"),
-        facts_table(cube, "arch"),
-    )
     facts = {"made": curves.made.facts, "left_out": curves.left_out}
-    paths = [folder / f"{study.id}-{table.name}.{name}" for table in tables]
+    paths = [folder / f"{curves.made.study}-{table.name}.{name}" for table in tables]
     for table, path in zip(tables, paths):
         if name == "csv":
             write_csv(table, path)
         else:
             write_parquet(table, path, facts)
     if name == "csv":
-        paths.append(folder / f"{study.id}-tables.json")
+        paths.append(folder / f"{curves.made.study}-tables.json")
         write_text(paths[-1], _described(tables, facts))
     return [(name, path) for path in paths]
 
