@@ -50,7 +50,7 @@ def export(
 
     made = export_study(load_study(study_file, overrides), formats, out)
     for arch, why in made.left_out.items():
-        click.echo(f"archfrag: {arch} has no curve and is left out: {why}", err=True)
+        click.echo(f"archfrag: no curve of {arch} is exported: {why}", err=True)
     for note in made.notes:
         click.echo(f"archfrag: note: {note}", err=True)
     if as_json:

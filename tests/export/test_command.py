@@ -102,9 +102,7 @@ class TestCommand:
         path = tmp_path / "small.yaml"
         result = call(path, "--format", "pelicun", "--format", "pelicun", "--out", tmp_path / "x")
         assert result.exit_code == 0, result.output
-        assert result.stderr == (
-            "archfrag: slab has no curve and is left out: collapse: it fell\n"
-        )
+        assert result.stderr == ("archfrag: no curve of slab is exported: collapse: it fell\n")
         assert result.stdout.splitlines() == [
             f"pelicun: {tmp_path / 'x' / 'small-pelicun.csv'}",
             f"pelicun: {tmp_path / 'x' / 'small-pelicun.json'}",

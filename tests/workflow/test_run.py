@@ -155,7 +155,7 @@ def test_export_of_what_is_finished_and_of_nothing_else(finished, tmp_path):
     made = {found: found.read_bytes() for found in tmp_path.iterdir()}
     late = CliRunner().invoke(main, [*asked, "--set", "intensity.levels=[0.1, 0.6]"])
     assert late.exit_code == 2
-    assert "cube.nc: was made before the study" in late.stderr
+    assert "was made for other records or levels" in late.stderr
     assert late.stderr.count("\n") == 1
     assert {found: found.read_bytes() for found in tmp_path.iterdir()} == made
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 import archfrag
@@ -145,7 +146,7 @@ def study_curves(study: Study, cube: xr.Dataset) -> CurveSet:
     return CurveSet(
         {arch: {"collapse": fit} for arch, fit in fits.items()},
         study.intensity.measure,
-        (float(levels.min()), float(levels.max())),
+        (float(np.nanmin(levels)), float(np.nanmax(levels))),
         made,
     )
 
