@@ -12,6 +12,7 @@ from typing import Any
 
 import click
 
+from archfrag.cli_export import export
 from archfrag.cli_records import json_option, reads_record, records
 
 
@@ -64,6 +65,7 @@ def main() -> None:
 
 
 main.add_command(records)
+main.add_command(export)
 
 _set = click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE",
                     help="Override a key of the study file, e.g. --set method.dt=0.0005; paths "

@@ -13,11 +13,14 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
+import pandas as pd
 import psutil
 import pytest
 import xarray as xr
+from click.testing import CliRunner
 
 from archfrag import kernel_cache
+from archfrag.cli import main
 from archfrag.study.workflow import snakefile
 from tests.study.small import TEXT, small_study, write_at2
 
@@ -140,6 +143,21 @@ def test_what_is_done_is_not_done_again_and_edits_are_noticed(finished):
     code, _, stderr = run(path, "--set", "title=Another title")
     assert (code, stderr) == (0, NOTHING)
     assert run(path)[0] == 0
+
+
+def test_export_of_what_is_finished_and_of_nothing_else(finished, tmp_path):
+    path, *_, cube = finished
+    asked = ["export", str(path), "--format", "csv", "--out", str(tmp_path)]
+    result = CliRunner().invoke(main, asked)
+    assert result.exit_code == 0, result.output
+    assert len(pd.read_csv(tmp_path / "small-runs.csv")) == 2 * 2 * 5
+    assert cube in (tmp_path / "small-tables.json").read_text()
+    made = {found: found.read_bytes() for found in tmp_path.iterdir()}
+    late = CliRunner().invoke(main, [*asked, "--set", "intensity.levels=[0.1, 0.6]"])
+    assert late.exit_code == 2
+    assert "was made for other records or levels" in late.stderr
+    assert late.stderr.count("\n") == 1
+    assert {found: found.read_bytes() for found in tmp_path.iterdir()} == made
 
 
 def test_by_hand_snakemake_does_the_same(finished, tmp_path):

@@ -9,7 +9,9 @@ from archfrag.files import make_folder as make_folder
 from archfrag.files import replacing as replacing
 
 # Temporary names: a dot, the name that the file was to have, and random characters.
-_LEFT_OVER = re.compile(r"\..+\.(npz|npy|json|csv|nc|html|svg|yaml)\.[A-Za-z0-9_]+(\.tmp)?")
+_LEFT_OVER = re.compile(
+    r"\..+\.(npz|npy|json|csv|nc|html|svg|yaml|xml|parquet)\.[A-Za-z0-9_]+(\.tmp)?"
+)
 
 
 def sweep(folder: Path) -> None:

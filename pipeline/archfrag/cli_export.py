@@ -1,0 +1,59 @@
+"""The command `archfrag export`: nothing is imported before use."""
+
+import json
+from pathlib import Path
+
+import click
+
+FORMATS = ("nrml-continuous", "nrml-discrete", "pelicun", "in-core", "csv", "parquet")
+
+
+@click.command()
+@click.argument("study_file", metavar="STUDY", type=click.Path(path_type=Path))
+@click.option("--format", "formats", multiple=True, required=True, type=click.Choice(FORMATS),
+              help="Format to write. Repeatable.")  # fmt: skip
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), metavar="FOLDER",
+              help="Folder to write to; `export` among the study's results if not given.",
+              )  # fmt: skip
+@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE",
+              help="Override a key of the study file, as for the run. Repeatable.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def export(
+    study_file: Path,
+    formats: tuple[str, ...],
+    out: Path | None,
+    overrides: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Write curves and runs of a finished study in the formats of other programs.
+
+    \b
+    nrml-continuous  OpenQuake: lognormal curves by mean and standard deviation;
+                     PGA, Sa, AvgSA in g, PGV and FIV3 in cm/s, PGD in cm. The
+                     ids of the functions are the arches: use them as taxonomies.
+    nrml-discrete    OpenQuake: probabilities at levels, units as above.
+    pelicun          damage database: CSV of medians and dispersions, and JSON that
+                     describes it; PGA and Sa in g, PGV in cm/s (cmps).
+    in-core          IN-CORE: a DFR3 set in JSON for each arch; PGA and Sa in g,
+                     PGV in cm/s, PGD in m. The severest limit state is repeated
+                     up to the four that IN-CORE takes for bridges.
+    csv              curves (with bands) and their parameters in the unit of the
+                     study and in SI; runs, records and arches in SI; and JSON
+                     that describes the columns.
+    parquet          the same tables: pip install 'archfrag[parquet]'
+
+    An arch without a curve is left out of all but the tables of runs, records and arches; a
+    sentence says why.
+    """
+    from archfrag.export.command import export_study
+    from archfrag.study.config import load_study
+
+    made = export_study(load_study(study_file, overrides), formats, out)
+    for arch, why in made.left_out.items():
+        click.echo(f"archfrag: no curve of {arch} is exported: {why}", err=True)
+    for note in made.notes:
+        click.echo(f"archfrag: note: {note}", err=True)
+    if as_json:
+        click.echo(json.dumps(made.facts, allow_nan=False))
+    else:
+        click.echo("\n".join(f"{name}: {path}" for name, path in made.files))

@@ -1,0 +1,188 @@
+"""Export a study: its curves and runs, in the formats asked for."""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+import archfrag
+from archfrag.export.curve_set import CurveSet, Made
+from archfrag.export.in_core import in_core_sets
+from archfrag.export.nrml import nrml_continuous, nrml_discrete
+from archfrag.export.pelicun import pelicun_description, pelicun_table
+from archfrag.export.points import Unit, curve_tables
+from archfrag.export.receivers import in_core_measure, openquake_measure, pelicun_measure
+from archfrag.export.runs import facts_table, runs_table
+from archfrag.export.tables import Table, column_facts, require_pyarrow, write_csv, write_parquet
+from archfrag.study.config import Study
+from archfrag.study.cube import CUBE
+from archfrag.study.digests import sha256_of
+from archfrag.study.files import make_folder, write_text
+from archfrag.study.fits import FITS, load_fits, open_cube
+from archfrag.study.provenance import commit
+from archfrag.study.steps import require
+
+FOLDER = "export"
+_MEASURES = {
+    "nrml-continuous": openquake_measure,
+    "nrml-discrete": openquake_measure,
+    "pelicun": pelicun_measure,
+    "in-core": in_core_measure,
+}
+TEXTS: dict[str, Callable[[CurveSet], dict[str, str]]] = {
+    "nrml-continuous": lambda curves: {"fragility-continuous.xml": nrml_continuous(curves)},
+    "nrml-discrete": lambda curves: {"fragility-discrete.xml": nrml_discrete(curves)},
+    "pelicun": lambda curves: {
+        "pelicun.csv": pelicun_table(curves), "pelicun.json": pelicun_description(curves),
+    },
+    "in-core": lambda curves: {
+        f"in-core-{arch}.json": text for arch, text in in_core_sets(curves).items()
+    },
+}  # fmt: skip
+
+
+@dataclass
+class Exported:
+    """What was written.
+
+    Attributes
+    ----------
+    folder : Path
+    files : list of (str, Path)
+        Format and file.
+    left_out : dict of str to str
+        By arch, why it has no curve in them.
+    notes : list of str
+        What to know before the files are used.
+    """
+
+    folder: Path
+    files: list[tuple[str, Path]] = field(default_factory=list)
+    left_out: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "folder": str(self.folder),
+            "files": [{"format": name, "file": str(path)} for name, path in self.files],
+            "left_out": self.left_out,
+            "notes": self.notes,
+        }
+
+
+def export_study(study: Study, formats: Sequence[str], folder: Path | None = None) -> Exported:
+    """Write curves and runs of a study in the formats of other programs.
+
+    Parameters
+    ----------
+    study : Study
+        Its cube and fits are there and up to date.
+    formats : sequence of str
+        Of nrml-continuous, nrml-discrete, pelicun, in-core, csv and parquet.
+    folder : Path, optional
+        ``export`` in the study's folder if not given. Each file is written whole or not at all.
+
+    Raises
+    ------
+    InputError
+        If cube or fits are missing or out of date, a receiver has no name for the measure, or
+        pyarrow is not installed where it is needed. Nothing is written then.
+    FitError
+        If a format that holds nothing but curves is asked for and no arch has one.
+    OutputError
+        If a file cannot be written.
+    """
+    require(study, "cube")
+    require(study, "fit")
+    wanted = list(dict.fromkeys(formats))
+    with open_cube(study) as cube:
+        curves = study_curves(study, cube)
+        texts = {name: TEXTS[name](curves) for name in wanted if name in TEXTS}
+        if "parquet" in wanted:
+            require_pyarrow()
+        made = Exported(make_folder(folder or study.folder / FOLDER), left_out=curves.left_out)
+        for name in wanted:
+            for ending, text in texts.get(name, {}).items():
+                path = made.folder / f"{study.id}-{ending}"
+                write_text(path, text)
+                made.files.append((name, path))
+        asked = [name for name in wanted if name in ("csv", "parquet")]
+        known = curve_tables(curves, cube, _unit(study, cube)) if asked else ()
+        for name in asked:
+            tables = (
+                *known,
+                runs_table(cube),
+                *(facts_table(cube, d) for d in ("record", "arch")),
+            )
+            made.files += _write_tables(curves, tables, made.folder, name)
+    made.notes = [*curves.cautions, *_notes(curves, wanted)]
+    return made
+
+
+def study_curves(study: Study, cube: xr.Dataset) -> CurveSet:
+    """Curves of a finished study; so far of one limit state, collapse.
+
+    Raises
+    ------
+    InputError
+        If the fits are missing or damaged.
+    """
+    fits = load_fits(study.folder / FITS)
+    levels = cube["intensity"].values
+    made = Made(
+        study=study.id,
+        title=study.title,
+        version=archfrag.__version__,
+        commit=commit(),
+        cube_commit=str(cube.attrs.get("archfrag_commit", "unknown")),
+        cube_sha256=sha256_of(study.folder / CUBE),
+    )
+    return CurveSet(
+        {arch: {"collapse": fit} for arch, fit in fits.items()},
+        study.intensity.measure,
+        (float(np.nanmin(levels)), float(np.nanmax(levels))),
+        made,
+    )
+
+
+def _unit(study: Study, cube: xr.Dataset) -> Unit:
+    factor = study.intensity.given[0] / study.intensity.si[0]
+    return Unit(study.intensity.unit, str(cube["intensity"].attrs.get("units", "")), factor)
+
+
+def _write_tables(
+    curves: CurveSet, tables: Sequence[Table], folder: Path, name: str
+) -> list[tuple[str, Path]]:
+    """Tables as CSV, with a JSON file that says what their columns are; or as Parquet."""
+    facts = {"made": curves.made.facts, "left_out": curves.left_out}
+    paths = [folder / f"{curves.made.study}-{table.name}.{name}" for table in tables]
+    for table, path in zip(tables, paths):
+        if name == "csv":
+            write_csv(table, path)
+        else:
+            write_parquet(table, path, facts)
+    if name == "csv":
+        paths.append(folder / f"{curves.made.study}-tables.json")
+        write_text(paths[-1], _described(tables, facts))
+    return [(name, path) for path in paths]
+
+
+def _described(tables: Sequence[Table], facts: dict[str, Any]) -> str:
+    content = facts | {"tables": {table.name: column_facts(table) for table in tables}}
+    return json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+
+
+def _notes(curves: CurveSet, formats: Sequence[str]) -> list[str]:
+    """What receivers' measures must be for the curves to hold, each once."""
+    notes = {
+        f"{name}: {note}"
+        for name in formats
+        if name in _MEASURES and (note := _MEASURES[name](curves.measure).note)
+    }
+    return sorted(notes)

@@ -1,0 +1,150 @@
+"""Curves with their bands as tables: points, and parameters."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from archfrag.export.curve_set import CurveSet
+from archfrag.export.tables import Described, Table
+from archfrag.fragility.bands import (
+    Band,
+    RecordBand,
+    beta_interval,
+    confidence_band,
+    record_bootstrap_band,
+    theta_interval,
+)
+from archfrag.fragility.fit import Fragility
+
+_RESAMPLES, _SEED = 1000, 1  # the report's
+_POINTS = 211
+
+
+class Unit(NamedTuple):
+    """Units of intensities: the study's and SI, with the factor from SI to the study's."""
+
+    given: str
+    si: str
+    factor: float
+
+
+def curve_tables(
+    curves: CurveSet, cube: xr.Dataset, unit: Unit, confidence: float = 0.9
+) -> tuple[Table, Table]:
+    """Points and parameters of all curves.
+
+    Bands of collapse resample whole records where the same records serve at all levels, as in the
+    report; those of other limit states and designs are from the covariance of the fit.
+
+    Parameters
+    ----------
+    curves : CurveSet
+    cube : xarray.Dataset
+        Of the study, for the bands.
+    unit : Unit
+    confidence : float
+        Two-sided, of bands and intervals.
+
+    Returns
+    -------
+    (Table, Table)
+        ``curves``: from 0 to 1.05 times the highest level; and ``parameters``. Limit states
+        without a curve are in neither.
+    """
+    levels = np.linspace(0.0, 1.05 * curves.levels[1], _POINTS)
+    points, parameters = [], []
+    for arch, states in curves.curves.items():
+        for state, fit in states.items():
+            if not isinstance(fit, Fragility):
+                continue
+            labels = {"arch": arch, "limit_state": state, "measure": curves.measure}
+            band, kind = _band(fit, cube, arch, state, levels, confidence)
+            values = {
+                "im": levels * unit.factor, "unit": unit.given, "intensity": levels,
+                "probability": fit.probability(levels), "lower": band.lower, "upper": band.upper,
+            }  # fmt: skip
+            points.append(pd.DataFrame(labels | values))
+            parameters.append(labels | _parameters(fit, band, kind, unit))
+    about, stated = _point_columns(unit, confidence), _parameter_columns(unit, confidence)
+    return (
+        Table("curves", about, points or [pd.DataFrame(columns=list(about))]),
+        Table("parameters", stated, [pd.DataFrame(parameters, columns=list(stated))]),
+    )
+
+
+def _band(
+    fit: Fragility,
+    cube: xr.Dataset,
+    arch: str,
+    state: str,
+    im: NDArray[np.float64],
+    confidence: float,
+) -> tuple[Band, str]:
+    """Band of a curve, and the name of its kind."""
+    gridded = cube["intensity"].dims == ("level",)
+    if state == "collapse" and gridded and cube.sizes["record"] > 1 and cube.sizes["level"] > 1:
+        verdict = cube["verdict"].sel(arch=arch).transpose("record", "level").values
+        band = record_bootstrap_band(
+            verdict, cube["intensity"].values, im, seed=_SEED, resamples=_RESAMPLES,
+            confidence=confidence,
+        )  # fmt: skip
+        return band, f"{_RESAMPLES} resamples of whole records, seed {_SEED}"
+    return confidence_band(fit, im, confidence), "covariance of the fit"
+
+
+def _parameters(fit: Fragility, band: Band, kind: str, unit: Unit) -> dict[str, object]:
+    if isinstance(band, RecordBand):
+        theta, beta = band.theta, band.beta
+    else:
+        theta, beta = theta_interval(fit, band.confidence), beta_interval(fit, band.confidence)
+    return {
+        "theta": fit.theta * unit.factor, "theta_lower": theta[0] * unit.factor,
+        "theta_upper": theta[1] * unit.factor, "unit": unit.given, "theta_si": fit.theta,
+        "beta": fit.beta, "beta_lower": beta[0], "beta_upper": beta[1],
+        "standard_error_ln_theta": fit.standard_errors[0],
+        "standard_error_beta": fit.standard_errors[1],
+        "correlation_ln_theta_beta": fit.correlation, "runs": fit.n_total, "kind": fit.kind,
+        "band": kind,
+    }  # fmt: skip
+
+
+_LABELS = {
+    "arch": Described("name of the arch"),
+    "limit_state": Described("limit state; states go from the mildest to the severest"),
+    "measure": Described("intensity measure"),
+}
+
+
+def _point_columns(unit: Unit, confidence: float) -> dict[str, Described]:
+    percent = f"{100 * confidence:g} % band at each level"
+    return _LABELS | {
+        "im": Described("intensity in the unit of the study", unit.given),
+        "unit": Described("unit of im"),
+        "intensity": Described("the same intensity in SI, as in the table of runs", unit.si),
+        "probability": Described("probability of exceeding the limit state", "1"),
+        "lower": Described(f"lower end of the {percent}", "1"),
+        "upper": Described(f"upper end of the {percent}", "1"),
+    }
+
+
+def _parameter_columns(unit: Unit, confidence: float) -> dict[str, Described]:
+    ends = f"of the {100 * confidence:g} % interval of"
+    return _LABELS | {
+        "theta": Described("median capacity", unit.given),
+        "theta_lower": Described(f"lower end {ends} theta", unit.given),
+        "theta_upper": Described(f"upper end {ends} theta", unit.given),
+        "unit": Described("unit of theta, theta_lower and theta_upper"),
+        "theta_si": Described("median capacity in SI", unit.si),
+        "beta": Described("standard deviation of the logarithm of capacity", "1"),
+        "beta_lower": Described(f"lower end {ends} beta", "1"),
+        "beta_upper": Described(f"upper end {ends} beta", "1"),
+        "standard_error_ln_theta": Described("from the covariance of the fit", "1"),
+        "standard_error_beta": Described("from the covariance of the fit", "1"),
+        "correlation_ln_theta_beta": Described("of the two estimates", "1"),
+        "runs": Described("runs or records that were used", "1"),
+        "kind": Described("kind of the fit"),
+        "band": Described("what bands and intervals are from"),
+    }

@@ -1,0 +1,34 @@
+"""Curves made up for the tests of exports, and the lognormal law written once more."""
+
+import math
+
+import numpy as np
+
+from archfrag.export.curve_set import CurveSet, Made
+from archfrag.fragility.fit import Fragility
+
+MADE = Made("my.study", 'A "title" <with> & -- signs\x0b', "0.1.0", "abc", "def", "0" * 64)
+STATES = ("rocking", "damage", "collapse")
+
+
+def fragility(theta, beta):
+    """A curve with some covariance."""
+    covariance = np.array([[4e-3, 1e-3], [1e-3, 3e-3]])
+    return Fragility(theta, beta, covariance, -10.0, 9, 54, "stripes")
+
+
+def curve_set(measure="PGA", *, states=STATES, levels=(1.0, 8.0), **changed):
+    """Two arches with three limit states, medians around 4 [SI]."""
+    curves = {
+        arch: {
+            state: fragility(theta * factor, beta)
+            for state, factor in zip(states, (0.4, 0.7, 1.0))
+        }
+        for arch, theta, beta in (("ring-7", 4.0, 0.45), ("wall+2", 3.1, 0.3))
+    }
+    return CurveSet(curves | changed, measure, levels, MADE)
+
+
+def lognormal(im, theta, beta):
+    """Probability of exceedance, by the error function of the standard library."""
+    return 0.5 * math.erfc(-math.log(im / theta) / (beta * math.sqrt(2.0)))

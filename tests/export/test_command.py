@@ -1,0 +1,119 @@
+"""The command `archfrag export`: what it writes, and what it refuses."""
+
+import json
+
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+from archfrag.cli import main
+from archfrag.errors import FitError, InputError
+from archfrag.export import command, points
+from archfrag.export.command import export_study
+from archfrag.study.config import load_study
+from tests.report import synthetic
+from tests.study.small import small_study
+
+ALL = ("nrml-continuous", "nrml-discrete", "pelicun", "in-core", "csv", "parquet")
+
+
+@pytest.fixture
+def study(tmp_path, monkeypatch):
+    """A study with a cube and fits that nobody simulated: one arch has no curve."""
+    loaded = load_study(small_study(tmp_path))
+    cube = synthetic.cube(("ring", "slab")).assign_coords(level=range(9))
+    cube.attrs |= {"archfrag_study": "small", "archfrag_commit": "0123abcd"}
+    loaded.folder.mkdir()
+    cube.to_netcdf(loaded.folder / "cube.nc")
+    fits = {"ring": synthetic.fit_or_sentence(cube, "ring").to_dict(), "slab": {"none": "it fell"}}
+    (loaded.folder / "fits.json").write_text(json.dumps({"fits": fits}))
+    monkeypatch.setattr(command, "require", lambda study, step: None)
+    monkeypatch.setattr(points, "_RESAMPLES", 100)
+    return loaded
+
+
+def call(*arguments):
+    return CliRunner().invoke(main, ["export", *map(str, arguments)])
+
+
+class TestExportStudy:
+    def test_all_formats(self, study, tmp_path):
+        pytest.importorskip("pyarrow")
+        made = export_study(study, ALL, tmp_path / "x")
+        assert sorted(path.name for path in (tmp_path / "x").iterdir()) == sorted(
+            path.name for _, path in made.files
+        )
+        names = [path.name for name, path in made.files if name not in ("csv", "parquet")]
+        assert names == [
+            "small-fragility-continuous.xml", "small-fragility-discrete.xml",
+            "small-pelicun.csv", "small-pelicun.json", "small-in-core-ring.json",
+        ]  # fmt: skip
+        assert made.left_out == {"slab": "collapse: it fell"}
+        tables = [path.name for name, path in made.files if name == "csv"]
+        assert tables == [
+            f"small-{name}" for name in
+            ("curves.csv", "parameters.csv", "runs.csv", "records.csv", "arches.csv",
+             "tables.json")
+        ]  # fmt: skip
+        assert set(pd.read_csv(tmp_path / "x" / "small-runs.csv")["arch"]) == {"ring", "slab"}
+        assert set(pd.read_csv(tmp_path / "x" / "small-curves.csv")["arch"]) == {"ring"}
+
+    def test_every_format_says_how_it_was_made(self, study, tmp_path):
+        pytest.importorskip("pyarrow")
+        import pyarrow.parquet
+
+        digest = command.sha256_of(study.folder / "cube.nc")
+        for name, path in export_study(study, ALL).files:
+            assert path.parent == study.folder / "export"
+            if name == "parquet":
+                text = pyarrow.parquet.read_schema(path).metadata[b"archfrag"].decode()
+            elif path.suffix == ".csv":
+                continue
+            else:
+                text = path.read_text()
+            assert digest in text
+            assert "0123abcd" in text
+            assert "small" in text
+
+    def test_writing_again_gives_the_same_bytes(self, study):
+        pytest.importorskip("pyarrow")
+        paths = [path for _, path in export_study(study, ALL).files]
+        before = [path.read_bytes() for path in paths]
+        export_study(study, ALL)
+        assert [path.read_bytes() for path in paths] == before
+
+    def test_no_curve_at_all(self, study):
+        fits = {name: {"none": "it fell"} for name in ("ring", "slab")}
+        (study.folder / "fits.json").write_text(json.dumps({"fits": fits}))
+        with pytest.raises(FitError, match="no curve to export for pelicun: ring: collapse: it"):
+            export_study(study, ["csv", "pelicun"])
+        assert not (study.folder / "export").exists()
+        assert len(export_study(study, ["csv"]).files) == 6
+
+    def test_a_measure_without_a_name_is_refused_before_anything_is_written(self, study):
+        measure = study.intensity.model_copy(update={"measure": "HI", "unit": "m"})
+        with pytest.raises(InputError, match=r"OpenQuake has no name for .* HI"):
+            export_study(study.model_copy(update={"intensity": measure}), ["csv", ALL[0]])
+        assert not (study.folder / "export").exists()
+
+
+class TestCommand:
+    def test_sentences_and_json(self, study, tmp_path):
+        path = tmp_path / "small.yaml"
+        result = call(path, "--format", "pelicun", "--format", "pelicun", "--out", tmp_path / "x")
+        assert result.exit_code == 0, result.output
+        assert result.stderr == ("archfrag: no curve of slab is exported: collapse: it fell\n")
+        assert result.stdout.splitlines() == [
+            f"pelicun: {tmp_path / 'x' / 'small-pelicun.csv'}",
+            f"pelicun: {tmp_path / 'x' / 'small-pelicun.json'}",
+        ]
+        facts = json.loads(call(path, "--format", "in-core", "--json").stdout)
+        assert [each["format"] for each in facts["files"]] == ["in-core"]
+        assert list(facts["left_out"]) == ["slab"]
+
+    def test_help_names_formats_and_units(self):
+        text = call("--help").output
+        for each in (*ALL, "cm/s", "PGD in cm", "archfrag[parquet]"):
+            assert each in text
+        assert call("STUDY").exit_code == 2
+        assert "nrml-continuous" in call("STUDY", "--format", "xml").output

@@ -1,0 +1,176 @@
+"""Tables of runs and curves: every value where it belongs, in pieces as in one."""
+
+import functools
+import json
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+import archfrag.export.points as points_module
+from archfrag.errors import InputError
+from archfrag.export.points import Unit, curve_tables
+from archfrag.export.runs import NOT_SIMULATED, facts_table, runs_table
+from archfrag.export.tables import Table, write_csv, write_parquet
+from tests.export.made import curve_set, lognormal
+from tests.report import synthetic
+
+G = 9.80665
+
+
+@pytest.fixture(scope="module")
+def cube_file(tmp_path_factory):
+    """Two arches, six records, nine levels; some cells were not simulated; text of records."""
+    cube = synthetic.cube(("ring-7", "wall+2"))
+    cube["verdict"][1, 2, 3:6] = NOT_SIMULATED
+    cube["verdict"][0, :, 8] = NOT_SIMULATED
+    cube["verdict"].attrs["flag_meanings"] = "standing collapsed unfinished solver_failure"
+    cube["event"] = ("record", [f"quake, {n // 2}" for n in range(6)])
+    cube["record_file"] = ("record", [f"{n}.AT2" for n in range(6)])
+    cube["record_measure"] = (("record", "measure"), np.arange(12.0).reshape(6, 2))
+    cube["measure_units"] = ("measure", ["m s-2", "m s-1"])
+    cube = cube.assign_coords(measure=["PGA", "PGV"], level=np.arange(9))
+    cube["lost_contact_and_stand"] = (("arch", "level"), np.ones((2, 9), int))
+    path = tmp_path_factory.mktemp("tables") / "cube.nc"
+    cube.to_netcdf(path, encoding={"verdict": {"chunksizes": (2, 4, 9)}})
+    return path
+
+
+@pytest.fixture
+def cube(cube_file):
+    with xr.open_dataset(cube_file) as opened:
+        yield opened
+
+
+def whole(table):
+    return pd.concat(table.pieces, ignore_index=True)
+
+
+class TestRuns:
+    def test_each_run_has_the_values_of_its_cell(self, cube):
+        frame = whole(runs_table(cube))
+        assert len(frame) == 2 * 6 * 9 - 3 - 6
+        assert list(frame)[:4] == ["arch", "record", "level", "intensity"]
+        for row in frame.to_dict("records"):
+            cell = cube.sel(arch=row["arch"], record=row["record"]).isel(level=row["level"])
+            assert cell["verdict"] != NOT_SIMULATED
+            for name in ("verdict", "scale_factor", "magnitude", "intensity", "collapse_time"):
+                np.testing.assert_equal(row[name], cell[name].item())
+            assert row["model_time_rest"] == cell["model_time"].sel(model="rest")
+            assert row["record_measure_PGV"] == cell["record_measure"].sel(measure="PGV")
+            assert row["event"] == cell["event"]
+
+    def test_nothing_but_long_text_and_counts_is_missing(self, cube):
+        table = runs_table(cube)
+        missing = {str(name) for name in cube.variables} - set(table.columns)
+        assert missing == {
+            "record_file", "lost_contact_and_stand", "model", "measure", "measure_units",
+            "model_time", "record_measure",
+        }  # fmt: skip
+        assert list(whole(table)) == list(table.columns)
+        assert table.columns["record_measure_PGV"].unit == "m s-1"
+        assert table.columns["verdict"].codes["solver_failure"] == 3
+        records = facts_table(cube, "record")
+        assert {"record_file", "event", "magnitude"} <= set(records.columns)
+        assert next(iter(records.columns)) == "record"
+        assert len(whole(records)) == 6
+        assert facts_table(cube, "arch").name == "arches"
+
+    @pytest.mark.parametrize("piece", [1, 20, 80])
+    def test_pieces_are_small_and_hold_the_same(self, cube, piece):
+        key = ["arch", "record", "level"]
+        pieces = list(runs_table(cube, piece).pieces)
+        assert len(pieces) > 1
+        assert max(map(len, pieces)) <= max(piece, 9)
+        found = pd.concat(pieces).sort_values(key, ignore_index=True)
+        expected = whole(runs_table(cube)).sort_values(key, ignore_index=True)
+        pd.testing.assert_frame_equal(found, expected)
+
+    def test_runs_each_at_an_intensity_of_its_own(self, cube):
+        """As in designs of scattered runs: one level, intensity by arch and record."""
+        one = cube.isel(level=[4]).drop_vars(["intensity", "lost_contact_and_stand"])
+        own = np.arange(12.0).reshape(2, 6, 1)
+        one["intensity"] = (("arch", "record", "level"), own)
+        frame = whole(runs_table(one))
+        assert frame["intensity"].tolist() == [0, 1, 2, 3, 4, 5, 6, 7, 9, 10, 11]
+
+    def test_nothing_simulated(self, cube, tmp_path):
+        empty = cube.load().copy(deep=True)
+        empty["verdict"][:] = NOT_SIMULATED
+        for write, name in ((write_csv, "a.csv"), (write_parquet, "a.parquet")):
+            table = runs_table(empty)
+            write(table, tmp_path / name, *([{}] if write is write_parquet else []))
+        assert list(pd.read_csv(tmp_path / "a.csv")) == list(table.columns)
+        assert len(pd.read_parquet(tmp_path / "a.parquet")) == 0
+
+
+class TestFiles:
+    def test_csv_and_parquet_hold_the_same(self, cube, tmp_path):
+        pytest.importorskip("pyarrow")
+        write_csv(runs_table(cube, 20), tmp_path / "runs.csv")
+        write_parquet(runs_table(cube, 20), tmp_path / "runs.parquet", {"made": {"study": "x"}})
+        text = pd.read_csv(tmp_path / "runs.csv")
+        stored = pd.read_parquet(tmp_path / "runs.parquet")
+        pd.testing.assert_frame_equal(text, stored, check_dtype=False)
+        pd.testing.assert_frame_equal(stored, whole(runs_table(cube, 20)), check_dtype=False)
+        import pyarrow.parquet
+
+        about = json.loads(
+            pyarrow.parquet.read_schema(tmp_path / "runs.parquet").metadata[b"archfrag"]
+        )
+        assert about["made"] == {"study": "x"}
+        assert about["columns"]["intensity"]["unit"] == "m s-2"
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["runs.csv", "runs.parquet"]
+
+    @pytest.mark.parametrize("ending", ["csv", "parquet"])
+    def test_a_table_that_cannot_be_finished_leaves_the_file_as_it_was(self, tmp_path, ending):
+        def spoiled():
+            yield pd.DataFrame({"a": [1]})
+            raise KeyboardInterrupt
+
+        path = tmp_path / f"t.{ending}"
+        path.write_bytes(b"before")
+        table = Table("t", {}, spoiled())
+        write = write_csv if ending == "csv" else functools.partial(write_parquet, facts={})
+        with pytest.raises(KeyboardInterrupt):
+            write(table, path)
+        assert path.read_bytes() == b"before"
+        assert list(tmp_path.iterdir()) == [path]
+
+    def test_without_pyarrow(self, tmp_path, monkeypatch):
+        monkeypatch.setitem(sys.modules, "pyarrow", None)
+        with pytest.raises(InputError, match=r"pip install 'archfrag\[parquet\]'"):
+            write_parquet(Table("t", {}, []), tmp_path / "t.parquet", {})
+
+
+class TestCurves:
+    def test_points_and_parameters(self, monkeypatch):
+        monkeypatch.setattr(points_module, "_RESAMPLES", 100)
+        cube = synthetic.cube(("ring-7", "wall+2"))
+        curves = curve_set(tower={"rocking": "x", "damage": "x", "collapse": "x"})
+        points, parameters = curve_tables(curves, cube, Unit("g", "m s-2", 1 / G), 0.9)
+        frame, stated = whole(points), whole(parameters)
+        for table, found in ((points, frame), (parameters, stated)):
+            assert list(found) == list(table.columns)
+            assert len(found.groupby(["arch", "limit_state"])) == 6
+        np.testing.assert_allclose(frame["im"] * G, frame["intensity"], rtol=1e-14)
+        assert frame["intensity"].max() == pytest.approx(1.05 * 8.0)
+        for row in frame[frame["im"] > 0].iloc[::37].to_dict("records"):
+            fit = curves.curves[row["arch"]][row["limit_state"]]
+            expected = lognormal(row["intensity"], fit.theta, fit.beta)
+            assert row["probability"] == pytest.approx(expected, abs=1e-14)
+            assert 0 <= row["lower"] <= row["upper"] <= 1
+        kinds = stated.groupby("limit_state")["band"].unique()
+        assert kinds["collapse"].tolist() == ["100 resamples of whole records, seed 1"]
+        assert kinds["damage"].tolist() == ["covariance of the fit"]
+        np.testing.assert_allclose(stated["theta"] * G, stated["theta_si"], rtol=1e-14)
+        assert (stated["theta_lower"] < stated["theta_upper"]).all()
+
+    def test_no_curve_gives_tables_without_rows(self, cube):
+        curves = curve_set(states=(), **{name: {"collapse": "x"} for name in ("ring-7", "wall+2")})
+        for table in curve_tables(curves, cube, Unit("g", "m s-2", 1 / G)):
+            frame = whole(table)
+            assert len(frame) == 0
+            assert list(frame) == list(table.columns)
