@@ -9,6 +9,7 @@ their own earthquakes need not have reached.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -222,7 +223,7 @@ def value_bins(
     unit = f" {unit}" if unit else ""
     names = (
         f"below {edges[0]:g}{unit}",
-        *(f"{a:g} to {b:g}{unit}" for a, b in zip(edges[:-1], edges[1:])),
+        *(f"{a:g} to {b:g}{unit}" for a, b in pairwise(edges)),
         f"{edges[-1]:g}{unit} and more",
         NOT_KNOWN,
     )

@@ -198,7 +198,7 @@ def rate_by_level(
         pieces = _pieces(hazard, edges)
         rates = _lognormal(pieces, *_parameters(curve.theta, curve.beta))
     level = np.searchsorted(np.log(edges), pieces.left, side="right")
-    return np.bincount(level, weights=rates, minlength=edges.size + 1)
+    return np.bincount(level, weights=rates, minlength=edges.size + 1).astype(float)
 
 
 def parameter_draws(

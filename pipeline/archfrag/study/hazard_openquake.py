@@ -206,7 +206,7 @@ def _statistic(group: ElementTree.Element, of: int) -> str:
 
 
 def _nrml_sites(group: ElementTree.Element) -> list[_Site]:
-    sites = []
+    sites: list[_Site] = []
     for element in group:
         if _tag(element) == "hazardCurve":
             place = f"hazardCurve {len(sites) + 1}"

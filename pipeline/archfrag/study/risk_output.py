@@ -12,8 +12,8 @@ ASSUMPTIONS = (
     "band: of the fragility curve's parameters only, from draws; none of the hazard, whose curves "
     "are listed one by one",
     "collapses: a Poisson process, the arch being put up again each time",
-    "by mechanism, magnitude and distance: as the collapses of this set of records, level by level; "
-    "this is no deaggregation of the hazard",
+    "by mechanism, magnitude and distance: as the collapses of this set of records, level by "
+    "level; this is no deaggregation of the hazard",
 )
 
 
@@ -78,7 +78,7 @@ def _split(found: Contributions) -> list[dict[str, Any]]:
             "rate_by_level": found.rate[i].tolist(),
         }
         for i, name in enumerate(found.categories)
-        if found.counts[i].any()
+        if found.rate[i].any()
     ]
 
 
