@@ -14,6 +14,7 @@ import click
 
 from archfrag.cli_export import export
 from archfrag.cli_records import json_option, reads_record, records
+from archfrag.cli_risk import risk
 
 
 class _Group(click.Group):
@@ -66,6 +67,7 @@ def main() -> None:
 
 main.add_command(records)
 main.add_command(export)
+main.add_command(risk)
 
 _set = click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE",
                     help="Override a key of the study file, e.g. --set method.dt=0.0005; paths "

@@ -1,0 +1,218 @@
+"""Hazard curves as OpenQuake writes them: CSV of all sites, and NRML 0.4 and 0.5.
+
+Formats: the OpenQuake engine's manual, section on the outputs of a classical calculation.
+"""
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from xml.etree import ElementTree
+
+import numpy as np
+
+from archfrag.errors import InputError
+from archfrag.fragility.curve import FloatArray
+from archfrag.fragility.hazard_curve import HazardCurve
+from archfrag.study.hazard import Hazard, check_measure, in_si, number, unit_factor
+
+FARTHEST = 10.0  # [km], between the site asked for and the nearest one of the file
+_EARTH = 6371.0  # [km]
+# Units in which the engine gives its measures, and their names here.
+_UNITS = {"PGA": "g", "SA": "g", "PGV": "cm/s", "PGD": "cm", "IA": "m/s"}
+_NAMES = {"SA": "Sa", "IA": "Arias"}
+
+
+@dataclass(frozen=True)
+class _Site:
+    """Probabilities of exceedance at one place, in the file's order."""
+
+    lon: float
+    lat: float
+    cells: Sequence[str]
+    place: str  # in the file
+
+
+def read_openquake_csv(
+    text: str, measure: str, unit: str | None, site: tuple[float, float] | None
+) -> Hazard:
+    """One statistic or branch of a calculation, from ``hazard_curve-mean-PGA_1.csv`` or such.
+
+    Raises
+    ------
+    InputError
+        Without the file's name.
+    """
+    lines = [line for line in text.splitlines() if line.strip()]
+    about = lines[0] if lines[0].startswith("#") else ""
+    imt, years = _of_comment(about, "imt"), _of_comment(about, "investigation_time")
+    if imt is None or years is None:
+        raise InputError(
+            "looks like OpenQuake's, but its first line does not state imt and "
+            "investigation_time; export it anew with the engine"
+        )
+    kind = _of_comment(about, "kind")
+    if kind is None:  # before version 3.9
+        old = re.match(r"#\s*(mean|quantile-[0-9.]+)\b", about)
+        kind = old.group(1) if old else "one branch"
+    rows = list(csv.reader(lines[1:]))
+    heads = rows[0]
+    levels = [i for i, head in enumerate(heads) if head.startswith("poe-")]
+    if not {"lon", "lat"} <= set(heads) or len(levels) < 2:
+        raise InputError("has no columns lon, lat and at least two of poe-LEVEL")
+    im = [number(heads[i][4:], f"the level of column {heads[i]!r}") for i in levels]
+    short = next((i for i, row in enumerate(rows) if len(row) != len(heads)), None)
+    if short is not None:
+        raise InputError(
+            f"row {short} of its sites has not the {len(heads)} columns of its header"
+        )
+    lon, lat = heads.index("lon"), heads.index("lat")
+    sites = [
+        _Site(
+            number(row[lon], f"lon of row {i}"), number(row[lat], f"lat of row {i}"),
+            [row[j] for j in levels], f"row {i}",
+        )
+        for i, row in enumerate(rows[1:], 1)
+    ]  # fmt: skip
+    chosen = _choose(sites, site)
+    factor, notes = _factor(imt, measure, unit)
+    curve = _curve(im, chosen, number(years, "investigation_time"))
+    return Hazard(measure, "", {kind: in_si(curve, factor)}, notes)
+
+
+def read_nrml(
+    text: str, measure: str, unit: str | None, site: tuple[float, float] | None
+) -> Hazard:
+    """Mean, quantiles or one branch from the elements ``hazardCurves`` of an NRML file.
+
+    Raises
+    ------
+    InputError
+        Without the file's name.
+    """
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise InputError("declares a document type or entities, which NRML does not have")
+    try:
+        root = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise InputError(f"is no XML ({error})") from None
+    groups = [element for element in root.iter() if _tag(element) == "hazardCurves"]
+    if not groups:
+        raise InputError(f"has no element hazardCurves, but {_tag(root)}")
+    curves: dict[str, HazardCurve] = {}
+    notes: tuple[str, ...] = ()
+    refusal = None
+    for group in groups:
+        period = group.get("saPeriod")
+        imt = group.get("IMT", "not stated") + (f"({period})" if period else "")
+        try:
+            factor, notes_here = _factor(imt, measure, unit)
+        except InputError as error:
+            refusal = error
+            continue
+        name = _statistic(group, len(groups))
+        if name in curves:
+            raise InputError(f"has several curves {name!r} of {imt}; leave one of them in it")
+        years = number(group.get("investigationTime", ""), "investigationTime")
+        im = [number(cell, "IMLs") for cell in _child_text(group, "IMLs").split()]
+        curves[name] = in_si(_curve(im, _choose(_nrml_sites(group), site), years), factor)
+        notes = notes_here
+    if not curves:
+        assert refusal is not None
+        raise refusal
+    return Hazard(measure, "", curves, notes)
+
+
+def _of_comment(line: str, key: str) -> str | None:
+    found = re.search(rf"\b{key}=(?:[\"']+([^\"']*)[\"']+|([^\s,\"']+))", line)
+    return found and (found.group(1) or found.group(2))
+
+
+def _factor(imt: str, measure: str, unit: str | None) -> tuple[float, tuple[str, ...]]:
+    """Factor from the engine's unit to the SI unit of the measure, and notes."""
+    kind = imt.split("(")[0]
+    notes = check_measure(imt.replace(kind, _NAMES.get(kind, kind), 1), measure, False)
+    own = _UNITS.get(kind)
+    if own is None:
+        return unit_factor(unit, measure), notes
+    if unit not in (None, own):
+        raise InputError(f"is of OpenQuake, which gives {imt} in {own}, not in {unit}")
+    return unit_factor(own, measure), notes
+
+
+def _curve(im: Sequence[float], site: _Site, years: float) -> HazardCurve:
+    poe = [number(cell, f"a probability of {site.place}") for cell in site.cells]
+    if len(poe) != len(im):
+        raise InputError(f"{site.place} has {len(poe)} probabilities for {len(im)} levels")
+    try:
+        return HazardCurve.from_exceedance(im, poe, years)
+    except InputError as error:
+        raise InputError(f"{site.place} (lon {site.lon:g}, lat {site.lat:g}): {error}") from None
+
+
+def _choose(sites: Sequence[_Site], wanted: tuple[float, float] | None) -> _Site:
+    """The only site, or the nearest to the one asked for."""
+    if not sites:
+        raise InputError("has no site")
+    if wanted is None:
+        if len(sites) == 1:
+            return sites[0]
+        some = "; ".join(f"{site.lon:g},{site.lat:g}" for site in sites[:3])
+        raise InputError(
+            f"has {len(sites)} sites; say which by longitude and latitude, such as {some}"
+        )
+    if not (abs(wanted[0]) <= 360.0 and abs(wanted[1]) <= 90.0):
+        raise InputError(
+            f"site {wanted[0]:g},{wanted[1]:g} is none: longitude comes first, latitude from -90 "
+            "to 90"
+        )
+    away = _kilometres(np.array([[site.lon, site.lat] for site in sites]), wanted)
+    nearest = sites[int(np.argmin(away))]
+    if away.min() > FARTHEST:
+        raise InputError(
+            f"has no site within {FARTHEST:g} km of {wanted[0]:g},{wanted[1]:g}; the nearest is "
+            f"{nearest.lon:g},{nearest.lat:g}, {away.min():.0f} km away"
+        )
+    return nearest
+
+
+def _kilometres(sites: FloatArray, wanted: tuple[float, float]) -> FloatArray:
+    """Great-circle distances by the haversine formula, (n_site,)."""
+    lon, lat = np.radians(sites).T
+    lon0, lat0 = np.radians(wanted)
+    h = np.sin((lat - lat0) / 2) ** 2 + np.cos(lat) * np.cos(lat0) * np.sin((lon - lon0) / 2) ** 2
+    return 2.0 * _EARTH * np.arcsin(np.sqrt(np.minimum(h, 1.0)))
+
+
+def _tag(element: ElementTree.Element) -> str:
+    return element.tag.rsplit("}", 1)[-1]
+
+
+def _child_text(element: ElementTree.Element, tag: str) -> str:
+    for child in element.iter():
+        if _tag(child) == tag:
+            return child.text or ""
+    raise InputError(f"its element {_tag(element)} has no {tag}")
+
+
+def _statistic(group: ElementTree.Element, of: int) -> str:
+    statistics = group.get("statistics")
+    if statistics == "quantile":
+        return f"quantile-{group.get('quantileValue', '')}"
+    if statistics:
+        return statistics
+    branch = "~".join(filter(None, map(group.get, ("sourceModelTreePath", "gsimTreePath"))))
+    return (branch or "one branch") if of > 1 else "one branch"
+
+
+def _nrml_sites(group: ElementTree.Element) -> list[_Site]:
+    sites: list[_Site] = []
+    for element in group:
+        if _tag(element) == "hazardCurve":
+            place = f"hazardCurve {len(sites) + 1}"
+            position = _child_text(element, "pos").split()
+            if len(position) < 2:
+                raise InputError(f"{place} has no longitude and latitude")
+            lon, lat = (number(cell, f"pos of {place}") for cell in position[:2])
+            sites.append(_Site(lon, lat, _child_text(element, "poEs").split(), place))
+    return sites

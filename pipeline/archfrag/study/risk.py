@@ -1,0 +1,253 @@
+"""From the cube, the curves and a hazard to rates of collapse, and who contributes to them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from archfrag.errors import InputError
+from archfrag.fragility.contributions import (
+    Contributions,
+    contributions,
+    implied_collapses,
+    level_edges,
+    value_bins,
+)
+from archfrag.fragility.counts import Verdict
+from archfrag.fragility.curve import FloatArray, Fragility
+from archfrag.fragility.risk import CollapseRate, collapse_rate, parameter_draws, rate_by_level
+from archfrag.mechanics.status import CollapseMode
+from archfrag.study.hazard import Hazard
+
+SEED = 15
+NOTED = 0.05  # fraction of a rate from where nothing is known that is worth a sentence
+MOST_CATEGORIES = 8
+MAGNITUDES = (5.5, 6.0, 6.5, 7.0, 7.5)
+DISTANCES = (10.0, 20.0, 40.0, 80.0, 160.0)  # [km]
+OTHER = "others"
+_NOT_SIMULATED = 4  # a cell that the design of the study left out
+_SCATTERED_BINS = 10
+
+
+@dataclass(frozen=True)
+class ArchRisk:
+    """Rate of collapse of one arch and its parts.
+
+    Attributes
+    ----------
+    arch : str
+    fit : Fragility
+    rate : CollapseRate
+        With the first curve of the hazard.
+    by_curve : dict of str to float
+        Rate with each curve of the hazard [1/year]: the epistemic uncertainty of the hazard.
+    levels : ndarray, (n_level,)
+        Intensities that stand for the ranges, SI unit.
+    edges : ndarray, (n_level - 1,)
+        Between them; the first range begins at 0, the last one has no end.
+    level_rate : ndarray, (n_level,)
+        [1/year]
+    below_levels, above_levels : float
+        Fraction of the rate from intensities below the least and above the greatest level that
+        was simulated, where the fitted curve is extrapolated.
+    by_mechanism, by_magnitude, by_distance : Contributions
+    cautions : tuple of str
+    """
+
+    arch: str
+    fit: Fragility
+    rate: CollapseRate
+    by_curve: dict[str, float]
+    levels: FloatArray
+    edges: FloatArray
+    level_rate: FloatArray
+    below_levels: float
+    above_levels: float
+    by_mechanism: Contributions
+    by_magnitude: Contributions
+    by_distance: Contributions
+    cautions: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class StudyRisk:
+    """Rates of collapse of all arches of a study; an arch without a curve has its sentence."""
+
+    study: str
+    hazard: Hazard
+    years: float
+    arches: dict[str, ArchRisk | str]
+
+
+@dataclass(frozen=True)
+class _Runs:
+    """Runs of one arch on a grid of intensity, arrays (n_record, n_level)."""
+
+    levels: FloatArray  # (n_level,)
+    collapsed: NDArray[np.bool_]
+    joint: NDArray
+    mode: NDArray
+    least: float
+    greatest: float
+    shared: bool  # whether a record served at several levels
+
+
+def risk_of(
+    cube: xr.Dataset,
+    fits: Mapping[str, Fragility | str],
+    hazard: Hazard,
+    years: float = 50.0,
+    confidence: float = 0.9,
+) -> StudyRisk:
+    """Rates of collapse of the arches of a study at a site.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+    fits : mapping of str to Fragility or str
+        By arch, theta in the SI unit of the measure, or why there is no curve.
+    hazard : Hazard
+        From `archfrag.study.hazard.load_hazard`, for the study's measure.
+    years : float
+        Time for probabilities of collapse.
+    confidence : float
+        Two-sided, of all bands.
+
+    Raises
+    ------
+    InputError
+        If the cube's levels are of another measure, `years` or `confidence` cannot be, or the cube
+        lacks a variable.
+    """
+    measure = cube["intensity"].attrs.get("measure", hazard.measure)
+    if measure != hazard.measure:
+        raise InputError(
+            f"{hazard.source}: is a hazard for levels of {hazard.measure}, but the cube's are of "
+            f"{measure}"
+        )
+    if not 0.0 < years < np.inf:
+        raise InputError(f"years is {years:g}; a positive finite time is needed")
+    arches: dict[str, ArchRisk | str] = {}
+    for number, name in enumerate(map(str, cube["arch"].values)):
+        fit = fits.get(name, "the study has no curve of this arch")
+        arches[name] = (
+            fit
+            if isinstance(fit, str)
+            else _arch_risk(name, cube.isel(arch=number), fit, hazard, confidence)
+        )
+    return StudyRisk(str(cube.attrs.get("archfrag_study", "")), hazard, years, arches)
+
+
+def _arch_risk(
+    name: str, part: xr.Dataset, fit: Fragility, hazard: Hazard, confidence: float
+) -> ArchRisk:
+    runs = _runs_of(part)
+    draws = parameter_draws(fit, SEED, part.sizes["record"] if runs.shared else None)
+    rate = collapse_rate(hazard.main, fit, draws, confidence)
+    edges = level_edges(runs.levels)
+    level_rate = rate_by_level(hazard.main, fit, edges)
+    ends = np.unique([runs.least, runs.greatest])
+    outer = rate_by_level(hazard.main, fit, ends) / (rate.rate or 1.0)
+
+    def split(category: NDArray, names: tuple[str, ...]) -> Contributions:
+        return contributions(
+            level_rate, runs.collapsed, np.broadcast_to(category, runs.collapsed.shape), names,
+            seed=SEED, confidence=confidence,
+        )  # fmt: skip
+
+    magnitude, magnitudes = value_bins(_fact(part, "magnitude"), MAGNITUDES)
+    distance, distances = value_bins(_fact(part, "distance"), DISTANCES, "km")
+    mechanism = split(*_mechanisms(runs))
+    return ArchRisk(
+        arch=name,
+        fit=fit,
+        rate=rate,
+        by_curve={key: collapse_rate(curve, fit).rate for key, curve in hazard.curves.items()},
+        levels=runs.levels,
+        edges=edges,
+        level_rate=level_rate,
+        below_levels=float(outer[0]),
+        above_levels=float(outer[-1]),
+        by_mechanism=mechanism,
+        by_magnitude=split(magnitude[:, None], magnitudes),
+        by_distance=split(distance[:, None], distances),
+        cautions=_cautions(rate, outer, mechanism),
+    )
+
+
+def _runs_of(part: xr.Dataset) -> _Runs:
+    """Runs as a grid; runs each at an intensity of its own are put into bins of equal ratio."""
+    missing = [v for v in ("verdict", "collapse_joint", "collapse_mode") if v not in part]
+    if missing:
+        raise InputError(
+            f"the cube lacks {', '.join(missing)}; is it of this version of archfrag?"
+        )
+    verdict, joint, mode = (
+        part[key].transpose("record", "level").values.astype(np.int64)
+        for key in ("verdict", "collapse_joint", "collapse_mode")
+    )
+    fell = verdict == Verdict.COLLAPSED
+    intensity = part["intensity"]
+    if intensity.dims == ("level",):
+        levels = intensity.values.astype(float)
+        simulated = verdict != _NOT_SIMULATED
+        if not simulated.all():
+            code = joint * len(CollapseMode) + mode
+            fell, code = implied_collapses(fell, simulated, code)
+            joint, mode = np.divmod(code, len(CollapseMode))
+        shared = levels.size > 1
+        return _Runs(levels, fell, joint, mode, levels[0], levels[-1], shared)
+    at = intensity.transpose("record", "level").values.astype(float)
+    done = (verdict != _NOT_SIMULATED) & (at > 0.0)
+    least, greatest = float(at[done].min()), float(at[done].max())
+    count = _SCATTERED_BINS if greatest > least else 1
+    edges = np.geomspace(least, greatest, count + 1)
+    levels = np.sqrt(edges[1:] * edges[:-1])
+    row, place = np.nonzero(done)
+    column = np.searchsorted(level_edges(levels), at[row, place], side="right")
+    shape = (at.shape[0], count)
+    grid = np.zeros(shape, dtype=bool)
+    joints, modes = np.full(shape, -1), np.zeros(shape, dtype=np.int64)
+    for array, values in ((grid, fell), (joints, joint), (modes, mode)):
+        array[row, column] = values[row, place]
+    return _Runs(levels, grid, joints, modes, least, greatest, shared=False)
+
+
+def _mechanisms(runs: _Runs) -> tuple[NDArray, tuple[str, ...]]:
+    """Category of each run by joint and mode; the rare ones together."""
+    pair = runs.joint * len(CollapseMode) + runs.mode
+    kinds, counts = np.unique(pair[runs.collapsed], return_counts=True)
+    kept = np.sort(kinds[np.argsort(-counts, kind="stable")][:MOST_CATEGORIES])
+    names = [
+        f"joint {kind // len(CollapseMode)}, "
+        f"{CollapseMode(kind % len(CollapseMode)).name.lower().replace('_', '-')}"
+        for kind in kept
+    ]
+    category = np.searchsorted(kept, pair)
+    own = np.isin(pair, kept)
+    return np.where(own, category, kept.size), (*names, OTHER)
+
+
+def _fact(part: xr.Dataset, name: str) -> FloatArray:
+    if name in part:
+        return part[name].values.astype(float)
+    return np.full(part.sizes["record"], np.nan)
+
+
+def _cautions(rate: CollapseRate, outer: FloatArray, mechanism: Contributions) -> tuple[str, ...]:
+    found = []
+    for share, where in (
+        (rate.below, "below the first point of the hazard curve, whose first slope goes on there"),
+        (rate.above, "above the last point of the hazard curve, whose last slope goes on there"),
+        (outer[0], "below the least level that was simulated, where the fragility curve is "
+         "extrapolated"),
+        (outer[-1], "above the greatest level that was simulated, where the fragility curve is "
+         "extrapolated"),
+        (mechanism.unassigned.sum() / (rate.rate or 1.0),
+         "at which no run collapsed, so that it is of no known mechanism"),
+    ):  # fmt: skip
+        if share > NOTED:
+            found.append(f"{100 * share:.0f} % of the rate is from intensities {where}")
+    return tuple(found)

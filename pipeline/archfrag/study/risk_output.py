@@ -1,0 +1,127 @@
+"""Rates of collapse as JSON and as text."""
+
+from typing import Any
+
+from archfrag.fragility.contributions import Contributions
+from archfrag.study.config import Study
+from archfrag.study.risk import ArchRisk, StudyRisk
+
+ASSUMPTIONS = (
+    "hazard: ln rate linear in ln intensity between its points, the first and the last slope "
+    "beyond them",
+    "band: of the fragility curve's parameters only, from draws; none of the hazard, whose curves "
+    "are listed one by one",
+    "collapses: a Poisson process, the arch being put up again each time",
+    "by mechanism, magnitude and distance: as the collapses of this set of records, level by "
+    "level; this is no deaggregation of the hazard",
+)
+
+
+def risk_facts(risk: StudyRisk, study: Study) -> dict[str, Any]:
+    """All of a result in plain numbers; intensities in the unit of the study."""
+    factor = study.intensity.si[0] / study.intensity.given[0]
+    return {
+        "study": risk.study,
+        "measure": risk.hazard.measure,
+        "unit": study.intensity.unit,
+        "years": risk.years,
+        "hazard": {
+            "source": risk.hazard.source,
+            "notes": list(risk.hazard.notes),
+            "curves": {
+                name: {"im": (curve.im / factor).tolist(), "rate": curve.rate.tolist()}
+                for name, curve in risk.hazard.curves.items()
+            },
+        },
+        "assumptions": list(ASSUMPTIONS),
+        "arches": {
+            name: {"none": arch} if isinstance(arch, str) else _arch(arch, risk.years, factor)
+            for name, arch in risk.arches.items()
+        },
+    }
+
+
+def _arch(arch: ArchRisk, years: float, factor: float) -> dict[str, Any]:
+    rate = arch.rate
+    value, low, high = rate.probability_in(years)
+    return {
+        "theta": arch.fit.theta / factor,
+        "beta": arch.fit.beta,
+        "rate": rate.rate,
+        "rate_band": [rate.lower, rate.upper],
+        "confidence": rate.confidence,
+        "return_period": rate.return_period if rate.rate > 0.0 else None,
+        "probability": value,
+        "probability_band": [low, high],
+        "below_hazard_curve": rate.below,
+        "above_hazard_curve": rate.above,
+        "below_levels": arch.below_levels,
+        "above_levels": arch.above_levels,
+        "rate_by_hazard_curve": arch.by_curve,
+        "levels": (arch.levels / factor).tolist(),
+        "edges": (arch.edges / factor).tolist(),
+        "rate_by_level": arch.level_rate.tolist(),
+        "by_mechanism": _split(arch.by_mechanism),
+        "by_magnitude": _split(arch.by_magnitude),
+        "by_distance": _split(arch.by_distance),
+        "cautions": list(arch.cautions),
+    }
+
+
+def _split(found: Contributions) -> list[dict[str, Any]]:
+    return [
+        {
+            "category": name,
+            "collapses": int(found.counts[i].sum()),
+            "fraction": float(found.fraction[i]),
+            "band": [float(found.lower[i]), float(found.upper[i])],
+            "rate_by_level": found.rate[i].tolist(),
+        }
+        for i, name in enumerate(found.categories)
+        if found.rate[i].any()
+    ]
+
+
+def risk_text(facts: dict[str, Any]) -> str:
+    """What `risk_facts` gives, as lines for a terminal."""
+    hazard = facts["hazard"]
+    lines = [f"hazard: {hazard['source']}, curve {next(iter(hazard['curves']))!r}"]
+    lines += [f"note: {note}" for note in hazard["notes"]]
+    for name, arch in facts["arches"].items():
+        lines += ["", *_lines(name, arch, facts)]
+    return "\n".join([*lines, "", *(f"assumed: {each}" for each in facts["assumptions"])])
+
+
+def _lines(name: str, arch: dict[str, Any], facts: dict[str, Any]) -> list[str]:
+    if "none" in arch:
+        return [f"{name}: no rate, since there is no curve: {arch['none']}"]
+    percent, unit = f"{100 * arch['confidence']:.0f} %", facts["unit"]
+    low, high = arch["rate_band"]
+    p_low, p_high = arch["probability_band"]
+    period = arch["return_period"]
+    lines = [
+        f"{name}: median {arch['theta']:.4g} {unit} of {facts['measure']}, dispersion "
+        f"{arch['beta']:.3g}",
+        f"  rate of collapse {arch['rate']:.3g} a year ({percent}: {low:.3g} to {high:.3g}), "
+        + ("never" if period is None else f"return period {period:.4g} years"),
+        f"  probability in {facts['years']:g} years {arch['probability']:.3g} "
+        f"({percent}: {p_low:.3g} to {p_high:.3g})",
+    ]
+    others = list(arch["rate_by_hazard_curve"].items())[1:]
+    lines += [f"  with the hazard {key!r}: {value:.3g} a year" for key, value in others]
+    lines.append(f"  {'from ' + unit:>14s} {'rate':>10s} {'fraction':>9s}")
+    starts = [0.0, *arch["edges"]]
+    total = arch["rate"] or 1.0
+    lines += [
+        f"  {start:14.3g} {rate:10.2e} {rate / total:9.3f}"
+        for start, rate in zip(starts, arch["rate_by_level"])
+    ]
+    for key in ("by_mechanism", "by_magnitude", "by_distance"):
+        lines.append(f"  {key.replace('_', ' ')}")
+        for part in arch[key]:
+            a, b = part["band"]
+            lines.append(
+                f"    {part['category']:24s} {part['fraction']:6.3f} ({percent}: {a:.3f} to "
+                f"{b:.3f}), {part['collapses']} collapses"
+            )
+    return lines + [f"  caution: {caution}" for caution in arch["cautions"]]
