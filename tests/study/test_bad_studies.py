@@ -141,12 +141,12 @@ BAD |= {
     "arches a word": (("arches:\n", "arches: a\nx:\n"), "x is no known key"),
     "an empty arch": (("  - {id: slab", "  - []\n  - {id: slab"), "arches[1] = [] must be a map"),
     "an arch of nothing": (("  - {id: slab", "  -\n  - {id: slab"), "arches[1] = empty must be"),
-    "101 arches": (
+    "1001 arches": (
         (
             "  - {id: slab",
             "".join(
                 f"  - {{id: a{i}, profile: block, width: 1.0, height: 2.0, friction: 1}}\n"
-                for i in range(99)
+                for i in range(999)
             )
             + "  - {id: slab",
         ),

@@ -130,7 +130,9 @@ class Triangular(Marginal):
         return np.where(probability * width < rise, up, down)
 
 
-def unit_points(count: int, dimension: int, scheme: Scheme, seed: int) -> FloatArray:
+def unit_points(
+    count: int, dimension: int, scheme: Scheme, seed: int | Sequence[int]
+) -> FloatArray:
     """Points that fill the unit cube evenly.
 
     Parameters
@@ -143,7 +145,7 @@ def unit_points(count: int, dimension: int, scheme: Scheme, seed: int) -> FloatA
         two-dimensional projections are even when `count` is a power of two. Latin hypercube
         (McKay, Beckman and Conover 1979): one point in each of `count` slices of every
         coordinate, for any `count`; a longer design has none of the points of a shorter one.
-    seed : int
+    seed : int or sequence of int
 
     Returns
     -------
@@ -211,13 +213,12 @@ def correlation_factor(
             i, j = names.index(one), names.index(other)
             matrix[i, j] = matrix[j, i] = coefficient
     try:
-        factor: FloatArray = np.linalg.cholesky(matrix)
+        return np.asarray(np.linalg.cholesky(matrix), dtype=np.float64)
     except np.linalg.LinAlgError:
         raise InputError(
             "the correlations cannot hold together (their matrix is not positive definite); make "
             "them smaller or give those that are missing"
         ) from None
-    return factor
 
 
 def sample(
@@ -225,7 +226,7 @@ def sample(
     count: int,
     *,
     scheme: Scheme = "sobol",
-    seed: int = 1,
+    seed: int | Sequence[int] = 1,
     correlation: Mapping[str, Mapping[str, float]] | None = None,
 ) -> dict[str, FloatArray]:
     """Values of parameters with given distributions and correlations.

@@ -16,7 +16,7 @@ from pydantic import (
 
 from archfrag.arch.checks import LARGEST, MOST_VOUSSOIRS, SMALLEST
 from archfrag.errors import StudyError
-from archfrag.study.section import Section, refuse, refuse_key
+from archfrag.study.section import PathText, Section, refuse, refuse_key
 from archfrag.study.vary import VARIABLE, Vary
 
 if TYPE_CHECKING:
@@ -264,12 +264,15 @@ class Table(Section):
 
     id: Identifier
     """Name of the class that the arches of the table make."""
-    table: Annotated[str, Field(min_length=1)]
-    """CSV with a column id and others named like the keys of an arch; further ones are text."""
+    table: PathText
+    """CSV, relative to the study file: a column id, columns named like the keys of an arch, and
+    attributes, which are text."""
     profile: Literal[
         "circular", "segmental", "pointed", "elliptic", "catenary", "from_joints", "block"
     ] | None = None  # fmt: skip
     """Of the rows that do not give it."""
+    vary: Vary | None = None
+    """What of each arch is not known exactly, drawn independently from row to row."""
 
     def defaults(self) -> dict[str, Any]:
         """What rows have that do not say otherwise, as a study file gives it."""
@@ -290,16 +293,19 @@ def _defaults() -> dict[str, Any]:
     fields: dict[str, Any] = {}
     for model in _PROFILES:
         for name, info in model.model_fields.items():
-            if name not in ("id", "profile"):
+            if name not in Table.model_fields:
                 kind = info.rebuild_annotation()
                 about = Field(default=None, description=info.description)
                 fields.setdefault(name, (kind | None, about))
     return fields
 
 
-Fleet = create_model(
-    "Fleet", __base__=Table, __module__=__name__, __doc__=Table.__doc__, **_defaults()
-)
+if TYPE_CHECKING:
+    Fleet = Table
+else:
+    Fleet = create_model(
+        "Fleet", __base__=Table, __module__=__name__, __doc__=Table.__doc__, **_defaults()
+    )
 
 
 def _one_or_many(given: Any) -> str:

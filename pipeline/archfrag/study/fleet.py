@@ -66,8 +66,8 @@ def read_fleet(table: Table) -> list[Row]:
         name = row.pop("id")
         if name in seen:
             raise StudyError(
-                f"{place}, column id: {name!r} is the id of line {seen[name]} too; each arch needs "
-                "its own"
+                f"{place}, column id: {name!r} is the id of line {seen[name]} too; each arch "
+                "needs its own"
             )
         seen[name] = line
         own = {key: _value(text, f"{place}, column {key}") for key, text in row.items()

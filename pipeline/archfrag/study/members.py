@@ -1,6 +1,7 @@
 """The arches that a study amounts to: its entries, what is drawn for them and rows of tables."""
 
 import json
+import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -13,7 +14,7 @@ from pydantic import TypeAdapter
 
 from archfrag.errors import GeometryError, InputError, StabilityError, StudyError
 from archfrag.study.arches import Chain, StudyArch, Table
-from archfrag.study.fleet import Row, read_fleet
+from archfrag.study.fleet import read_fleet
 from archfrag.study.sampling import draw
 
 if TYPE_CHECKING:
@@ -170,6 +171,49 @@ def expand(entries: Sequence[Any], n_record: int | None = None) -> Members:
     return Members(_expanded(_text(entries), _state_of_tables(entries), n_record))
 
 
+@dataclass(frozen=True)
+class ClassSummary:
+    """What a class of arches amounts to.
+
+    Attributes
+    ----------
+    id : str
+    arches : int
+    ranges : dict
+        Least and largest value of what its arches differ by.
+    attributes : dict
+        Number of different texts of each attribute.
+    """
+
+    id: str
+    arches: int
+    ranges: dict[str, tuple[float, float]]
+    attributes: dict[str, int]
+
+    def __str__(self) -> str:
+        parts = [f"{self.id}: {self.arches} arches"]
+        for name, (low, high) in self.ranges.items():
+            parts.append(f"{name} {low:.4g}" + (f" to {high:.4g}" if high > low else ""))
+        parts += [f"{count} of {name}" for name, count in self.attributes.items()]
+        return ", ".join(parts)
+
+
+def summaries(given: Members) -> tuple[ClassSummary, ...]:
+    """Classes whose arches were drawn or come from a table."""
+    found = []
+    for name, places in given.of_class().items():
+        own = Members(tuple(given.members[i] for i in places))
+        if not any(member.number or member.id != name for member in own):
+            continue
+        ranges = {
+            key: (float(np.nanmin(values)), float(np.nanmax(values)))
+            for key, values in own.parameters().items()
+        }
+        attributes = {key: len(set(texts)) for key, texts in own.attributes().items()}
+        found.append(ClassSummary(name, len(own), ranges, attributes))
+    return tuple(found)
+
+
 def check_buildable(given: Members) -> None:
     """See that all arches can exist.
 
@@ -269,18 +313,22 @@ def _of_table(table: Table, where: str, n_record: int | None) -> list[Member]:
         raise StudyError(f"{where}: {error}") from None
     found = []
     for row in rows:
-        for member in _of_entry(row.entry, table.id, f"{where}: {row.place}", n_record):
-            found.append(_with_row(member, row))
+        # Rows are drawn independently, whatever other rows there are.
+        stream = (zlib.crc32(row.entry.id.encode()),)
+        place = f"{where}: {row.place}"
+        for member in _of_entry(row.entry, table.id, place, n_record, stream):
+            values = {**row.numbers, **member.values}
+            found.append(replace(member, values=values, attributes=dict(row.attributes)))
     return found
 
 
-def _with_row(member: Member, row: Row) -> Member:
-    return replace(
-        member, values={**row.numbers, **member.values}, attributes=dict(row.attributes)
-    )
-
-
-def _of_entry(entry: Chain, arch_class: str, where: str, n_record: int | None) -> list[Member]:
+def _of_entry(
+    entry: Chain,
+    arch_class: str,
+    where: str,
+    n_record: int | None,
+    stream: tuple[int, ...] = (),
+) -> list[Member]:
     vary = entry.vary
     if vary is None:
         return [Member(entry, arch_class, 0, None, {}, {}, where)]
@@ -295,7 +343,7 @@ def _of_entry(entry: Chain, arch_class: str, where: str, n_record: int | None) -
             f"{where}: makes {len(owners)} arches; a study must have at most {MOST_MEMBERS}"
         )
     try:
-        drawn = draw(entry, len(owners))
+        drawn = draw(entry, len(owners), stream)
     except InputError as error:
         raise StudyError(f"{where}: {error}") from None
     return [

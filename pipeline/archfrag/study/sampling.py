@@ -14,7 +14,9 @@ LONGEST_ID = 70  # of an entry whose arches get its id with a number behind it
 _DIGITS = 4
 
 
-def draw(entry: Chain, count: int) -> list[tuple[Chain, dict[str, float]]]:
+def draw(
+    entry: Chain, count: int, stream: tuple[int, ...] = ()
+) -> list[tuple[Chain, dict[str, float]]]:
     """Arches drawn for an entry with `vary`, and the values of its keys that were drawn.
 
     Parameters
@@ -22,6 +24,8 @@ def draw(entry: Chain, count: int) -> list[tuple[Chain, dict[str, float]]]:
     entry : Chain
     count : int
         Arches.
+    stream : tuple of int
+        With the seed: entries of different streams are drawn independently.
 
     Returns
     -------
@@ -51,7 +55,7 @@ def draw(entry: Chain, count: int) -> list[tuple[Chain, dict[str, float]]]:
         {key: distribution.marginal() for key, distribution in vary.of.items()},
         count,
         scheme=vary.scheme,
-        seed=vary.seed,
+        seed=(vary.seed, *stream),
         correlation=vary.correlation,
     )
     digits = max(_DIGITS, len(str(count)))
@@ -65,7 +69,7 @@ def draw(entry: Chain, count: int) -> list[tuple[Chain, dict[str, float]]]:
         _stretch_joints(entry, update)
         concrete = entry.model_copy(update=update)
         if vary.joints is not None:
-            generator = np.random.default_rng([vary.seed, i])
+            generator = np.random.default_rng([vary.seed, *stream, i])
             concrete = concrete.model_copy(update=_scatter(concrete, vary.joints, generator))
         drawn.append((concrete, {key: float(values[key][i]) for key in vary.of}))
     return drawn
@@ -85,9 +89,7 @@ def _stretch_joints(entry: Chain, update: dict[str, Any]) -> None:
         update["joints"] = (*(joint * ratio for joint in joints[:-1]), update["embrace"])
 
 
-def _scatter(
-    entry: Chain, joints: JointScatter, generator: np.random.Generator
-) -> dict[str, Any]:
+def _scatter(entry: Chain, joints: JointScatter, generator: np.random.Generator) -> dict[str, Any]:
     """Keys of an arch whose joints differ from each other."""
     from archfrag.arch.uncertain import to_digits
 
@@ -119,7 +121,7 @@ def _shifted(entry: Chain, shift: FloatArray) -> tuple[float, ...]:
     assert isinstance(entry, Ring)
     end = float(getattr(entry, "embrace", 1.0))
     step = end / entry.voussoirs
-    equal = tuple(step * j for j in range(entry.voussoirs)) + (end,)
+    equal = (*(step * j for j in range(entry.voussoirs)), end)
     place = np.asarray(entry.joints or equal)
     inner = place[1:-1] + step * shift[1:-1]
     return (float(place[0]), *(float(f"{value:.12g}") for value in inner), float(place[-1]))
