@@ -150,7 +150,7 @@ BAD |= {
             )
             + "  - {id: slab",
         ),
-        "must have at most 100 entries",
+        "must have at most 1000 entries",
     ),
     "profile is a list": (("profile: block", "profile: [block]"), "arches[1].profile"),
     "a billion voussoirs": (("voussoirs: 7", "voussoirs: 1000000000"), "it must be at most 2000"),
