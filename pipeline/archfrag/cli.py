@@ -273,9 +273,15 @@ def validate(study_file: Path, overrides: tuple[str, ...], as_json: bool) -> Non
     from archfrag.study.checks import check_study
     from archfrag.study.config import load_study
 
-    summary = asdict(check_study(load_study(study_file, overrides)))
-    counts = ", ".join(f"{value} {key}" for key, value in summary.items() if key != "study")
-    click.echo(json.dumps(summary) if as_json else f"{study_file}: in order; {counts}")
+    found = check_study(load_study(study_file, overrides))
+    summary = asdict(found)
+    if as_json:
+        click.echo(json.dumps(summary))
+        return
+    counts = ", ".join(f"{value} {key}" for key, value in summary.items() if type(value) is int)
+    click.echo(f"{study_file}: in order; {counts}")
+    for listed in found.classes:
+        click.echo(f"  {listed}")
 
 
 @main.command()

@@ -141,16 +141,16 @@ BAD |= {
     "arches a word": (("arches:\n", "arches: a\nx:\n"), "x is no known key"),
     "an empty arch": (("  - {id: slab", "  - []\n  - {id: slab"), "arches[1] = [] must be a map"),
     "an arch of nothing": (("  - {id: slab", "  -\n  - {id: slab"), "arches[1] = empty must be"),
-    "101 arches": (
+    "1001 arches": (
         (
             "  - {id: slab",
             "".join(
                 f"  - {{id: a{i}, profile: block, width: 1.0, height: 2.0, friction: 1}}\n"
-                for i in range(99)
+                for i in range(999)
             )
             + "  - {id: slab",
         ),
-        "must have at most 100 entries",
+        "must have at most 1000 entries",
     ),
     "profile is a list": (("profile: block", "profile: [block]"), "arches[1].profile"),
     "a billion voussoirs": (("voussoirs: 7", "voussoirs: 1000000000"), "it must be at most 2000"),

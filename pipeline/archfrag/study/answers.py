@@ -4,8 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from archfrag.study.arches import Section
-from archfrag.study.paths import PathText
+from archfrag.study.section import PathText, Section
 
 
 class LimitStates(Section):

@@ -1,59 +1,30 @@
 """Arches as a study file gives them: one model for each profile, told apart by `profile`."""
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     Discriminator,
     Field,
     Tag,
     WithJsonSchema,
+    create_model,
     model_validator,
 )
-from pydantic_core import PydanticCustomError
 
 from archfrag.arch.checks import LARGEST, MOST_VOUSSOIRS, SMALLEST
+from archfrag.errors import StudyError
+from archfrag.study.section import PathText, Section, refuse, refuse_key
+from archfrag.study.vary import VARIABLE, Vary
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
 
 
-class Section(BaseModel):
-    """A block of a study file: no unknown keys, no conversions, no changes once read."""
-
-    model_config = ConfigDict(
-        extra="forbid",
-        frozen=True,
-        strict=True,
-        allow_inf_nan=False,
-        use_attribute_docstrings=True,
-    )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _know_every_key(cls, given: Any) -> Any:
-        if isinstance(given, dict):
-            for key in given:
-                if key not in cls.model_fields:
-                    raise PydanticCustomError(
-                        "unknown_key",
-                        "unknown key",
-                        {"key": str(key), "allowed": list(cls.model_fields)},
-                    )
-        return given
-
-
 # Upper bounds of what `arch` itself does not bound; beyond them units were mistaken.
 MOST_FRICTION, MOST_DENSITY, MOST_LOAD = 1e6, 1e6, 1e12
-
-
-def refuse(text: str) -> PydanticCustomError:
-    """A refusal in words: what must be, to follow the key and its value."""
-    return PydanticCustomError("refused", "{text}", {"text": text})
 
 
 def _infinite(given: Any) -> Any:
@@ -64,6 +35,13 @@ def _coefficient(value: float) -> float:
     if MOST_FRICTION < value < math.inf:
         raise refuse(f"must be at most {MOST_FRICTION:g}, or inf for no sliding")
     return value
+
+
+def _finite(given: Any) -> bool:
+    """Whether a key has a value, and no value of it is infinite."""
+    if given is None:
+        return False
+    return all(map(math.isfinite, given if isinstance(given, tuple) else (given,)))
 
 
 def _one_or_each(given: Any) -> str:
@@ -97,7 +75,22 @@ Friction = Annotated[
 ]
 _Point = Annotated[tuple[float, float], Field(strict=False)]
 Points = Annotated[tuple[_Point, ...], Field(strict=False, max_length=MOST_VOUSSOIRS + 1)]
+_Depth = Annotated[float, Field(ge=0.0, le=LARGEST)]
+_Depths = Annotated[tuple[_Depth, ...], Field(strict=False, max_length=MOST_VOUSSOIRS + 1)]
+DepthOrEach = Annotated[
+    Annotated[_Depth, Tag("one")] | Annotated[_Depths, Tag("each")],
+    Discriminator(_one_or_each),
+]
 Identifier = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$", max_length=80)]
+
+
+class Recess(Section):
+    """Joints that bear nothing near their ends: mortar lost, edges spalled."""
+
+    intrados: DepthOrEach = 0.0
+    """Depth from the intrados, along the joint, of all joints or one for each [m]."""
+    extrados: DepthOrEach = 0.0
+    """Depth from the extrados, along the joint, of all joints or one for each [m]."""
 
 
 class Chain(Section):
@@ -113,9 +106,37 @@ class Chain(Section):
     """Of the masonry [kg/m3]."""
     depth: Length = 1.0
     """Width of the arch across its plane [m]."""
+    recess: Recess | None = None
+    """How far the joints bear nothing near their ends."""
+    vary: Vary | None = None
+    """What of the arch is not known exactly: in its place stand the arches drawn for it."""
+
+    @model_validator(mode="after")
+    def _can_vary(self) -> Self:
+        if self.vary is None:
+            return self
+        own = type(self).model_fields
+        profile = getattr(self, "profile")  # noqa: B009
+        for key, distribution in self.vary.of.items():
+            if key not in own or key not in VARIABLE:
+                allowed = ", ".join(name for name in VARIABLE if name in own)
+                raise refuse_key(
+                    f"vary.of.{key}",
+                    f"is nothing that varies of the profile {profile}; allowed are {allowed}",
+                )
+            if distribution.relative and not _finite(getattr(self, key)):
+                raise refuse_key(
+                    f"vary.of.{key}.relative", f"must have a finite {key} of the arch to multiply"
+                )
+        joints = self.vary.joints
+        if joints is not None and joints.position is not None and "joints" not in own:
+            raise refuse_key("vary.joints.position", f"has no place in the profile {profile}")
+        if joints is not None and joints.friction is not None and not _finite(self.friction):
+            raise refuse_key("vary.joints.friction", "must have a finite friction to multiply")
+        return self
 
     def build(self) -> "Arch":
-        """The arch of this entry.
+        """The arch of this entry; of one that varies, that of its own values.
 
         Raises
         ------
@@ -124,11 +145,15 @@ class Chain(Section):
         """
         from archfrag import arch
 
-        given = self.model_dump(exclude={"id", "profile"})
+        given = self.model_dump(exclude={"id", "profile", "recess", "vary"})
         profile = getattr(self, "profile")  # noqa: B009
-        if profile == "block":
-            return arch.Block(**given)
-        return getattr(arch.Arch, profile)(**given)
+        kind = arch.Block if profile == "block" else getattr(arch.Arch, profile)
+        built: Arch = kind(**given)
+        if self.recess is None:
+            return built
+        from archfrag.arch.recess import recessed
+
+        return recessed(built, self.recess.intrados, self.recess.extrados)
 
 
 class Ring(Chain):
@@ -225,4 +250,70 @@ class Block(Chain):
 ArchEntry = Annotated[
     Circular | Segmental | Pointed | Elliptic | Catenary | FromJoints | Block,
     Field(discriminator="profile"),
+]
+
+
+_PROFILES = (Circular, Segmental, Pointed, Elliptic, Catenary, FromJoints, Block)
+# Keys that an arch may have, whatever its profile, with those that are one number each.
+ARCH_KEYS = tuple(dict.fromkeys(key for model in _PROFILES for key in model.model_fields))
+NUMBER_KEYS = ("voussoirs", *VARIABLE)
+
+
+class Table(Section):
+    """Many arches, one in each row of a table; other keys hold for rows that do not give them."""
+
+    id: Identifier
+    """Name of the class that the arches of the table make."""
+    table: PathText
+    """CSV, relative to the study file: a column id, columns named like the keys of an arch, and
+    attributes, which are text."""
+    profile: Literal[
+        "circular", "segmental", "pointed", "elliptic", "catenary", "from_joints", "block"
+    ] | None = None  # fmt: skip
+    """Of the rows that do not give it."""
+    vary: Vary | None = None
+    """What of each arch is not known exactly, drawn independently from row to row."""
+
+    def defaults(self) -> dict[str, Any]:
+        """What rows have that do not say otherwise, as a study file gives it."""
+        return self.model_dump(exclude={"id", "table"}, exclude_none=True, exclude_unset=True)
+
+    def build(self) -> "Arch":
+        """Refuses: a table has no one arch.
+
+        Raises
+        ------
+        StudyError
+        """
+        raise StudyError(f"{self.id}: is a table of arches, of which one must be chosen")
+
+
+def _defaults() -> dict[str, Any]:
+    """Keys of all profiles, none of which a table must have."""
+    fields: dict[str, Any] = {}
+    for model in _PROFILES:
+        for name, info in model.model_fields.items():
+            if name not in Table.model_fields:
+                kind = info.rebuild_annotation()
+                about = Field(default=None, description=info.description)
+                fields.setdefault(name, (kind | None, about))
+    return fields
+
+
+if TYPE_CHECKING:
+    Fleet = Table
+else:
+    Fleet = create_model(
+        "Fleet", __base__=Table, __module__=__name__, __doc__=Table.__doc__, **_defaults()
+    )
+
+
+def _one_or_many(given: Any) -> str:
+    many = "table" in given if isinstance(given, dict) else isinstance(given, Table)
+    return "many" if many else "single"
+
+
+StudyArch = Annotated[
+    Annotated[ArchEntry, Tag("single")] | Annotated[Fleet, Tag("many")],
+    Discriminator(_one_or_many),
 ]

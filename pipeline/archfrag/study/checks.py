@@ -5,31 +5,49 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from archfrag.errors import OutputError, StabilityError, StudyError
+from archfrag.errors import OutputError, StudyError
 from archfrag.study.config import Study, load_study
 from archfrag.study.cube import refuse_foreign_cube
 from archfrag.study.files import cannot_write
+from archfrag.study.members import (
+    ClassSummary,
+    Members,
+    check_buildable,
+    check_standing,
+    members,
+    needs_records,
+    summaries,
+)
 from archfrag.study.records import measured, read_sources, study_inputs
 
 STUDY_FILE = "study.yaml"
 
 
-def check_arches(study: Study) -> None:
-    """See that all arches of a study stand under their own weight.
+def check_arches(study: Study, n_record: int = 1) -> Members:
+    """See that all arches of a study can exist and stand under their own weight.
+
+    Parameters
+    ----------
+    study : Study
+    n_record : int
+        Its records, where each meets arches of its own.
+
+    Returns
+    -------
+    Members
+        The arches.
 
     Raises
     ------
+    StudyError
+        Naming the first that cannot exist.
     StabilityError
-        Naming the first that does not.
+        Naming the first that does not stand, and how many samples of its class do not.
     """
-    from archfrag.simulate import onset
-
-    for i, entry in enumerate(study.arches):
-        if not onset(entry.build()).stands:
-            raise StabilityError(
-                f"arches[{i}] ({entry.id}): does not stand under its own weight; make it thicker "
-                "or raise the friction"
-            )
+    found = members(study, n_record)
+    check_buildable(found)
+    check_standing(found)
+    return found
 
 
 def check_output(study: Study) -> None:
@@ -79,6 +97,7 @@ class Summary:
     records: int
     levels: int
     runs: int
+    classes: tuple[ClassSummary, ...]  # of arches that were drawn or come from a table
 
 
 def check_study(study: Study) -> Summary:
@@ -89,7 +108,7 @@ def check_study(study: Study) -> Summary:
     StudyError, RecordError, StabilityError, OutputError
         With the first thing that is wrong.
     """
-    check_arches(study)
+    found = check_arches(study)
     study_inputs(study)
     records = 0
     for motion in read_sources(study):
@@ -97,6 +116,9 @@ def check_study(study: Study) -> Summary:
         records += 1
     if not records:
         raise StudyError("motions: the study has no record")
+    if needs_records(study.arches):
+        found = check_arches(study, records)
     check_output(study)
-    arches, levels = len(study.arches), len(study.intensity.si)
-    return Summary(study.id, arches, records, levels, arches * records * levels)
+    levels = len(study.intensity.si)
+    runs = int(found.meets(records).sum()) * levels
+    return Summary(study.id, len(found), records, levels, runs, summaries(found))

@@ -16,18 +16,18 @@ from pydantic import (
     ValidationError,
     model_validator,
 )
-from pydantic_core import PydanticCustomError
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import GeometryError, InputError, StudyError
+from archfrag.errors import InputError, StudyError
 from archfrag.motions.plausible import Acceptable
 from archfrag.study import WORK
 from archfrag.study.answers import Hazard, LimitStates, ReportKeys
-from archfrag.study.arches import ArchEntry, Identifier, Section, refuse
+from archfrag.study.arches import Identifier, StudyArch
 from archfrag.study.design import Design, Stripes
+from archfrag.study.members import check_buildable, members
 from archfrag.study.method import Method, parameter_texts
-from archfrag.study.paths import PathText
 from archfrag.study.processing import Steps
+from archfrag.study.section import PathText, Section, refuse, refuse_key
 from archfrag.study.sentences import first_sentence
 from archfrag.study.synthetic import Synthetic
 from archfrag.study.yaml_file import DEEPEST, dump_yaml, parse_value, read_yaml
@@ -42,10 +42,6 @@ LEVEL_UNITS: dict[str, dict[str, float]] = {
     "m": {"m": 1.0, "cm": 0.01},
 }
 PERIODS = (0.01, 20.0)  # of a spectral measure [s]
-
-
-def _refuse_key(key: str, text: str) -> PydanticCustomError:
-    return PydanticCustomError("refused_key", "", {"key": key, "text": text})
 
 
 class ColumnKeys(Section):
@@ -136,7 +132,7 @@ class Motions(Section):
         return self
 
 
-MOST_ARCHES, MOST_LEVELS = 100, 1000
+MOST_ARCHES, MOST_LEVELS = 1000, 1000
 Level = Annotated[float, Field(gt=0.0, le=1e6)]
 
 
@@ -211,10 +207,10 @@ class Intensity(Section):
         try:
             periods = parse_measure(self.measure).periods
         except InputError as error:
-            raise _refuse_key("measure", str(error)) from None
+            raise refuse_key("measure", str(error)) from None
         for period in periods:
             if not PERIODS[0] <= period <= PERIODS[1]:
-                raise _refuse_key(
+                raise refuse_key(
                     "measure",
                     f"{self.measure} has a period of {period:g} s; it must be from "
                     f"{PERIODS[0]:g} to {PERIODS[1]:g} s",
@@ -223,7 +219,7 @@ class Intensity(Section):
         if not scaling_exponent(self.measure):
             raise refuse(f"has measure {self.measure}, to which no motion can be scaled")
         if self.unit not in allowed:
-            raise _refuse_key(
+            raise refuse_key(
                 "unit",
                 f"unit {self.unit!r} is not one of {', '.join(allowed)}, in which {self.measure} "
                 "can be given",
@@ -271,9 +267,9 @@ class Study(Section):
     output: PathText = "results"
     """Folder of the results, relative to the study file; results/ID beside it if not given."""
     arches: Annotated[
-        tuple[ArchEntry, ...], Field(strict=False, max_length=MOST_ARCHES), AfterValidator(_sized)
+        tuple[StudyArch, ...], Field(strict=False, max_length=MOST_ARCHES), AfterValidator(_sized)
     ]
-    """Arches, columns or blocks."""
+    """Arches, columns or blocks; classes of them drawn by `vary` or listed in a table."""
     motions: Motions
     intensity: Intensity
     method: Method = Method()
@@ -288,7 +284,7 @@ class Study(Section):
         names = [entry.id for entry in self.arches]
         for i, name in enumerate(names):
             if name in names[:i]:
-                raise _refuse_key(
+                raise refuse_key(
                     f"arches[{i}].id",
                     f"{name!r} is the id of arches[{names.index(name)}] too; each arch needs its "
                     "own",
@@ -337,11 +333,11 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
         study = Study.model_validate(given)
     except ValidationError as error:
         raise StudyError(f"{path}: {first_sentence(error, given)}") from error
-    for i, entry in enumerate(study.arches):
-        try:
-            entry.build()
-        except GeometryError as error:
-            raise StudyError(f"{path}: arches[{i}] ({entry.id}): {error}") from error
+    try:
+        # Arches that each record has of its own are known once the records are.
+        check_buildable(members(study, n_record=1))
+    except StudyError as error:
+        raise StudyError(f"{path}: {error}") from error
     return study
 
 
@@ -369,6 +365,7 @@ def study_schema() -> str:
 # Keys whose values are paths; * is the number of an entry.
 _PATHS = {
     ("output",),
+    ("arches", "*", "table"),
     ("motions", "index"),
     ("motions", "files", "*"),
     ("motions", "files", "*", "path"),

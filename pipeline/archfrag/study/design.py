@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from archfrag.study.arches import Section, refuse
+from archfrag.study.section import Section, refuse
 from archfrag.study.method import Method
 
 # A third of the cost of the default on the shipped study; the kernels are the same.

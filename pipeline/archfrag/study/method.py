@@ -5,7 +5,7 @@ from typing import Annotated
 from pydantic import AfterValidator, Field, model_validator
 
 from archfrag.errors import InputError
-from archfrag.study.arches import Section, refuse
+from archfrag.study.section import Section, refuse
 
 
 def _known_method(name: str) -> str:

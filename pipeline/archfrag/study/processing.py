@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from archfrag.study.arches import Section, refuse
+from archfrag.study.section import Section, refuse
 
 if TYPE_CHECKING:
     from archfrag.motions.motion import Motion

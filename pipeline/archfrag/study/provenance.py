@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import archfrag
+from archfrag.study.arches import Table
 from archfrag.study.config import Study
 from archfrag.study.digests import PACKAGE
 from archfrag.study.files import write_text
@@ -28,11 +29,21 @@ def portable_config(study: Study) -> dict[str, Any]:
     return {
         "id": study.id,
         "title": study.title,
-        "arches": [{"id": entry.id, **entry.build().parameters} for entry in study.arches],
+        "arches": [_portable_arch(entry) for entry in study.arches],
         "intensity": {**study.intensity.model_dump(), "levels": list(study.intensity.given)},
         "method": study.method.model_dump(),
         "design": study.design.model_dump(),
     }
+
+
+def _portable_arch(entry: Any) -> dict[str, Any]:
+    """An entry as a study gives it, defaults filled in; of a table the file's name."""
+    if isinstance(entry, Table):
+        return {**entry.model_dump(exclude_none=True), "table": Path(entry.table).name}
+    facts = {"id": entry.id, **entry.build().parameters}
+    if entry.vary is not None:
+        facts["vary"] = entry.vary.model_dump(exclude_none=True)
+    return facts
 
 
 def versions() -> dict[str, str]:

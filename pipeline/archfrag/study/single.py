@@ -1,7 +1,7 @@
 """Answers for one arch or one record, as facts for scripts and as text for people."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 from archfrag.errors import InputError, StudyError
 from archfrag.study.arches import ArchEntry
 from archfrag.study.config import load_study
+from archfrag.study.members import members
 from archfrag.study.provenance import finite
 from archfrag.study.sentences import first_sentence
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from archfrag.simulate import MechanismChange, Onset, Response
 
 _SHOWN = 40  # entries of a log that fit a screen
+_NAMES = 12  # of arches, in a message
 
 
 def arch_of_study(path: Path, name: str | None) -> "Arch":
@@ -29,13 +31,19 @@ def arch_of_study(path: Path, name: str | None) -> "Arch":
     StudyError
         If it has no arch of that name, or several and none is named.
     """
-    entries = {entry.id: entry for entry in load_study(path).arches}
+    # Of arches that each record has of its own, those of the first.
+    entries = {entry.id: entry for entry in members(load_study(path), n_record=1).entries}
     if name is None and len(entries) == 1:
         return next(iter(entries.values())).build()
     if name not in entries:
         wanted = "--arch is missing" if name is None else f"--arch {name}: there is none"
-        raise StudyError(f"{path}: {wanted}; the study has {', '.join(entries)}")
+        raise StudyError(f"{path}: {wanted}; the study has {_some(entries)}")
     return entries[name].build()
+
+
+def _some(names: Collection[str]) -> str:
+    shown = ", ".join(list(names)[:_NAMES])
+    return shown if len(names) <= _NAMES else f"{shown} and {len(names) - _NAMES} more"
 
 
 def arch_by_numbers(options: dict[str, Any]) -> "Arch":

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from archfrag.errors import InputError
-from archfrag.study.arches import Section, refuse
 from archfrag.study.digests import canonical_json
+from archfrag.study.section import Section, refuse
 
 if TYPE_CHECKING:
     from archfrag.motions.motion import Motion

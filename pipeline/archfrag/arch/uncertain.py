@@ -1,0 +1,282 @@
+"""Samples of parameters that are not known exactly: distributions, correlation, designs of points.
+
+One rule from points of the unit cube to values: a design fills the cube evenly (quasi-Monte
+Carlo), a Gaussian copula correlates its coordinates, and the quantile function of each marginal
+turns a coordinate into a value.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr, ndtri
+
+from archfrag.errors import InputError
+
+FloatArray = NDArray[np.float64]
+Scheme = Literal["sobol", "latin_hypercube"]
+# Distance of a point from the faces of the unit cube, where quantiles may be infinite.
+_EDGE = 2.0**-32
+# Probability that truncation must leave; below it the bounds were mistaken.
+LEAST_KEPT = 1e-6
+# Of a value: the same number on every machine, whatever the last digits of its quantile function.
+DIGITS = 10
+
+
+@dataclass(frozen=True)
+class Marginal:
+    """A distribution, truncated where bounds are given.
+
+    Attributes
+    ----------
+    lower, upper : float
+        Bounds of the truncated distribution; infinite: none.
+    """
+
+    lower: float = -math.inf
+    upper: float = math.inf
+
+    def quantile(self, probability: ArrayLike) -> FloatArray:
+        """Values that are not exceeded with the probabilities given, same shape.
+
+        Raises
+        ------
+        InputError
+            If nearly nothing of the distribution lies between its bounds.
+        """
+        low, high = self._cdf(self.lower), self._cdf(self.upper)
+        if high - low < LEAST_KEPT:
+            raise InputError(
+                f"only {max(high - low, 0.0):.1g} of the distribution lies between lower = "
+                f"{self.lower:g} and upper = {self.upper:g}; it must be at least {LEAST_KEPT:g}"
+            )
+        inside = low + np.asarray(probability, dtype=float) * (high - low)
+        return np.clip(self._inverse(inside), self.lower, self.upper)
+
+    def _cdf(self, value: float) -> float:
+        raise NotImplementedError
+
+    def _inverse(self, probability: FloatArray) -> FloatArray:
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Normal(Marginal):
+    """Normal distribution by its mean and standard deviation (before truncation)."""
+
+    mean: float
+    sd: float
+
+    def _cdf(self, value: float) -> float:
+        return float(ndtr((value - self.mean) / self.sd))
+
+    def _inverse(self, probability: FloatArray) -> FloatArray:
+        return self.mean + self.sd * ndtri(probability)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lognormal(Marginal):
+    """Lognormal distribution by its median and the standard deviation of its logarithm."""
+
+    median: float
+    beta: float
+
+    def _cdf(self, value: float) -> float:
+        if value <= 0.0:
+            return 0.0
+        return float(ndtr(math.log(value / self.median) / self.beta))
+
+    def _inverse(self, probability: FloatArray) -> FloatArray:
+        return self.median * np.exp(self.beta * ndtri(probability))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Uniform(Marginal):
+    """Uniform distribution from `start` to `stop`."""
+
+    start: float
+    stop: float
+
+    def _cdf(self, value: float) -> float:
+        return min(max((value - self.start) / (self.stop - self.start), 0.0), 1.0)
+
+    def _inverse(self, probability: FloatArray) -> FloatArray:
+        return self.start + (self.stop - self.start) * probability
+
+
+@dataclass(frozen=True, kw_only=True)
+class Triangular(Marginal):
+    """Triangular distribution from `start` over its peak at `mode` to `stop`."""
+
+    start: float
+    mode: float
+    stop: float
+
+    def _cdf(self, value: float) -> float:
+        value = min(max(value, self.start), self.stop)
+        width = self.stop - self.start
+        if value <= self.mode:
+            rise = self.mode - self.start
+            return (value - self.start) ** 2 / (width * rise) if rise else 0.0
+        return 1.0 - (self.stop - value) ** 2 / (width * (self.stop - self.mode))
+
+    def _inverse(self, probability: FloatArray) -> FloatArray:
+        width, rise = self.stop - self.start, self.mode - self.start
+        up = self.start + np.sqrt(probability * width * rise)
+        down = self.stop - np.sqrt((1.0 - probability) * width * (self.stop - self.mode))
+        return np.where(probability * width < rise, up, down)
+
+
+def unit_points(
+    count: int, dimension: int, scheme: Scheme, seed: int | Sequence[int]
+) -> FloatArray:
+    """Points that fill the unit cube evenly.
+
+    Parameters
+    ----------
+    count, dimension : int
+        How many, and of how many coordinates.
+    scheme : "sobol" or "latin_hypercube"
+        Sobol's sequence, scrambled (Owen 1998, in the matrix and shift form of Matoušek 1998):
+        the first points of a longer design are those of a shorter one, and its one- and
+        two-dimensional projections are even when `count` is a power of two. Latin hypercube
+        (McKay, Beckman and Conover 1979): one point in each of `count` slices of every
+        coordinate, for any `count`; a longer design has none of the points of a shorter one.
+    seed : int or sequence of int
+
+    Returns
+    -------
+    (count, dimension) ndarray
+        Inside (0, 1).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from archfrag.arch.uncertain import unit_points
+    >>> short, long = (unit_points(n, 2, "sobol", seed=1) for n in (8, 16))
+    >>> bool(np.all(short == long[:8]))
+    True
+    """
+    # Takes a second to import, which only studies of uncertain arches need.
+    from scipy.stats import qmc
+
+    generator = np.random.default_rng(seed)
+    if scheme == "sobol":
+        power = max(count - 1, 0).bit_length()
+        points = qmc.Sobol(dimension, scramble=True, seed=generator).random_base2(power)[:count]
+    else:
+        points = qmc.LatinHypercube(dimension, seed=generator).random(count)
+    inside: FloatArray = np.clip(points, _EDGE, 1.0 - _EDGE)
+    return inside
+
+
+def correlation_factor(
+    names: Sequence[str], correlation: Mapping[str, Mapping[str, float]]
+) -> FloatArray:
+    """Lower triangular factor of a correlation matrix, (n, n), rows and columns as in `names`.
+
+    Parameters
+    ----------
+    names : sequence of str
+    correlation : mapping
+        Of names to mappings of names to coefficients; pairs that are not there have 0.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown or a pair occurs twice, a coefficient is not between -1 and 1, or
+        no distribution has these coefficients together.
+    """
+    matrix = np.eye(len(names))
+    given = set()
+    for one, others in correlation.items():
+        for other, coefficient in others.items():
+            for name in (one, other):
+                if name not in names:
+                    raise InputError(
+                        f"correlation of {one} and {other}: {name} is not one of the parameters "
+                        f"that vary ({', '.join(names)})"
+                    )
+            pair = frozenset((one, other))
+            if len(pair) == 1 or pair in given:
+                what = "with itself" if len(pair) == 1 else "is given twice"
+                raise InputError(f"correlation of {one} and {other}: {what}")
+            if not -1.0 < coefficient < 1.0:
+                raise InputError(
+                    f"correlation of {one} and {other} = {coefficient:g} must be greater than -1 "
+                    "and less than 1"
+                )
+            given.add(pair)
+            i, j = names.index(one), names.index(other)
+            matrix[i, j] = matrix[j, i] = coefficient
+    try:
+        return np.asarray(np.linalg.cholesky(matrix), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        raise InputError(
+            "the correlations cannot hold together (their matrix is not positive definite); make "
+            "them smaller or give those that are missing"
+        ) from None
+
+
+def sample(
+    marginals: Mapping[str, Marginal],
+    count: int,
+    *,
+    scheme: Scheme = "sobol",
+    seed: int | Sequence[int] = 1,
+    correlation: Mapping[str, Mapping[str, float]] | None = None,
+) -> dict[str, FloatArray]:
+    """Values of parameters with given distributions and correlations.
+
+    Parameters
+    ----------
+    marginals : mapping of str to Marginal
+    count : int
+        Samples.
+    scheme, seed
+        As in `unit_points`.
+    correlation : mapping, optional
+        As in `correlation_factor`: coefficients rho of the Gaussian copula, which are the
+        correlations of the normal scores (of the logarithms, where both are lognormal). The rank
+        correlation by Spearman is then 6/pi arcsin(rho/2).
+
+    Returns
+    -------
+    dict of str to (count,) ndarray
+        To ten significant digits.
+
+    Raises
+    ------
+    InputError
+        As in `correlation_factor` and `Marginal.quantile`.
+
+    Examples
+    --------
+    >>> from archfrag.arch.uncertain import Lognormal, Normal, sample
+    >>> values = sample(
+    ...     {"thickness": Normal(mean=1.5, sd=0.075), "friction": Lognormal(median=0.7, beta=0.1)},
+    ...     64,
+    ...     correlation={"thickness": {"friction": 0.3}},
+    ... )
+    >>> round(float(values["thickness"].mean()), 2)
+    1.5
+    """
+    names = list(marginals)
+    if not names:
+        return {}
+    points = unit_points(count, len(names), scheme, seed)
+    if correlation:
+        points = ndtr(ndtri(points) @ correlation_factor(names, correlation).T)
+    return {
+        name: to_digits(marginals[name].quantile(points[:, i])) for i, name in enumerate(names)
+    }
+
+
+def to_digits(values: ArrayLike) -> FloatArray:
+    """Values to `DIGITS` significant digits, same shape."""
+    array = np.asarray(values, dtype=float)
+    rounded = [float(f"{value:.{DIGITS}g}") for value in array.ravel()]
+    return np.array(rounded, dtype=float).reshape(array.shape)

@@ -1,0 +1,352 @@
+"""The arches that a study amounts to: its entries, what is drawn for them and rows of tables."""
+
+import json
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import TypeAdapter
+
+from archfrag.errors import GeometryError, InputError, StabilityError, StudyError
+from archfrag.study.arches import Chain, StudyArch, Table
+from archfrag.study.fleet import read_fleet
+from archfrag.study.sampling import draw
+
+if TYPE_CHECKING:
+    from archfrag.study.config import Study
+
+MOST_MEMBERS = 20_000  # arches of a study, sampled ones counted each
+
+
+@dataclass(frozen=True)
+class Member:
+    """An arch of a study.
+
+    Attributes
+    ----------
+    entry : Chain
+        The arch as a study file could have given it; its `id` is unique in the study.
+    arch_class : str
+        Id of the study's entry that it was drawn for or listed in; its own id otherwise.
+    number : int
+        Of the sample, from 1; 0 if it was not drawn.
+    record : int or None
+        Place of the one record that it meets, from 0; None: it meets all.
+    values : dict
+        What it differs by within its class: numbers drawn, and numbers from a table [SI, degrees].
+    attributes : dict
+        Text from a table.
+    place : str
+        Where it comes from, for messages.
+    """
+
+    entry: Chain
+    arch_class: str
+    number: int
+    record: int | None
+    values: dict[str, float]
+    attributes: dict[str, str]
+    place: str
+
+    @property
+    def id(self) -> str:
+        """Name of the arch in results."""
+        return self.entry.id
+
+
+@dataclass(frozen=True)
+class Members:
+    """All arches of a study, in the order of its entries.
+
+    Attributes
+    ----------
+    members : tuple of Member
+    """
+
+    members: tuple[Member, ...]
+
+    def __len__(self) -> int:
+        return len(self.members)
+
+    def __iter__(self) -> Iterator[Member]:
+        return iter(self.members)
+
+    @property
+    def entries(self) -> tuple[Chain, ...]:
+        """Arches, each with `build()`, `id` and `model_dump()`."""
+        return tuple(member.entry for member in self.members)
+
+    @property
+    def ids(self) -> list[str]:
+        """Names of the arches."""
+        return [member.id for member in self.members]
+
+    @property
+    def classes(self) -> list[str]:
+        """Class of each arch."""
+        return [member.arch_class for member in self.members]
+
+    def of_class(self) -> dict[str, list[int]]:
+        """Places of the arches of each class, classes in the order of the entries."""
+        places: dict[str, list[int]] = {}
+        for place, member in enumerate(self.members):
+            places.setdefault(member.arch_class, []).append(place)
+        return places
+
+    def parameters(self) -> dict[str, NDArray[np.float64]]:
+        """What arches differ by within their classes: name to (n_arch,); nan where fixed."""
+        names = dict.fromkeys(name for member in self.members for name in member.values)
+        return {
+            name: np.array([member.values.get(name, np.nan) for member in self.members])
+            for name in names
+        }
+
+    def attributes(self) -> dict[str, list[str]]:
+        """Attributes from tables: name to one text for each arch; empty where it has none."""
+        names = dict.fromkeys(name for member in self.members for name in member.attributes)
+        return {
+            name: [member.attributes.get(name, "") for member in self.members] for name in names
+        }
+
+    def meets(self, n_record: int) -> NDArray[np.bool_]:
+        """Which arch meets which record, (n_arch, n_record)."""
+        own = np.array([-1 if m.record is None else m.record for m in self.members])
+        return (own[:, None] < 0) | (own[:, None] == np.arange(n_record))
+
+
+def members(study: "Study", n_record: int | None = None) -> Members:
+    """The arches of a study.
+
+    Parameters
+    ----------
+    study : Study
+    n_record : int, optional
+        Records of the study; needed where a class has `crossed: false`.
+
+    Returns
+    -------
+    Members
+
+    Raises
+    ------
+    StudyError
+        As `expand`.
+    """
+    return expand(study.arches, n_record)
+
+
+def needs_records(entries: Sequence[Any]) -> bool:
+    """Whether the arches depend on the number of records: some class has `crossed: false`."""
+    return any(entry.vary is not None and not entry.vary.crossed for entry in entries)
+
+
+def expand(entries: Sequence[Any], n_record: int | None = None) -> Members:
+    """The arches that entries of a study file amount to.
+
+    Parameters
+    ----------
+    entries : sequence of Chain or Table
+        The study's `arches`.
+    n_record : int, optional
+        As in `members`.
+
+    Returns
+    -------
+    Members
+        For `crossed: false` the arches of the first record come first; sample k of record r has
+        the number ``r * samples + k + 1``, so that a record more leaves the others' arches as
+        they are (scheme sobol).
+
+    Raises
+    ------
+    StudyError
+        If a table is bad, two arches have the same id, there are too many, or `n_record` is
+        missing.
+    """
+    return Members(_expanded(_text(entries), _state_of_tables(entries), n_record))
+
+
+@dataclass(frozen=True)
+class ClassSummary:
+    """What a class of arches amounts to.
+
+    Attributes
+    ----------
+    id : str
+    arches : int
+    ranges : dict
+        Least and largest value of what its arches differ by.
+    attributes : dict
+        Number of different texts of each attribute.
+    """
+
+    id: str
+    arches: int
+    ranges: dict[str, tuple[float, float]]
+    attributes: dict[str, int]
+
+    def __str__(self) -> str:
+        parts = [f"{self.id}: {self.arches} arches"]
+        for name, (low, high) in self.ranges.items():
+            parts.append(f"{name} {low:.4g}" + (f" to {high:.4g}" if high > low else ""))
+        parts += [f"{count} of {name}" for name, count in self.attributes.items()]
+        return ", ".join(parts)
+
+
+def summaries(given: Members) -> tuple[ClassSummary, ...]:
+    """Classes whose arches were drawn or come from a table."""
+    found = []
+    for name, places in given.of_class().items():
+        own = Members(tuple(given.members[i] for i in places))
+        if not any(member.number or member.id != name for member in own):
+            continue
+        ranges = {
+            key: (float(np.nanmin(values)), float(np.nanmax(values)))
+            for key, values in own.parameters().items()
+        }
+        attributes = {key: len(set(texts)) for key, texts in own.attributes().items()}
+        found.append(ClassSummary(name, len(own), ranges, attributes))
+    return tuple(found)
+
+
+def check_buildable(given: Members) -> None:
+    """See that all arches can exist.
+
+    Raises
+    ------
+    StudyError
+        Naming the first that cannot, with what was drawn for it.
+    """
+    for member in given:
+        try:
+            member.entry.build()
+        except GeometryError as error:
+            drawn = f"sample {member.number} ({_values(member)}): " if member.number else ""
+            raise StudyError(f"{member.place}: {drawn}{error}") from error
+
+
+def check_standing(given: Members) -> None:
+    """See that all arches stand under their own weight.
+
+    Raises
+    ------
+    StabilityError
+        Naming the first that does not, and how many samples of its class do not either.
+    """
+    from archfrag.simulate import onset
+
+    fallen = [member for member in given if not onset(member.entry.build()).stands]
+    if not fallen:
+        return
+    first = fallen[0]
+    if not first.number:
+        raise StabilityError(
+            f"{first.place}: does not stand under its own weight; make it thicker or raise the "
+            "friction"
+        )
+    alike = sum(member.place == first.place for member in fallen)
+    drawn = sum(member.place == first.place for member in given)
+    raise StabilityError(
+        f"{first.place}: {alike} of {drawn} samples {'do' if alike > 1 else 'does'} not stand "
+        f"under {'their' if alike > 1 else 'its'} own weight, the first is sample {first.number} "
+        f"({_values(first)}); such an arch has no fragility: narrow the distributions by lower "
+        "and upper, or make the arch thicker"
+    )
+
+
+def _values(member: Member) -> str:
+    return ", ".join(f"{name} = {value:.6g}" for name, value in member.values.items()) or "joints"
+
+
+def _text(entries: Sequence[Any]) -> str:
+    return json.dumps([entry.model_dump(mode="python", exclude_none=True) for entry in entries])
+
+
+def _state_of_tables(entries: Sequence[Any]) -> tuple[tuple[int, int], ...]:
+    """What tells an edited table from the one that was read."""
+    found = []
+    for entry in entries:
+        path = Path(entry.table) if isinstance(entry, Table) else None
+        if path is not None and path.is_file():
+            state = path.stat()
+            found.append((state.st_mtime_ns, state.st_size))
+    return tuple(found)
+
+
+# A study's arches are asked for by each of its steps.
+@lru_cache(maxsize=8)
+def _expanded(
+    text: str, tables: tuple[tuple[int, int], ...], n_record: int | None
+) -> tuple[Member, ...]:
+    entries = TypeAdapter(list[StudyArch]).validate_python(json.loads(text))
+    found: list[Member] = []
+    seen: dict[str, str] = {}
+    for i, entry in enumerate(entries):
+        where = f"arches[{i}] ({entry.id})"
+        new = _of_table(entry, where, n_record) if isinstance(entry, Table) else _of_entry(
+            entry, entry.id, where, n_record
+        )  # fmt: skip
+        found += new
+        if len(found) > MOST_MEMBERS:
+            raise StudyError(
+                f"{where}: makes more than {MOST_MEMBERS} arches with those before it; a study "
+                "must have no more"
+            )
+        for name in dict.fromkeys((entry.id, *(member.id for member in new))):
+            if name in seen:
+                raise StudyError(
+                    f"{where}: an arch has the id {name!r}, which belongs to {seen[name]}"
+                )
+            seen[name] = where
+    return tuple(found)
+
+
+def _of_table(table: Table, where: str, n_record: int | None) -> list[Member]:
+    try:
+        rows = read_fleet(table)
+    except StudyError as error:
+        raise StudyError(f"{where}: {error}") from None
+    found = []
+    for row in rows:
+        # Rows are drawn independently, whatever other rows there are.
+        stream = (zlib.crc32(row.entry.id.encode()),)
+        place = f"{where}: {row.place}"
+        for member in _of_entry(row.entry, table.id, place, n_record, stream):
+            values = {**row.numbers, **member.values}
+            found.append(replace(member, values=values, attributes=dict(row.attributes)))
+    return found
+
+
+def _of_entry(
+    entry: Chain,
+    arch_class: str,
+    where: str,
+    n_record: int | None,
+    stream: tuple[int, ...] = (),
+) -> list[Member]:
+    vary = entry.vary
+    if vary is None:
+        return [Member(entry, arch_class, 0, None, {}, {}, where)]
+    if vary.crossed:
+        owners: list[int | None] = [None] * vary.samples
+    elif n_record is None:
+        raise StudyError(f"{where}: has crossed: false, and the number of records is not known")
+    else:
+        owners = [record for record in range(n_record) for _ in range(vary.samples)]
+    if len(owners) > MOST_MEMBERS:
+        raise StudyError(
+            f"{where}: makes {len(owners)} arches; a study must have at most {MOST_MEMBERS}"
+        )
+    try:
+        drawn = draw(entry, len(owners), stream)
+    except InputError as error:
+        raise StudyError(f"{where}: {error}") from None
+    return [
+        Member(concrete, arch_class, number, record, values, {}, where)
+        for number, ((concrete, values), record) in enumerate(zip(drawn, owners), start=1)
+    ]
