@@ -118,7 +118,7 @@ class TestModified:
 
 class TestCensored:
     def test_collapses_do_not_bias_the_line(self):
-        """Mean of 20 clouds, standard error up to 0.02; without collapses the slope is too small."""
+        """Mean of 20 clouds, standard error 0.02; without collapses the slope is too small."""
         found, naive = np.zeros(3), np.zeros(2)
         for seed in range(20):
             im, response = cloud(seed + 50, cap=0.8)

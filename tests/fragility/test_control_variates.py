@@ -51,6 +51,18 @@ def test_bias_of_the_estimated_coefficient_is_estimated():
     assert abs(corrected.mean()) < 0.5 * abs(raw.mean())
 
 
+def test_optimal_is_the_likeliest_estimate_of_normal_values():
+    """Anderson 1957: regression on the pairs, moments of the cheap values over all records."""
+    coarse, fine = pair(np.random.default_rng(5))
+    found = estimate_two_fidelity(coarse, fine)
+    x, y = np.log(coarse), np.log(fine[:15])
+    slope, intercept = np.polyfit(x[:15], y, 1)
+    residual = y - intercept - slope * x[:15]
+    raw = np.log(found.theta) + found.bias[0], found.beta + found.bias[1]
+    beta = np.sqrt(np.mean(residual**2) + slope**2 * x.var())
+    assert raw == pytest.approx((intercept + slope * x.mean(), beta), rel=1e-9)
+
+
 def test_same_settings_give_the_whole_sample():
     coarse, _ = pair(np.random.default_rng(3))
     fine = coarse.copy()

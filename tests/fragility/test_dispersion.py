@@ -74,12 +74,11 @@ class TestCapacities:
         squares = []
         for _ in range(STUDIES):
             logs = generator.normal(0.0, MODEL, (ARCHES, 1)) + generator.normal(
-                0.0, RECORD, (ARCHES, RECORDS)
+                0.0, RECORD, (ARCHES, 60)
             )
-            for arch, row in enumerate(logs):
-                row[4 + arch :] = np.nan
+            logs[2:, 3:] = np.nan
             squares.append(split_capacities(np.exp(logs), same_records=False).beta_model ** 2)
-        assert np.sqrt(np.mean(squares)) == pytest.approx(MODEL, rel=0.06)
+        assert np.sqrt(np.mean(squares)) == pytest.approx(MODEL, rel=0.08)
 
     def test_a_negative_part_is_zero_and_reported(self):
         logs = np.random.default_rng(7).normal(size=(1, 30)) * np.ones((5, 1))

@@ -7,7 +7,7 @@ from scipy.stats import norm
 
 from archfrag.errors import InputError
 from archfrag.fragility.fit import fit_stripes
-from archfrag.fragility.limit_states import fit_limit_states, nest_exceedance
+from archfrag.fragility.limit_states import _ordered, fit_limit_states, nest_exceedance
 
 LEVELS = np.geomspace(0.05, 2.0, 10)
 NAMES = ("motion", "contact lost", "collapse")
@@ -83,16 +83,19 @@ class TestCurves:
 
     def test_errors_of_the_joint_fit(self):
         """150 simulated studies with one beta, fitted jointly whether they cross or not."""
-        from archfrag.fragility.limit_states import _ordered
-
         x = np.broadcast_to(np.log(LEVELS), (40, LEVELS.size)).ravel()
         values, errors = [], []
         for seed in range(150):
             fits = _ordered(x, runs(seed, [0.4, 0.4, 0.4]).reshape(-1, 3))
-            values.append([np.log(fits[1].theta), fits[1].beta])
-            errors.append(fits[1].standard_errors)
-        assert np.mean(values, axis=0) == pytest.approx([np.log(0.3), 0.4], abs=0.01)
-        assert np.mean(errors, axis=0) == pytest.approx(np.std(values, axis=0), rel=0.2)
+            values.append([[np.log(fit.theta), fit.beta] for fit in fits])
+            errors.append([[*fit.standard_errors, fit.correlation] for fit in fits])
+        values, errors = np.array(values), np.mean(errors, axis=0)
+        assert values[:, :, 0].mean(axis=0) == pytest.approx(np.log([0.2, 0.3, 0.5]), abs=0.01)
+        assert values[:, :, 1].mean() == pytest.approx(0.4, abs=0.01)
+        assert errors[:, :2] == pytest.approx(values.std(axis=0), rel=0.2)
+        for i in range(3):
+            found = np.corrcoef(values[:, i].T)[0, 1]
+            assert errors[i, 2] == pytest.approx(found, abs=0.25)
 
     def test_a_state_without_a_curve_says_why(self):
         exceeded = runs(4, [0.4, 0.4, 0.4])

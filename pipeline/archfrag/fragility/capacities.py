@@ -160,7 +160,7 @@ def _fit(lower: FloatArray, upper: FloatArray, kind: str) -> Fragility:
     seen, constant = _observations((low - centre) / width, (high - centre) / width)
     line, information, value = likeliest_lines(seen, 1)
     theta, beta, covariance = curve_of_line(line, information, centre, width)
-    n_exact = seen.exact.size and float(seen.seen.sum())
+    n_exact = np.count_nonzero(lower == upper)
     return Fragility(
         theta=float(theta[0]),
         beta=float(beta[0]),

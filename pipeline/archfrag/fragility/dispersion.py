@@ -261,12 +261,12 @@ def _two_way(logs: FloatArray) -> tuple[float, float, float, float, float]:
     of_arch = r * float(arch.var(ddof=1))
     of_record = a * float(record.var(ddof=1))
     residual = logs - arch[:, None] - record + overall
-    rest = float((residual**2).sum()) / ((a - 1) * (r - 1))
+    interaction = float((residual**2).sum()) / ((a - 1) * (r - 1))
     # var(ln C | arch) = records + interaction = (of_record + (a - 1) rest) / a.
-    within = (of_record + (a - 1) * rest) / a
-    within_variance = 2.0 * (of_record**2 / (r - 1) + (a - 1) * rest**2 / (r - 1)) / a**2
-    model_variance = 2.0 * (of_arch**2 / (a - 1) + rest**2 / ((a - 1) * (r - 1))) / r**2
-    return within, (of_arch - rest) / r, within_variance, model_variance, float(r)
+    within = (of_record + (a - 1) * interaction) / a
+    within_variance = 2.0 * (of_record**2 / (r - 1) + (a - 1) * interaction**2 / (r - 1)) / a**2
+    model_variance = 2.0 * (of_arch**2 / (a - 1) + interaction**2 / ((a - 1) * (r - 1))) / r**2
+    return within, (of_arch - interaction) / r, within_variance, model_variance, float(r)
 
 
 def _one_way(logs: FloatArray) -> tuple[float, float, float, float, float]:

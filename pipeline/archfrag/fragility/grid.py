@@ -15,10 +15,10 @@ from archfrag.fragility.curve import FloatArray
 
 LogDensity = Callable[[FloatArray, FloatArray], FloatArray]
 
-_DEPTH, _ROW_DEPTH = 18.0, 10.0
+_DEPTH, _ROW_DEPTH = 18.0, 9.0
 _REACH = 9.0
-_HALVINGS = 46
-_ROWS, _NODES = 32, 30
+_HALVINGS = 38
+_ROWS, _NODES = 28, 28
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ def line_grid(
         low, high = rows[max(kept[0] - 1, 0)], rows[min(kept[-1] + 1, rows.size - 1)]
         if kept.size >= 7:
             break
-    fine = np.linspace(low, high, _ROWS)
+    fine = np.linspace(low, high, _ROWS if slopes else 2 * _ROWS)
     slope = np.exp(fine)
     first, last = (np.interp(fine, rows, limit) for limit in limits)
     mass, step, density = _rows(log_density, slope, first, last, _NODES)

@@ -145,7 +145,12 @@ def _single(
     try:
         return LimitState(name, meaning, fit_stripes(levels, collapses, n))
     except FitError as error:
-        return LimitState(name, meaning, None, f"state {name!r}, read for collapse: {error}")
+        return LimitState(
+            name,
+            meaning,
+            None,
+            f"limit state {name!r} has no curve (to collapse means to exceed it): {error}",
+        )
 
 
 def _crossing(states: list[LimitState], fitted: list[int], levels: FloatArray) -> str:

@@ -216,9 +216,7 @@ def _log_root(determinant: FloatArray) -> FloatArray:
 
 def _require_two(levels: FloatArray) -> None:
     if levels.size < 2:
-        raise FitError(
-            f"runs that collapsed or stood are at {levels.size} levels; a posterior needs two"
-        )
+        raise FitError("runs that collapsed or stood are at 1 level; a posterior needs two")
 
 
 def _scaled(logs: FloatArray) -> tuple[FloatArray, float, float]:

@@ -1,0 +1,201 @@
+"""Posterior: brute-force integration, exact limits, few runs."""
+
+import numpy as np
+import pytest
+from scipy.special import log_ndtr, ndtr
+from scipy.stats import chi2, norm, t
+
+from archfrag.errors import FitError, InputError
+from archfrag.fragility.fit import fit_stripes
+from archfrag.fragility.posterior import fit_capacity_posterior, fit_posterior
+
+INF = np.inf
+TAILS = np.array([0.05, 0.5, 0.95])
+
+
+class BruteForce:
+    """Sums over a fixed mesh of (a, ln b), each quantile by sorting all of it."""
+
+    def __init__(self, log_weight, reach=30.0):
+        a = np.linspace(-reach, reach, 1001)[:, None]
+        b = np.exp(np.linspace(np.log(5e-3), np.log(200.0), 700))
+        weight = log_weight(a, b)
+        self.weight = np.exp(weight - weight.max()).ravel()
+        self.weight /= self.weight.sum()
+        row = self.weight.reshape(weight.shape).sum(axis=0)[::-1]
+        self.of_beta = np.cumsum(row) - 0.5 * row, -np.log(b[::-1])
+        self.a, self.b = (np.broadcast_to(v, weight.shape) for v in (a, b))
+
+    def quantiles(self, values, tails=TAILS):
+        values = values.ravel()
+        order = np.argsort(values)
+        below = np.cumsum(self.weight[order]) - 0.5 * self.weight[order]
+        return np.interp(tails, below, values[order])
+
+    def betas(self):
+        """Quantiles of 1 / b, by its own sum: sorted values would come in steps."""
+        return np.exp(np.interp(TAILS, *self.of_beta))
+
+
+def run_weight(x, k, n):
+    """Likelihood, determinant in (ln theta, beta) and factor, by their definitions."""
+
+    def log_weight(a, b):
+        theta, beta = -a / b, 1.0 / b
+        value, information = 0.0, np.zeros((3, *np.broadcast_shapes(a.shape, b.shape)))
+        for level, fell, runs in zip(x, k, n, strict=True):
+            z = (level - theta) / beta
+            value = value + fell * log_ndtr(z) + (runs - fell) * log_ndtr(-z)
+            weight = runs * np.exp(2.0 * norm.logpdf(z) - log_ndtr(z) - log_ndtr(-z)) / beta**2
+            information += np.stack([weight, weight * z, weight * z * z])
+        determinant = np.maximum(information[0] * information[2] - information[1] ** 2, 1e-300)
+        to_mesh = 2.0 * np.log(beta)
+        factor = -np.log(1.0 / beta + 1.0 / (max(x) - min(x)))
+        return value + 0.5 * np.log(determinant) + factor + to_mesh
+
+    return log_weight
+
+
+class TestRuns:
+    IM = np.array([0.5, 0.7, 0.9, 1.1, 1.4])
+
+    @pytest.mark.parametrize("k", [(0, 1, 1, 2, 3), (0, 0, 2, 3, 3)])
+    def test_brute_force(self, k):
+        x, n = np.log(self.IM), np.full(5, 3)
+        known = fit_posterior(self.IM, k, n)
+        brute = BruteForce(run_weight(x, k, n))
+        theta = np.exp(brute.quantiles(-brute.a / brute.b))
+        assert known.theta_interval() == pytest.approx(theta[[0, 2]], rel=5e-3)
+        assert known.fragility.theta == pytest.approx(theta[1], rel=2e-3)
+        beta = brute.betas()
+        assert known.beta_interval() == pytest.approx(beta[[0, 2]], rel=5e-3)
+        assert known.fragility.beta == pytest.approx(beta[1], rel=2e-3)
+        for im in (0.6, 0.9, 1.3):
+            p = brute.quantiles(ndtr(brute.a + brute.b * np.log(im)))
+            band = known.band(im)
+            found = [float(band.lower), float(known.probability(im)), float(band.upper)]
+            assert found == pytest.approx(p, abs=1e-3)
+
+    @pytest.mark.parametrize("k", [[0] * 5, [1] * 5, [0, 0, 1, 1, 1], [1, 0, 1, 0, 1]])
+    def test_always_a_band(self, k):
+        known = fit_posterior(self.IM, k, 1)
+        im = np.concatenate([[0.0], np.geomspace(0.05, 20.0, 60), [INF]])
+        band = known.band(im)
+        assert np.all((band.lower >= 0.0) & (band.upper <= 1.0))
+        assert np.all(band.lower <= known.probability(im))
+        assert np.all(known.probability(im) <= band.upper)
+        for end in (band.lower, band.upper):
+            assert np.all(np.diff(end) >= -1e-9)
+            assert (end[0], end[-1]) == (0.0, 1.0)
+        low, high = known.beta_interval()
+        assert 0.0 < low < known.fragility.beta < high
+        assert np.isfinite(known.fragility.log_likelihood)
+
+    def test_many_runs_agree_with_the_likelihood(self):
+        k = np.round(400 * norm.cdf(np.log(self.IM / 0.9) / 0.4))
+        fit, known = fit_stripes(self.IM, k, 400), fit_posterior(self.IM, k, 400)
+        assert known.fragility.theta == pytest.approx(fit.theta, rel=2e-3)
+        assert known.fragility.beta == pytest.approx(fit.beta, rel=5e-3)
+        assert known.fragility.covariance == pytest.approx(fit.covariance, rel=0.05, abs=2e-5)
+
+    def test_single_runs_are_levels_counted_and_order_does_not_matter(self):
+        generator = np.random.default_rng(2)
+        im = generator.choice(self.IM, 30)
+        k = generator.random(30) < im / 1.5
+        order = generator.permutation(30)
+        one, other = fit_posterior(im, k, 1), fit_posterior(im[order], k[order], 1)
+        counts = [[np.sum((im == x) & k), np.sum(im == x)] for x in self.IM]
+        added = fit_posterior(self.IM, *np.array(counts).T)
+        assert one.fragility.theta == other.fragility.theta == added.fragility.theta
+
+    def test_unit_of_intensity(self):
+        k = [0, 1, 1, 2, 3]
+        a, b = fit_posterior(self.IM, k, 3), fit_posterior(9.80665 * self.IM, k, 3)
+        assert b.fragility.theta == pytest.approx(9.80665 * a.fragility.theta, rel=1e-6)
+        assert b.beta_interval() == pytest.approx(a.beta_interval(), rel=1e-6)
+
+    def test_hundreds_of_levels_and_levels_almost_alike(self):
+        generator = np.random.default_rng(3)
+        im = np.exp(generator.uniform(-0.8, 0.8, 500))
+        k = np.exp(0.35 * generator.standard_normal(500)) <= im
+        known = fit_posterior(im, k, 1)
+        assert known.theta_interval()[0] < 1.0 < known.theta_interval()[1]
+        assert known.beta_interval()[0] < 0.35 < known.beta_interval()[1]
+        close = fit_posterior([0.5, 0.5000001, 0.7, 0.9], [0, 0, 1, 1], 1)
+        apart = fit_posterior([0.5, 0.5, 0.7, 0.9], [0, 0, 1, 1], 1)
+        assert close.fragility.theta == pytest.approx(apart.fragility.theta, rel=1e-3)
+
+    def test_one_level_is_not_enough(self):
+        with pytest.raises(FitError, match="at 1 level"):
+            fit_posterior([0.5, 0.5], [0, 1], 1)
+
+
+class TestCapacities:
+    LOWER = np.array([0.0, 0.2, 0.3, 0.3, 0.4, 0.4, 0.5, 0.7])
+    UPPER = np.array([0.2, 0.3, 0.4, 0.4, 0.5, 0.5, 0.7, INF])
+
+    def test_brute_force(self):
+        known = fit_capacity_posterior(self.LOWER, self.UPPER)
+        with np.errstate(divide="ignore"):
+            low, high = np.log(self.LOWER), np.log(self.UPPER)
+        width, span = np.median((high - low)[1:-1]), np.log(0.7 / 0.2)
+
+        def log_weight(a, b):
+            beta = 1.0 / b
+            mass = 1.0
+            for x, y in zip(low, high, strict=True):
+                mass = mass * np.maximum(ndtr(a + b * y) - ndtr(a + b * x), 1e-30)
+            prior = beta / (beta**2 + width**2 / 12.0) / (1.0 + (beta / span) ** 2)
+            return np.log(mass) + np.log(prior) + 2.0 * np.log(beta)
+
+        brute = BruteForce(log_weight, reach=40.0)
+        theta = np.exp(brute.quantiles(-brute.a / brute.b))
+        beta = brute.betas()
+        assert known.theta_interval() == pytest.approx(theta[[0, 2]], rel=3e-3)
+        assert known.beta_interval() == pytest.approx(beta[[0, 2]], rel=5e-3)
+        for im in (0.25, 0.4, 0.8):
+            p = brute.quantiles(ndtr(brute.a + brute.b * np.log(im)), TAILS[[0, 2]])
+            band = known.band(im)
+            assert [float(band.lower), float(band.upper)] == pytest.approx(p, abs=1e-3)
+
+    def test_narrow_brackets_are_a_normal_sample(self):
+        """Student's t and chi-square, but for the pull of the finite span of levels."""
+        logs = np.random.default_rng(3).normal(0.0, 0.35, 40)
+        known = fit_capacity_posterior(np.exp(logs - 1e-3), np.exp(logs + 1e-3))
+        mean, deviation = logs.mean(), logs.std(ddof=1)
+        reach = t.ppf(0.95, 39) * deviation / np.sqrt(40)
+        assert np.log(known.theta_interval()) == pytest.approx(
+            [mean - reach, mean + reach], abs=2e-3
+        )
+        assert known.beta_interval() == pytest.approx(
+            deviation * np.sqrt(39 / chi2.ppf([0.95, 0.05], 39)), rel=1e-2
+        )
+
+    def test_fewer_independent_records_widen_it(self):
+        all_of_them = fit_capacity_posterior(self.LOWER, self.UPPER, 8.0)
+        half = fit_capacity_posterior(self.LOWER, self.UPPER, 4.0)
+        assert all_of_them.theta_interval() == fit_capacity_posterior(
+            self.LOWER, self.UPPER
+        ).theta_interval()  # fmt: skip
+        assert half.theta_interval()[0] < all_of_them.theta_interval()[0]
+        assert half.beta_interval()[1] > all_of_them.beta_interval()[1]
+
+    def test_one_capacity_that_agrees_with_all_still_gives_a_curve(self):
+        known = fit_capacity_posterior([0.3] * 6, [0.4] * 6)
+        low, high = known.theta_interval()
+        assert 0.28 < low < 0.35 < high < 0.43
+        assert known.beta_interval()[1] < np.log(0.4 / 0.3)
+
+    @pytest.mark.parametrize(
+        ("lower", "upper", "kind", "sentence"),
+        [
+            ([0.3, 0.4], [INF, INF], FitError, "from above: add levels above 0.4, the highest"),
+            ([0.0, 0.0], [0.2, 0.3], FitError, "from below: add levels below 0.2, the lowest"),
+            ([0.2, 0.0], [INF, 0.2], FitError, "at 1 level"),
+            ([0.2, 0.3], [0.2, 0.4], InputError, "the capacity 0.2 is exact"),
+            ([0.2], [0.1], InputError, "from 0.2 to 0.1 cannot be"),
+        ],
+    )
+    def test_what_cannot_be_bounded(self, lower, upper, kind, sentence):
+        with pytest.raises(kind, match=sentence):
+            fit_capacity_posterior(lower, upper)
