@@ -25,6 +25,7 @@ from archfrag.study.bundles import Bundles, Rates
 from archfrag.study.checks import check_arches
 from archfrag.study.config import Study
 from archfrag.study.files import make_folder
+from archfrag.study.members import members
 from archfrag.study.plan import Plan, make_plan
 from archfrag.study.provenance import add_to_log, available_cores, machine
 from archfrag.study.rounds import Cases
@@ -160,7 +161,7 @@ def _started(study: Study, plan: Plan, workers: int, bar: tqdm) -> Iterator["_Cr
             _compile_kernels(kernels_needed(study, plan), bar)
             bar.set_description("starting workers")
             with ThreadPoolExecutor(1) as beside:
-                checked = beside.submit(check_arches, study)
+                checked = beside.submit(check_arches, study, len(plan.records))
                 client = stack.enter_context(_client(study, workers))
             checked.result()
         _start_clock(bar)
@@ -185,7 +186,8 @@ def kernels_needed(study: Study, plan: Plan) -> list[str]:
     from archfrag.methods.registry import AUTO, METHODS
 
     defaults = {parameter.name: parameter.default for parameter in METHODS[AUTO].parameters}
-    bodies = {entry.build().n_voussoir for entry in study.arches}
+    arches = members(study, len(plan.records)).entries
+    bodies = {entry.build().n_voussoir for entry in arches}
     breaks = {record.breaks for record in plan.records}
     names = {}
     for method in plan.methods:

@@ -14,6 +14,7 @@ from archfrag.fragility.counts import Verdict
 from archfrag.study.config import Study
 from archfrag.study.design import GRIDS
 from archfrag.study.files import make_folder, replacing
+from archfrag.study.members import Members, members
 from archfrag.study.outcome import COLUMNS, Column
 from archfrag.study.plan import Plan, make_plan
 from archfrag.study.provenance import attributes, strict_json
@@ -143,7 +144,7 @@ class _Layout:
 
 
 def _write(cube: Any, study: Study, plan: Plan, results: Results) -> None:
-    arches = [entry.build() for entry in study.arches]
+    found = members(study, len(plan.records))
     fine = results.cases["stage"] == FINE
     own = results.some(fine)
     grid = _Layout(plan, own.cases)
@@ -151,13 +152,14 @@ def _write(cube: Any, study: Study, plan: Plan, results: Results) -> None:
         cube.createDimension(name, size)
     notes = {plan.arches[arch]["id"]: note for arch, note in sorted(own.notes.items())}
     cube.setncatts(_global_attributes(study, plan, {**plan.design, "arches": notes}))
-    _labels(cube, "arch", "arch", [entry.id for entry in study.arches], "name of the arch")
+    _labels(cube, "arch", "arch", found.ids, "name of the arch")
+    _labels(cube, "arch_class", "arch", found.classes, "entry of the study it is of", "arch")
     _labels(cube, "record", "record", [r.id for r in plan.records], "name of the record")
     _labels(
         cube, "model", "model", own.models, "model of the ladder that a time was simulated with"
     )
     _levels(cube, study, plan, grid, own)
-    _arch_facts(cube, arches)
+    _arch_facts(cube, found)
     _record_facts(cube, plan)
     for column in COLUMNS:
         _create(cube, column, _RUN)[:] = grid.fill(own.table[column.name], column.missing)
@@ -290,10 +292,11 @@ def _levels(cube: Any, study: Study, plan: Plan, grid: "_Layout", results: Resul
     variable.measure = measure
 
 
-def _arch_facts(cube: Any, arches: Sequence[Any]) -> None:
+def _arch_facts(cube: Any, found: Members) -> None:
     from archfrag.simulate import onset
     from archfrag.simulation.static_limit import static_limit
 
+    arches = [entry.build() for entry in found.entries]
     starts = [onset(arch) for arch in arches]
     comment = "In multiples of standard gravity, 9.80665 m s-2."
     for name, towards in (("plus", "+x"), ("minus", "-x")):
@@ -313,6 +316,11 @@ def _arch_facts(cube: Any, arches: Sequence[Any]) -> None:
     column = Column("joint_length", "f8", "m", "mean length of the joints")
     variable = _create(cube, column, ("arch",), "arch")
     variable[:] = [np.linalg.norm(arch.extrados - arch.intrados, axis=1).mean() for arch in arches]
+    for name, values in found.parameters().items():
+        column = Column(f"arch_{name}", "f8", "", f"{name} of the arch", np.nan)
+        _create(cube, column, ("arch",), "arch")[:] = values
+    for name, texts in found.attributes().items():
+        _labels(cube, f"attribute_{name}", "arch", texts, f"{name} of the arch", "arch")
 
 
 def _record_facts(cube: Any, plan: Plan) -> None:

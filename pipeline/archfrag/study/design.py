@@ -4,8 +4,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from archfrag.study.section import Section, refuse
 from archfrag.study.method import Method
+from archfrag.study.section import Section, refuse
 
 # A third of the cost of the default on the shipped study; the kernels are the same.
 COARSE = Method(rtol=0.1)

@@ -228,7 +228,7 @@ def _cells_to_check(
     borders: Borders, design: Ida, rows: Sequence[int]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Rows and levels of cells that were not simulated, one for each of some records."""
-    count = -(-borders.grid.records.size // 3) if design.checks is None else design.checks
+    count = borders.grid.records.size // 3 if design.checks is None else design.checks
     generator = np.random.default_rng([design.seed, borders.grid.arch])
     chosen = []
     for row in generator.permutation(np.asarray(rows, dtype=np.int64))[:count]:

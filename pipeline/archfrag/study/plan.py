@@ -20,6 +20,7 @@ from archfrag.study.design import Cloud, Design, Ida, Scattered
 from archfrag.study.digests import canonical_json, digest_of, source_hash
 from archfrag.study.files import write_text
 from archfrag.study.grids import Grid, ida, stripes
+from archfrag.study.members import members
 from archfrag.study.records import PreparedRecord, load_prepared
 from archfrag.study.rounds import Cases, Rounds, Strand
 from archfrag.study.scattered import cloud, scattered
@@ -43,6 +44,8 @@ class Plan:
         Of work.
     arches : tuple of dict
         As their models dump them.
+    meets : tuple of int, (n_arch,)
+        The one record that an arch meets, -1 if all.
     records : tuple of PreparedRecord
     levels : tuple of float, (n_level,)
         In the SI unit of the measure.
@@ -59,6 +62,7 @@ class Plan:
     study: str
     folder: str
     arches: tuple[dict[str, Any], ...]
+    meets: tuple[int, ...]
     records: tuple[PreparedRecord, ...]
     levels: tuple[float, ...]
     power: float
@@ -104,7 +108,9 @@ class Plan:
         """Inverse of `save`."""
         stored = json.loads(path.read_text(encoding="utf-8"))
         records = tuple(PreparedRecord(**entry) for entry in stored.pop("records"))
-        lists = {name: tuple(stored.pop(name)) for name in ("arches", "levels", "methods")}
+        lists = {
+            name: tuple(stored.pop(name)) for name in ("arches", "meets", "levels", "methods")
+        }
         return cls(records=records, **lists, **stored)
 
     def factors(self, cases: Cases) -> NDArray[np.float64]:
@@ -157,22 +163,23 @@ class Plan:
 
     def _strands(self, batch: int, batches: int) -> Iterator[tuple[int, Strand]]:
         design = TypeAdapter[Design](Design).validate_python(self.design)
-        records, levels = np.arange(len(self.records)), np.array(self.levels)
-        for arch in range(len(self.arches)):
+        levels, measures = np.array(self.levels), self._measures()
+        for arch, record in enumerate(self.meets):
+            records = np.arange(len(self.records)) if record < 0 else np.array([record])
             if design.kind == "stripes":
-                own = records[(arch * records.size + records) % batches == batch]
+                own = records[(arch * len(self.records) + records) % batches == batch]
                 if own.size:
-                    yield arch, stripes(Grid(arch, own, levels, np.empty((own.size, 0))))
+                    yield arch, stripes(Grid(arch, own, levels, measures[own]))
             # What these ask for follows from all runs of an arch.
             elif arch % batches != batch:
                 continue
             elif isinstance(design, Ida):
-                yield arch, ida(Grid(arch, records, levels, self._measures()), design)
+                yield arch, ida(Grid(arch, records, levels, measures[records]), design)
             elif isinstance(design, Scattered):
                 yield arch, scattered(arch, records, levels, design)
             elif isinstance(design, Cloud):
-                own = (design.factor / self._at_one) ** (1.0 / self.power)
-                yield arch, cloud(arch, records, own)
+                own_levels = (design.factor / self._at_one[records]) ** (1.0 / self.power)
+                yield arch, cloud(arch, records, own_levels)
 
     def _measures(self) -> NDArray[np.float64]:
         """ln of the records' other measures where the study's own is 1, (n_record, n_measure)."""
@@ -197,7 +204,8 @@ def make_plan(study: Study) -> Plan:
     """
     from archfrag.motions.measures import scaling_exponent
 
-    design = study.design
+    design, records = study.design, load_prepared(study)
+    arches = members(study, len(records))
     methods = [study.method.model_dump()]
     if design.kind == "two_stage":
         coarse = design.coarse
@@ -207,8 +215,9 @@ def make_plan(study: Study) -> Plan:
     return Plan(
         study=study.id,
         folder=str(study.work),
-        arches=tuple(entry.model_dump() for entry in study.arches),
-        records=tuple(load_prepared(study)),
+        arches=tuple(entry.model_dump() for entry in arches.entries),
+        meets=tuple(-1 if each.record is None else each.record for each in arches),
+        records=tuple(records),
         levels=study.intensity.si,
         power=1.0 / scaling_exponent(study.intensity.measure),
         measure=study.intensity.measure,
