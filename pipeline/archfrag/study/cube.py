@@ -209,6 +209,7 @@ def _global_attributes(study: Study, plan: Plan, design: dict[str, Any]) -> dict
         ),
         "loss_limit": f"{study.method.loss_limit:g}",
         "archfrag_design": strict_json(design),
+        "archfrag_design_kind": str(design["kind"]),
         **attributes(study, plan),
     }
 

@@ -1,19 +1,24 @@
 """From the cube of a study to its fragility curves."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, TypeVar
 
 import xarray as xr
 
-from archfrag.errors import FitError, InputError
-from archfrag.fragility.counts import count_verdicts
-from archfrag.fragility.fit import Fragility, fit_stripes
+from archfrag.errors import InputError
+from archfrag.fragility.curve import Fragility
+from archfrag.study import curves
 from archfrag.study.config import Study
 from archfrag.study.cube import CUBE, refuse_foreign_cube
+from archfrag.study.curves import Answer
 from archfrag.study.files import write_text
+from archfrag.study.provenance import finite
 
 FITS = "fits.json"
+T = TypeVar("T")
 
 
 def open_cube(study: Study) -> xr.Dataset:
@@ -36,44 +41,85 @@ def open_cube(study: Study) -> xr.Dataset:
         raise InputError(f"{path}: is damaged; `archfrag cube` makes it anew") from error
 
 
-def fit_cube(study: Study) -> dict[str, Fragility | str]:
-    """Fit a curve to each arch of the cube and store all in ``fits.json``.
+def fit_cube(study: Study) -> dict[str, Answer]:
+    """Find the curve of each arch and class of the cube and store all in ``fits.json``.
 
     Returns
     -------
     dict
-        By arch: the curve, theta in the SI unit of the measure; or the sentence why there is
-        none, with levels in the unit of the study.
+        By arch; theta in the SI unit of the measure; sentences with levels in the study's unit.
 
     Raises
     ------
     InputError, OutputError
         See `open_cube`.
     """
-    fits: dict[str, Fragility | str] = {}
+    confidence, keys = study.report.confidence, study.limit_states.model_dump()
+    factor = _si_factor(study)
     with open_cube(study) as cube:
-        factor = _si_factor(study)
-        levels = cube["intensity"].values / factor
-        for number, name in enumerate(cube["arch"].values):
-            verdict = cube["verdict"].isel(arch=number).transpose("record", "level").values
-            counts = count_verdicts(verdict)
-            try:
-                fit = fit_stripes(levels, counts.collapsed, counts.n)
-                fits[str(name)] = replace(fit, theta=fit.theta * factor)
-            except FitError as error:
-                fits[str(name)] = f"{error} (levels in {study.intensity.unit})"
-    stored = {
-        name: curve.to_dict() if isinstance(curve, Fragility) else {"none": curve}
-        for name, curve in fits.items()
-    }
+        runs = [
+            replace(each, level=each.level / factor) for each in curves.runs_of_cube(cube.load())
+        ]
+        grouped = curves.classes_of_cube(cube, runs)
+        answers = {each.name: curves.answer(each, confidence) for each in runs}
+        for number, each in enumerate(runs[: curves.SHOWN]):
+            one = cube.isel(arch=number)
+            answers[each.name].more.update(
+                free=curves.free_shapes(each, confidence),
+                measures=curves.measures_compared(one, each),
+                limit_states=curves.limit_states(one, each, keys),
+            )
+        classes = {name: curves.answer(each, confidence) for name, each in grouped.items()}
+        names = cube["arch_class"].values.astype(str)
+        for name, found in classes.items():
+            members = [each for each, own in zip(runs, names) if own == name]
+            found.more["dispersion"] = curves.dispersion_split(members)
+        unit = cube["intensity"].attrs["units"]
+        design = json.loads(cube.attrs["archfrag_design"])
+    answers = {name: _in_si(each, study) for name, each in answers.items()}
     content = {
         "study": study.id,
         "measure": study.intensity.measure,
-        "unit": cube["intensity"].attrs["units"],
-        "fits": stored,
+        "unit": unit,
+        "design": design,
+        "fits": {name: curves.curve_to_dict(each.curve) for name, each in answers.items()},
+        "arches": {name: each.to_dict() for name, each in answers.items()},
+        "classes": {name: _in_si(each, study).to_dict() for name, each in classes.items()},
     }
-    write_text(study.folder / FITS, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
-    return fits
+    text = json.dumps(finite(content), indent=1, ensure_ascii=False)
+    write_text(study.folder / FITS, text + "\n")
+    return answers
+
+
+def _in_si(found: Answer, study: Study) -> Answer:
+    """An answer in the unit of the study, as one in SI."""
+    factor = _si_factor(study)
+
+    def scaled(curve: Fragility | str) -> Fragility | str:
+        if isinstance(curve, str):
+            return f"{curve} (levels in {study.intensity.unit})"
+        return replace(curve, theta=curve.theta * factor)
+
+    more = dict(found.more)
+    if "limit_states" in more:
+        states = [
+            {**state, "curve": curves.curve_to_dict(scaled(curves.curve_of_dict(state["curve"])))}
+            for state in more["limit_states"]["states"]
+        ]
+        more["limit_states"] = {**more["limit_states"], "states": states}
+    for shape in more.get("free", {}).values():
+        if isinstance(shape, dict) and "im" in shape:
+            shape["im"] = [value * factor for value in shape["im"]]
+    if isinstance(found.curve, str):
+        return replace(found, curve=scaled(found.curve), likelihood=scaled(found.likelihood))
+    return replace(
+        found,
+        curve=scaled(found.curve),
+        likelihood=scaled(found.likelihood),
+        theta=(found.theta[0] * factor, found.theta[1] * factor),
+        im=[value * factor for value in found.im],
+        more=more,
+    )
 
 
 def _si_factor(study: Study) -> float:
@@ -81,15 +127,28 @@ def _si_factor(study: Study) -> float:
     return study.intensity.si[0] / study.intensity.given[0]
 
 
-def fit_sentence(study: Study, name: str, fit: Fragility | str) -> str:
+def fit_sentence(study: Study, name: str, found: Answer) -> str:
     """A curve in the unit of the study, or why there is none."""
-    if isinstance(fit, str):
-        return f"{name}: no curve: {fit}"
-    theta = fit.theta / _si_factor(study)
+    if isinstance(found.curve, str):
+        return f"{name}: no curve: {found.curve}"
+    factor, percent = _si_factor(study), f"{100 * found.confidence:g} %"
+    theta, low, high = (value / factor for value in (found.curve.theta, *found.theta))
     return (
-        f"{name}: median {theta:.4g} {study.intensity.unit} of {study.intensity.measure}, "
-        f"dispersion {fit.beta:.3g}, from {fit.n_total} runs"
+        f"{name}: median {theta:.4g} {study.intensity.unit} of {study.intensity.measure} "
+        f"({percent}: {low:.4g} to {high:.4g}), dispersion {found.curve.beta:.3g} "
+        f"({found.beta[0]:.3g} to {found.beta[1]:.3g})"
     )
+
+
+def load_answers(path: Path, of: str = "arches") -> dict[str, Answer]:
+    """Answers that `fit_cube` stored, by arch or, with ``of="classes"``, by class.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or damaged.
+    """
+    return _load(path, lambda stored: {n: Answer.from_dict(a) for n, a in stored[of].items()})
 
 
 def load_fits(path: Path) -> dict[str, Fragility | str]:
@@ -100,12 +159,14 @@ def load_fits(path: Path) -> dict[str, Fragility | str]:
     InputError
         If the file is missing or damaged.
     """
+    return _load(
+        path, lambda stored: {n: curves.curve_of_dict(fit) for n, fit in stored["fits"].items()}
+    )
+
+
+def _load(path: Path, read: Callable[[Any], T]) -> T:
     try:
-        stored = json.loads(path.read_text(encoding="utf-8"))["fits"]
-        return {
-            name: str(fit["none"]) if "none" in fit else Fragility.from_dict(fit)
-            for name, fit in stored.items()
-        }
+        return read(json.loads(path.read_text(encoding="utf-8")))
     except FileNotFoundError:
         raise InputError(f"{path}: there are no fits yet; `archfrag fit` makes them") from None
     except (OSError, ValueError, LookupError, TypeError, AttributeError, InputError) as error:

@@ -1,0 +1,367 @@
+"""What the runs of a cube say of each arch and of each class: curves, bands, comparisons."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from archfrag.errors import FitError, InputError
+from archfrag.fragility.borders import fill_verdicts, find_brackets
+from archfrag.fragility.brackets import brackets_of
+from archfrag.fragility.capacities import fit_brackets
+from archfrag.fragility.counts import Verdict
+from archfrag.fragility.curve import FloatArray, Fragility
+from archfrag.fragility.fit import fit_stripes
+from archfrag.fragility.quoted import quoted_band
+from archfrag.study.design import GRIDS
+
+POINTS = 120  # of a band
+SHOWN = 12  # arches that a report has room to show one by one
+_SEED = 1
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Runs of one arch, or of all arches of a class under each other.
+
+    Attributes
+    ----------
+    name : str
+    design : str
+    verdict : ndarray of int, (n_record, n_level)
+    level : ndarray, (n_level,) or (n_record, n_level)
+        [SI]
+    factor : ndarray, (n_record, n_level)
+        On the record.
+    group : ndarray of str, (n_record,), or None
+        What rows share: an earthquake, or for a class the record.
+    """
+
+    name: str
+    design: str
+    verdict: NDArray[np.int64]
+    level: FloatArray
+    factor: FloatArray
+    group: NDArray[np.str_] | None = None
+
+    @property
+    def decided(self) -> NDArray[np.bool_]:
+        """Runs that collapsed or stood."""
+        return (self.verdict == Verdict.COLLAPSED) | (self.verdict == Verdict.STANDING)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Curve of an arch or a class, how well it is known, and what else its runs say.
+
+    Attributes
+    ----------
+    curve : Fragility or str
+        Theta in the SI unit of the measure; or the sentence why there is none.
+    likelihood : Fragility or str
+        By maximum likelihood, for comparison.
+    theta, beta : (float, float)
+        Intervals.
+    im, lower, upper : list of float
+        Band of the probability of collapse [SI].
+    confidence : float
+    method, assumptions : str
+        Of the band.
+    n_independent : float
+        Records or runs that the data are worth.
+    n_islands : int
+        Runs against the capacity of their record.
+    more : dict
+        Further results by name, as plain values.
+    """
+
+    curve: Fragility | str
+    likelihood: Fragility | str
+    theta: tuple[float, float] = (np.nan, np.nan)
+    beta: tuple[float, float] = (np.nan, np.nan)
+    im: list[float] = field(default_factory=list)
+    lower: list[float] = field(default_factory=list)
+    upper: list[float] = field(default_factory=list)
+    confidence: float = 0.9
+    method: str = ""
+    assumptions: str = ""
+    n_independent: float = 0.0
+    n_islands: int = 0
+    more: dict[str, Any] = field(default_factory=dict)
+
+    def probability(self, im: float) -> tuple[float, float, float]:
+        """Probability of collapse at an intensity, and its band.
+
+        Raises
+        ------
+        InputError
+            If there is no curve.
+        """
+        if isinstance(self.curve, str):
+            raise InputError(self.curve)
+        low, high = (float(np.interp(im, self.im, side)) for side in (self.lower, self.upper))
+        return float(self.curve.probability(im)), low, high
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        plain = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        for name in ("curve", "likelihood"):
+            plain[name] = curve_to_dict(plain[name])
+        return plain
+
+    @classmethod
+    def from_dict(cls, plain: Mapping[str, Any]) -> "Answer":
+        """Inverse of `to_dict`."""
+        given = dict(plain)
+        for name in ("curve", "likelihood"):
+            given[name] = curve_of_dict(given[name])
+        given |= {name: tuple(given[name]) for name in ("theta", "beta")}
+        return cls(**given)
+
+
+def curve_to_dict(curve: Fragility | str) -> dict[str, Any]:
+    """A curve, or why there is none, as plain values."""
+    return {"none": curve} if isinstance(curve, str) else curve.to_dict()
+
+
+def curve_of_dict(plain: Mapping[str, Any]) -> Fragility | str:
+    """Inverse of `curve_to_dict`."""
+    return str(plain["none"]) if "none" in plain else Fragility.from_dict(dict(plain))
+
+
+def runs_of_cube(cube: xr.Dataset) -> list[Runs]:
+    """Runs of each arch of a cube."""
+    design = str(cube.attrs["archfrag_design_kind"])
+    verdict = cube["verdict"].transpose("arch", "record", "level").values.astype(np.int64)
+    event = cube["event"].values.astype(str)
+    shared = np.unique(event[event != ""]).size < np.count_nonzero(event != "")
+    named = np.where(event == "", [f"record {i}" for i in range(event.size)], event)
+    found = []
+    for i, name in enumerate(cube["arch"].values.astype(str)):
+        one = cube.isel(arch=i)
+        level, factor = one["intensity"].values, one["scale_factor"].values
+        rows = (verdict[i] != Verdict.NOT_SIMULATED).any(axis=1)
+        if level.ndim == 2:
+            level = level[rows]
+        found.append(
+            Runs(str(name), design, verdict[i][rows], level, factor[rows],
+                 named[rows] if shared else None)
+        )  # fmt: skip
+    return found
+
+
+def classes_of_cube(cube: xr.Dataset, runs: Sequence[Runs]) -> dict[str, Runs]:
+    """Runs of the arches of each class together; only classes of several arches."""
+    names = cube["arch_class"].values.astype(str)
+    record = cube["record"].values.astype(str)
+    verdict = cube["verdict"].transpose("arch", "record", "level").values
+    found = {}
+    for name in dict.fromkeys(names.tolist()):
+        members = np.flatnonzero(names == name)
+        if members.size < 2:
+            continue
+        own = [runs[i] for i in members]
+        group = [record[(verdict[i] != Verdict.NOT_SIMULATED).any(axis=1)] for i in members]
+        level = own[0].level
+        if level.ndim == 2:
+            level = np.concatenate([each.level for each in own])
+        found[name] = Runs(
+            name, own[0].design, np.concatenate([each.verdict for each in own]), level,
+            np.concatenate([each.factor for each in own]), np.concatenate(group),
+        )  # fmt: skip
+    return found
+
+
+def answer(runs: Runs, confidence: float) -> Answer:
+    """Curve of some runs with the band and the intervals that are quoted."""
+    likelihood = _or_sentence(lambda: likeliest(runs))
+    top = 1.05 * float(np.nanmax(runs.level))
+    im = np.linspace(0.0, top, POINTS)
+    try:
+        if len(runs.verdict) < 2:
+            raise FitError("there is only one record, from which no curve follows")
+        if runs.design in GRIDS:
+            quoted = quoted_band(
+                runs.design, runs.verdict, runs.level, im, confidence=confidence,
+                groups=runs.group,
+            )  # fmt: skip
+        else:
+            decided = runs.decided
+            quoted = quoted_band(
+                "scattered", runs.verdict[decided], runs.level[decided], im, confidence=confidence
+            )
+    except FitError as error:
+        return Answer(str(error), likelihood, confidence=confidence)
+    return Answer(
+        curve=quoted.curve,
+        likelihood=likelihood,
+        theta=quoted.theta,
+        beta=quoted.beta,
+        im=im.tolist(),
+        lower=quoted.band.lower.tolist(),
+        upper=quoted.band.upper.tolist(),
+        confidence=confidence,
+        method=quoted.method,
+        assumptions=quoted.assumptions,
+        n_independent=quoted.n_independent,
+        n_islands=quoted.n_islands,
+    )
+
+
+def likeliest(runs: Runs) -> Fragility:
+    """Curve by maximum likelihood: of stripes and single runs binomial, else of brackets.
+
+    Raises
+    ------
+    FitError
+        If the likelihood has no maximum.
+    """
+    if runs.design in ("ida", "two_stage"):
+        found = brackets_of(runs.verdict, runs.level, "first")
+        return fit_brackets(found.lower, found.upper)
+    decided = runs.decided
+    level = np.broadcast_to(runs.level, runs.verdict.shape)[decided]
+    distinct, place = np.unique(level, return_inverse=True)
+    fell = np.bincount(place, runs.verdict[decided] == Verdict.COLLAPSED, distinct.size)
+    return fit_stripes(distinct, fell, np.bincount(place, minlength=distinct.size))
+
+
+def free_shapes(runs: Runs, confidence: float) -> dict[str, Any]:
+    """Curves without a shape given beforehand, and whether the lognormal one fits the runs."""
+    from archfrag.fragility.goodness import check_lognormal
+    from archfrag.fragility.runs import Resampling, gather_runs
+    from archfrag.fragility.shapes import isotonic_curve, kernel_curve
+
+    verdict = runs.verdict
+    if runs.design in GRIDS:
+        verdict = fill_verdicts(verdict, "first" if runs.design != "stripes" else "fewest")
+    resampling = Resampling(_SEED, 300, confidence)
+    shaped: dict[str, Any] = {}
+    try:
+        grid = runs.design in GRIDS
+        own = gather_runs(verdict if grid else verdict.ravel(), _as_given(runs), event=runs.group)
+        for curve in (isotonic_curve(own, resampling), kernel_curve(own, resampling)):
+            band = curve.band(curve.im)
+            shaped[curve.kind] = {
+                "im": curve.im.tolist(), "probability": curve.value.tolist(),
+                "lower": band.lower.tolist(), "upper": band.upper.tolist(),
+            }  # fmt: skip
+        test = check_lognormal(own, resampling)
+        shaped["test_of_fit"] = {"p_value": test.p_value, "message": test.message}
+    except FitError as error:
+        shaped["none"] = str(error)
+    return shaped
+
+
+def _as_given(runs: Runs) -> FloatArray:
+    return runs.level if runs.design in GRIDS else runs.level.ravel()
+
+
+def measures_compared(cube: xr.Dataset, runs: Runs) -> dict[str, Any]:
+    """The study's measure beside others in which its motions are known."""
+    from archfrag.fragility.measures import Motions, compare_measures
+    from archfrag.fragility.runs import Resampling
+
+    exponent = cube["measure_exponent"].values.astype(float)
+    value = cube["record_measure"].transpose("record", "measure").values
+    known = (exponent > 0.0) & (value > 0.0).all(axis=0)
+    names = cube["measure"].values.astype(str)
+    motions = Motions(
+        tuple(names[known].tolist()), value[:, known], exponent[known],
+        cube["magnitude"].values, cube["distance"].values, runs.group,
+    )  # fmt: skip
+    own = str(cube["intensity"].attrs["measure"])
+    try:
+        table = compare_measures(runs.verdict, runs.factor, motions, own, Resampling(_SEED, 300))
+    except (FitError, InputError) as error:
+        return {"none": str(error)}
+    units = dict(zip(names.tolist(), cube["measure_unit"].values.astype(str).tolist()))
+    rows = [{**asdict(row), "unit": units[row.measure]} for row in table.rows]
+    plain = {name: getattr(table, name) for name in ("own", "best", "p_value", "ratio", "message")}
+    return {**plain, "rows": rows}
+
+
+def limit_states(cube: xr.Dataset, runs: Runs, keys: Mapping[str, float]) -> dict[str, Any]:
+    """Curves of damage short of collapse, from the same runs, ordered.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        Of one arch, as `runs`.
+    runs : Runs
+    keys : mapping
+        The study's `limit_states`.
+    """
+    from archfrag.fragility.limit_states import fit_limit_states
+
+    def values(name: str) -> NDArray:
+        table: NDArray = cube[name].transpose("record", "level").values
+        return table[(cube["verdict"].values != Verdict.NOT_SIMULATED).any(axis=1)]
+
+    limit, length = float(cube["static_limit"]), float(cube["joint_length"])
+    moved = values("openings") + values("slides") + values("impacts") > 0
+    states = [
+        ("motion", "a joint opens or slides", moved),
+        ("impact", "a joint closes by an impact", values("impacts") > 0),
+        ("residual", f"a displacement of {keys['residual']:g} of a joint's length is left",
+         values("residual_displacement") >= keys["residual"] * length),
+        ("rotation", f"rotation by {keys['rotation']:g} of the static limit, {limit:.3g} rad",
+         values("peak_rotation") >= keys["rotation"] * limit),
+        ("contact lost", "a joint opens at both corners, regained or not",
+         np.isfinite(values("lost_contact_time"))),
+        ("collapse", "a loss of contact that cannot be regained",
+         runs.verdict == Verdict.COLLAPSED),
+    ]  # fmt: skip
+    if not np.isfinite(limit):
+        states = [state for state in states if state[0] != "rotation"]
+    decided = runs.decided
+    exceeded = np.stack(
+        [np.where(decided, reached, -1).astype(np.int64) for _, _, reached in states], axis=-1
+    )
+    if runs.design in ("ida", "two_stage"):
+        exceeded = _filled(exceeded, states)
+    names, meanings = [state[0] for state in states], [state[1] for state in states]
+    found = fit_limit_states(exceeded, runs.level, names, meanings)
+    return {
+        "message": found.message,
+        "states": [
+            {"name": each.name, "meaning": each.meaning,
+             "curve": curve_to_dict(each.fit or each.none)} for each in found.states
+        ],
+    }  # fmt: skip
+
+
+def _filled(exceeded: NDArray[np.int64], states: Sequence[Any]) -> NDArray[np.int64]:
+    """Cells that were not simulated, where the runs of the record imply them."""
+    filled = exceeded.copy()
+    for place in range(len(states)):
+        codes = np.where(exceeded[..., place] < 0, Verdict.NOT_SIMULATED, exceeded[..., place])
+        done = fill_verdicts(codes, "first")
+        filled[..., place] = np.where(done == Verdict.NOT_SIMULATED, -1, done)
+    return filled
+
+
+def dispersion_split(members: Sequence[Runs]) -> dict[str, Any]:
+    """Dispersion of a class: from record to record, and between its arches."""
+    from archfrag.fragility.dispersion import split_capacities
+
+    if members[0].design not in GRIDS or len({len(each.verdict) for each in members}) > 1:
+        return {}
+    rule = "fewest" if members[0].design == "stripes" else "first"
+    capacity = np.stack([find_brackets(each.verdict, each.level, rule).middle for each in members])
+    try:
+        split = split_capacities(capacity)
+    except (FitError, InputError) as error:
+        return {"none": str(error)}
+    return {**asdict(split), "combined": split.combined(), "message": split.message}
+
+
+def _or_sentence(make: Any) -> Fragility | str:
+    try:
+        found: Fragility = make()
+    except FitError as error:
+        return str(error)
+    return found
