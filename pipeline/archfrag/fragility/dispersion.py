@@ -262,7 +262,7 @@ def _two_way(logs: FloatArray) -> tuple[float, float, float, float, float]:
     of_record = a * float(record.var(ddof=1))
     residual = logs - arch[:, None] - record + overall
     interaction = float((residual**2).sum()) / ((a - 1) * (r - 1))
-    # var(ln C | arch) = records + interaction = (of_record + (a - 1) rest) / a.
+    # var(ln C | arch) is that of the records and of the interaction together.
     within = (of_record + (a - 1) * interaction) / a
     within_variance = 2.0 * (of_record**2 / (r - 1) + (a - 1) * interaction**2 / (r - 1)) / a**2
     model_variance = 2.0 * (of_arch**2 / (a - 1) + interaction**2 / ((a - 1) * (r - 1))) / r**2

@@ -62,6 +62,11 @@ class FreeCurve:
         Where all runs of a level agree, so do those of each resample: the band has no width
         there, and the exact interval of the level's fraction says more.
 
+        It is somewhat too narrow, most of all in the upper tail: a nominal 90 % held a lognormal
+        curve (beta 0.4, 15 levels, 200 studies, standard error 2 %) at p = 0.1, 0.25, 0.5, 0.75,
+        0.9 in 86, 90, 88, 87, 79 % with 24 records and in 88, 86, 88, 86, 81 % with 44
+        (isotonic), and within 4 % of that for the kernel.
+
         Raises
         ------
         InputError
