@@ -1,6 +1,6 @@
 """How often 90 % bands hold the true curve, over simulated studies: tables in Markdown.
 
-python tests/benchmarks/run_coverage.py                       # 10 minutes of one core
+python tests/benchmarks/run_coverage.py                       # 11 minutes of one core
 python tests/benchmarks/run_coverage.py --studies 200         # one
 """
 
@@ -83,13 +83,15 @@ def mixture(u, table=_mixed_table()):  # noqa: B008
     return np.interp(u, *table)
 
 
-def records(n: int, quantile: Callable) -> Callable[[np.random.Generator, int], Study]:
+def records(
+    n: int, quantile: Callable, levels: np.ndarray = LEVELS
+) -> Callable[[np.random.Generator, int], Study]:
     """Studies of n records at all levels."""
     im = np.exp(BETA * quantile(P))
 
     def study(generator, seed):
         capacity = np.exp(BETA * quantile(generator.random(n)))
-        return Study((capacity[:, None] <= LEVELS).astype(int), LEVELS, im, seed=seed)
+        return Study((capacity[:, None] <= levels).astype(int), levels, im, seed=seed)
 
     return study
 
@@ -257,17 +259,30 @@ def scenes(studies: int):
             (islands(n)),
             same,
         )
+    few = {"8 levels to ln theta": (-2.2, 0.0, 8), "5 levels": (-2.2, 2.2, 5)}
+    for name, (low, high, number) in few.items():
+        for n in (12, 24):
+            yield (
+                "Lognormal, the same records, other levels",
+                f"{name}, {n} records",
+                half,
+                (records(n, normal, np.exp(BETA * np.linspace(low, high, number)))),
+                same,
+            )
 
 
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--studies", type=int, default=2000)
+    parser.add_argument("--only", default="", help="titles that contain this")
     parser.add_argument("--seed", type=int, default=20261122)
     chosen = parser.parse_args()
     tables: dict[str, list[list[str]]] = {}
     began = time.process_time()
     for number, (title, case, studies, draw, methods) in enumerate(scenes(chosen.studies)):
+        if chosen.only not in title:
+            continue
         found = coverage(draw, methods, studies, chosen.seed + number)
         for name, values in found.items():
             row = [case, name, *(f"{100.0 * value:.1f}" for value in values), str(studies)]
