@@ -1,12 +1,13 @@
 """What must be known before a curve is used: runs that decide nothing, motions scaled far."""
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from archfrag.fragility.counts import VerdictCounts, count_verdicts
+from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
 from archfrag.study.config import Study
 from archfrag.study.fits import open_cube
 
@@ -29,12 +30,40 @@ def study_cautions(study: Study) -> list[str]:
     """
     levels = [f"{level:.4g} {study.intensity.unit}" for level in study.intensity.given]
     with open_cube(study) as cube:
+        if cube["intensity"].ndim > 1:
+            levels = ["levels of their own"]
+        names = cube["arch"].values.astype(str).tolist()
         found = [
             f"{name}: {sentence}"
-            for number, name in enumerate(cube["arch"].values)
+            for number, name in enumerate(names)
             if (sentence := undecided(_counts(cube, number), levels))
         ]
-        return found + [sentence for sentence in (scaled_far(cube, levels),) if sentence]
+        found += design_cautions(json.loads(cube.attrs.get("archfrag_design", "{}")))
+        return found + [sentence for sentence in (scaled_far(cube),) if sentence]
+
+
+def design_cautions(design: Mapping[str, Any]) -> list[str]:
+    """Sentences on what a design did not reach, or found against its own assumption.
+
+    Parameters
+    ----------
+    design : mapping
+        The cube's attribute `archfrag_design`.
+    """
+    found = []
+    for name, note in design.get("arches", {}).items():
+        if note.get("why"):
+            found.append(
+                f"{name}: the median is known to {100 * note['half_width']:.2g} % instead of the "
+                f"{100 * design['precision']['theta']:.2g} % wanted: {note['why']}"
+            )
+        if note.get("contradictions"):
+            found.append(
+                f"{name}: {note['contradictions']} of {note['checked']} runs at random contradict "
+                "the capacity of their record, which has more than one border then; the lowest "
+                "level that was found to cause collapse is taken"
+            )
+    return found
 
 
 def _counts(cube: xr.Dataset, arch: int) -> VerdictCounts:
@@ -64,24 +93,24 @@ def undecided(counts: VerdictCounts, levels: Sequence[str]) -> str:
     )
 
 
-def scaled_far(cube: xr.Dataset, levels: Sequence[str]) -> str:
+def scaled_far(cube: xr.Dataset) -> str:
     """Sentence on motions that are scaled too far; empty if there is none.
 
     Parameters
     ----------
     cube : xarray.Dataset
-    levels : sequence of str, (n_level,)
-        With their unit.
     """
-    factors: NDArray[np.float64] = cube["scale_factor"].transpose("record", "level").values
-    far = int(np.count_nonzero((factors > MOST_SCALING).any(axis=1)))
+    made = cube["verdict"].transpose("arch", "record", "level").values != Verdict.NOT_SIMULATED
+    factors = np.broadcast_to(cube["scale_factor"].values, made.shape)
+    largest = np.where(made, factors, 0.0).max(axis=(0, 2))
+    far = int(np.count_nonzero(largest > MOST_SCALING))
     if not far:
         return ""
-    record, level = map(int, np.unravel_index(int(np.nanargmax(factors)), factors.shape))
+    record = int(largest.argmax())
     return (
-        f"{far} of {len(factors)} motions are scaled by more than {MOST_SCALING:g} (most: "
-        f"{cube['record'].values[record]!s} by {factors[record, level]:.3g} at {levels[level]}), "
-        "which makes weak motions into strong ones of another kind"
+        f"{far} of {largest.size} motions are scaled by more than {MOST_SCALING:g} (most: "
+        f"{cube['record'].values[record]!s} by {largest[record]:.3g}), which makes weak motions "
+        "into strong ones of another kind"
     )
 
 

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
-from scipy.stats import qmc
 
 from archfrag.fragility.counts import Verdict
 from archfrag.study.design import Scattered
@@ -69,6 +68,8 @@ def scattered(
 
 def _pilot_levels(count: int, ends: FloatArray, seed: list[int]) -> FloatArray:
     """Levels that fill the range evenly in their logarithm, in random order, (count,)."""
+    from scipy.stats import qmc
+
     points = qmc.Sobol(1, seed=np.random.default_rng(seed)).random_base2(
         int(np.ceil(np.log2(max(count, 2))))
     )
