@@ -28,7 +28,7 @@ from archfrag.study.scattered import scattered
 from archfrag.study.synthetic import Synthetic, made_motions
 
 ROOT = Path(__file__).resolve().parents[2]
-DESIGNS = ("stripes", "ida", "two_stage", "scattered")
+DESIGNS = ("stripes", "ida", "two_stage", "scattered", "other_stripes")
 
 
 class Bench:
@@ -118,13 +118,13 @@ def main():
         same = Bench(study, motions, 1.0 + repeat * 1e-5)
         for kind in given.designs:
             bench = same
-            if kind == "scattered":
+            if kind in ("scattered", "other_stripes"):
                 wanted = Synthetic(
-                    events=150, magnitude=(5.5, 6.0, 6.5, 7.0, 7.5),
+                    events=150 if kind == "scattered" else 30, magnitude=(5.5, 6.0, 6.5, 7.0, 7.5),
                     distance_km=(5.0, 10.0, 20.0, 35.0, 70.0), seed=repeat,
                 )  # fmt: skip
                 bench = Bench(study, list(made_motions(wanted)))
-            rows.append(row(bench, kind, repeat))
+            rows.append(row(bench, kind.removeprefix("other_"), repeat) | {"design": kind})
         table = pd.DataFrame(rows)
         table.to_csv(given.out, index=False)
         print(f"repeat {repeat}", flush=True)
