@@ -71,7 +71,7 @@ def spectra(
     factors : mapping of record to float
         Scale factor that brings the record to the intensity shown.
     level : str
-        That intensity, with its measure and unit.
+        What the factors do, in words.
     """
     periods = np.asarray(next(iter(responses.values()))[0], dtype=float)
     scaled = np.stack([responses[r][1] * factors[r] for r in responses]) / STANDARD_GRAVITY
@@ -103,7 +103,7 @@ def spectra(
     of = f"{min(len(scaled), _MOST_SPECTRA)} of " if len(scaled) > _MOST_SPECTRA else ""
     return picture(
         draw,
-        alternative=f"Response spectra of {len(responses)} records scaled to {level}",
+        alternative=f"Response spectra of {len(responses)} records {level}",
         caption=f"Pseudo-acceleration spectra at 5 % damping of {of}all records, {level}.",
     )
 
