@@ -195,7 +195,7 @@ def _moving(example: Example, frames: Frames, stage: _Stage, where: tuple[str, f
         ghosts.append(f'<use href="#{name}-{i}" transform="translate({x} {y})"/>')
     strip, travel = _strip(example, frames, height)
     rules.append(
-        f"@keyframes {name}-t{{{number(percent[-1])}%,to{{transform:translate({travel:.1f}px,0)}}}}"
+        f"@keyframes {name}-t{{{number(percent[-1])}%,to{{transform:translate({travel:.1f}px)}}}}"
         f"#{name}-line{{animation-name:{name}-t}}"
         f"#{name}-run *{{animation-duration:{span + _HOLD:.2f}s;animation-timing-function:linear;"
         "animation-iteration-count:infinite}"

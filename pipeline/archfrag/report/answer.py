@@ -131,7 +131,7 @@ def headline(answers: Sequence[ArchAnswer], scale: Scale, confidence: float) -> 
     return f"{start}: {listed}{without}"
 
 
-def headline_table(answers: Sequence[ArchAnswer], scale: Scale, confidence: float) -> Table:
+def answer_table(answers: Sequence[ArchAnswer], scale: Scale, confidence: float) -> Table:
     """One row for each arch: probability at the level asked for, theta and beta, with intervals."""
     percent = f"{100 * confidence:.0f} %"
     at = answers[0].at
@@ -141,14 +141,14 @@ def headline_table(answers: Sequence[ArchAnswer], scale: Scale, confidence: floa
         if answer.fit is None:
             rows.append([answer.name, *("–" for _ in asked), "no curve", "–"])
             continue
-        chance = f"{_chance(answer.probability)} ({_chances(answer.interval)})"
+        chance = f"{_chance(answer.probability)} {_together(_chances(answer.interval))}"
         theta, beta = answer.theta_interval, answer.beta_interval
         rows.append(
             [
                 answer.name,
                 *(chance for _ in asked),
-                f"{digits(answer.theta)} ({digits(theta[0])} – {digits(theta[1])})",
-                f"{answer.beta:.2f} ({beta[0]:.2f} – {beta[1]:.2f})",
+                f"{digits(answer.theta)} {_together(f'{digits(theta[0])} – {digits(theta[1])}')}",
+                f"{answer.beta:.2f} {_together(f'{beta[0]:.2f} – {beta[1]:.2f}')}",
             ]
         )
     return Table(["arch", *asked, f"θ [{scale.unit}] ({percent})", f"β ({percent})"], rows)
@@ -205,7 +205,8 @@ def _entry(
     curve = probability = None
     if fit is not None:
         curve = {
-            "kind": fit.kind, "theta": answer.theta, "theta_interval": _pair(answer.theta_interval),
+            "kind": fit.kind,
+            "theta": answer.theta, "theta_interval": _pair(answer.theta_interval),
             "beta": answer.beta, "beta_interval": _pair(answer.beta_interval),
             "band": answer.band, "runs": fit.n_total, "levels": fit.n_levels,
         }  # fmt: skip
@@ -253,16 +254,20 @@ def _pair(ends: Interval) -> list[float | None]:
     return [_number(ends[0]), _number(ends[1])]
 
 
+def _together(words: str) -> str:
+    """Words in parentheses that a line does not part."""
+    return f"({words})".replace(" ", "\u00a0")
+
+
 def _chance(value: float) -> str:
     """A probability with two digits, three where it is small or large."""
     if not np.isfinite(value):
         return "–"
-    if value < 0.001:
-        return "< 0.001"
-    return (
-        "> 0.999" if value > 0.999 else f"{value:.2f}" if 0.1 <= value <= 0.9 else f"{value:.3f}"
-    )
+    if not 0.001 <= value <= 0.999:
+        return "< 0.001" if value < 0.001 else "> 0.999"
+    return f"{value:.2f}" if 0.1 <= value <= 0.9 else f"{value:.3f}"
 
 
 def _chances(ends: Interval) -> str:
-    return f"{_chance(ends[0])} to {_chance(ends[1])}"
+    low, high = map(_chance, ends)
+    return low if low == high else f"{low} to {high}"

@@ -24,7 +24,6 @@ from archfrag.study.cautions import undecided
 
 if TYPE_CHECKING:
     from archfrag.report.page import ReportInputs
-    from archfrag.simulate import Onset
 
 _ENTRIES = 60  # of the log, in words
 

@@ -85,7 +85,8 @@ def even_ticks(low: float, high: float, most: int = 6) -> FloatArray:
     step = 10.0 ** np.floor(np.log10(span / most))
     step *= next(k for k in (1.0, 2.0, 2.5, 5.0, 10.0, 20.0) if k * step * most >= span)
     first = np.ceil(low / step - 1e-9)
-    return np.asarray(step * np.arange(first, np.floor(high / step + 1e-9) + 1), dtype=float)
+    ticks = step * np.arange(first, np.floor(high / step + 1e-9) + 1)
+    return np.asarray(ticks + 0.0, dtype=float)  # no -0
 
 
 def whole_ticks(high: float, most: int = 5) -> FloatArray:
@@ -128,11 +129,11 @@ def panes(
     if sheet.narrow:
         step = height + BELOW + LINE + gap
         boxes = [
-            (left, start + i * step, sheet.width - 8.0, start + i * step + height)
+            (left, start + i * step, sheet.width - 14.0, start + i * step + height)
             for i in range(count)
         ]
     else:
-        each = (sheet.width - count * left - (count - 1) * gap - 8.0) / count
+        each = (sheet.width - count * left - (count - 1) * gap - 14.0) / count
         lefts = [left + i * (each + gap + left) for i in range(count)]
         boxes = [(x, start, x + each, start + height) for x in lefts]
     return boxes, boxes[-1][3] + BELOW

@@ -1,4 +1,4 @@
-"""Figures by matplotlib as inline SVG: one style, one palette, the same bytes from the same numbers.
+"""Figures by matplotlib as inline SVG: one style, the same bytes from the same numbers.
 
 Text stays text, in the page's own font. Widths are measured in DejaVu Sans, which is wider than
 the fonts of any browser's default list, so that what is drawn apart stays apart.

@@ -215,7 +215,8 @@ def all_curves(
     shown = "; ".join(f"{name} {scale.text(fit.theta)}" for name, fit in list(fits.items())[:40])
     return picture(
         draw,
-        alternative=f"Fragility curves of {len(fits)} arches against {scale.label}. Medians: {shown}",
+        alternative=f"Fragility curves of {len(fits)} arches against {scale.label}. "
+        f"Medians: {shown}",
         caption=(
             "Thin: the lognormal curve of each arch; bold: median of the curves of a class at "
             "each level, shaded 16 to 84 % of them."

@@ -30,7 +30,7 @@ def what_ran(results: ArchResults) -> Picture:
 
     def draw(width: float) -> Sheet:
         sheet = Sheet(width)
-        boxes, sheet.height = panes(sheet, 2, 34.0, 150.0, gap=36.0)
+        boxes, sheet.height = panes(sheet, 2, 20.0, 150.0, gap=26.0)
         _shares(sheet, boxes[0], results)
         _rates(sheet, boxes[1], results)
         return sheet
@@ -132,9 +132,10 @@ def _rates(sheet: Sheet, box: _Box, results: ArchResults) -> None:
 
 
 def _key(sheet: Sheet, panel: Panel, entries: list[Entry]) -> None:
-    """Legend of up to two rows over a panel."""
+    """Legend over a panel."""
     left, top, right, _ = panel.box
-    sheet.legend(left, top - 2.0 * LINE - 6.0, entries, right - left)
+    rows = sheet.legend_rows(entries, right - left)
+    sheet.legend(left, top - rows * LINE - 6.0, entries, right - left)
 
 
 def _moving(results: ArchResults) -> np.ndarray:

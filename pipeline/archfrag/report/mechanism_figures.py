@@ -10,7 +10,7 @@ from archfrag.report import picture as look
 from archfrag.report.axes import axis_y, heading, level_axis, panes
 from archfrag.report.figures import MODE_LOOK
 from archfrag.report.picture import Picture
-from archfrag.report.plot import LINE, Entry, Panel, Sheet, picture, text_width
+from archfrag.report.plot import LINE, Entry, Panel, Sheet, picture
 from archfrag.report.summary import ArchResults, digits
 from archfrag.report.tables import Table
 
@@ -66,14 +66,11 @@ def shares(groups: Sequence[Deaggregation], results: ArchResults) -> Picture | N
 
     def draw(width: float) -> Sheet:
         sheet = Sheet(width)
-        room = (width if sheet.narrow else (width - 170.0) / len(groups)) - 56.0
-        rows = max(_rows(key, room) for key in keys)
-        key_height = rows * LINE
-        boxes, end = panes(
-            sheet, len(groups), 0.0, 150.0,
-            gap=10.0 + key_height * sheet.narrow,
-        )  # fmt: skip
-        sheet.height = end + key_height
+        room = panes(sheet, len(groups), 0.0, 150.0)[0][0]
+        rows = max(sheet.legend_rows(key, room[2] - room[0]) for key in keys)
+        gap = 10.0 + rows * LINE if sheet.narrow else 10.0
+        boxes, end = panes(sheet, len(groups), 0.0, 150.0, gap)
+        sheet.height = end + rows * LINE
         for box, group, key, title in zip(boxes, groups, keys, _TITLES, strict=True):
             panel = Panel(sheet, box, (-0.5, group.n.size - 0.5), (0.0, 1.0))
             axis_y(panel, [0.0, 0.25, 0.5, 0.75, 1.0], "share of the runs")
@@ -87,8 +84,8 @@ def shares(groups: Sequence[Deaggregation], results: ArchResults) -> Picture | N
         draw,
         alternative=f"Fraction of collapses of {results.arch} by level, split by mode, by joint "
         "and by impacts",
-        caption="Each column is the observed fraction of collapses at a level, among the runs that "
-        "collapsed or stood, split by how the joint that lost all contact had been moving, by "
+        caption="Each column is the observed fraction of collapses at a level, among the runs "
+        "that collapsed or stood, split by how the joint that lost all contact had been moving, by "
         "which joint that was, and by how many joints had closed with an impact since the start "
         "of the run.",
     )
@@ -129,17 +126,6 @@ def _key(group: Deaggregation) -> list[Entry]:
             colour, hatch = _look(category, i)
             found.append(Entry(category, colour, hatch or "area"))
     return found
-
-
-def _rows(key: Sequence[Entry], width: float) -> int:
-    """Rows that a legend takes at most."""
-    rows, place = 1, 0.0
-    for entry in key:
-        need = 34.0 + text_width(entry.label)
-        if place > 0.0 and place + need > width:
-            rows, place = rows + 1, 0.0
-        place += need
-    return rows
 
 
 def _look(category: str, place: int) -> tuple[str, str]:

@@ -23,7 +23,7 @@ from archfrag.report.answer import (
     arch_answer,
     classes,
     headline,
-    headline_table,
+    answer_table,
     summary,
 )
 from archfrag.report.arch_section import arch_section
@@ -209,7 +209,7 @@ def _render(
         .render(
             title=inputs.title,
             headline=headline(answers, scale, inputs.confidence),
-            answers=headline_table(answers, scale, inputs.confidence),
+            answers=answer_table(answers, scale, inputs.confidence),
             bands=sorted({answer.band for answer in answers if answer.band}),
             all_curves=all_curves(
                 {a.name: a.fit for a in answers if a.fit is not None},

@@ -20,7 +20,8 @@ PALE = "#d3dae2"
 SVG_STYLE = (
     'svg text{font:11.5px "Helvetica Neue",Helvetica,Arial,"Liberation Sans","DejaVu Sans",'
     f"sans-serif;fill:{INK}}}"
-    "svg .s{font-size:10px}svg .b{font-weight:600}svg .m{text-anchor:middle}svg .e{text-anchor:end}"
+    "svg .s{font-size:10px}svg .b{font-weight:600}"
+    "svg .m{text-anchor:middle}svg .e{text-anchor:end}"
     f"svg .q{{fill:{SOFT}}}svg .w{{fill:#fff}}"
     f"svg .ax{{stroke:{GREY};stroke-width:.8;fill:none}}"
     f"svg .gr{{stroke:{PALE};stroke-width:.6;fill:none}}"

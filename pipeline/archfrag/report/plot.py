@@ -142,6 +142,17 @@ class Sheet:
             place += need + 12.0
         return y + LINE + 3.0 if entries else y
 
+    @staticmethod
+    def legend_rows(entries: Sequence[Entry], width: float) -> int:
+        """Rows that `legend` takes."""
+        rows, place = 1, 0.0
+        for entry in entries:
+            need = 22.0 + text_width(shortened(entry.label, width - 22.0))
+            if place > 0.0 and place + need > width:
+                rows, place = rows + 1, 0.0
+            place += need + 12.0
+        return rows
+
     def _mark(self, x: float, y: float, colour: str, mark: str) -> None:
         middle = number(y + 6.0)
         if mark in ("line", "dash"):
