@@ -132,7 +132,7 @@ def headline(answers: Sequence[ArchAnswer], scale: Scale, confidence: float) -> 
 
 
 def answer_table(answers: Sequence[ArchAnswer], scale: Scale, confidence: float) -> Table:
-    """One row for each arch: probability at the level asked for, theta and beta, with intervals."""
+    """One row for each arch: probability at the level asked for, theta, beta, intervals."""
     percent = f"{100 * confidence:.0f} %"
     at = answers[0].at
     asked = [f"P(collapse) at {digits(at)} {scale.unit}"] if at is not None else []

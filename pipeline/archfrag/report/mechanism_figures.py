@@ -85,9 +85,9 @@ def shares(groups: Sequence[Deaggregation], results: ArchResults) -> Picture | N
         alternative=f"Fraction of collapses of {results.arch} by level, split by mode, by joint "
         "and by impacts",
         caption="Each column is the observed fraction of collapses at a level, among the runs "
-        "that collapsed or stood, split by how the joint that lost all contact had been moving, by "
-        "which joint that was, and by how many joints had closed with an impact since the start "
-        "of the run.",
+        "that collapsed or stood, split by how the joint that lost all contact had been moving, "
+        "by which joint that was, and by how many joints had closed with an impact since the "
+        "start of the run.",
     )
 
 

@@ -20,10 +20,10 @@ from archfrag.fragility.fit import Fragility
 from archfrag.report import motion_figures, tables
 from archfrag.report.answer import (
     ArchAnswer,
+    answer_table,
     arch_answer,
     classes,
     headline,
-    answer_table,
     summary,
 )
 from archfrag.report.arch_section import arch_section
