@@ -62,7 +62,9 @@ def key_frames(example: Example) -> Frames | None:
     moving = np.flatnonzero(np.abs(state).max(axis=1) > 1e-5 * size)
     if moving.size < 2:
         return None
-    first, last = _window(time, np.abs(rotation).max(axis=1), moving, example.response.collapsed)
+    first, last = _window(
+        time, np.abs(rotation).max(axis=1), moving, bool(example.response.collapsed)
+    )
     stay = np.unique(np.linspace(first, last, min(_CANDIDATES, last - first + 1)).astype(int))
     most = int(np.clip(_MOST_TRANSFORMS // rotation.shape[1], 12, _MOST_FRAMES))
     kept = stay[_most_telling(time[stay], state[stay], most)]

@@ -99,8 +99,10 @@ def onset_text(value: float) -> str:
 
 
 def _thrust_and_hinges(view: _View, arch: Arch, onset: "Onset", sign: float) -> None:
-    thin = {"fill": "none", "stroke": look.SOFT, "stroke_width": 1.1}
-    view.path(np.asarray(onset.thrust), **thin, stroke_dasharray="4 2.5")
+    view.path(
+        np.asarray(onset.thrust), fill="none", stroke=look.SOFT, stroke_width=1.1,
+        stroke_dasharray="4 2.5",
+    )  # fmt: skip
     moving = onset.thrust_plus if sign > 0 else onset.thrust_minus
     if moving is not None:
         view.path(np.asarray(moving), fill="none", stroke=look.VERMILION, stroke_width=1.5)

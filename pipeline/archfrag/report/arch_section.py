@@ -137,7 +137,8 @@ def _runs(
 
 def _other_curves(inputs: "ReportInputs", results: ArchResults) -> dict[str, Any]:
     """Limit states and measures, where others gave them."""
-    scale, found = results.scale, {"limit_states": None, "measures": None}
+    scale = results.scale
+    found: dict[str, Any] = {"limit_states": None, "measures": None}
     states = list(inputs.limit_states.get(results.arch, ()))
     if states:
         rows = [[name, digits(f.theta * scale.factor), f"{f.beta:.3f}"] for name, f in states]

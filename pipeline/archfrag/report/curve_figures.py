@@ -206,7 +206,8 @@ def all_curves(
             colour, _, dash = _stroke(i)
             band = bands.get(name)
             if many and len(groups) <= 4:
-                panel.band(im, *np.quantile(rows, [0.16, 0.84], axis=0), colour, 0.15)
+                low, high = np.quantile(rows, [0.16, 0.84], axis=0)
+                panel.band(im, low, high, colour, 0.15)
             elif not many and len(groups) <= 6 and band is not None:
                 panel.band(band.levels, band.band.lower, band.band.upper, colour, 0.13)
             panel.line(im, np.median(rows, axis=0), colour, 1.9, dash)

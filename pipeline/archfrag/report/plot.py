@@ -98,6 +98,7 @@ class Sheet:
         self.width, self.height = width, 0.0
         self.parts: list[str] = []
         self.boxes: list[tuple[str, float, float, float, float]] = []
+        self.panels: list[Panel] = []
 
     @property
     def narrow(self) -> bool:
@@ -213,6 +214,9 @@ class Panel:
     log_x: bool = False
     log_y: bool = False
 
+    def __post_init__(self) -> None:
+        self.sheet.panels.append(self)
+
     def at_x(self, values: ArrayLike) -> FloatArray:
         """Pixels of values of x."""
         return _scaled(values, self.x, self.log_x, self.box[0], self.box[2])
@@ -290,10 +294,10 @@ def trace(x: FloatArray, y: FloatArray) -> str:
 def _scaled(
     values: ArrayLike, ends: tuple[float, float], log: bool, start: float, stop: float
 ) -> FloatArray:
-    values = np.asarray(values, dtype=float)
+    given: FloatArray = np.asarray(values, dtype=float)
     low, high = ends
     if log:
         with np.errstate(divide="ignore", invalid="ignore"):
-            values = np.log(values)
+            given = np.log(given)
         low, high = float(np.log(low)), float(np.log(high))
-    return np.asarray(start + (values - low) / (high - low) * (stop - start), dtype=float)
+    return np.asarray(start + (given - low) / (high - low) * (stop - start), dtype=float)

@@ -187,7 +187,7 @@ def arch_results(cube: xr.Dataset, arch: str, scale: Scale) -> ArchResults:
     levels, place = _levels(part, scale)
 
     def table(name: str, kind: type) -> NDArray:
-        values = part[name].transpose("record", "level", ...).values.astype(kind)
+        values: NDArray = part[name].transpose("record", "level", ...).values.astype(kind)
         return values if place is None else _spread(values, place, levels.size)
 
     verdict = table("verdict", np.int64)
