@@ -19,21 +19,6 @@ from archfrag.mechanics.block.motion import Mechanism
 from archfrag.mechanics.block.regions import starting_region
 from archfrag.report import block_figures, canvas
 from archfrag.study.workflow import snakefile
-from tests.report.test_figures import overlaps
-
-
-@pytest.fixture
-def drawn(monkeypatch):
-    """Figures that are drawn during a test, in order."""
-    kept = []
-    original = Figure.savefig
-
-    def keep(figure, *args, **options):
-        kept.append(figure)
-        return original(figure, *args, **options)
-
-    monkeypatch.setattr(Figure, "savefig", keep)
-    return kept
 
 
 def overlaps(figure):
@@ -185,12 +170,3 @@ def test_settings_of_the_caller_are_left_alone():
     block_figures.reactions_in_cone("a")
     assert matplotlib.rcParams["font.size"] == before
     assert canvas.WIDTH > 0
-
-
-def test_settings_of_the_caller_are_left_alone():
-    matplotlib.rcParams["font.size"] = 23.0
-    try:
-        block_figures.reactions_in_cone("a")
-        assert matplotlib.rcParams["font.size"] == 23.0
-    finally:
-        matplotlib.rcdefaults()
