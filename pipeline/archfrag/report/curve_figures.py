@@ -191,7 +191,7 @@ def all_curves(
         count = f", median of {len(groups[name])}" if many else ""
         entries.append(Entry(f"{name}{count}", *_stroke(i)[:2]))
     if many:
-        entries += [Entry("each arch", look.PALE, "line"), Entry("16 to 84 %", "#dcebf5")]
+        entries += [Entry("each arch", "#b5bec8", "line"), Entry("16 to 84 %", "#c3cbd3")]
 
     def draw(width: float) -> Sheet:
         sheet = Sheet(width)
@@ -200,17 +200,19 @@ def all_curves(
         if at is not None and 0.0 < at < im[-1]:
             panel.line([at, at], [0.0, 1.0], look.GREY, 0.9, "2 2")
         if many:
-            for row in curves.values():
-                panel.line(im[::2], row[::2], look.GREY, 0.5, opacity=0.5)
+            faint = float(np.clip(25.0 / len(curves), 0.15, 0.5))
+            for i, rows in enumerate(groups.values()):
+                for row in rows:  # every third of 100 points, the last among them
+                    panel.line(im[::3], row[::3], _stroke(i)[0], 0.5, opacity=faint)
         for i, (name, rows) in enumerate(groups.items()):
             colour, _, dash = _stroke(i)
             band = bands.get(name)
             if many and len(groups) <= 4:
                 low, high = np.quantile(rows, [0.16, 0.84], axis=0)
-                panel.band(im, low, high, colour, 0.15)
+                panel.band(im, low, high, colour, 0.2)
             elif not many and len(groups) <= 6 and band is not None:
                 panel.band(band.levels, band.band.lower, band.band.upper, colour, 0.13)
-            panel.line(im, np.median(rows, axis=0), colour, 1.9, dash)
+            panel.line(im, np.median(rows, axis=0), colour, 2.2 if many else 1.8, dash)
         return sheet
 
     shown = "; ".join(f"{name} {scale.text(fit.theta)}" for name, fit in list(fits.items())[:40])
@@ -220,7 +222,7 @@ def all_curves(
         f"Medians: {shown}",
         caption=(
             "Thin: the lognormal curve of each arch; bold: median of the curves of a class at "
-            "each level, shaded 16 to 84 % of them."
+            "each level, shaded 16 to 84\u00a0% of them."
             if many
             else "Lognormal curves of all arches"
             + (

@@ -17,7 +17,6 @@ from markupsafe import Markup
 from archfrag.arch import Arch
 from archfrag.errors import InputError, OutputError
 from archfrag.fragility.fit import Fragility
-from archfrag.report import motion_figures, tables
 from archfrag.report.answer import (
     ArchAnswer,
     answer_table,
@@ -29,11 +28,12 @@ from archfrag.report.answer import (
 from archfrag.report.arch_section import arch_section
 from archfrag.report.curve_figures import Resampled, all_curves, resample
 from archfrag.report.measure_figures import MeasureRow
-from archfrag.report.motion_figures import SHOWN, Spectrum
+from archfrag.report.motion_figures import Spectrum
+from archfrag.report.motion_section import motion_section
 from archfrag.report.picture import SVG_STYLE, Picture, standalone
 from archfrag.report.plot import hatch_definitions
 from archfrag.report.summary import ArchResults, Scale, arch_results, reading_scale
-from archfrag.study.cautions import accepted_records, scaled_far
+from archfrag.study.cautions import scaled_far
 from archfrag.study.steps import REPORT_FILES
 
 if TYPE_CHECKING:
@@ -229,7 +229,7 @@ def _render(
             percent=f"{100 * inputs.confidence:.0f} %",
             n_record=cube.sizes["record"],
             n_level=cube.sizes["level"],
-            motions=_motion_section(inputs, cube, scale),
+            motions=motion_section(inputs, cube, scale),
             facts=[(k, v) for k, v in map(_plain, provenance.items()) if "\n" not in v],
             documents=[(k, v) for k, v in map(_plain, provenance.items()) if "\n" in v],
             svg_style=Markup(SVG_STYLE),
@@ -308,49 +308,6 @@ def _check(inputs: ReportInputs, cube: xr.Dataset) -> None:
     for name, _, _ in inputs.arches:
         if name not in inputs.fits:
             raise InputError(f"fits holds neither a curve nor a sentence for arch {name!r}")
-
-
-def _motion_section(inputs: ReportInputs, cube: xr.Dataset, scale: Scale) -> dict[str, Any]:
-    from archfrag.motions.measures import measure, spectral_acceleration
-
-    measures = {
-        motion.id: {name: measure(motion, name) for name in ("PGA", "PGV", "Arias", "D5_95")}
-        for motion in inputs.motions
-    }
-    spectra = inputs.spectra or {
-        motion.id: (SHOWN, np.asarray(spectral_acceleration(motion, SHOWN, damping=0.05)))
-        for motion in inputs.motions
-    }
-    factors, words = _shown_factors(inputs, cube, scale)
-    return {
-        "thumbnails": motion_figures.thumbnails(inputs.motions),
-        "table": tables.motions(cube, inputs.motions, measures),
-        "accepted": accepted_records(cube),
-        "spectra": motion_figures.spectra(spectra, factors, words),
-    }
-
-
-def _shown_factors(
-    inputs: ReportInputs, cube: xr.Dataset, scale: Scale
-) -> tuple[dict[str, float], str]:
-    """Factors that spectra are shown with, and in words what they do.
-
-    Those of the level closest to the median capacity, of the middle one where no arch has a
-    curve; those of the runs where each has a level of its own.
-    """
-    records = [str(name) for name in cube["record"].values]
-    factors = cube["scale_factor"]
-    if cube["intensity"].dims != ("level",):
-        own = factors.isel(arch=0, level=0) if "arch" in factors.dims else factors.isel(level=0)
-        return dict(zip(records, own.values, strict=True)), "scaled as in the runs"
-    intensity = cube["intensity"].values
-    medians = [fit.theta for fit in inputs.fits.values() if isinstance(fit, Fragility)]
-    level = intensity.size // 2
-    if medians:
-        level = int(np.abs(np.log(intensity) - np.log(np.median(medians))).argmin())
-    chosen = factors.transpose("record", "level").values[:, level]
-    words = f"scaled to {scale.measure} = {scale.text(float(intensity[level]))}"
-    return dict(zip(records, chosen, strict=True)), words
 
 
 def _plain(item: tuple[str, Any]) -> tuple[str, str]:
