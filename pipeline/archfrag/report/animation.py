@@ -161,7 +161,8 @@ def animation(example: Example, name: str, title: str) -> Picture | None:
         f'<svg class="still" viewBox="0 0 {number(NARROW)} {number(height + 40.0)}" '
         f'role="img" aria-label="{label}, four frames from {window}">{still}</svg></div>',
         f"{what}, {example.reason}. Motion relative to the ground, true to scale and in real "
-        f"time, {window}; {frames.time.size} key frames, linear between them. Outlined: at rest.",
+        f"time, {window}; {frames.time.size} key frames, linear between them. Outlined: at rest. "
+        "Still frames: on the way to the largest rotation.",
     )
 
 
@@ -204,7 +205,8 @@ def _moving(example: Example, frames: Frames, stage: _Stage, where: tuple[str, f
     )
     return (
         f"<style>{''.join(rules)}</style>"
-        f'<g fill="none" stroke="{look.GREY}" stroke-width=".7">{"".join(ghosts)}</g>{strip}'
+        f'<g id="{name}-rest" fill="none" stroke="{look.GREY}" stroke-width=".7">'
+        f"{''.join(ghosts)}</g>{strip}"
         f'<g id="{name}-run"><g fill="{STONE}" stroke="{EDGE}">{"".join(bodies)}</g>'
         f'<path id="{name}-line" d="M12 {number(height + 2)}v{number(_STRIP)}" '
         f'stroke="{look.VERMILION}" stroke-width="1.6"/></g>'
@@ -228,10 +230,10 @@ def _strip(example: Example, frames: Frames, height: float) -> tuple[str, float]
 
 
 def _still(frames: Frames, stage: _Stage, name: str, height: float) -> str:
-    """Four of the frames at even times, two in a row."""
+    """Four frames on the way to the largest rotation, two in a row."""
     sheet = Sheet(NARROW)
-    wanted = np.linspace(frames.time[0], frames.time[-1], 4)
-    chosen = [int(np.abs(frames.time - time).argmin()) for time in wanted]
+    reach = np.abs(frames.rotation).max(axis=1)
+    chosen = [int(np.argmax(reach >= part * reach.max())) for part in (0.0, 0.33, 0.67, 1.0)]
     places = stage.at(frames.place)
     for number_, k in enumerate(chosen):
         left, top = 0.5 * NARROW * (number_ % 2), (0.5 * height + 20.0) * (number_ // 2)
@@ -242,7 +244,8 @@ def _still(frames: Frames, stage: _Stage, name: str, height: float) -> str:
         )
         sheet.parts.append(
             f'<g transform="translate({number(left)} {number(top + 14.0)}) scale(.5)" '
-            f'fill="{STONE}" stroke="{EDGE}" stroke-width="1.6">{bodies}</g>'
+            f'fill="{STONE}" stroke="{EDGE}" stroke-width="1.6"><use href="#{name}-rest"/>'
+            f"{bodies}</g>"
         )
         sheet.text(left + 6.0, top + 12.0, f"{frames.time[k]:.2f} s", "b")
     return "".join(sheet.parts)

@@ -147,8 +147,8 @@ def answer_table(answers: Sequence[ArchAnswer], scale: Scale, confidence: float)
             [
                 answer.name,
                 *(chance for _ in asked),
-                f"{digits(answer.theta)} {_together(f'{digits(theta[0])} – {digits(theta[1])}')}",
-                f"{answer.beta:.2f} {_together(f'{beta[0]:.2f} – {beta[1]:.2f}')}",
+                f"{digits(answer.theta)} {_together(f'{digits(theta[0])}–{digits(theta[1])}')}",
+                f"{answer.beta:.2f} {_together(f'{beta[0]:.2f}–{beta[1]:.2f}')}",
             ]
         )
     return Table(["arch", *asked, f"θ [{scale.unit}] ({percent})", f"β ({percent})"], rows)
@@ -256,7 +256,7 @@ def _pair(ends: Interval) -> list[float | None]:
 
 def _together(words: str) -> str:
     """Words in parentheses that a line does not part."""
-    return f"({words})".replace(" ", "\u00a0")
+    return f"({words})".replace(" ", "\u00a0").replace("–", "\u2060–\u2060")
 
 
 def _chance(value: float) -> str:
