@@ -413,10 +413,8 @@ def report(study: Any, say: Callable[[str], None], beside: Path | None) -> None:
     """Write the report: one HTML file that needs no network."""
     import pandas as pd
 
-    from archfrag.report.beside import load_beside
     from archfrag.report.page import ReportInputs, write_report
     from archfrag.simulate import onset as find_onset
-    from archfrag.study.config import load_study
     from archfrag.study.cube import CUBE, TIMINGS
     from archfrag.study.fits import FITS, load_fits, open_cube
     from archfrag.study.records import load_prepared, load_record
@@ -435,9 +433,16 @@ def report(study: Any, say: Callable[[str], None], beside: Path | None) -> None:
         fits=load_fits(study.folder / FITS),
         timings=pd.read_csv(timings) if timings.is_file() else None,
         title=study.title,
-        beside=None if beside is None else load_beside(study, load_study(beside)),
+        beside=None if beside is None else _beside(study, beside),
     )
     say(f"report: {write_report(inputs, study.folder / 'report.html')}")
+
+
+def _beside(study: Any, other: Path) -> Any:
+    from archfrag.report.beside import load_beside
+    from archfrag.study.config import load_study
+
+    return load_beside(study, load_study(other))
 
 
 if __name__ == "__main__":

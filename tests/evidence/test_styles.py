@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from matplotlib.colors import to_hex
 from tests.evidence.test_growth import made_up
-from tests.report.test_figures import drawn  # noqa: F401
+from tests.report.test_block_figures import drawn  # noqa: F401
 
 from archfrag.evidence import growth
 from archfrag.evidence.fragility.charts import cost_picture

@@ -7,6 +7,7 @@ import matplotlib
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
@@ -18,7 +19,30 @@ from archfrag.mechanics.block.motion import Mechanism
 from archfrag.mechanics.block.regions import starting_region
 from archfrag.report import block_figures, canvas
 from archfrag.study.workflow import snakefile
-from tests.report.test_figures import overlaps
+
+
+def overlaps(figure):
+    """Pairs of tick labels, titles and axis labels of a figure that cover each other."""
+    FigureCanvasAgg(figure)
+    figure.draw_without_rendering()
+    boxes = []
+    for axes in figure.axes:
+        labels = list(axes.texts)
+        for axis in (axes.xaxis, axes.yaxis) if axes.axison else ():
+            low, high = sorted(axis.get_view_interval())
+            labels += [t.label1 for t in axis.get_major_ticks() if low <= t.get_loc() <= high]
+        labels += [axes.xaxis.label, axes.yaxis.label, axes.title, axes._left_title]
+        boxes += [
+            (t.get_text(), t.get_window_extent())
+            for t in labels
+            if t.get_text() and t.get_visible()
+        ]
+    return [
+        (a, b)
+        for i, (a, box) in enumerate(boxes)
+        for b, other in boxes[i + 1 :]
+        if box.padded(-0.5).overlaps(other.padded(-0.5))
+    ]
 
 
 @pytest.fixture

@@ -1,20 +1,20 @@
 """What the figures are drawn from, and that their labels keep clear of each other."""
 
+import re
 import warnings
 from dataclasses import replace
 
-import matplotlib
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict
 from archfrag.mechanics.status import CollapseMode
 from archfrag.motions.motion import Motion
-from archfrag.report import arch_figure, canvas, figures, motion_figures
-from archfrag.report.summary import arch_results, reading_scale
+from archfrag.report import arch_figure, curve_figures, figures, motion_figures, picture
+from archfrag.report.axes import axis_x
+from archfrag.report.plot import NARROW, WIDE, Panel, Sheet
+from archfrag.report.summary import NOT_SIMULATED, arch_results, reading_scale
 from archfrag.simulate import onset
 from tests.report import synthetic
 
@@ -26,113 +26,183 @@ def results(**options):
 
 @pytest.fixture
 def drawn(monkeypatch):
-    """Figures that are drawn during a test, in order."""
+    """Sheets that are drawn during a test: of each figure the wide one and the narrow one."""
     kept = []
-    original = Figure.savefig
+    original = Sheet.svg
 
-    def keep(figure, *args, **options):
-        kept.append(figure)
-        return original(figure, *args, **options)
+    def keep(sheet, *args):
+        kept.append(sheet)
+        return original(sheet, *args)
 
-    monkeypatch.setattr(Figure, "savefig", keep)
+    monkeypatch.setattr(Sheet, "svg", keep)
     return kept
 
 
-def overlaps(figure):
-    """Pairs of tick labels, titles and axis labels of a figure that cover each other."""
-    FigureCanvasAgg(figure)
-    figure.draw_without_rendering()
-    boxes = []
-    for axes in figure.axes:
-        labels = list(axes.texts)
-        for axis in (axes.xaxis, axes.yaxis) if axes.axison else ():
-            low, high = sorted(axis.get_view_interval())
-            labels += [t.label1 for t in axis.get_major_ticks() if low <= t.get_loc() <= high]
-        labels += [axes.xaxis.label, axes.yaxis.label, axes.title, axes._left_title]
-        boxes += [
-            (t.get_text(), t.get_window_extent())
-            for t in labels
-            if t.get_text() and t.get_visible()
-        ]
-    return [
-        (a, b)
-        for i, (a, box) in enumerate(boxes)
-        for b, other in boxes[i + 1 :]
-        if box.padded(-0.5).overlaps(other.padded(-0.5))
+def overlaps(sheet):
+    """Pairs of texts of a sheet that cover each other, and texts that leave it."""
+    boxes = sheet.boxes
+    covered = [
+        (a[0], b[0])
+        for i, a in enumerate(boxes)
+        for b in boxes[i + 1 :]
+        if min(a[3], b[3]) - max(a[1], b[1]) > 0.5 and min(a[4], b[4]) - max(a[2], b[2]) > 0.5
     ]
+    outside = [
+        (word, "edge")
+        for word, left, top, right, bottom in boxes
+        if left < -2.0 or top < -2.0 or right > sheet.width + 2.0 or bottom > sheet.height + 2.0
+    ]
+    return covered + outside
+
+
+def rectangles(sheet, panel, colour):
+    """Rectangles of a colour in a panel, in its units: left, right, low, high."""
+    left, top, right, bottom = panel.box
+    found = []
+    for d in re.findall(rf'<path d="([^"]+)" fill="{colour}"/>', "".join(sheet.parts)):
+        for x, y, across, down in re.findall(r"M([-\d.]+) ([-\d.]+)H([-\d.]+)V([-\d.]+)H", d):
+            x, y, across, down = map(float, (x, y, across, down))
+            if left - 1 <= x <= right + 1 and top - 1 <= y <= bottom + 1:
+                ends = np.array([x, across, bottom, y, down])
+                wide = (panel.x[1] - panel.x[0]) / (right - left)
+                high = (panel.y[1] - panel.y[0]) / (bottom - top)
+                found.append(
+                    (
+                        *(panel.x[0] + (ends[:2] - left) * wide),
+                        panel.y[0] + (bottom - down) * high,
+                        panel.y[0] + (bottom - y) * high,
+                    )
+                )
+    return np.array(found).reshape(-1, 4)
 
 
 class TestLabelsKeepClear:
     @pytest.mark.parametrize("n_level", [2, 9, 16, 40])
     def test_figures_over_levels(self, n_level, drawn):
         data = results(n_level=n_level)
-        figures.verdict_map(data, "a")
-        figures.collapses(data, 8, "b")
-        figures.numerics(data, "c")
-        figures.curve(data, None, "d", 0.9)
-        assert len(drawn) == 4
-        assert [overlaps(figure) for figure in drawn] == [[], [], [], []]
+        figures.verdict_map(data)
+        figures.collapses(data, 8)
+        figures.numerics(data)
+        curve_figures.curve(data, None, 0.9, None)
+        assert [sheet.width for sheet in drawn] == 4 * [WIDE, NARROW]
+        assert [overlaps(sheet) for sheet in drawn] == 8 * [[]]
 
     def test_many_joints(self, drawn):
-        figures.collapses(results(n_joint=82), 82, "a")
-        assert overlaps(drawn[0]) == []
+        figures.collapses(results(n_joint=82), 82)
+        assert [overlaps(sheet) for sheet in drawn] == [[], []]
 
     @pytest.mark.parametrize("n_record", [1, 6, 60])
     def test_records(self, n_record, drawn):
         items = synthetic.motions(n_record)
-        figures.verdict_map(results(items=items if n_record > 1 else None), "a")
-        motion_figures.thumbnails(items, "b")
-        assert [overlaps(figure) for figure in drawn] == [[], []]
+        figures.verdict_map(results(items=items if n_record > 1 else None))
+        assert [overlaps(sheet) for sheet in drawn] == [[], []]
+        shown = motion_figures.thumbnails(items)
+        assert shown.svg.count("<svg") == n_record
 
     def test_single_joint(self, drawn):
-        figures.collapses(results(n_joint=1), 1, "a")
-        for axes in drawn[0].axes:
-            assert [label.get_text() for label in axes.get_yticklabels()] == ["0"]
+        figures.collapses(results(n_joint=1), 1)
+        for panel in drawn[0].panels:
+            beside = [box[0] for box in drawn[0].boxes if box[3] <= panel.box[0]]
+            assert "0" in beside
+            assert "1" not in beside
 
     def test_the_check_finds_an_overlap(self):
-        figure = Figure(figsize=(1.0, 1.0))
-        axes = figure.subplots()
-        axes.set_xticks([0.0, 0.01], ["wide label", "wide label"])
-        axes.set_xlim(0.0, 1.0)
-        assert overlaps(figure)
+        sheet = Sheet(100.0)
+        sheet.height = 30.0
+        sheet.text(10.0, 20.0, "wide label")
+        assert not overlaps(sheet)
+        sheet.text(12.0, 22.0, "wide label")
+        sheet.text(90.0, 5.0, "leaves")
+        assert len(overlaps(sheet)) == 2
+
+    def test_labels_that_would_touch_are_left_out(self):
+        sheet = Sheet(100.0)
+        sheet.height = 60.0
+        panel = Panel(sheet, (10.0, 0.0, 90.0, 20.0), (0.0, 1.0), (0.0, 1.0))
+        axis_x(panel, np.linspace(0, 1, 30), "")
+        assert 2 <= len(sheet.boxes) < 10
+        assert not overlaps(sheet)
 
 
 class TestArchFigure:
     @pytest.mark.parametrize("voussoirs", [7, 27])
     def test_hinges_are_drawn_at_their_corners(self, voussoirs, drawn):
+        """Pixels of the hinges lie as the corners do, up to one scale and shift for each way."""
         arch, start = synthetic.arch_and_onset(voussoirs)
-        arch_figure.arch_at_onset(arch, start, "ring", "a")
-        left, right = drawn[0].axes
-        for axes, hinges in ((left, start.hinges), (right, start.hinges_minus)):
-            points = {
-                tuple(line.get_xydata()[0]) for line in axes.lines if line.get_marker() == "o"
-            }
-            assert points == {tuple(getattr(arch, side)[joint]) for joint, side in hinges}
-            assert len(axes.patches) == arch.n_voussoir
+        arch_figure.arch_at_onset(arch, start, "ring")
+        for sheet in drawn:
+            dots = dots_of(sheet)
+            stones = [part for part in sheet.parts if f'fill="{arch_figure.STONE}"' in part]
+            assert len(stones) == 2 * arch.n_voussoir
+            assert len(dots) == len(start.hinges) + len(start.hinges_minus)
+            for points, hinges in ((dots[:4], start.hinges), (dots[4:], start.hinges_minus)):
+                corners = np.array([getattr(arch, side)[joint] for joint, side in hinges])
+                sides = [points - points[0], (corners - corners[0]) * (1.0, -1.0)]
+                scale = np.linalg.norm(sides[0]) / np.linalg.norm(sides[1])
+                np.testing.assert_allclose(sides[0], scale * sides[1], atol=0.3)
 
     def test_thrust_passes_through_the_hinges(self, drawn):
         """The real onset of the reference arch, ground towards +x."""
         arch, _ = synthetic.arch_and_onset()
-        arch_figure.arch_at_onset(arch, onset(arch), "ring", "a")
-        lines = drawn[0].axes[0].lines
-        hinges = [line.get_xydata()[0] for line in lines if line.get_marker() == "o"]
-        (thrust,) = [line for line in lines if line.get_color() == canvas.VERMILION]
+        arch_figure.arch_at_onset(arch, onset(arch), "ring")
+        thrust = next(
+            part for part in drawn[0].parts
+            if f'stroke="{picture.VERMILION}"' in part and "fill" in part and "h16" not in part
+        )  # fmt: skip
+        line = np.array(re.findall(r"([\d.]+) ([\d.]+)", thrust.split('"')[1]), dtype=float)
+        hinges = dots_of(drawn[0])[:4]
         assert len(hinges) == 4
         for hinge in hinges:
-            assert np.abs(thrust.get_xydata() - hinge).sum(axis=1).min() < 1e-6
+            assert np.abs(line - hinge).sum(axis=1).min() < 0.3
 
     def test_sliding_joints_are_drawn_and_explained(self, drawn):
         arch, start = synthetic.arch_and_onset()
-        shown = arch_figure.arch_at_onset(arch, replace(start, sliding=[7]), "ring", "a")
-        ends = np.stack([arch.intrados[7], arch.extrados[7]])
-        assert any(np.array_equal(line.get_xydata(), ends) for line in drawn[0].axes[0].lines)
+        shown = arch_figure.arch_at_onset(arch, replace(start, sliding=[7]), "ring")
+        lines = [p for p in drawn[0].parts if f'stroke="{picture.ORANGE}"' in p]
+        assert len(lines) == 1
         assert "sliding joint" in shown.svg
 
     @pytest.mark.parametrize("voussoirs", [7, 27, 81])
     def test_joint_numbers_keep_clear(self, voussoirs, drawn):
-        arch_figure.arch_at_onset(*synthetic.arch_and_onset(voussoirs), "ring", "a")
-        assert len(drawn[0].axes[0].texts) >= 8
-        assert overlaps(drawn[0]) == []
+        arch_figure.arch_at_onset(*synthetic.arch_and_onset(voussoirs), "ring")
+        assert len(drawn[0].boxes) >= 8
+        assert [overlaps(sheet) for sheet in drawn] == [[], []]
+
+
+def dots_of(sheet):
+    """Centres of the hinges that are drawn on a sheet [px]."""
+    found = []
+    for part in sheet.parts:
+        where = re.match(r'<path d="M([\d.]+) ([\d.]+)a([\d.]+) .*stroke="#fff"/>', part)
+        if where:
+            x, y, radius = map(float, where.groups())
+            found.append((x + radius, y))
+    return np.array(found)
+
+
+class TestVerdictMap:
+    def test_cells_are_where_the_runs_are(self, drawn):
+        data = results()
+        figures.verdict_map(data)
+        panel = drawn[0].panels[0]
+        fell = data.verdict == Verdict.COLLAPSED
+        d = "".join(
+            re.findall(rf'd="([^"]+)" fill="{picture.VERMILION}"', "".join(drawn[0].parts[2:]))
+        )
+        bars = np.array(re.findall(r"M([\d.]+) ([\d.]+)H([\d.]+)v", d), dtype=float)
+        cell = (panel.box[2] - panel.box[0]) / data.levels.size
+        rows = np.unique(bars[:, 1])
+        shown = [
+            round(float((bars[bars[:, 1] == y][:, 2] - bars[bars[:, 1] == y][:, 0]).sum() / cell))
+            for y in rows
+        ]
+        assert shown == sorted(int(n) for n in fell.sum(axis=1) if n)
+
+    def test_what_was_not_simulated_is_blank_and_said(self):
+        data = results()
+        data.verdict[:, 3] = NOT_SIMULATED
+        assert "not simulated" in figures.verdict_map(data).svg
+        assert "not simulated" not in figures.verdict_map(results()).svg
 
 
 class TestSummary:
@@ -196,19 +266,11 @@ class TestEnvelope:
         assert not high.any()
 
 
-def test_settings_of_the_caller_are_left_alone():
-    matplotlib.rcParams["font.size"] = 23.0
-    try:
-        figures.numerics(results(), "a")
-        assert matplotlib.rcParams["font.size"] == 23.0
-    finally:
-        matplotlib.rcdefaults()
-
-
 def test_names_in_any_script_are_drawn_without_a_word_on_the_terminal():
     data = results()
     names = [f"拼音{i}" for i in range(len(data.records))]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        shown = figures.verdict_map(replace(data, records=names), "a")
+        shown = figures.verdict_map(replace(data, records=names))
     assert all(name in shown.svg for name in names)
+    assert all(name in shown.narrow for name in names)

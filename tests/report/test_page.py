@@ -50,7 +50,7 @@ def table(page, label):
 class TestAnswer:
     def test_curve_stands_first(self, study, page):
         fit = study.fits["ring"]
-        (card,) = page.xpath('//header//div[@id="arch0-answer"]')
+        (card,) = page.xpath('//section[@id="arch0"]/div[@id="arch0-answer"]')
         large = [text(cell) for cell in card.xpath('.//dd[@class="large"]')]
         assert large == [f"{fit.theta / 9.80665:#.3g} g", f"{fit.beta:#.3g}", "0.3700 g"]
         reach = 1.6448536 * fit.standard_errors[0]
@@ -62,7 +62,7 @@ class TestAnswer:
             study.cube["verdict"].values[0], study.cube["intensity"].values, 4.0, seed=1
         )
         low, high = np.array(band.theta) / 9.80665
-        (card,) = page.xpath('//header//div[@id="arch0-answer"]')
+        (card,) = page.xpath('//section[@id="arch0"]/div[@id="arch0-answer"]')
         assert f"records resampled: {low:#.3g} to {high:#.3g} g" in text(card)
         low, high = band.beta
         assert f"records resampled: {low:#.3g} to {high:#.3g}" in text(card)
@@ -155,7 +155,7 @@ class TestCautions:
         data = study.cube.copy(deep=True)
         data["verdict"][0, 1:4, 4] = Verdict.UNFINISHED
         page = lxml.html.document_fromstring(render(replace(study, cube=data)))
-        (said,) = page.xpath('//header//div[@id="arch0-answer"]/p[@class="caution"]')
+        (said,) = page.xpath('//div[@id="arch0-answer"]/p[@class="caution"]')
         level = data["intensity"].values[4] / 9.80665
         assert text(said).startswith(
             "Caution: more than 5 % of the runs are unfinished or failed at 3 of 9 levels (most: "
@@ -238,8 +238,9 @@ class TestOffline:
         assert used <= set(identifiers)
 
     def test_figures_have_a_text_alternative(self, page):
-        pictures = page.xpath("//svg")
-        assert len(pictures) == 9
+        pictures = page.xpath('//svg[not(@aria-hidden="true")]')
+        assert len(pictures) == 2 * 8  # each drawn twice
+        assert len(page.xpath('//*[@class="thumbnails"]/@aria-label')) == 1
         for picture in pictures:
             assert picture.get("role") == "img"
             assert len(picture.get("aria-label")) > 20
@@ -343,7 +344,7 @@ class TestWrittenWhole:
     def test_written_and_readable(self, study, html, tmp_path):
         out = write_report(study, tmp_path / "report.html")
         assert out.read_text(encoding="utf-8") == html
-        assert sorted(os.listdir(tmp_path)) == ["curve-ring.svg", "report.html"]
+        assert sorted(os.listdir(tmp_path)) == ["curve-ring.svg", "report.html", "summary.json"]
         assert out.stat().st_mode & 0o777 == 0o644
 
     def test_a_failed_write_keeps_the_old_page(self, study, tmp_path, monkeypatch):

@@ -111,7 +111,8 @@ def test_a_run_ends_with_a_report_and_a_line_for_each_step(finished):
     assert "simulations" in stderr
     assert "Building DAG" not in stderr
     assert {entry.name for entry in out.iterdir()} == {
-        ".archfrag", "cube.nc", "curve-ring.svg", "curve-slab.svg", "fits.json", "report.html"
+        ".archfrag", "cube.nc", "curve-ring.svg", "curve-slab.svg", "fits.json", "report.html",
+        "summary.json",
     }  # fmt: skip
     work = out / ".archfrag"
     for name in ("motions", "batch-0", "cube", "fit", "report"):

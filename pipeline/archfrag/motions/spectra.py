@@ -13,6 +13,7 @@ the memory of one block.
 
 from collections.abc import Iterator
 from functools import lru_cache
+from itertools import accumulate
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -190,10 +191,15 @@ class _Oscillator:
 
     def put_states(self, windows: NDArray[np.float64], state: complex) -> complex:
         """Write the state before each block into its last two columns; the state after them."""
-        from scipy.signal import lfilter
-
         ends = (windows[:, :-2] @ self.end).view(np.complex128)[:, 0]
-        states = lfilter([1.0], [1.0, -self.turn], np.concatenate(([state], ends)))
+        if len(ends) < _BLOCKS:  # scipy.signal takes longer to import than a hundred spectra
+            turn = complex(self.turn)
+            rows = accumulate(ends.tolist(), lambda q, end: q * turn + end, initial=state)
+            states = np.array(list(rows))
+        else:
+            from scipy.signal import lfilter
+
+            states = lfilter([1.0], [1.0, -self.turn], np.concatenate(([state], ends)))
         windows[:, -2], windows[:, -1] = states.real[:-1], states.imag[:-1]
         return complex(states[-1])
 

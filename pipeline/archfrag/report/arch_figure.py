@@ -3,23 +3,45 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Polygon
 
 from archfrag.arch import Arch
-from archfrag.report import canvas
-from archfrag.report.canvas import Picture, picture
+from archfrag.report import picture as look
+from archfrag.report.picture import Picture
+from archfrag.report.plot import Entry, FloatArray, Sheet, picture, symbol, trace
 
 if TYPE_CHECKING:
     from archfrag.simulate import Onset
 
-_STONE = "#e9e4da"
-_EDGE = "#8d8473"
+STONE = "#e9e4da"
+EDGE = "#8d8473"
 
 
-def arch_at_onset(arch: Arch, onset: "Onset", identifier: str, name: str) -> Picture:
+class _View:
+    """An arch in a box of a sheet, in one scale for both directions."""
+
+    def __init__(self, sheet: Sheet, arch: Arch, left: float, top: float, width: float) -> None:
+        points = np.concatenate(arch.outlines)
+        low, high = points.min(axis=0), points.max(axis=0)
+        span, height = np.maximum(high - low, 1e-9)
+        self.sheet, self.span = sheet, float(span)
+        room = min(width - 46.0, 330.0)  # numbers of joints stand beside the springings
+        self.scale = float(min(room / span, 260.0 / height))
+        self.middle, self.ground = left + 0.5 * width, top + 16.0 + self.scale * float(height)
+        self.centre, self.low = float(0.5 * (low[0] + high[0])), float(low[1])
+        self.end = self.ground + 24.0
+
+    def at(self, points: FloatArray) -> FloatArray:
+        """Pixels of points (n, 2) [m]."""
+        points = np.atleast_2d(points)
+        x = self.middle + self.scale * (points[:, 0] - self.centre)
+        return np.column_stack([x, self.ground - self.scale * (points[:, 1] - self.low)])
+
+    def path(self, points: FloatArray, closed: bool = False, **attributes: object) -> None:
+        """Join points [m]."""
+        self.sheet.path(trace(*self.at(points).T) + ("z" if closed else ""), **attributes)
+
+
+def arch_at_onset(arch: Arch, onset: "Onset", identifier: str) -> Picture:
     """Draw the chain twice: ground accelerating towards +x, and towards -x.
 
     Parameters
@@ -28,36 +50,31 @@ def arch_at_onset(arch: Arch, onset: "Onset", identifier: str, name: str) -> Pic
     onset : Onset
     identifier : str
         The arch's name in the study.
-    name : str
-        Unique on the page.
     """
-    points = np.concatenate(arch.outlines)
-    low, high = points.min(axis=0), points.max(axis=0)
-    span, height = np.maximum(high - low, 1e-9)
-    middle = 0.5 * (low[0] + high[0])
-    # A slender chain gets room beside it, so that the title fits.
-    reach = max(0.56 * span, 0.7 * height)
     ways = (("+x", 1.0), ("−x", -1.0)) if onset.stands else (("", 0.0),)
 
-    def draw(figure: Figure) -> None:
-        all_axes = figure.subplots(1, len(ways), squeeze=False)[0]
-        for axes, (way, sign) in zip(all_axes, ways, strict=True):
-            for outline in arch.outlines:
-                axes.add_patch(Polygon(outline, facecolor=_STONE, edgecolor=_EDGE, linewidth=0.7))
-            axes.set_aspect("equal")
-            axes.set_xlim(middle - reach, middle + reach)
-            axes.set_ylim(low[1] - 0.17 * max(height, 0.4 * span), high[1] + 0.07 * span)
-            axes.set_axis_off()
+    def draw(width: float) -> Sheet:
+        sheet = Sheet(width)
+        top = sheet.legend(8.0, 0.0, _key(onset), width - 16.0) if onset.stands else 0.0
+        each = width if sheet.narrow else width / len(ways)
+        for i, (way, sign) in enumerate(ways):
+            left = 0.0 if sheet.narrow else i * each
+            title = 20.0 if onset.stands else 0.0
+            view = _View(sheet, arch, left, top + title, each)
             if onset.stands:
-                _thrust_and_hinges(axes, arch, onset, sign)
-                _ground(axes, low, span, height, sign)
                 limit = onset_text(onset.plus if sign > 0 else onset.minus)
-                axes.set_title(f"ground accelerating towards {way}: {limit}")
-            _joint_numbers(axes, arch, span)
-        if onset.stands:
-            figure.legend(
-                handles=_key(onset), loc="outside lower center", ncols=4, handlelength=2.0
-            )
+                words = f"ground accelerating towards {way}: {limit}"
+                sheet.text(left + 8.0, top + 14.0, words, "b")
+            for outline in arch.outlines:
+                view.path(outline, True, fill=STONE, stroke=EDGE, stroke_width=0.8)
+            if onset.stands:
+                _thrust_and_hinges(view, arch, onset, sign)
+                _ground(view, sign)
+            _joint_numbers(view, arch)
+            sheet.height = max(sheet.height, view.end)
+            if sheet.narrow:
+                top = view.end + 4.0
+        return sheet
 
     if onset.stands:
         text = (
@@ -66,17 +83,14 @@ def arch_at_onset(arch: Arch, onset: "Onset", identifier: str, name: str) -> Pic
         )
         caption = (
             "Mechanism with which the motion begins at the onset acceleration. Filled circles: "
-            "hinges. Lines join the contact centres of the joints: solid at onset, dotted under "
+            "hinges. Lines join the contact centres of the joints: solid at onset, dashed under "
             "self-weight alone, where an arch with all joints closed is hyperstatic and the line "
-            "is one admissible choice."
+            "is one admissible choice. Numbers: joints."
         )
     else:
         text = f"{identifier}, which does not stand under its own weight"
         caption = "The arch does not stand under its own weight; there is no onset to show."
-    panel = canvas.WIDTH / len(ways)
-    ratio = float((height + 0.07 * span + 0.17 * max(height, 0.4 * span)) / (2.0 * reach))
-    size = (canvas.WIDTH, min(0.75 + panel * ratio, 4.6))
-    return picture(name, size, draw, alternative=text, caption=caption)
+    return picture(draw, alternative=text, caption=caption)
 
 
 def onset_text(value: float) -> str:
@@ -84,46 +98,51 @@ def onset_text(value: float) -> str:
     return f"{value:.4f} g" if np.isfinite(value) else "no limit"
 
 
-def _thrust_and_hinges(axes: Axes, arch: Arch, onset: "Onset", sign: float) -> None:
-    axes.plot(*np.asarray(onset.thrust).T, color=canvas.GREY, lw=1.0, ls=(0, (1, 1.6)))
+def _thrust_and_hinges(view: _View, arch: Arch, onset: "Onset", sign: float) -> None:
+    view.path(
+        np.asarray(onset.thrust), fill="none", stroke=look.SOFT, stroke_width=1.1,
+        stroke_dasharray="4 2.5",
+    )  # fmt: skip
     moving = onset.thrust_plus if sign > 0 else onset.thrust_minus
     if moving is not None:
-        axes.plot(*np.asarray(moving).T, color=canvas.VERMILION, lw=1.3)
-    for joint, side in onset.hinges if sign > 0 else onset.hinges_minus:
-        corner = (arch.intrados if side == "intrados" else arch.extrados)[joint]
-        axes.plot(*corner, "o", color=canvas.BLUE, ms=6.0, mec="white", mew=0.8, zorder=5)
+        view.path(np.asarray(moving), fill="none", stroke=look.VERMILION, stroke_width=1.5)
     for joint in onset.sliding if sign > 0 else onset.sliding_minus:
         ends = np.stack([arch.intrados[joint], arch.extrados[joint]])
-        axes.plot(*ends.T, color=canvas.ORANGE, lw=3.0, solid_capstyle="butt", zorder=4)
+        view.path(ends, stroke=look.ORANGE, stroke_width=4)
+    for joint, side in onset.hinges if sign > 0 else onset.hinges_minus:
+        corner = (arch.intrados if side == "intrados" else arch.extrados)[joint]
+        x, y = view.at(corner)[0]
+        view.sheet.path(symbol(x, y, 4.0), fill=look.BLUE, stroke="#fff")
 
 
-def _ground(axes: Axes, low: np.ndarray, span: float, height: float, sign: float) -> None:
-    y = low[1] - 0.11 * max(height, 0.4 * span)
-    centre = low[0] + 0.5 * span
-    axes.annotate(
-        "", xy=(centre + 0.16 * sign * span, y), xytext=(centre - 0.16 * sign * span, y),
-        arrowprops={"arrowstyle": "-|>", "color": canvas.INK, "lw": 1.2},
-    )  # fmt: skip
-    axes.plot([low[0], low[0] + span], [low[1]] * 2, color=canvas.GREY, lw=0.6, zorder=0)
+def _ground(view: _View, sign: float) -> None:
+    y, half = view.ground + 13.0, 0.16 * view.scale * view.span
+    reach = 0.5 * view.scale * view.span
+    view.sheet.path(f"M{view.middle - reach:.1f} {view.ground:.1f}h{2 * reach:.1f}", kind="ax")
+    tip = view.middle + sign * half
+    view.sheet.path(
+        f"M{view.middle - sign * half:.1f} {y:.1f}H{tip:.1f}", stroke=look.INK, stroke_width=1.3
+    )
+    view.sheet.path(f"M{tip + sign * 7:.1f} {y:.1f}l{-sign * 9:.1f} -4v8z", fill=look.INK)
 
 
-def _joint_numbers(axes: Axes, arch: Arch, span: float) -> None:
+def _joint_numbers(view: _View, arch: Arch) -> None:
     """Numbers beyond the extrados, thinned where joints stand close."""
     outward = arch.extrados[: arch.n_joint] - arch.intrados[: arch.n_joint]
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-    place = arch.extrados[: arch.n_joint] + 0.035 * span * outward
+    corners = view.at(arch.extrados[: arch.n_joint])
     step = max(1, int(np.ceil(arch.n_joint / 15)))
     for joint in range(0, arch.n_joint, step):
-        x, y = place[joint]
-        axes.text(x, y, str(joint), ha="center", va="center", fontsize=6.5, color=canvas.GREY)
+        x, y = corners[joint] + 11.0 * outward[joint] * (1.0, -1.0)
+        view.sheet.text(x, y + 3.5, str(joint), "s m q")
 
 
-def _key(onset: "Onset") -> list[Line2D]:
+def _key(onset: "Onset") -> list[Entry]:
     key = [
-        Line2D([], [], color=canvas.VERMILION, lw=1.3, label="thrust at onset"),
-        Line2D([], [], color=canvas.GREY, lw=1.0, ls=(0, (1, 1.6)), label="thrust, self-weight"),
-        Line2D([], [], marker="o", ls="", ms=6.0, color=canvas.BLUE, mec="white", label="hinge"),
+        Entry("thrust at onset", look.VERMILION, "line"),
+        Entry("thrust, self-weight", look.SOFT, "dash"),
+        Entry("hinge", look.BLUE, "dot"),
     ]
     if len(onset.sliding) or len(onset.sliding_minus):
-        key.append(Line2D([], [], color=canvas.ORANGE, lw=3.0, label="sliding joint"))
+        key.append(Entry("sliding joint", look.ORANGE))
     return key

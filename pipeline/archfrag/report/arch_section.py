@@ -7,20 +7,23 @@ import xarray as xr
 from archfrag.arch import Arch
 from archfrag.fragility.fit import Fragility
 from archfrag.report import (
+    animation,
     arch_figure,
+    curve_figures,
     example,
     figures,
     ladder_figures,
+    measure_figures,
     mechanism_figures,
     tables,
     timeline,
 )
-from archfrag.report.summary import ArchResults
+from archfrag.report.curve_figures import Resampled
+from archfrag.report.summary import ArchResults, digits
 from archfrag.study.cautions import undecided
 
 if TYPE_CHECKING:
     from archfrag.report.page import ReportInputs
-    from archfrag.simulate import Onset
 
 _ENTRIES = 60  # of the log, in words
 
@@ -29,9 +32,9 @@ def arch_section(
     inputs: "ReportInputs",
     cube: xr.Dataset,
     results: ArchResults,
-    arch: Arch,
-    onset: "Onset",
-    prefix: str,
+    place: int,
+    resampled: Resampled | None,
+    animated: bool,
 ) -> dict[str, Any]:
     """Figures, tables and numbers of an arch, by the names that the page's template uses.
 
@@ -40,17 +43,17 @@ def arch_section(
     inputs : ReportInputs
     cube : xarray.Dataset
     results : ArchResults
-    arch : Arch
-    onset : Onset
-    prefix : str
-        Unique on the page.
+    place : int
+        Of the arch in `inputs.arches`.
+    resampled : Resampled or None
+        Band of its curve.
+    animated : bool
+        Whether to show runs in motion.
     """
+    prefix, (_, arch, onset) = f"arch{place}", inputs.arches[place]
     given = inputs.fits[results.arch]
     fit = given if isinstance(given, Fragility) else None
     counts = results.counts
-    resampled = None
-    if fit is not None and len(results.records) > 1:
-        resampled = figures.resample(results, inputs.confidence)
     return {
         "id": prefix,
         "name": results.arch,
@@ -66,56 +69,90 @@ def arch_section(
             "stood_after_loss": results.stood_after_loss,
         },
         "caution": undecided(counts, results.level_texts),
-        "curve": figures.curve(results, fit, f"{prefix}-curve", inputs.confidence, resampled),
+        "curve": curve_figures.curve(results, fit, inputs.confidence, resampled),
         "levels": tables.levels(results, fit, inputs.confidence),
-        "verdicts": figures.verdict_map(results, f"{prefix}-verdicts"),
-        "arch": arch_figure.arch_at_onset(arch, onset, results.arch, f"{prefix}-onset"),
+        "verdicts": figures.verdict_map(results),
+        "arch": arch_figure.arch_at_onset(arch, onset, results.arch),
         "onset": {
             "plus": arch_figure.onset_text(onset.plus),
             "minus": arch_figure.onset_text(onset.minus),
         },
         "stands": onset.stands,
         "geometry": tables.geometry(arch.parameters),
-        **_mechanisms(inputs, results, arch, prefix),
-        **_log(cube, inputs, results, arch, onset, fit, prefix),
-        "ran": ladder_figures.what_ran(results, f"{prefix}-ran"),
+        **_mechanisms(inputs, results, arch),
+        **_runs(cube, inputs, results, place, (fit, animated)),
+        **_other_curves(inputs, results),
+        "ran": ladder_figures.what_ran(results),
         "ran_table": ladder_figures.table(results),
-        "numerics": figures.numerics(results, f"{prefix}-numerics"),
+        "numerics": figures.numerics(results),
         "quality": tables.quality(results, inputs.timings),
     }
 
 
-def _mechanisms(
-    inputs: "ReportInputs", results: ArchResults, arch: Arch, prefix: str
-) -> dict[str, Any]:
+def _mechanisms(inputs: "ReportInputs", results: ArchResults, arch: Arch) -> dict[str, Any]:
     groups = [
         mechanism_figures.by_mode(results, inputs.confidence),
         mechanism_figures.by_joint(results, arch.n_joint, inputs.confidence),
         mechanism_figures.by_impacts(results, inputs.confidence),
     ]
     return {
-        "collapses": figures.collapses(results, arch.n_joint, f"{prefix}-collapses"),
-        "shares": mechanism_figures.shares(groups, results, f"{prefix}-shares"),
+        "collapses": figures.collapses(results, arch.n_joint),
+        "shares": mechanism_figures.shares(groups, results),
         "shares_table": mechanism_figures.table(groups, results),
         "n_effective": f"{groups[0].n_effective:.1f}",
     }
 
 
-def _log(
+def _runs(
     cube: xr.Dataset,
     inputs: "ReportInputs",
     results: ArchResults,
-    arch: Arch,
-    onset: "Onset",
-    fit: Fragility | None,
-    prefix: str,
+    place: int,
+    about: tuple[Fragility | None, bool],
 ) -> dict[str, Any]:
+    """Runs done again: the log of one, a collapse and a near miss in motion."""
+    fit, animated = about
+    _, arch, onset = inputs.arches[place]
+    found: dict[str, Any] = {"timeline": None, "log": [], "animations": []}
+    if not onset.stands:
+        return found
     median = None if fit is None else fit.theta * results.scale.factor
-    shown = example.repeat(cube, results, arch, inputs.motions, median) if onset.stands else None
+    shown = example.repeat(cube, results, arch, inputs.motions, example.choose(results, median))
     if shown is None:
-        return {"timeline": None, "log": []}
+        return found
     changes = shown.response.mechanism or ()
     lines = [str(change) for change in changes[:_ENTRIES]]
     if len(changes) > _ENTRIES:
         lines.append(f"... and {len(changes) - _ENTRIES} more")
-    return {"timeline": timeline.timeline(shown, f"{prefix}-timeline"), "log": lines}
+    found |= {"timeline": timeline.timeline(shown), "log": lines}
+    if animated:
+        miss = example.near_miss(results)
+        near = example.repeat(cube, results, arch, inputs.motions, miss) if miss else None
+        for name, title, run in (("fall", "A collapse", shown), ("miss", "A near miss", near)):
+            if run is not None and run.response.collapsed == (name == "fall"):
+                moving = animation.animation(run, f"{name}{place}", title)
+                found["animations"] += [] if moving is None else [moving]
+    return found
+
+
+def _other_curves(inputs: "ReportInputs", results: ArchResults) -> dict[str, Any]:
+    """Limit states and measures, where others gave them."""
+    scale = results.scale
+    found: dict[str, Any] = {"limit_states": None, "measures": None}
+    states = list(inputs.limit_states.get(results.arch, ()))
+    if states:
+        rows = [[name, digits(f.theta * scale.factor), f"{f.beta:.3f}"] for name, f in states]
+        found["limit_states"] = {
+            "figure": curve_figures.limit_states(
+                states, results.arch, scale, float(results.levels.max())
+            ),
+            "table": tables.Table(["limit state", f"θ [{scale.unit}]", "β"], rows),
+        }
+    rows_ = list(inputs.measures.get(results.arch, ()))
+    if rows_:
+        found["measures"] = {
+            "best": measure_figures.best(rows_),
+            "figure": measure_figures.measures_figure(rows_, results.arch),
+            "table": measure_figures.measures_table(rows_),
+        }
+    return found

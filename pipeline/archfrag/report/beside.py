@@ -7,13 +7,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from matplotlib.figure import Figure
 
 from archfrag.errors import InputError
 from archfrag.fragility.fit import Fragility
 from archfrag.mechanics.collapse import NOTED_GAP
-from archfrag.report import canvas, figures, tables
-from archfrag.report.canvas import Picture, faint_grid, legend_above, picture
+from archfrag.report import picture as look
+from archfrag.report import tables
+from archfrag.report.axes import BESIDE
+from archfrag.report.curve_figures import PROBABILITY, Resampled, curve_axes, resample
+from archfrag.report.picture import Picture
+from archfrag.report.plot import Entry, Sheet, picture
 from archfrag.report.summary import ArchResults, Scale, arch_results, study_config
 from archfrag.study.config import Study
 from archfrag.study.fits import FITS, load_fits, open_cube
@@ -38,7 +41,7 @@ class _Side(NamedTuple):
     vertical: str
     results: ArchResults
     fit: Fragility | str
-    resampled: figures.Resampled | None
+    resampled: Resampled | None
 
 
 def load_beside(study: Study, other: Study) -> Beside:
@@ -101,10 +104,10 @@ def beside_section(
     if not common:
         raise InputError(f"{refused}: it has no arch {' or '.join(own)}, but {', '.join(theirs)}")
     arches = []
-    for number, arch in enumerate(common):
+    for arch in common:
         fits = (inputs.fits[arch], inputs.beside.fits[arch])
         sides = [_side(*each, arch, scale, inputs.confidence) for each in zip(names, cubes, fits)]
-        shown = _curves(sides, inputs.confidence, f"beside{number}-curves")
+        shown = _curves(sides, inputs.confidence)
         arches.append({"name": arch, "curves": shown, "table": _table(sides, inputs.confidence)})
     records = [set(each["record"].values.tolist()) for each in cubes]
     return {
@@ -130,40 +133,36 @@ def _side(
     confidence: float,
 ) -> _Side:
     results = arch_results(cube, arch, scale)
-    several = isinstance(fit, Fragility) and len(results.records) > 1
-    resampled = figures.resample(results, confidence) if several else None
+    resampled = resample(results, confidence) if isinstance(fit, Fragility) else None
     vertical = str(cube.attrs.get("vertical_component", "not told"))
     return _Side(study, vertical, results, fit, resampled)
 
 
-def _curves(sides: Sequence[_Side], confidence: float, name: str) -> Picture:
+def _curves(sides: Sequence[_Side], confidence: float) -> Picture:
     """Both curves of an arch with their bands, and the observed fractions."""
     scale = sides[0].results.scale
     reach = 1.05 * max(side.results.levels.max() for side in sides)
-    im = np.linspace(0.0, reach, 400)
-    looks: tuple[tuple[str, dict[str, Any]], ...] = (
-        (canvas.SKY, {"color": canvas.BLUE, "ls": "-", "marker": "o"}),
-        (canvas.ORANGE, {"color": canvas.VERMILION, "ls": "--", "marker": "s", "mfc": "none"}),
-    )
+    im = np.linspace(0.0, reach, 100)
+    looks = ((look.SKY, look.BLUE, "", "dot"), (look.ORANGE, look.VERMILION, "5 2.5", "ring"))
+    entries = [
+        Entry(side.study, colour, "dash" if dash else "line")
+        for side, (_, colour, dash, _) in zip(sides, looks)
+    ]
 
-    def draw(figure: Figure) -> None:
-        axes = figure.subplots()
-        for side, (pale, look) in zip(sides, looks):
+    def draw(width: float) -> Sheet:
+        sheet = Sheet(width)
+        top = sheet.legend(BESIDE, 0.0, entries, width - BESIDE - 10.0) + 6.0
+        panel = curve_axes(sheet, top, reach, scale.label, PROBABILITY)
+        for side, (pale, colour, dash, mark) in zip(sides, looks):
             if side.resampled is not None:
                 levels, band = side.resampled.levels, side.resampled.band
-                axes.fill_between(levels, band.lower, band.upper, color=pale, alpha=0.25, lw=0.0)
+                panel.band(levels, band.lower, band.upper, pale, 0.25)
             if isinstance(side.fit, Fragility):
-                axes.plot(im, side.fit.probability(im / scale.factor), **look | {"marker": ""})
+                panel.line(im, side.fit.probability(im / scale.factor), colour, 1.6, dash)
             counts, used = side.results.counts, side.results.counts.n > 0
             fraction = counts.collapsed[used] / counts.n[used]
-            axes.plot(side.results.levels[used], fraction, **look | {"ls": ""}, ms=3.8)
-            axes.plot([], [], **look, ms=3.8, label=side.study)
-        axes.set(
-            xlim=(0.0, reach), ylim=(-0.02, 1.02), xlabel=scale.label,
-            ylabel="probability of collapse [1]",
-        )  # fmt: skip
-        faint_grid(axes)
-        legend_above(axes, columns=2)
+            panel.dots(side.results.levels[used], fraction, colour, mark)
+        return sheet
 
     medians = (
         f"{side.study} median {scale.text(side.fit.theta)}"
@@ -172,14 +171,14 @@ def _curves(sides: Sequence[_Side], confidence: float, name: str) -> Picture:
         for side in sides
     )
     return picture(
-        name, (canvas.WIDTH, 3.7), draw,
+        draw,
         alternative=f"Probability of collapse of {sides[0].results.arch} against {scale.label} in "
         f"two studies: {', '.join(medians)}",
         caption="Points: collapsed / (collapsed + standing) at each level. Shaded: "
         f"{100 * confidence:.0f} % bands from resampled records, of each study by itself. Where "
         "both have the same records the change is known better than the bands, which hold the "
         "variation between records, suggest.",
-    )  # fmt: skip
+    )
 
 
 def _table(sides: Sequence[_Side], confidence: float) -> tables.Table:

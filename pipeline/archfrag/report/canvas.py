@@ -1,4 +1,4 @@
-"""Figures as inline SVG: one style, one palette, the same bytes from the same numbers.
+"""Figures by matplotlib as inline SVG: one style, the same bytes from the same numbers.
 
 Text stays text, in the page's own font. Widths are measured in DejaVu Sans, which is wider than
 the fonts of any browser's default list, so that what is drawn apart stays apart.
@@ -8,7 +8,6 @@ import re
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from html import escape
 from io import StringIO
 from typing import Any
@@ -18,16 +17,24 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-# Okabe and Ito's palette: told apart with any kind of colour vision.
-BLUE = "#0072B2"
-SKY = "#56B4E9"
-GREEN = "#009E73"
-ORANGE = "#E69F00"
-VERMILION = "#D55E00"
-PURPLE = "#CC79A7"
-INK = "#1f2933"
-GREY = "#7b8794"
-PALE = "#d3dae2"
+from archfrag.report.picture import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PALE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    Picture,
+    standalone,
+)
+
+__all__ = [
+    "BLUE", "GREEN", "GREY", "INK", "ORANGE", "PALE", "PURPLE", "SKY", "VERMILION", "WIDTH",
+    "Picture", "faint_grid", "house_style", "legend_above", "picture", "standalone",
+]  # fmt: skip
 
 WIDTH = 7.4  # [inch], the page's column
 
@@ -62,14 +69,6 @@ _STYLE: dict[str, Any] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "archfrag",
 }
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure ready for the page: inline SVG and the sentence that stands under it."""
-
-    svg: str
-    caption: str
 
 
 @contextmanager
@@ -113,14 +112,6 @@ def picture(
         no_metadata = dict.fromkeys(("Date", "Creator", "Format", "Type"))
         figure.savefig(buffer, format="svg", metadata=no_metadata, transparent=True)
     return Picture(_inline(buffer.getvalue(), name, alternative), caption)
-
-
-def standalone(shown: Picture) -> str:
-    """A figure with its caption as the text of a file of its own."""
-    spaces = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
-    svg = shown.svg.replace("<svg ", f"<svg {spaces} ", 1)
-    inside = f'<desc>{escape(shown.caption)}</desc><rect width="100%" height="100%" fill="white"/>'
-    return svg.replace(">", f">{inside}", 1) + "\n"
 
 
 def faint_grid(axes: Axes, which: str = "both") -> None:

@@ -79,12 +79,24 @@ def choose(results: ArchResults, median: float | None) -> tuple[int, int, str] |
     return int(record), int(level), "the standing run with the largest displacement"
 
 
+def near_miss(results: ArchResults) -> tuple[int, int, str] | None:
+    """The run that stood with the largest rotation of a voussoir; None if none moved."""
+    reach = results.peak_rotation
+    if reach is None:
+        return None
+    reach = np.where(results.verdict == Verdict.STANDING, np.nan_to_num(reach), -1.0)
+    record, level = np.unravel_index(int(reach.argmax()), reach.shape)
+    if not reach[record, level] > 0.0:
+        return None
+    return int(record), int(level), "the standing run with the largest rotation of a voussoir"
+
+
 def repeat(
     cube: xr.Dataset,
     results: ArchResults,
     arch: Arch,
     motions: "Sequence[Motion]",
-    median: float | None,
+    chosen: tuple[int, int, str] | None,
 ) -> Example | None:
     """Do a run of a study again, with the study's method and its history.
 
@@ -96,8 +108,8 @@ def repeat(
     arch : Arch
     motions : sequence of Motion
         Unscaled.
-    median : float or None
-        See `choose`.
+    chosen : (int, int, str) or None
+        Record, level and reason, from `choose` or `near_miss`.
 
     Returns
     -------
@@ -105,20 +117,20 @@ def repeat(
         None if the cube does not tell its method, or no run is worth showing.
     """
     method = study_config(cube).get("method")
-    chosen = choose(results, median)
     if method is None or chosen is None:
         return None
     record, level, reason = chosen
     motion = next(m for m in motions if m.id == results.records[record])
-    factor = float(cube["scale_factor"].transpose("record", "level").values[record, level])
+    factor = float(results.factors[record, level])
     response = simulate_case(method, arch, motion, factor, history=True)
-    status = cube["status"].sel(arch=results.arch).transpose("record", "level").values
     same = (
-        int(status[record, level]) == int(response.status)
+        int(results.status[record, level]) == int(response.status)
         and int(results.steps[record, level]) == response.steps
         and np.allclose(
             results.collapse_time[record, level], response.collapse_time, equal_nan=True
         )
     )
     shown = f"{results.scale.measure} = {results.level_texts[level]}"
+    if results.grouped:
+        shown = f"about {shown}"
     return Example(arch, motion, factor, shown, response, reason, bool(same))

@@ -1,303 +1,240 @@
-"""Curve, verdicts, collapses and numerical quality of one arch."""
-
-from dataclasses import dataclass
-from typing import Any
+"""Verdicts, collapses and numerical quality of one arch."""
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.colors import LinearSegmentedColormap, ListedColormap
-from matplotlib.figure import Figure
-from matplotlib.patches import Patch, Rectangle
-from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
-from archfrag.fragility.bands import (
-    RecordBand,
-    clopper_pearson,
-    confidence_band,
-    record_bootstrap_band,
-)
 from archfrag.fragility.counts import Verdict
-from archfrag.fragility.fit import Fragility
 from archfrag.mechanics.status import CollapseMode
-from archfrag.report import canvas
-from archfrag.report.canvas import Picture, faint_grid, legend_above, picture
-from archfrag.report.summary import ArchResults, FloatArray, digits
+from archfrag.report import picture as look
+from archfrag.report.axes import (
+    BELOW,
+    axis_x,
+    axis_y,
+    heading,
+    level_axis,
+    log_ticks,
+    panes,
+    whole_ticks,
+)
+from archfrag.report.picture import Picture
+from archfrag.report.plot import (
+    SMALL,
+    Entry,
+    FloatArray,
+    Panel,
+    Sheet,
+    number,
+    picture,
+    shortened,
+    text_width,
+)
+from archfrag.report.summary import ArchResults, IntArray
 
 VERDICT_LOOK = {
-    Verdict.STANDING: ("standing", "#cfe0ee", ""),
-    Verdict.COLLAPSED: ("collapsed", canvas.VERMILION, ""),
-    Verdict.UNFINISHED: ("unfinished", "#f2d24b", "////"),
-    Verdict.SOLVER_FAILURE: ("solver failure", canvas.INK, ""),
+    Verdict.STANDING: ("standing", "#cfe0ee", "area"),
+    Verdict.COLLAPSED: ("collapsed", look.VERMILION, "area"),
+    Verdict.UNFINISHED: ("unfinished", "#d9b310", "slash"),
+    Verdict.SOLVER_FAILURE: ("solver failure", look.INK, "area"),
 }
 MODE_LOOK = {
-    CollapseMode.HINGING: ("hinging", canvas.BLUE, ""),
-    CollapseMode.SLIDING: ("sliding", canvas.ORANGE, "////"),
-    CollapseMode.LIFT_OFF: ("lift-off", canvas.GREEN, "...."),
-    CollapseMode.OVERTURNING: ("overturning", canvas.PURPLE, "xxxx"),
-    CollapseMode.NONE: ("mode not told", canvas.GREY, ""),
+    CollapseMode.HINGING: ("hinging", look.BLUE, ""),
+    CollapseMode.SLIDING: ("sliding", look.ORANGE, "slash"),
+    CollapseMode.LIFT_OFF: ("lift-off", look.GREEN, "dots"),
+    CollapseMode.OVERTURNING: ("overturning", look.PURPLE, "cross"),
+    CollapseMode.NONE: ("mode not known", look.GREY, ""),
 }
 # Logarithmic histograms need a floor for exact zeros.
 _FLOOR = 1e-18
-_RESAMPLES = 1000
-_SEED = 1
+_LABELLED = 60  # records that have their names beside them
 
 
-def curve(
-    results: ArchResults,
-    fit: Fragility | None,
-    name: str,
-    confidence: float,
-    resampled: "Resampled | None" = None,
-) -> Picture:
-    """Fragility curve with its band, and the observed fractions with exact intervals.
-
-    Parameters
-    ----------
-    results : ArchResults
-    fit : Fragility or None
-        Theta in SI, as fitted to the cube; None: no curve, the data points only.
-    name : str
-        Unique on the page.
-    confidence : float
-        Of band and intervals.
-    resampled : Resampled, optional
-        Band from resampled records.
-    """
-    scale, counts = results.scale, results.counts
-    percent = f"{100 * confidence:.0f} %"
-    used = counts.n > 0
-    levels = results.levels[used]
-    fraction = counts.collapsed[used] / counts.n[used]
-    low, high = clopper_pearson(counts.collapsed[used], counts.n[used], confidence)
-    reach = 1.05 * results.levels.max()
-
-    def draw(figure: Figure) -> None:
-        axes = figure.subplots()
-        if fit is not None:
-            im = np.linspace(0.0, reach, 400)
-            band = confidence_band(fit, im / scale.factor, confidence)
-            axes.fill_between(
-                im, band.lower, band.upper, color=canvas.SKY, alpha=0.3, linewidth=0,
-                label=f"{percent} band, runs independent",
-            )  # fmt: skip
-            axes.plot(
-                im, fit.probability(im / scale.factor), color=canvas.BLUE, label="lognormal curve"
-            )
-            if resampled is not None:
-                style: dict[str, Any] = {"color": canvas.BLUE, "lw": 0.9, "ls": (0, (5, 2))}
-                axes.plot(resampled.levels, resampled.band.lower, **style)
-                axes.plot(
-                    resampled.levels, resampled.band.upper, **style,
-                    label=f"{percent} band, records resampled",
-                )  # fmt: skip
-            median = fit.theta * scale.factor
-            if median <= reach:
-                axes.plot(
-                    [0.0, median, median],
-                    [0.5, 0.5, 0.0],
-                    color=canvas.GREY,
-                    lw=0.8,
-                    ls=(0, (4, 3)),
-                )
-        bars = np.maximum([fraction - low, high - fraction], 0.0)
-        axes.errorbar(
-            levels, fraction, yerr=bars, fmt="o", color=canvas.INK, markersize=3.8,
-            elinewidth=0.8, capsize=2.0, capthick=0.8,
-            label=f"share of collapses, exact {percent} interval",
-        )  # fmt: skip
-        axes.set(
-            xlim=(0.0, reach), ylim=(-0.02, 1.02), xlabel=scale.label,
-            ylabel="probability of collapse [1]",
-        )  # fmt: skip
-        faint_grid(axes)
-        legend_above(axes, columns=2)
-
-    what = "no lognormal curve could be fitted"
-    if fit is not None:
-        what = f"lognormal curve with median {scale.text(fit.theta)} and dispersion {fit.beta:.3f}"
-    return picture(
-        name, (canvas.WIDTH, 3.7), draw,
-        alternative=f"Probability of collapse of {results.arch} against {scale.label}: {what}; "
-        f"observed fractions at {levels.size} levels",
-        caption="Points: collapsed / (collapsed + standing) at each level; bars: Clopper–Pearson. "
-        "Shaded: pointwise band from the covariance of the maximum-likelihood estimate (delta "
-        "method on the probit scale), every run taken as independent."
-        + (f" Dashed: {resampled.description}" if fit is not None and resampled else ""),
-    )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Resampled:
-    """Band from resampled records at `levels` in the reader's unit, and how it was made."""
-
-    levels: FloatArray
-    band: RecordBand
-    description: str
-
-
-def resample(results: ArchResults, confidence: float) -> Resampled:
-    """Band of the curve where the same records serve at all levels."""
-    levels = np.linspace(0.0, 1.05 * results.levels.max(), 200)
-    band = record_bootstrap_band(
-        results.verdict, results.levels, levels, seed=_SEED, resamples=_RESAMPLES,
-        confidence=confidence,
-    )  # fmt: skip
-    lost = f", {band.n_degenerate} of them without a lognormal curve" if band.n_degenerate else ""
-    return Resampled(
-        levels,
-        band,
-        f"the same from {_RESAMPLES} resamples of whole records (seed {_SEED}{lost}), which keeps "
-        "the verdicts of a record at all levels together.",
-    )
-
-
-def verdict_map(results: ArchResults, name: str) -> Picture:
+def verdict_map(results: ArchResults) -> Picture:
     """Verdict of every run: records down, levels across."""
     weight = (results.verdict == Verdict.COLLAPSED).sum(axis=1)
     order = np.lexsort((np.arange(weight.size), weight))
     rows = results.verdict[order]
-    n_record, n_level = rows.shape
-    labelled = n_record <= 60
+    names = [results.records[i] for i in order]
 
-    def draw(figure: Figure) -> None:
-        axes = figure.subplots()
-        colours = ListedColormap([look[1] for look in VERDICT_LOOK.values()])
-        edges = np.arange(n_level + 1) - 0.5
-        axes.pcolormesh(
-            edges, np.arange(n_record + 1) - 0.5, rows, cmap=colours, vmin=-0.5, vmax=3.5,
-            edgecolors="white" if labelled else "face", linewidth=0.6 if labelled else 0.3,
+    def draw(width: float) -> Sheet:
+        sheet = Sheet(width)
+        labelled = len(names) <= _LABELLED
+        longest = max(text_width(name, SMALL) for name in names)
+        left = min(longest + 8.0, 0.36 * width) if labelled else 26.0
+        entries = [Entry(*VERDICT_LOOK[v]) for v in VERDICT_LOOK if np.any(rows == v)]
+        if not results.simulated.all():
+            entries.append(Entry("blank: not simulated", "#ffffff"))
+        top = sheet.legend(left, 0.0, entries, width - left - 8.0) + 2.0
+        each = 14.0 if labelled else min(14.0, 620.0 / len(names))
+        bottom = top + each * len(names)
+        panel = Panel(
+            sheet, (left, top, width - 8.0, bottom), (-0.5, rows.shape[1] - 0.5),
+            (len(names) - 0.5, -0.5),
         )  # fmt: skip
-        for row, level in np.argwhere(rows == Verdict.UNFINISHED):
-            axes.add_patch(
-                Rectangle(
-                    (level - 0.5, row - 0.5), 1.0, 1.0, fill=False, hatch="////", linewidth=0.0,
-                    edgecolor=canvas.GREY,
-                )
-            )  # fmt: skip
-        axes.invert_yaxis()
-        axes.spines[:].set_visible(False)
-        axes.tick_params(length=0)
-        level_ticks(axes, results.levels, most=15)
-        axes.set_xlabel(results.scale.label)
+        for code, (_, colour, mark) in VERDICT_LOOK.items():
+            d = _cells(panel, rows == code, 1.5 if labelled else 0.0)
+            sheet.path(d, fill=colour)
+            if mark != "area":
+                sheet.path(d, fill=f"url(#hatch-{mark})")
+        lines = "".join(
+            f"M{number(x)} {number(top)}V{number(bottom)}"
+            for x in panel.at_x(np.arange(1, rows.shape[1]) - 0.5)
+        )
+        sheet.path(lines, stroke="#fff", stroke_width=1)
         if labelled:
-            axes.set_yticks(np.arange(n_record), [results.records[i] for i in order], fontsize=7)
+            for y, name in zip(panel.at_y(np.arange(len(names))), names, strict=True):
+                sheet.text(left - 5.0, y + 3.5, shortened(name, left - 8.0, SMALL), "s e")
         else:
-            axes.set_ylabel(f"{n_record} records, most fragile at the bottom")
-            axes.set_yticks([])
-        present = [v for v in VERDICT_LOOK if np.any(rows == v)]
-        axes.legend(
-            handles=[_swatch(*VERDICT_LOOK[v]) for v in present], loc="lower left",
-            bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2,
-        )  # fmt: skip
+            sheet.text(
+                left - 8.0, 0.5 * (top + bottom),
+                f"{len(names)} records, most fragile at the bottom", "m", angle=-90,
+            )  # fmt: skip
+        level_axis(panel, results.levels, results.scale.label)
+        sheet.height = bottom + BELOW
+        return sheet
 
-    again = results.resurrections
+    again, total = results.resurrections, len(names)
     return picture(
-        name, (canvas.WIDTH, 0.9 + min(0.17 * n_record, 7.5)), draw,
-        alternative=f"Verdicts of {results.arch} for {n_record} records at {n_level} levels",
+        draw,
+        alternative=f"Verdicts of {results.arch} for {total} records at {rows.shape[1]} levels",
         caption="Every run, records ordered by the number of collapses. "
         + (
-            f"{again} of {n_record} records bring the arch down at a level and leave it standing "
+            f"{again} of {total} records bring the arch down at a level and leave it standing "
             "at a higher one."
             if again
             else "No record leaves the arch standing above a level at which it collapsed."
         ),
-    )  # fmt: skip
+    )
 
 
-def collapses(results: ArchResults, n_joint: int, name: str) -> Picture | None:
+def _cells(panel: Panel, mask: np.ndarray, gap: float) -> str:
+    """Path of the cells of a mask (n_row, n_column), neighbours of a row joined."""
+    parts = []
+    each = abs(float(panel.at_y(1.0) - panel.at_y(0.0)))
+    for row, cells in enumerate(mask):
+        ends = np.flatnonzero(np.diff(np.concatenate([[0], cells.astype(int), [0]])))
+        y = float(panel.at_y(row)) - 0.5 * each
+        for start, stop in ends.reshape(-1, 2):
+            a, b = panel.at_x(start - 0.5), panel.at_x(stop - 0.5)
+            parts.append(
+                f"M{number(float(a))} {number(y)}H{number(float(b))}v{number(each - gap)}"
+                f"H{number(float(a))}z"
+            )
+    return "".join(parts)
+
+
+def collapses(results: ArchResults, n_joint: int) -> Picture | None:
     """Where and how the arch collapsed, and at which levels; None if it never did."""
     table = results.collapses_by_joint(n_joint)
     if not table.any():
         return None
-    by_mode = table.sum(axis=2)
-    by_level = table.sum(axis=1)
+    by_mode, by_level = table.sum(axis=2), table.sum(axis=1)
+    entries = [
+        Entry(name, colour, hatch or "area")
+        for mode, (name, colour, hatch) in MODE_LOOK.items()
+        if by_mode[:, mode].any()
+    ]
 
-    def draw(figure: Figure) -> None:
-        left, right = figure.subplots(1, 2, width_ratios=[1.0, 1.25])
+    def draw(width: float) -> Sheet:
+        sheet = Sheet(width)
+        top = sheet.legend(48.0, 0.0, entries, width - 56.0)
+        height = float(np.clip(17.0 * n_joint, 90.0, 420.0))
+        (first, second), sheet.height = panes(sheet, 2, top, height)
+        y = (-0.5, n_joint - 0.5)
+        joints = np.arange(0, n_joint, max(1, -(-n_joint // int(height / 13.0))))
+        left = Panel(sheet, first, (0.0, 1.02 * float(by_mode.sum(axis=1).max())), y)
+        axis_x(left, whole_ticks(left.x[1]), "collapses [runs]", grid=True)
         base = np.zeros(n_joint)
-        for mode, look in MODE_LOOK.items():
+        for mode, (_, colour, hatch) in MODE_LOOK.items():
             if by_mode[:, mode].any():
-                left.barh(
-                    np.arange(n_joint), by_mode[:, mode], left=base, height=0.75, color=look[1],
-                    hatch=look[2], edgecolor="white", linewidth=0.4, label=look[0],
-                )  # fmt: skip
+                here = np.flatnonzero(by_mode[:, mode])
+                ends = base[here] + by_mode[here, mode]
+                left.boxes(base[here], ends, here - 0.38, here + 0.38, colour, hatch)
                 base += by_mode[:, mode]
-        left.set(xlabel="collapses [runs]", ylabel="joint that lost contact")
-        left.set_ylim(-0.6, n_joint - 0.4)
-        left.xaxis.set_major_locator(MaxNLocator(5, integer=True))
-        joints = np.arange(0, n_joint, max(1, -(-n_joint // 15)))
-        left.set_yticks(joints)
-        faint_grid(left, "x")
-        legend_above(left, columns=2)
-        shades = LinearSegmentedColormap.from_list("counts", ["#ffffff", "#f3b48a", "#a83a00"])
-        right.pcolormesh(
-            np.arange(results.levels.size + 1) - 0.5, np.arange(n_joint + 1) - 0.5, by_level,
-            cmap=shades, vmin=0, edgecolors=canvas.PALE, linewidth=0.4,
-        )  # fmt: skip
-        if n_joint <= 30 and results.levels.size <= 16:
-            for joint, level in np.argwhere(by_level):
-                dark = by_level[joint, level] > 0.6 * by_level.max()
-                right.text(
-                    level, joint, str(by_level[joint, level]), ha="center", va="center",
-                    fontsize=6.5, color="white" if dark else canvas.INK,
-                )  # fmt: skip
-        level_ticks(right, results.levels)
-        right.set(xlabel=results.scale.label, ylabel="joint that lost contact")
-        right.set_yticks(joints)
-        right.tick_params(length=0)
-        right.set_title("collapses [runs] by joint and level")
+        axis_y(left, joints, "joint that lost contact", grid=False)
+        heading(left, "by mode")
+        right = Panel(sheet, second, (-0.5, results.levels.size - 0.5), y)
+        _heat(right, by_level)
+        level_axis(right, results.levels, results.scale.label)
+        axis_y(right, joints, "joint that lost contact", grid=False)
+        heading(right, "by level [runs]")
+        return sheet
 
     worst = int(by_level.sum(axis=1).argmax())
     return picture(
-        name, (canvas.WIDTH, max(2.7, min(0.9 + 0.2 * n_joint, 6.0))), draw,
+        draw,
         alternative=f"Collapses of {results.arch} by joint, mode and level; joint {worst} most "
         "often",
         caption="Joint 0 is the left springing, or the base of a free-standing chain. A run is "
         "counted at the joint whose loss of contact decided, by how that joint had been moving.",
-    )  # fmt: skip
+    )
 
 
-def numerics(results: ArchResults, name: str) -> Picture:
+def _heat(panel: Panel, counts: IntArray) -> None:
+    """Cells shaded by their counts, with the number where it can be read."""
+    steps = ("#fbe9dd", "#f6c9a8", "#ec9c66", "#d4661f", "#a03a00")
+    largest = counts.max()
+    shade = np.minimum(len(steps) * (counts - 1) // max(largest, 1), len(steps) - 1)
+    n_joint, n_level = counts.shape
+    cell = (panel.box[2] - panel.box[0]) / n_level
+    high = (panel.box[3] - panel.box[1]) / n_joint
+    for i, colour in enumerate(steps):
+        joint, level = np.nonzero((counts > 0) & (shade == i))
+        if joint.size:
+            panel.boxes(level - 0.47, level + 0.47, joint - 0.46, joint + 0.46, colour)
+    if cell < text_width(str(largest), SMALL) + 1.0 or high < 10.0:
+        return
+    for joint, level in np.argwhere(counts):
+        kind = "s m w" if shade[joint, level] > 3 else "s m"
+        y = float(panel.at_y(joint)) + 3.5
+        panel.sheet.text(float(panel.at_x(level)), y, str(counts[joint, level]), kind)
+
+
+def numerics(results: ArchResults) -> Picture:
     """Energy error and contact residual of all runs."""
+    here = results.simulated
+    shown = (
+        (results.energy_error[here], "energy error [1]", look.BLUE),
+        (results.residual[here], "contact residual [1]", look.GREEN),
+    )
 
-    def draw(figure: Figure) -> None:
-        first, second = figure.subplots(1, 2)
-        _log_histogram(first, results.energy_error, "energy error [1]", canvas.BLUE)
-        _log_histogram(second, results.residual, "contact residual [1]", canvas.GREEN)
+    def draw(width: float) -> Sheet:
+        sheet = Sheet(width)
+        boxes, sheet.height = panes(sheet, 2, -12.0, 130.0)
+        for box, (values, title, colour) in zip(boxes, shown, strict=True):
+            _log_histogram(sheet, box, values, title, colour)
+        return sheet
 
     return picture(
-        name, (canvas.WIDTH, 2.6), draw,
+        draw,
         alternative=f"Histograms of energy error and contact residual of {results.arch}",
-        caption="Energy error: what is missing in the energy account, relative to the largest "
+        caption="Energy error: what is missing in the energy balance, relative to the largest "
         "kinetic energy of the run. Contact residual: largest violation of Signorini's and "
         f"Coulomb's laws, dimensionless. Values below {_FLOOR:g} are shown at {_FLOOR:g}; "
         "solver failures are included.",
-    )  # fmt: skip
+    )
 
 
-def _swatch(label: str, colour: str, hatch: str) -> Patch:
-    return Patch(facecolor=colour, hatch=hatch, edgecolor=canvas.GREY, linewidth=0.4, label=label)
-
-
-def level_ticks(axes: Axes, levels: FloatArray, most: int = 8) -> None:
-    """At most so many labels over cells that stand for levels, the first always among them."""
-    step = max(1, int(np.ceil(levels.size / most)))
-    ticks = np.arange(0, levels.size, step)
-    axes.set_xticks(ticks, [digits(levels[i]) for i in ticks])
-
-
-def _log_histogram(axes: Axes, values: FloatArray, label: str, colour: str) -> None:
+def _log_histogram(
+    sheet: Sheet,
+    box: tuple[float, float, float, float],
+    values: FloatArray,
+    title: str,
+    colour: str,
+) -> None:
     values = np.abs(values[np.isfinite(values)])
-    axes.set(xlabel=label, ylabel="runs", xscale="log")
     if values.size == 0:
-        axes.text(0.5, 0.5, "not told", transform=axes.transAxes, ha="center", color=canvas.GREY)
+        sheet.text(0.5 * (box[0] + box[2]), 0.5 * (box[1] + box[3]), f"{title}: not known", "m q")
         return
     logs = np.log10(np.maximum(values, _FLOOR))
-    low, high = np.floor(logs.min()), np.ceil(logs.max() + 1e-9)
-    edges = 10.0 ** np.linspace(low, max(high, low + 1.0), 25)
-    axes.hist(10.0**logs, bins=edges.tolist(), color=colour)
-    axes.xaxis.set_major_locator(LogLocator(numticks=5))
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(lambda value, _: f"1e{np.log10(value):.0f}")
-    axes.yaxis.set_major_locator(MaxNLocator(5, integer=True))
-    faint_grid(axes, "y")
+    low, high = float(np.floor(logs.min())), float(np.ceil(logs.max() + 1e-9))
+    edges = np.linspace(low, max(high, low + 1.0), 25)
+    counts, _ = np.histogram(logs, edges)
+    there = np.flatnonzero(counts)
+    panel = Panel(
+        sheet, box, (10.0**low, 10.0 ** float(edges[-1])), (0.0, 1.04 * counts.max()), log_x=True
+    )
+    axis_y(panel, whole_ticks(panel.y[1]), "runs")
+    bars = 10.0 ** edges[there], 10.0 ** edges[there + 1]
+    panel.boxes(*bars, np.zeros(there.size), counts[there], colour)
+    ticks = log_ticks(*panel.x, subs=(1.0,))
+    ticks = ticks[:: max(1, -(-ticks.size // 7))]
+    axis_x(panel, ticks, title, [f"1e{round(np.log10(tick)):d}" for tick in ticks])

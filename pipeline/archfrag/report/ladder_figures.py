@@ -1,44 +1,49 @@
 """What ran: shares of the models of the ladder, events, hand-overs, general contact problems."""
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullLocator
 
 from archfrag.mechanics.status import Model
-from archfrag.report import canvas
-from archfrag.report.canvas import Picture, faint_grid, legend_above, picture
-from archfrag.report.figures import level_ticks
+from archfrag.report import picture as look
+from archfrag.report.axes import (
+    axis_y,
+    level_axis,
+    log_ticks,
+    panes,
+)
+from archfrag.report.picture import Picture
+from archfrag.report.plot import LINE, Entry, Panel, Sheet, picture
 from archfrag.report.summary import ArchResults
 from archfrag.report.tables import Table
 from archfrag.simulation.mechanism import MODEL_WORDS
 
 MODEL_LOOK = {
-    Model.REST: (canvas.PALE, ""),
-    Model.FOUR_HINGES: (canvas.SKY, ""),
-    Model.MEGA_VOUSSOIRS: (canvas.GREEN, "...."),
-    Model.ALL_VOUSSOIRS: (canvas.PURPLE, "////"),
+    Model.REST: (look.PALE, ""),
+    Model.FOUR_HINGES: (look.SKY, ""),
+    Model.MEGA_VOUSSOIRS: (look.GREEN, "dots"),
+    Model.ALL_VOUSSOIRS: (look.PURPLE, "slash"),
 }
+_Box = tuple[float, float, float, float]
 
 
-def what_ran(results: ArchResults, name: str) -> Picture:
+def what_ran(results: ArchResults) -> Picture:
     """Share of simulated time of each model, and what happened in a second of motion, by level."""
 
-    def draw(figure: Figure) -> None:
-        left, right = figure.subplots(1, 2)
-        _shares(left, results)
-        _rates(right, results)
+    def draw(width: float) -> Sheet:
+        sheet = Sheet(width)
+        boxes, sheet.height = panes(sheet, 2, 20.0, 150.0, gap=26.0)
+        _shares(sheet, boxes[0], results)
+        _rates(sheet, boxes[1], results)
+        return sheet
 
     return picture(
-        name, (canvas.WIDTH, 2.8), draw,
+        draw,
         alternative=f"Shares of simulated time of {results.arch} by model of the ladder, and "
         "numbers of events in a second of motion, by level",
-        caption="Left: simulated time that each model of the ladder had, from rest over the few "
-        "bodies that move relative to each other to all voussoirs. Right: means over the time in "
-        "motion; what did not occur is not drawn. Impacts are joints that closed; an event is an "
-        "instant that was located; a hand-over is where events came too thick to be located; "
-        "general are contact problems that the two levels left to the general solver.",
-    )  # fmt: skip
+        caption="Simulated time that each model of the ladder had; and means over the time in "
+        "motion, where what did not occur is not drawn. Impacts are joints that closed; an event "
+        "is an instant that was located; a hand-over is where events came too thick to be located "
+        "one by one; general are contact problems that the two levels left to the general solver.",
+    )
 
 
 def table(results: ArchResults) -> Table:
@@ -77,53 +82,60 @@ def table(results: ArchResults) -> Table:
     return Table(["figure", "value"], rows)
 
 
-def _shares(axes: Axes, results: ArchResults) -> None:
+def _shares(sheet: Sheet, box: _Box, results: ArchResults) -> None:
     time = results.model_time.sum(axis=0)
     total = np.maximum(time.sum(axis=1), np.finfo(float).tiny)
-    base = np.zeros(results.levels.size)
+    panel = Panel(sheet, box, (-0.5, results.levels.size - 0.5), (0.0, 100.0))
+    axis_y(panel, [0.0, 25.0, 50.0, 75.0, 100.0], "simulated time [%]")
+    base, entries = np.zeros(results.levels.size), []
     for i, model in enumerate(results.models):
         colour, hatch = MODEL_LOOK[Model[model.upper()]]
         share = 100.0 * time[:, i] / total
-        if share.any():
-            axes.bar(
-                np.arange(share.size), share, bottom=base, width=0.85, label=_words(model),
-                facecolor=colour, hatch=hatch, edgecolor="white", linewidth=0.4,
-            )  # fmt: skip
+        here = np.flatnonzero(share)
+        if here.size:
+            top = base[here] + share[here]
+            panel.boxes(here - 0.42, here + 0.42, base[here], top, colour, hatch)
+            entries.append(Entry(_words(model), colour, hatch or "area"))
         base += share
-    level_ticks(axes, results.levels, most=6)
-    axes.set(xlabel=results.scale.label, ylabel="simulated time [%]", ylim=(0, 100))
-    legend_above(axes, columns=2)
+    _key(sheet, panel, entries)
+    level_axis(panel, results.levels, results.scale.label)
 
 
-def _rates(axes: Axes, results: ArchResults) -> None:
+def _rates(sheet: Sheet, box: _Box, results: ArchResults) -> None:
     moving = _moving(results).sum(axis=0)
-    shown = 0
-    for label, counts, colour, marker in (
-        ("impacts", results.impacts, canvas.VERMILION, "o"),
-        ("events", results.events, canvas.BLUE, "s"),
-        ("hand-overs", results.hand_overs, canvas.ORANGE, "^"),
-        ("general", results.general, canvas.GREEN, "D"),
+    rates, entries = [], []
+    for label, counts, colour, mark in (
+        ("impacts", results.impacts, look.VERMILION, "dot"),
+        ("events", results.events, look.BLUE, "square"),
+        ("hand-overs", results.hand_overs, look.ORANGE, "ring"),
+        ("general", results.general, look.GREEN, "square"),
     ):
         rate = counts.sum(axis=0) / np.where(moving > 0.0, moving, np.nan)
         rate[~(rate > 0.0)] = np.nan
         if np.isfinite(rate).any():
-            shown += 1
-            axes.plot(rate, color=colour, marker=marker, markersize=3.5, lw=1.0, label=label)
-    level_ticks(axes, results.levels, most=6)
-    axes.set(xlabel=results.scale.label, ylabel="in a second of motion")
-    axes.set_xlim(-0.6, results.levels.size - 0.4)
-    if not shown:
-        axes.set_yticks([])
-        axes.text(0.5, 0.5, "no events", transform=axes.transAxes, ha="center", color=canvas.GREY)
+            rates.append((rate, colour, mark))
+            entries.append(Entry(label, colour, mark))
+    x = (-0.5, results.levels.size - 0.5)
+    if not rates:
+        level_axis(Panel(sheet, box, x, (0.0, 1.0)), results.levels, results.scale.label)
+        sheet.text(0.5 * (box[0] + box[2]), 0.5 * (box[1] + box[3]), "no events", "m q")
         return
-    axes.set_yscale("log")
-    low, high = axes.get_ylim()
-    axes.set_ylim(10.0 ** np.floor(np.log10(low)), 10.0 ** np.ceil(np.log10(high)))
-    axes.yaxis.set_major_locator(LogLocator(numticks=6))
-    axes.yaxis.set_major_formatter("{x:g}")
-    axes.yaxis.set_minor_locator(NullLocator())
-    faint_grid(axes, "y")
-    legend_above(axes, columns=2)
+    logs = np.log10(np.concatenate([rate[np.isfinite(rate)] for rate, _, _ in rates]))
+    low, high = 10.0 ** np.floor(logs.min()), 10.0 ** np.ceil(logs.max() + 1e-9)
+    panel = Panel(sheet, box, x, (low, high), log_y=True)
+    axis_y(panel, log_ticks(low, high, (1.0,)), "in a second of motion")
+    for rate, colour, mark in rates:
+        panel.line(np.arange(rate.size), rate, colour, 1.0)
+        panel.dots(np.arange(rate.size), rate, colour, mark, 2.6)
+    _key(sheet, panel, entries)
+    level_axis(panel, results.levels, results.scale.label)
+
+
+def _key(sheet: Sheet, panel: Panel, entries: list[Entry]) -> None:
+    """Legend over a panel."""
+    left, top, right, _ = panel.box
+    rows = sheet.legend_rows(entries, right - left)
+    sheet.legend(left, top - rows * LINE - 6.0, entries, right - left)
 
 
 def _moving(results: ArchResults) -> np.ndarray:

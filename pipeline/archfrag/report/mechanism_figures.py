@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from archfrag.fragility.deaggregate import Deaggregation, deaggregate
 from archfrag.mechanics.status import CollapseMode
-from archfrag.report import canvas
-from archfrag.report.canvas import Picture, faint_grid, picture
-from archfrag.report.figures import MODE_LOOK, level_ticks
+from archfrag.report import picture as look
+from archfrag.report.axes import axis_y, heading, level_axis, panes
+from archfrag.report.figures import MODE_LOOK
+from archfrag.report.picture import Picture
+from archfrag.report.plot import LINE, Entry, Panel, Sheet, picture
 from archfrag.report.summary import ArchResults, digits
 from archfrag.report.tables import Table
 
@@ -19,15 +19,18 @@ _IMPACT_BOUNDS = (1, 2, 10, 100)
 _OTHER = "other joints"
 _MOST_JOINTS = 4
 _LOOKS = (
-    (canvas.BLUE, ""), (canvas.ORANGE, "////"), (canvas.GREEN, "...."), (canvas.PURPLE, "xxxx"),
-    (canvas.GREY, ""),
+    (look.BLUE, ""), (look.ORANGE, "slash"), (look.GREEN, "dots"), (look.PURPLE, "cross"),
+    (look.GREY, ""),
 )  # fmt: skip
+_TITLES = ("how it was moving", "joint that was lost", "joints closed by then")
 
 
 def by_mode(results: ArchResults, confidence: float) -> Deaggregation:
     """Collapses by how the joint that was lost had been moving, codes of `CollapseMode`."""
     names = [MODE_LOOK[mode][0] for mode in CollapseMode]
-    return deaggregate(results.verdict, results.collapse_mode, names, confidence=confidence)
+    return deaggregate(
+        results.decided_or_neither, results.collapse_mode, names, confidence=confidence
+    )
 
 
 def by_joint(results: ArchResults, n_joint: int, confidence: float) -> Deaggregation:
@@ -39,16 +42,16 @@ def by_joint(results: ArchResults, n_joint: int, confidence: float) -> Deaggrega
     for place, joint in enumerate(own):
         category[results.collapse_joint == joint] = place
     names = [*(f"joint {joint}" for joint in own), _OTHER]
-    return deaggregate(results.verdict, category, names, confidence=confidence)
+    return deaggregate(results.decided_or_neither, category, names, confidence=confidence)
 
 
 def by_impacts(results: ArchResults, confidence: float) -> Deaggregation:
     """Collapses by the number of joints that had closed until then."""
     category = np.searchsorted(_IMPACT_BOUNDS, results.impacts, side="right")
-    return deaggregate(results.verdict, category, IMPACTS, confidence=confidence)
+    return deaggregate(results.decided_or_neither, category, IMPACTS, confidence=confidence)
 
 
-def shares(groups: Sequence[Deaggregation], results: ArchResults, name: str) -> Picture | None:
+def shares(groups: Sequence[Deaggregation], results: ArchResults) -> Picture | None:
     """Observed fraction of collapses at each level, split three ways; None if none collapsed.
 
     Parameters
@@ -56,32 +59,36 @@ def shares(groups: Sequence[Deaggregation], results: ArchResults, name: str) -> 
     groups : sequence of Deaggregation
         By mode, by joint and by impacts.
     results : ArchResults
-    name : str
-        Unique on the page.
     """
     if not groups[0].collapsed.any():
         return None
+    keys = [_key(group) for group in groups]
 
-    def draw(figure: Figure) -> None:
-        panels = figure.subplots(1, len(groups), sharey=True)
-        titles = ("how it was moving", "joint that was lost", "joints closed by then")
-        for i, (axes, group, title) in enumerate(zip(panels, groups, titles, strict=True)):
-            _stack(axes, group)
-            axes.set_title(title)
-            axes.set(xlabel=results.scale.label, ylim=(0.0, 1.0), xlim=(-0.6, group.n.size - 0.4))
-            level_ticks(axes, results.levels, most=4)
-            faint_grid(axes, "y")
-            if i == 0:
-                axes.set_ylabel("share of the runs that decide")
+    def draw(width: float) -> Sheet:
+        sheet = Sheet(width)
+        room = panes(sheet, len(groups), 0.0, 150.0)[0][0]
+        rows = max(sheet.legend_rows(key, room[2] - room[0]) for key in keys)
+        gap = 10.0 + rows * LINE if sheet.narrow else 10.0
+        boxes, end = panes(sheet, len(groups), 0.0, 150.0, gap)
+        sheet.height = end + rows * LINE
+        for box, group, key, title in zip(boxes, groups, keys, _TITLES, strict=True):
+            panel = Panel(sheet, box, (-0.5, group.n.size - 0.5), (0.0, 1.0))
+            axis_y(panel, [0.0, 0.25, 0.5, 0.75, 1.0], "share of the runs")
+            _stack(panel, group)
+            level_axis(panel, results.levels, results.scale.label)
+            heading(panel, title)
+            sheet.legend(box[0], box[3] + 35.0, key, box[2] - box[0])
+        return sheet
 
     return picture(
-        name, (canvas.WIDTH, 3.3), draw,
+        draw,
         alternative=f"Fraction of collapses of {results.arch} by level, split by mode, by joint "
         "and by impacts",
-        caption="Each column is the observed fraction of collapses at a level, split by how the "
-        "joint that lost all contact had been moving, by which joint that was, and by how many "
-        "joints had closed with an impact since the start of the run.",
-    )  # fmt: skip
+        caption="Each column is the observed fraction of collapses at a level, among the runs "
+        "that collapsed or stood, split by how the joint that lost all contact had been moving, "
+        "by which joint that was, and by how many joints had closed with an impact since the "
+        "start of the run.",
+    )
 
 
 def table(groups: Sequence[Deaggregation], results: ArchResults) -> Table:
@@ -100,25 +107,29 @@ def table(groups: Sequence[Deaggregation], results: ArchResults) -> Table:
     return Table(heads, rows)
 
 
-def _stack(axes: Axes, group: Deaggregation) -> None:
+def _stack(panel: Panel, group: Deaggregation) -> None:
     base = np.zeros(group.n.size)
     probability = np.nan_to_num(group.probability)
     for i, category in enumerate(group.categories):
-        if not group.counts[i].any():
-            continue
-        colour, hatch = _look(category, i)
-        axes.bar(
-            np.arange(base.size), probability[i], bottom=base, width=0.85, label=category,
-            facecolor=colour, hatch=hatch, edgecolor="white", linewidth=0.4,
-        )  # fmt: skip
-        base += probability[i]
-    axes.legend(
-        loc="upper center", bbox_to_anchor=(0.5, -0.22), borderaxespad=0.0, handlelength=1.6
-    )
+        here = np.flatnonzero(probability[i])
+        if here.size:
+            colour, hatch = _look(category, i)
+            top = base[here] + probability[i, here]
+            panel.boxes(here - 0.42, here + 0.42, base[here], top, colour, hatch)
+            base += probability[i]
+
+
+def _key(group: Deaggregation) -> list[Entry]:
+    found = []
+    for i, category in enumerate(group.categories):
+        if group.counts[i].any():
+            colour, hatch = _look(category, i)
+            found.append(Entry(category, colour, hatch or "area"))
+    return found
 
 
 def _look(category: str, place: int) -> tuple[str, str]:
     if category == _OTHER:
         return _LOOKS[-1]
-    modes = {look[0]: (look[1], look[2]) for look in MODE_LOOK.values()}
+    modes = {name: (colour, hatch) for name, colour, hatch in MODE_LOOK.values()}
     return modes.get(category, _LOOKS[place % len(_LOOKS)])

@@ -1,17 +1,18 @@
 """The ground motions: how they look, and their response spectra."""
 
 from collections.abc import Mapping, Sequence
+from html import escape
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullLocator
 from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.report import canvas
-from archfrag.report.canvas import Picture, faint_grid, legend_above, picture
+from archfrag.report import picture as look
+from archfrag.report.axes import BELOW, BESIDE, axis_x, axis_y, log_ticks
+from archfrag.report.picture import Picture
+from archfrag.report.plot import Entry, Panel, Sheet, number, picture
 
 if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
@@ -20,40 +21,46 @@ FloatArray = NDArray[np.float64]
 Spectrum = tuple[FloatArray, FloatArray]
 
 PERIODS = np.geomspace(0.02, 5.0, 80)
-_COLUMNS = 4
+SHOWN = np.geomspace(0.03, 4.0, 32)  # periods of the report's figure
 _BINS = 220
+_THUMBNAIL_BINS = 110
+_MOST_THUMBNAILS = 60
+_MOST_SPECTRA = 80
 
 
-def thumbnails(motions: Sequence["Motion"], name: str) -> Picture:
-    """All accelerograms, each divided by its own peak, on one time scale for each row of four."""
-    rows = -(-len(motions) // _COLUMNS)
+def thumbnails(motions: Sequence["Motion"]) -> Picture:
+    """Accelerograms, each divided by its own peak, as many in a row as the page is wide for."""
+    shown = motions[:_MOST_THUMBNAILS]
+    pieces = [
+        f'<div><svg viewBox="0 0 110 40" preserveAspectRatio="none" aria-hidden="true">'
+        f'<path d="{_outline(motion)}" fill="{look.BLUE}"/></svg>'
+        f"<span>{escape(_short(motion.id))}</span><span>{motion.duration:.0f} s</span></div>"
+        for motion in shown
+    ]
+    label = f"Accelerograms of {len(shown)} ground motions, each scaled to its peak"
+    left_out = (
+        f" The first {len(shown)} of {len(motions)} are shown."
+        if len(shown) < len(motions)
+        else ""
+    )
+    return Picture(
+        f'<div class="thumbnails" role="img" aria-label="{label}">{"".join(pieces)}</div>',
+        "Horizontal acceleration of each record divided by its own PGA, whole duration."
+        + left_out,
+    )
 
-    def draw(figure: Figure) -> None:
-        grid = figure.subplots(rows, _COLUMNS, squeeze=False)
-        figure.set_layout_engine("constrained", hspace=0.08, wspace=0.05)
-        for axes in grid.flat[len(motions) :]:
-            axes.set_axis_off()
-        for axes, motion in zip(grid.flat, motions, strict=False):
-            time, low, high = envelope(motion)
-            axes.fill_between(time, low, high, color=canvas.BLUE, linewidth=0.4)
-            axes.set(ylim=(-1.05, 1.05), xlim=(0.0, motion.duration), yticks=[])
-            axes.set_title(_short(motion.id), fontsize=7, fontweight="normal", pad=2.0)
-            axes.set_xticks([0.0, motion.duration], ["0", f"{motion.duration:.0f} s"])
-            axes.tick_params(labelsize=6.5, length=2.0, pad=1.5)
-            axes.spines["left"].set_visible(False)
-            left, right = axes.get_xticklabels()
-            left.set_ha("left")
-            right.set_ha("right")
 
-    return picture(
-        name, (canvas.WIDTH, 0.3 + 0.78 * rows), draw,
-        alternative=f"Accelerograms of {len(motions)} ground motions, each scaled to its peak",
-        caption="Horizontal acceleration of each record divided by its own PGA, whole duration.",
-    )  # fmt: skip
+def _outline(motion: "Motion") -> str:
+    """Filled trace of a record in a box of 110 by 40."""
+    _, low, high = envelope(motion, _THUMBNAIL_BINS)
+    across = np.linspace(0.5, 109.5, low.size)
+    top = [f"{number(x)} {number(y)}" for x, y in zip(across, 20.0 - 19.5 * high - 0.25)]
+    back = zip(across[::-1], (20.0 - 19.5 * low + 0.25)[::-1])
+    return "M" + " ".join(top + [f"{number(x)} {number(y)}" for x, y in back]) + "z"
 
 
 def spectra(
-    responses: Mapping[str, Spectrum], factors: Mapping[str, float], level: str, name: str
+    responses: Mapping[str, Spectrum], factors: Mapping[str, float], level: str
 ) -> Picture:
     """Spectra at 5 % damping, all scaled to one intensity: each, their median and 16-84 %.
 
@@ -64,45 +71,44 @@ def spectra(
     factors : mapping of record to float
         Scale factor that brings the record to the intensity shown.
     level : str
-        That intensity, with its measure and unit.
-    name : str
-        Unique on the page.
+        What the factors do, in words.
     """
     periods = np.asarray(next(iter(responses.values()))[0], dtype=float)
     scaled = np.stack([responses[r][1] * factors[r] for r in responses]) / STANDARD_GRAVITY
-    low, median, high = np.quantile(scaled, [0.16, 0.5, 0.84], axis=0)
+    low, median, high = np.nanquantile(scaled, [0.16, 0.5, 0.84], axis=0)
+    floor = max(median.max() / 1000.0, 0.7 * float(np.nanmin(scaled[scaled > 0])))
+    ends = (float(periods[0]), float(periods[-1])), (floor, 1.3 * float(np.nanmax(scaled)))
+    entries = [
+        Entry("records", look.GREY, "line"), Entry("16 to 84 %", "#b9dcf2"),
+        Entry("median", look.BLUE, "line"),
+    ]  # fmt: skip
 
-    def draw(figure: Figure) -> None:
-        axes = figure.subplots()
-        for i, row in enumerate(scaled):
-            axes.plot(
-                periods, row, color=canvas.GREY, lw=0.5, alpha=0.6, label=None if i else "records"
-            )
-        axes.fill_between(
-            periods, low, high, color=canvas.SKY, alpha=0.3, linewidth=0, label="16 to 84 %"
-        )
-        axes.plot(periods, median, color=canvas.BLUE, lw=2.0, label="median")
-        axes.set(
-            xscale="log", yscale="log", xlabel="period [s]", ylabel="Sa, 5 % damping [g]",
-            xlim=(periods[0], periods[-1]),
-        )  # fmt: skip
-        for axis in (axes.xaxis, axes.yaxis):
-            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=20))
-            axis.set_major_formatter("{x:g}")
-            axis.set_minor_locator(NullLocator())
-        floor = median.max() / 2000.0
-        axes.set_ylim(bottom=max(floor, 0.7 * scaled[scaled > 0].min()))
-        faint_grid(axes)
-        legend_above(axes)
+    def draw(width: float) -> Sheet:
+        sheet = Sheet(width)
+        top = sheet.legend(BESIDE, 0.0, entries, width - BESIDE - 10.0) + 6.0
+        bottom = top + 240.0
+        box = (BESIDE, top, width - 10.0, bottom)
+        panel = Panel(sheet, box, *ends, log_x=True, log_y=True)
+        axis_x(panel, log_ticks(*panel.x), "period [s]", grid=True)
+        axis_y(panel, log_ticks(*panel.y), "Sa, 5 % damping [g]")
+        every = 2 if sheet.narrow else 1
+        above = np.where(scaled >= floor, scaled, np.nan)
+        for row in above[:_MOST_SPECTRA]:
+            panel.line(periods[::every], row[::every], look.GREY, 0.5, opacity=0.6)
+        panel.band(periods, np.maximum(low, floor), np.maximum(high, floor), look.SKY, 0.35)
+        panel.line(periods, np.where(median >= floor, median, np.nan), look.BLUE, 2.0)
+        sheet.height = bottom + BELOW
+        return sheet
 
+    of = f"{min(len(scaled), _MOST_SPECTRA)} of " if len(scaled) > _MOST_SPECTRA else ""
     return picture(
-        name, (canvas.WIDTH, 3.3), draw,
-        alternative=f"Response spectra of {len(responses)} records scaled to {level}",
-        caption=f"Pseudo-acceleration spectra at 5 % damping of all records, scaled to {level}.",
-    )  # fmt: skip
+        draw,
+        alternative=f"Response spectra of {len(responses)} records {level}",
+        caption=f"Pseudo-acceleration spectra at 5 % damping of {of}all records, {level}.",
+    )
 
 
-def envelope(motion: "Motion") -> tuple[FloatArray, FloatArray, FloatArray]:
+def envelope(motion: "Motion", bins: int = _BINS) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Time and range of a record in bins as wide as a line, divided by its PGA.
 
     Returns
@@ -114,7 +120,7 @@ def envelope(motion: "Motion") -> tuple[FloatArray, FloatArray, FloatArray]:
     peak = np.abs(values).max()
     values = values / peak if peak > 0.0 else values
     # Each bin starts with the last sample of the one before it: the trace stays connected.
-    edges = np.unique(np.linspace(0, values.size - 1, min(_BINS, values.size - 1) + 1, dtype=int))
+    edges = np.unique(np.linspace(0, values.size - 1, min(bins, values.size - 1) + 1, dtype=int))
     pieces = [values[a : b + 1] for a, b in pairwise(edges)]
     time = 0.5 * (edges[:-1] + edges[1:]) * motion.dt
     return time, np.array([p.min() for p in pieces]), np.array([p.max() for p in pieces])

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -18,17 +17,36 @@ from markupsafe import Markup
 from archfrag.arch import Arch
 from archfrag.errors import InputError, OutputError
 from archfrag.fragility.fit import Fragility
-from archfrag.report import motion_figures, tables
+from archfrag.report.answer import (
+    ArchAnswer,
+    answer_table,
+    arch_answer,
+    classes,
+    headline,
+    summary,
+)
 from archfrag.report.arch_section import arch_section
-from archfrag.report.beside import Beside, beside_section
-from archfrag.report.canvas import Picture, standalone
-from archfrag.report.motion_figures import PERIODS, Spectrum
-from archfrag.report.summary import Scale, arch_results, reading_scale
-from archfrag.study.cautions import accepted_records, scaled_far
+from archfrag.report.curve_figures import Resampled, all_curves, resample
+from archfrag.report.measure_figures import MeasureRow
+from archfrag.report.motion_figures import Spectrum
+from archfrag.report.motion_section import motion_section
+from archfrag.report.picture import SVG_STYLE, Picture, standalone
+from archfrag.report.plot import hatch_definitions
+from archfrag.report.summary import ArchResults, Scale, arch_results, reading_scale
+from archfrag.study.cautions import scaled_far
+from archfrag.study.steps import REPORT_FILES
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from archfrag.motions.motion import Motion
+    from archfrag.report.beside import Beside
     from archfrag.simulate import Onset
+
+
+SUMMARY = REPORT_FILES[1]  # beside the page
+_MOST_DETAILED = 12  # arches with a section of their own
+_MOST_ANIMATED = 4
 
 
 @dataclass(frozen=True)
@@ -60,6 +78,15 @@ class ReportInputs:
         Of all bands and intervals.
     beside : Beside, optional
         Another study with the same measure, to be compared in the arches that both have.
+    at : float, optional
+        Level at which the probability of collapse is wanted, in the unit of the study.
+    limit_states : mapping of arch to sequence of (name, Fragility)
+        Curves of limit states in their order, theta in the SI unit of the cube's intensity.
+    measures : mapping of arch to sequence of MeasureRow
+        Intensity measures compared.
+    risk : mapping, optional
+        The section on risk: any of ``sentence`` (text), ``pictures`` (of Picture), ``tables`` (of
+        (label, Table)) and ``note`` (text), shown in this order.
     """
 
     cube: xr.Dataset | Path
@@ -68,15 +95,22 @@ class ReportInputs:
     arches: Sequence[tuple[str, Arch, "Onset"]]
     fits: Mapping[str, Fragility | str]
     spectra: Mapping[str, Spectrum] | None = None
-    timings: pd.DataFrame | None = None
+    timings: "pd.DataFrame | None" = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
     title: str = "Fragility of masonry arches"
     confidence: float = 0.9
-    beside: Beside | None = None
+    beside: "Beside | None" = None
+    at: float | None = None
+    limit_states: Mapping[str, Sequence[tuple[str, Fragility]]] = field(default_factory=dict)
+    measures: Mapping[str, Sequence[MeasureRow]] = field(default_factory=dict)
+    risk: Mapping[str, Any] | None = None
 
 
 def write_report(study_results: ReportInputs, out: Path) -> Path:
-    """Write the report, and beside it each arch's curve as ``curve-<arch>.svg``; each file whole.
+    """Write the report, and beside it its numbers and curves; each file whole.
+
+    ``summary.json`` holds what `archfrag.report.answer.summary` says, ``curve-<arch>.svg`` the
+    curve of each arch that has a section.
 
     Parameters
     ----------
@@ -98,9 +132,11 @@ def write_report(study_results: ReportInputs, out: Path) -> Path:
     """
     out = Path(out)
     with _opened(study_results) as cube:
-        text, sections = _render(study_results, cube)
+        text, sections, data = _render(study_results, cube)
     for section in sections:
         _write_whole(out.parent / f"curve-{section['name']}.svg", standalone(section["curve"]))
+    numbers = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False)
+    _write_whole(out.parent / SUMMARY, numbers + "\n")
     _write_whole(out, text)
     return out
 
@@ -148,14 +184,65 @@ def render(study_results: ReportInputs) -> str:
         return _render(study_results, cube)[0]
 
 
-def _render(inputs: ReportInputs, cube: xr.Dataset) -> tuple[str, list[dict[str, Any]]]:
+def _render(
+    inputs: ReportInputs, cube: xr.Dataset
+) -> tuple[str, list[dict[str, Any]], dict[str, Any]]:
+    """The page, its sections on arches, and the content of ``summary.json``."""
     scale = reading_scale(cube, inputs.measure)
     _check(inputs, cube)
-    beside = beside_section(inputs, cube, scale)
-    sections = [
-        arch_section(inputs, cube, arch_results(cube, name, scale), arch, onset, f"arch{i}")
-        for i, (name, arch, onset) in enumerate(inputs.arches)
+    results = [arch_results(cube, name, scale) for name, _, _ in inputs.arches]
+    bands = [_band(each, inputs) for each in results]
+    answers = [
+        arch_answer(each, inputs.fits[each.arch], band, inputs.confidence, inputs.at)
+        for each, band in zip(results, bands, strict=True)
     ]
+    detailed = _detailed(answers)
+    sections = [
+        arch_section(inputs, cube, results[i], i, bands[i], number < _MOST_ANIMATED)
+        for number, i in enumerate(detailed)
+    ]
+    caution = _scaled_far(cube, scale)
+    provenance = dict(inputs.provenance) or dict(cube.attrs)
+    text = (
+        _environment()
+        .get_template("report.html.j2")
+        .render(
+            title=inputs.title,
+            headline=headline(answers, scale, inputs.confidence),
+            answers=answer_table(answers, scale, inputs.confidence),
+            bands=sorted({answer.band for answer in answers if answer.band}),
+            all_curves=all_curves(
+                {a.name: a.fit for a in answers if a.fit is not None},
+                dict(zip([a.name for a in answers], bands, strict=True)),
+                classes(cube),
+                scale,
+                max(float(each.levels.max()) for each in results),
+                inputs.at,
+            ),
+            n_arch=len(answers),
+            sections=sections,
+            beside=_beside(inputs, cube, scale),
+            risk=inputs.risk,
+            scale=scale,
+            caution=caution,
+            loss_limit=_loss_limit(cube),
+            percent=f"{100 * inputs.confidence:.0f} %",
+            n_record=cube.sizes["record"],
+            n_level=cube.sizes["level"],
+            motions=motion_section(inputs, cube, scale),
+            facts=[(k, v) for k, v in map(_plain, provenance.items()) if "\n" not in v],
+            documents=[(k, v) for k, v in map(_plain, provenance.items()) if "\n" in v],
+            svg_style=Markup(SVG_STYLE),
+            hatches=Markup(hatch_definitions()),
+        )
+    )
+    onsets = [onset for _, _, onset in inputs.arches]
+    parts = list(zip(answers, results, onsets, strict=True))
+    data = summary(inputs, cube, scale, parts, [caution] if caution else [])
+    return text, sections, data
+
+
+def _environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("archfrag.report"),
         autoescape=True,
@@ -163,24 +250,45 @@ def _render(inputs: ReportInputs, cube: xr.Dataset) -> tuple[str, list[dict[str,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["inline"] = lambda shown: Markup(shown.svg)
-    provenance = dict(inputs.provenance) or dict(cube.attrs)
-    levels = [scale.text(level) for level in cube["intensity"].values.tolist()]
-    text = environment.get_template("report.html.j2").render(
-        title=inputs.title,
-        sections=sections,
-        beside=beside,
-        scale=scale,
-        caution=scaled_far(cube, levels),
-        loss_limit=_loss_limit(cube),
-        percent=f"{100 * inputs.confidence:.0f} %",
-        n_record=cube.sizes["record"],
-        n_level=cube.sizes["level"],
-        motions=_motion_section(inputs, cube, scale),
-        facts=[(k, v) for k, v in map(_plain, provenance.items()) if "\n" not in v],
-        documents=[(k, v) for k, v in map(_plain, provenance.items()) if "\n" in v],
-    )
-    return text, sections
+    environment.filters["inline"] = _inline
+    return environment
+
+
+def _inline(shown: Picture) -> Markup:
+    """A picture for all widths, or the drawing for the page's column and the narrow one."""
+    if not shown.narrow:
+        return Markup(shown.svg)
+    return Markup(f'<div class="broad">{shown.svg}</div><div class="slim">{shown.narrow}</div>')
+
+
+def _band(results: ArchResults, inputs: ReportInputs) -> Resampled | None:
+    if isinstance(inputs.fits[results.arch], str):
+        return None
+    return resample(results, inputs.confidence, inputs.at)
+
+
+def _detailed(answers: Sequence[ArchAnswer]) -> list[int]:
+    """Places of the arches with a section: all, or of many those at even ranks of theta."""
+    if len(answers) <= _MOST_DETAILED:
+        return list(range(len(answers)))
+    order = np.argsort([answer.theta for answer in answers], kind="stable")
+    chosen = order[np.linspace(0, len(answers) - 1, _MOST_DETAILED).round().astype(int)]
+    return sorted(int(place) for place in chosen)
+
+
+def _beside(inputs: ReportInputs, cube: xr.Dataset, scale: Scale) -> dict[str, Any] | None:
+    if inputs.beside is None:
+        return None
+    from archfrag.report.beside import beside_section
+
+    return beside_section(inputs, cube, scale)
+
+
+def _scaled_far(cube: xr.Dataset, scale: Scale) -> str:
+    """Caution on motions scaled too far, where all arches share the levels."""
+    if cube["intensity"].dims != ("level",):
+        return ""
+    return scaled_far(cube, [scale.text(level) for level in cube["intensity"].values.tolist()])
 
 
 def _loss_limit(cube: xr.Dataset) -> str | None:
@@ -200,43 +308,6 @@ def _check(inputs: ReportInputs, cube: xr.Dataset) -> None:
     for name, _, _ in inputs.arches:
         if name not in inputs.fits:
             raise InputError(f"fits holds neither a curve nor a sentence for arch {name!r}")
-
-
-def _motion_section(inputs: ReportInputs, cube: xr.Dataset, scale: Scale) -> dict[str, Any]:
-    from archfrag.motions.measures import measure, spectral_acceleration
-
-    measures = {
-        motion.id: {name: measure(motion, name) for name in ("PGA", "PGV", "Arias", "D5_95")}
-        for motion in inputs.motions
-    }
-    spectra = inputs.spectra or {
-        motion.id: (PERIODS, np.asarray(spectral_acceleration(motion, PERIODS, damping=0.05)))
-        for motion in inputs.motions
-    }
-    level = _shown_level(inputs, cube)
-    factors = cube["scale_factor"].transpose("record", "level").values[:, level]
-    records = [str(name) for name in cube["record"].values]
-    shown: Picture = motion_figures.spectra(
-        spectra,
-        dict(zip(records, factors, strict=True)),
-        f"{scale.measure} = {scale.text(float(cube['intensity'].values[level]))}",
-        "spectra",
-    )
-    return {
-        "thumbnails": motion_figures.thumbnails(inputs.motions, "thumbnails"),
-        "table": tables.motions(cube, inputs.motions, measures),
-        "accepted": accepted_records(cube),
-        "spectra": shown,
-    }
-
-
-def _shown_level(inputs: ReportInputs, cube: xr.Dataset) -> int:
-    """Level closest to the median capacity, the middle one where no arch has a curve."""
-    intensity = cube["intensity"].values
-    medians = [fit.theta for fit in inputs.fits.values() if isinstance(fit, Fragility)]
-    if not medians:
-        return intensity.size // 2
-    return int(np.abs(np.log(intensity) - np.log(np.median(medians))).argmin())
 
 
 def _plain(item: tuple[str, Any]) -> tuple[str, str]:

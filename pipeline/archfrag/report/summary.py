@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,9 @@ from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
 from archfrag.mechanics.status import CollapseMode
 from archfrag.study.config import LEVEL_UNITS
+
+NOT_SIMULATED = 4  # code of a cell that the study's design left out
+_MOST_GROUPS = 10
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -90,8 +93,22 @@ class ArchResults:
     end_time: FloatArray  # [s]
     model_time: FloatArray  # (n_record, n_level, n_model) [s]
     models: list[str]
-    lost_contact_time: FloatArray | None = None  # [s]; None in cubes that do not say
+    factors: FloatArray  # on the motion
+    status: IntArray
+    peak_rotation: FloatArray | None = None  # [rad]; None in cubes that do not say
+    lost_contact_time: FloatArray | None = None  # [s]; likewise
     contact_losses: IntArray | None = None  # times that a joint was without contact
+    grouped: bool = False  # each run has an intensity of its own; levels stand for groups of runs
+
+    @property
+    def simulated(self) -> NDArray[np.bool_]:
+        """Which runs there are; a design need not simulate every level."""
+        return self.verdict != NOT_SIMULATED
+
+    @property
+    def decided_or_neither(self) -> IntArray:
+        """Verdicts with what was not simulated as unfinished, which counts as neither."""
+        return np.where(self.simulated, self.verdict, int(Verdict.UNFINISHED))
 
     @property
     def level_texts(self) -> list[str]:
@@ -167,19 +184,29 @@ def arch_results(cube: xr.Dataset, arch: str, scale: Scale) -> ArchResults:
     if arch not in names:
         raise InputError(f"the cube holds no arch {arch!r}; it holds {', '.join(names)}")
     part = cube.isel(arch=names.index(arch))
+    levels, place = _levels(part, scale)
 
     def table(name: str, kind: type) -> NDArray:
-        return part[name].transpose("record", "level").values.astype(kind)
+        values: NDArray = part[name].transpose("record", "level", ...).values.astype(kind)
+        return values if place is None else _spread(values, place, levels.size)
 
-    model_time = part["model_time"].transpose("record", "level", "model")
-    verdict = part["verdict"].transpose("record", "level").values
+    verdict = table("verdict", np.int64)
+    if place is not None:
+        verdict[place[:, None] != np.arange(levels.size)] = NOT_SIMULATED
+    factors = part["scale_factor"].transpose("record", "level").values
+    optional = {
+        name: table(name, kind) if name in part else None
+        for name, kind in (
+            ("lost_contact_time", float), ("peak_rotation", float), ("contact_losses", np.int64),
+        )
+    }  # fmt: skip
     return ArchResults(
         arch=arch,
         records=[str(name) for name in cube["record"].values],
-        levels=cube["intensity"].values.astype(float) * scale.factor,
+        levels=levels,
         scale=scale,
-        counts=count_verdicts(verdict),
-        verdict=verdict.astype(np.int64),
+        counts=_counted(verdict),
+        verdict=verdict,
         collapse_time=table("collapse_time", float),
         collapse_joint=table("collapse_joint", np.int64),
         collapse_mode=table("collapse_mode", np.int64),
@@ -195,10 +222,38 @@ def arch_results(cube: xr.Dataset, arch: str, scale: Scale) -> ArchResults:
         level_iterations=table("level_iterations", np.int64),
         general=table("general", np.int64),
         end_time=table("end_time", float),
-        model_time=model_time.values.astype(float),
-        models=[str(name) for name in model_time["model"].values],
-        lost_contact_time=(
-            table("lost_contact_time", float) if "lost_contact_time" in part else None
-        ),
-        contact_losses=table("contact_losses", np.int64) if "contact_losses" in part else None,
+        model_time=table("model_time", float),
+        models=[str(name) for name in part["model"].values],
+        factors=factors if place is None else _spread(factors, place, levels.size),
+        status=table("status", np.int64),
+        grouped=place is not None,
+        **optional,
     )
+
+
+def _levels(part: xr.Dataset, scale: Scale) -> tuple[FloatArray, IntArray | None]:
+    """Levels in the reader's unit, and the group of each record where each has its own level."""
+    given = part["intensity"]
+    if given.dims == ("level",):
+        return given.values.astype(float) * scale.factor, None
+    own = given.transpose("record", "level").values[:, 0].astype(float) * scale.factor
+    order = np.argsort(own, kind="stable")
+    groups = np.array_split(order, min(_MOST_GROUPS, max(1, own.size // 5)))
+    place = np.zeros(own.size, dtype=np.int64)
+    for number, members in enumerate(groups):
+        place[members] = number
+    return np.array([np.exp(np.log(own[members]).mean()) for members in groups]), place
+
+
+def _spread(values: NDArray, place: IntArray, n_level: int) -> NDArray:
+    """Values (n_record, 1, ...) put into the columns of their groups, zero elsewhere."""
+    wide = np.zeros((values.shape[0], n_level, *values.shape[2:]), dtype=values.dtype)
+    wide[np.arange(len(values)), place] = values[:, 0]
+    return wide
+
+
+def _counted(verdict: IntArray) -> VerdictCounts:
+    """Counts of the runs that there are."""
+    absent = verdict == NOT_SIMULATED
+    counts = count_verdicts(np.where(absent, int(Verdict.STANDING), verdict))
+    return replace(counts, standing=counts.standing - absent.sum(axis=0))

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 
 from archfrag.arch import STANDARD_GRAVITY
@@ -20,6 +19,8 @@ from archfrag.fragility.fit import Fragility
 from archfrag.report.summary import ArchResults, digits
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from archfrag.motions.motion import Motion
 
 
@@ -117,7 +118,7 @@ def motions(
     rows = []
     for motion in items:
         place = names.index(motion.id)
-        factor = cube["scale_factor"].transpose("record", "level").values[place]
+        factor = cube["scale_factor"].isel(record=place).values
         values = measures[motion.id]
         rows.append(
             [
@@ -141,7 +142,7 @@ def motions(
     return Table(heads, rows)
 
 
-def quality(results: ArchResults, timings: pd.DataFrame | None) -> Table:
+def quality(results: ArchResults, timings: "pd.DataFrame | None") -> Table:
     """Speed and energy figures of one arch.
 
     Parameters
@@ -167,9 +168,10 @@ def quality(results: ArchResults, timings: pd.DataFrame | None) -> Table:
             rows.append(["wall time of a run, median and 95 %", f"{middle:#.3g} s, {tail:#.3g} s"])
     rows.append(["steps of integration", f"{results.steps.sum():,}"])
     failed = results.verdict == Verdict.SOLVER_FAILURE
+    good = results.simulated & ~failed
     rows += [
-        ["energy error, median and largest", _median_and_largest(results.energy_error[~failed])],
-        ["contact residual, median and largest", _median_and_largest(results.residual[~failed])],
+        ["energy error, median and largest", _median_and_largest(results.energy_error[good])],
+        ["contact residual, median and largest", _median_and_largest(results.residual[good])],
     ]
     if failed.any():
         rows.append(
@@ -209,7 +211,7 @@ def _optional(cube: xr.Dataset, name: str, place: int, form: str) -> str:
 def _median_and_largest(values: np.ndarray) -> str:
     values = np.abs(values[np.isfinite(values)])
     if values.size == 0:
-        return "not told"
+        return "not known"
     return f"{np.median(values):.1e}, {values.max():.1e}"
 
 

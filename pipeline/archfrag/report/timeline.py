@@ -4,41 +4,34 @@ from collections.abc import Sequence
 from itertools import groupby
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.mechanics.status import Model
-from archfrag.report import canvas
-from archfrag.report.canvas import Picture, faint_grid, picture
+from archfrag.report import picture as look
+from archfrag.report.axes import BELOW, BESIDE, axis_x, axis_y, even_ticks
 from archfrag.report.example import Example
 from archfrag.report.ladder_figures import MODEL_LOOK
+from archfrag.report.picture import Picture
+from archfrag.report.plot import LINE, Entry, Panel, Sheet, picture
 from archfrag.simulation.mechanism import MODEL_WORDS, MechanismChange
 
 # What a joint may be seen doing; a sliding hinge is drawn as a hinge, hatched.
 LOOK = {
-    "hinge at intrados": (canvas.BLUE, ""),
-    "hinge at extrados": (canvas.VERMILION, ""),
-    "sliding hinge at intrados": (canvas.BLUE, "//////"),
-    "sliding hinge at extrados": (canvas.VERMILION, "//////"),
-    "slides": (canvas.ORANGE, "\\\\\\\\\\\\"),
-    "open": (canvas.INK, ""),
+    "hinge at intrados": (look.BLUE, ""),
+    "hinge at extrados": (look.VERMILION, ""),
+    "sliding hinge at intrados": (look.BLUE, "slash"),
+    "sliding hinge at extrados": (look.VERMILION, "slash"),
+    "slides": (look.ORANGE, "cross"),
+    "open": (look.INK, ""),
 }
 _STATES = ("closed", *LOOK)
 _BINS, _SAMPLES = 600, 8
+_TRACE = 300  # of the bins divide them
 
 
-def timeline(example: Example, name: str) -> Picture | None:
-    """Ground motion, joints and model of the ladder over time; None if nothing moved.
-
-    Parameters
-    ----------
-    example : Example
-    name : str
-        Unique on the page.
-    """
+def timeline(example: Example) -> Picture | None:
+    """Ground motion, joints and model of the ladder over time; None if nothing moved."""
     changes = example.response.mechanism or ()
     if not _moving(changes):
         return None
@@ -46,45 +39,56 @@ def timeline(example: Example, name: str) -> Picture | None:
     edges = np.linspace(start, end, _BINS + 1)
     joints, models = sampled(changes, example.arch.n_joint, edges)
     n_joint = example.arch.n_joint
+    entries = [
+        Entry(text, colour, hatch or "area")
+        for k, (text, (colour, hatch)) in enumerate(LOOK.items(), start=1)
+        if np.any(joints == k)
+    ]
+    for code in np.unique(models):
+        colour, hatch = MODEL_LOOK[Model(code)]
+        entries.append(Entry(f"model: {MODEL_WORDS[Model(code)]}", colour, hatch or "area"))
 
-    def draw(figure: Figure) -> None:
-        height = max(1.4, min(0.17 * n_joint, 4.5))
-        top, middle, bottom = figure.subplots(
-            3, 1, sharex=True, height_ratios=[0.75, height, 0.16]
-        )
-        _ground(top, example, edges)
-        top.set_title(_headline(example))
-        for joint in range(n_joint):
-            for state, low, high in runs(joints[:, joint]):
-                if state:
-                    _bar(middle, edges[low], edges[high], joint, LOOK[_STATES[state]])
-        middle.set(ylim=(-0.6, n_joint - 0.4), ylabel="joint")
-        middle.set_yticks(np.arange(0, n_joint, max(1, -(-n_joint // 15))))
-        faint_grid(middle, "y")
-        for model, low, high in runs(models):
-            _bar(bottom, edges[low], edges[high], 0, MODEL_LOOK[Model(model)])
-        bottom.set(ylim=(-0.4, 0.4), xlabel="time [s]", xlim=(start, end))
-        bottom.set_yticks([0.0], ["model"])
-        bottom.tick_params(axis="y", length=0)
-        if example.response.collapsed:
-            for axes in (top, middle):
-                axes.axvline(
-                    example.response.collapse_time, color=canvas.INK, lw=0.9, ls=(0, (4, 2))
-                )
-        handles = [_swatch(text, LOOK[text]) for k, text in enumerate(_STATES)
-                   if k and np.any(joints == k)]  # fmt: skip
-        handles += [
-            _swatch(f"model: {MODEL_WORDS[Model(m)]}", MODEL_LOOK[Model(m)])
-            for m in np.unique(models)
+    def draw(width: float) -> Sheet:
+        sheet = Sheet(width)
+        top = sheet.legend(BESIDE, 0.0, entries, width - BESIDE - 10.0) + LINE + 4.0
+        right, height = width - 10.0, float(np.clip(15.0 * n_joint, 70.0, 400.0))
+        _ground(sheet, (BESIDE, top, right, top + 62.0), example, edges)
+        sheet.text(BESIDE, top - 6.0, _headline(example), "b")
+        middle = Panel(
+            sheet, (BESIDE, top + 72.0, right, top + 72.0 + height), (start, end),
+            (-0.6, n_joint - 0.4),
+        )  # fmt: skip
+        step = max(1, -(-n_joint // int(height / 13.0)))
+        axis_y(middle, np.arange(0, n_joint, step), "joint")
+        stretches = [
+            (k, edges[low], edges[high], joint)
+            for joint in range(n_joint)
+            for k, low, high in runs(joints[:, joint])
+            if k
         ]
-        figure.legend(handles=handles, loc="outside lower center", ncols=4, handlelength=1.6)
+        for k, state in enumerate(_STATES):
+            _bars(middle, [stretch[1:] for stretch in stretches if k and stretch[0] == k], state)
+        bottom = middle.box[3] + 8.0
+        last = Panel(sheet, (BESIDE, bottom, right, bottom + 14.0), (start, end), (-0.5, 0.5))
+        for code, low, high in runs(models):
+            colour, hatch = MODEL_LOOK[Model(code)]
+            last.boxes(edges[low], edges[high], -0.5, 0.5, colour, hatch)
+        sheet.text(BESIDE - 5.0, bottom + 11.0, "model", "s e")
+        axis_x(last, even_ticks(start, end, 5 if sheet.narrow else 9), "time [s]")
+        if example.response.collapsed:
+            time = float(last.at_x(example.response.collapse_time))
+            sheet.path(
+                f"M{time:.1f} {top:.1f}V{bottom:.1f}", stroke=look.INK, stroke_dasharray="4 2"
+            )
+        sheet.height = bottom + 14.0 + BELOW
+        return sheet
 
     return picture(
-        name, (canvas.WIDTH, 2.1 + max(1.4, min(0.17 * n_joint, 4.5))), draw,
+        draw,
         alternative=f"Mechanism over time under {example.motion.id}: hinges, sliding and open "
         "joints, and the model of the ladder",
         caption=_caption(example, changes, edges),
-    )  # fmt: skip
+    )
 
 
 def window(changes: Sequence[MechanismChange], end_time: float) -> tuple[float, float]:
@@ -156,7 +160,12 @@ def _longest(samples: NDArray[np.int64], n_state: int) -> NDArray[np.int64]:
     return counts.argmax(axis=0)
 
 
-def _ground(axes: Axes, example: Example, edges: NDArray[np.float64]) -> None:
+def _ground(
+    sheet: Sheet,
+    box: tuple[float, float, float, float],
+    example: Example,
+    edges: NDArray[np.float64],
+) -> None:
     acceleration = np.asarray(example.motion.acceleration) * example.factor / STANDARD_GRAVITY
     times = np.arange(acceleration.size) * example.motion.dt
     # Every sample and the value at every edge: the trace stays connected from bin to bin.
@@ -167,20 +176,20 @@ def _ground(axes: Axes, example: Example, edges: NDArray[np.float64]) -> None:
     inside = (bins >= 0) & (bins < low.size)
     np.minimum.at(low, bins[inside], acceleration[inside])
     np.maximum.at(high, bins[inside], acceleration[inside])
-    axes.fill_between(0.5 * (edges[:-1] + edges[1:]), low, high, color=canvas.GREY, linewidth=0.5)
-    axes.set_ylabel("ground [g]")
-    faint_grid(axes, "y")
+    if low.size > _TRACE:  # as fine as can be seen
+        low, high = low.reshape(_TRACE, -1).min(axis=1), high.reshape(_TRACE, -1).max(axis=1)
+        edges = edges[:: (edges.size - 1) // _TRACE]
+    reach = 1.05 * max(float(np.abs([low, high]).max()), 1e-9)
+    panel = Panel(sheet, box, (float(edges[0]), float(edges[-1])), (-reach, reach))
+    axis_y(panel, even_ticks(-reach, reach, 4), "ground [g]")
+    panel.band(0.5 * (edges[:-1] + edges[1:]), low, high, look.GREY, 1.0)
 
 
-def _bar(axes: Axes, low: float, high: float, row: int, look: tuple[str, str]) -> None:
-    axes.broken_barh(
-        [(low, high - low)], (row - 0.4, 0.8), facecolor=look[0], hatch=look[1],
-        edgecolor="white" if look[1] else "none", linewidth=0.0,
-    )  # fmt: skip
-
-
-def _swatch(label: str, look: tuple[str, str]) -> Patch:
-    return Patch(label=label, facecolor=look[0], hatch=look[1], edgecolor="white", linewidth=0.0)
+def _bars(panel: Panel, stretches: Sequence[tuple[float, float, int]], state: str) -> None:
+    """Stretches of time (from, to, joint) in which joints are in a state."""
+    if stretches:
+        low, high, joint = np.array(stretches, dtype=float).T
+        panel.boxes(low, high, joint - 0.4, joint + 0.4, *LOOK[state])
 
 
 def _headline(example: Example) -> str:

@@ -21,6 +21,7 @@ from archfrag.study.store import Store
 from archfrag.study.written import remember
 
 STEPS = "steps"
+REPORT_FILES = ("report.html", "summary.json")
 _COMMAND = {"cube": "archfrag cube", "fit": "archfrag fit"}
 
 
@@ -47,7 +48,7 @@ def products(study: Study, step: str) -> list[Path]:
         "motions": [study.work / MANIFEST],
         "cube": [study.folder / "cube.nc", study.work / "timings.csv"],
         "fit": [study.folder / "fits.json"],
-        "report": [study.folder / "report.html", *curves],
+        "report": [*(study.folder / name for name in REPORT_FILES), *curves],
     }
     return made.get(step, [])
 
