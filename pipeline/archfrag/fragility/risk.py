@@ -18,6 +18,9 @@ from archfrag.fragility.hazard_curve import HazardCurve
 __all__ = ["CollapseRate", "TabulatedCurve", "collapse_rate", "parameter_draws", "rate_by_level"]
 
 DRAWS = 4000
+# A steep first slope of the hazard and a wide curve overflow; such a rate stays finite, and all
+# of it is seen to be from below the hazard curve.
+_LARGEST_LOG = 600.0
 
 
 @dataclass(frozen=True)
@@ -148,7 +151,7 @@ def collapse_rate(
     >>> im = np.array([0.1, 0.3, 1.0])
     >>> fit = Fragility(0.5, 0.4, np.eye(2), 0.0, 1, 1, "ida")
     >>> found = collapse_rate(HazardCurve(im, 1e-4 * im**-2.5), fit)
-    >>> round(found.rate / (1e-4 * 0.5**-2.5 * np.exp(0.5)), 12)
+    >>> round(float(found.rate / (1e-4 * 0.5**-2.5 * np.exp(0.5))), 12)
     1.0
     """
     if not 0.0 < confidence < 1.0:
@@ -299,7 +302,8 @@ def _lognormal(pieces: _Pieces, log_theta: FloatArray, beta: FloatArray) -> Floa
     k = pieces.slope
     a, b = (pieces.left - log_theta) / beta, (pieces.right - log_theta) / beta
     log_centre = pieces.log_rate - k * (log_theta - pieces.anchor) + 0.5 * (k * beta) ** 2
-    moved = np.exp(log_centre + _log_difference(a + k * beta, b + k * beta))
+    log_moved = log_centre + _log_difference(a + k * beta, b + k * beta)
+    moved = np.exp(np.minimum(log_moved, _LARGEST_LOG))
     lower = np.where(np.isneginf(pieces.left), 0.0, ndtr(a) * _finite_rate(pieces, pieces.left))
     upper = np.where(np.isposinf(pieces.right), 0.0, ndtr(b) * _finite_rate(pieces, pieces.right))
     # A piece without a fall of the rate has no motions; elsewhere rounding must not go below 0.
