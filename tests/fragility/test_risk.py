@@ -1,5 +1,7 @@
 """Rate of collapse: closed forms, quadrature, and a band that holds the truth as often as said."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -27,7 +29,7 @@ def by_quadrature(hazard, probability, low, high, cuts=()):
     """Integral of P |d lambda| from rates of exceedance alone."""
     knots = np.unique(np.clip(np.log([low, *hazard.im, *cuts, high]), np.log(low), np.log(high)))
     total = 0.0
-    for a, b in zip(knots[:-1], knots[1:]):
+    for a, b in pairwise(knots):
         fall = np.log(hazard.rate_at(np.exp(a)) / hazard.rate_at(np.exp(b))) / (b - a)
         total += quad(
             lambda x, k=fall: probability(np.exp(x)) * k * hazard.rate_at(np.exp(x)), a, b,
