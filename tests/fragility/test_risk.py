@@ -10,10 +10,10 @@ from archfrag.errors import InputError
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.fit import fit_ida, fit_stripes
 from archfrag.fragility.hazard_curve import HazardCurve
+from archfrag.fragility.parameters import parameter_draws
 from archfrag.fragility.risk import (
     TabulatedCurve,
     collapse_rate,
-    parameter_draws,
     rate_by_level,
 )
 
