@@ -17,10 +17,12 @@ from obspy import Stream, Trace
 from archfrag.errors import RecordError
 from archfrag.motions.formats import facts
 from archfrag.motions.formats.text import (
+    END_OF_DATA,
     Source,
     clipped,
     format_width,
     head_lines,
+    next_line,
     numbers,
     read_lines,
     source_name,
@@ -35,7 +37,6 @@ _LINES = re.compile(r"follow on\s+(\d+)\s+lines", re.IGNORECASE)
 _COMMENTS = re.compile(r"\s*(\d+)\s+Comment line\(s\) follow", re.IGNORECASE)
 _SECTION = re.compile(r"\s*(\S+)\s+.*\bpts\b.*units\s*=", re.IGNORECASE)
 _WORDS = re.compile(r"[A-Za-z]{4}|/&|END", re.IGNORECASE)
-_END = re.compile(r"/&|\s*END[ -]OF[ -]DATA", re.IGNORECASE)
 _CHANNEL = re.compile(r"Sta\s+Cha\w*\s*:?\s*([\w?]+)\s*:\s*(.*?)\s*\(Rcrdr", re.IGNORECASE)
 _CHANNELS = re.compile(r"\(\s*(\d+)\s*Chns?\s+of", re.IGNORECASE)
 _SCNL = re.compile(r"<SCNL>\s*([\w-]+)\.([\w-]+)\.([\w-]+)\.([\w-]+)")
@@ -89,7 +90,7 @@ def read_cosmos(source: Source, **_: Any) -> Stream:
     name, lines = source_name(source), read_lines(source)
     traces: list[Trace] = []
     place, other, stated = 0, 0, 0
-    while (place := _next_line(lines, place)) < len(lines):
+    while (place := next_line(lines, place)) < len(lines):
         channel = _header(lines, place, name)
         end = _end_of_numbers(lines, channel.section + 1)
         if _is_acceleration(channel, lines[channel.section]):
@@ -102,14 +103,10 @@ def read_cosmos(source: Source, **_: Any) -> Stream:
     if not traces:
         raise RecordError(f"{name}: none of the {other} channels of the file is an acceleration")
     if len(traces) < stated:
-        _add_fault(traces[0], f"the header counts {stated} channels, the file holds {len(traces)}")
+        facts.add_fault(
+            traces[0], f"the header counts {stated} channels, the file holds {len(traces)}"
+        )
     return facts.stream_of(traces)
-
-
-def _next_line(lines: Sequence[str], place: int) -> int:
-    while place < len(lines) and (not lines[place].strip(" \t\x1a") or _END.match(lines[place])):
-        place += 1
-    return place
 
 
 def _header(lines: Sequence[str], place: int, name: str) -> _Channel:
@@ -206,10 +203,13 @@ def _trace(lines: Sequence[str], channel: _Channel, end: int, name: str) -> Trac
     trace = facts.trace_of(samples, step, record, codes=codes, start=start)
     length = _value(reals, 62)
     if length and abs(announced * step - length) > max(2.0 * step, 0.01 * length):
-        _add_fault(trace, f"the header states a length of {length:g} s, {announced} samples at "
-                          f"{step:g} s last {announced * step:g} s")  # fmt: skip
-    if end >= len(lines) or not _END.match(lines[end]):
-        _add_fault(trace, "there is no end-of-data line: the file may be cut off")
+        facts.add_fault(
+            trace,
+            f"the header states a length of {length:g} s, {announced} samples at {step:g} s last "
+            f"{announced * step:g} s",
+        )
+    if end >= len(lines) or not END_OF_DATA.match(lines[end]):
+        facts.add_fault(trace, "there is no end-of-data line: the file may be cut off")
     return trace
 
 
@@ -273,8 +273,3 @@ def _direction(way: str, channel: _Channel) -> dict[str, Any]:
     if 1 <= code <= 360:
         return facts.direction(str(code))
     return facts.direction({400: "UP", 401: "DOWN"}.get(code, way))
-
-
-def _add_fault(trace: Trace, sentence: str) -> None:
-    record = trace.stats.record
-    record.faults = (*record.get("faults", ()), sentence)

@@ -19,10 +19,12 @@ from obspy import Stream, Trace
 from archfrag.errors import RecordError
 from archfrag.motions.formats import facts
 from archfrag.motions.formats.text import (
+    END_OF_DATA,
     Source,
     clipped,
     format_width,
     head_lines,
+    next_line,
     numbers,
     on_even_steps,
     read_lines,
@@ -35,7 +37,6 @@ _COUNT_LINE = re.compile(r"NO\. OF POINTS\s*=\s*(\S*)\s+RECORD LENGTH", re.IGNOR
 _SECTION = re.compile(r"\s*(\S+)\s+(?:POINTS OF ACCEL|ACCELEROGRAM POINTS)", re.IGNORECASE)
 _STEP = re.compile(r"SPACED AT\s+(\S+)\s+SEC|AT\s+(\S+)\s+PTS/SEC", re.IGNORECASE)
 _WORDS = re.compile(r"[A-Za-z]{4}|/&|END", re.IGNORECASE)
-_END = re.compile(r"/&|\s*END[ -]OF[ -]DATA", re.IGNORECASE)
 _STATION = re.compile(r"STATION\s+(?:NO|ID)\.\s*(\w+)(?=\s)", re.IGNORECASE)
 _CHANNEL = re.compile(r"CHAN\s*(\d+)?\s*:\s*(.*)", re.IGNORECASE)
 _PEAK = {
@@ -97,19 +98,15 @@ def read_dmg(source: Source, **_: Any) -> Stream:
     name, lines = source_name(source), read_lines(source)
     traces: list[Trace] = []
     place, stated = 0, 0
-    while (place := _next_line(lines, place)) < len(lines):
+    while (place := next_line(lines, place)) < len(lines):
         trace, place, channels = _channel(lines, place, name)
         stated = max(stated, channels)
         traces.append(trace)
     if stated > len(traces):
-        _add_fault(traces[0], f"the header counts {stated} channels, the file holds {len(traces)}")
+        facts.add_fault(
+            traces[0], f"the header counts {stated} channels, the file holds {len(traces)}"
+        )
     return facts.stream_of(traces)
-
-
-def _next_line(lines: Sequence[str], place: int) -> int:
-    while place < len(lines) and (not lines[place].strip(" \t\x1a") or _END.match(lines[place])):
-        place += 1
-    return place
 
 
 def _channel(lines: Sequence[str], place: int, name: str) -> tuple[Trace, int, int]:
@@ -135,7 +132,7 @@ def _channel(lines: Sequence[str], place: int, name: str) -> tuple[Trace, int, i
     start = next(filter(None, map(facts.utc_time, text[3 + shift : 4 + shift])), None)
     trace = facts.trace_of(data.samples, data.dt, record, codes=("", code, position), start=start)
     if not complete:
-        _add_fault(trace, "there is no end-of-data line: the file may be cut off")
+        facts.add_fault(trace, "there is no end-of-data line: the file may be cut off")
     _compare_places(trace, lines[place + len(text) : data.end])
     channels = _CHANNELS.search("\n".join(text))
     return trace, end, int(channels.group(1)[:6]) if channels else 0
@@ -189,7 +186,7 @@ def _end_of_numbers(lines: Sequence[str], place: int) -> int:
 
 def _end_of_channel(lines: Sequence[str], place: int) -> tuple[int, bool]:
     for i in range(place, len(lines)):
-        if _END.match(lines[i]):
+        if END_OF_DATA.match(lines[i]):
             return i + 1, True
         if _FIRST.match(lines[i]):
             return i, False
@@ -253,10 +250,8 @@ def _compare_places(trace: Trace, lines: Sequence[str]) -> None:
         return
     for word, stated, real in zip(("latitude", "longitude"), text, reals):
         if real not in (0.0, -999.0) and abs(real) <= 360.0 and abs(stated - real) > 0.01:
-            _add_fault(trace, f"{word} of the station is {stated:g} in the text of the header and "
-                              f"{real:g} among its numbers")  # fmt: skip
-
-
-def _add_fault(trace: Trace, sentence: str) -> None:
-    record = trace.stats.record
-    record.faults = (*record.get("faults", ()), sentence)
+            facts.add_fault(
+                trace,
+                f"{word} of the station is {stated:g} in the text of the header and {real:g} "
+                "among its numbers",
+            )

@@ -260,3 +260,9 @@ def acceleration_unit(text: str, where: str) -> str:
             f"{', '.join(METRES_PER_SECOND_SQUARED)}"
         )
     return plain
+
+
+def add_fault(trace: Trace, sentence: str) -> None:
+    """Add a sentence to what is odd about a record."""
+    record = trace.stats.record
+    record.faults = (*record.get("faults", ()), sentence)

@@ -26,6 +26,7 @@ _FORMAT = re.compile(r"\(\s*\d*P?,?\s*\d*\s*[FEGDI]\s*(\d{1,2})(?:\.\d+)?\s*\)",
 _STEPS = np.outer(10.0 ** np.arange(-5, 1), (1.0, 2.0, 2.5, 5.0)).ravel()  # [s]
 _EVEN = 0.05  # part of a step by which times may be off where only their rounding is seen
 _STRETCH = 20  # samples on the grid for each that the file holds, at most
+END_OF_DATA = re.compile(r"/&|\s*END[ -]OF[ -]DATA", re.IGNORECASE)
 
 
 def source_name(source: Source) -> str:
@@ -255,3 +256,12 @@ def _rounded_step(step: float) -> float:
     """A step that times rounded to their last digit give, as it was before."""
     return next((float(f"{step:.{n}g}") for n in (1, 2, 3)
                  if abs(float(f"{step:.{n}g}") - step) <= 1e-5 * step), step)  # fmt: skip
+
+
+def next_line(lines: Sequence[str], place: int) -> int:
+    """The first line from a place on that is neither empty nor an end of data."""
+    while place < len(lines) and (
+        not lines[place].strip(" \t\x1a") or END_OF_DATA.match(lines[place])
+    ):
+        place += 1
+    return place
