@@ -207,9 +207,9 @@ def ida(grid: Grid, design: Ida) -> Strand:
 
 
 def _decided(design: Ida, rows: range) -> list[int]:
-    """Rows whose capacity the study's own method decides: an even fraction of them."""
+    """Rows whose capacity the study's own method decides: an even fraction, with the first."""
     fraction = design.fine if isinstance(design, TwoStage) else 1.0
-    return [row for row in rows if int((row + 1) * fraction) > int(row * fraction)]
+    return [row for row in rows if int(row * fraction) > int((row - 1) * fraction) or row == 0]
 
 
 def _expect_coarse(fine: Borders, coarse: Borders, known: list[int], rows: list[int]) -> None:
@@ -227,16 +227,13 @@ def _expect_coarse(fine: Borders, coarse: Borders, known: list[int], rows: list[
 def _cells_to_check(
     borders: Borders, design: Ida, rows: Sequence[int]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows and levels of cells that were not simulated, one for each of some records."""
-    count = -(-borders.grid.records.size // 3) if design.checks is None else design.checks
+    """Rows and levels of some cells that were not simulated, any of them as likely as another."""
+    rows = np.asarray(rows, dtype=np.int64)
+    count = -(-rows.size // 3) if design.checks is None else design.checks
+    free, places = np.nonzero(borders.seen[rows] == Verdict.NOT_SIMULATED)
     generator = np.random.default_rng([design.seed, borders.grid.arch])
-    chosen = []
-    for row in generator.permutation(np.asarray(rows, dtype=np.int64))[:count]:
-        free = np.flatnonzero(borders.seen[row] == Verdict.NOT_SIMULATED)
-        if free.size:
-            chosen.append((int(row), int(generator.choice(free))))
-    cells = np.array(sorted(chosen), dtype=np.int64).reshape(-1, 2)
-    return cells[:, 0], cells[:, 1]
+    chosen = np.sort(generator.permutation(free.size)[:count])
+    return rows[free[chosen]], places[chosen]
 
 
 def _check(
@@ -261,7 +258,7 @@ def _more_records(
     note: dict[str, Any] = {"half_width": width, "reached": bool(width <= wanted.theta)}
     if note["reached"]:
         return done, note
-    allowed = int((wanted.runs - runs) * done / runs)
+    allowed = int((wanted.runs - runs) * done / max(runs, 1))
     available = borders.grid.records.size - done
     more = min(more_needed(width, wanted.theta, done), allowed, available)
     if more > 0:
