@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from archfrag.fragility.counts import Verdict
+
 FINE, COARSE = 0, 1  # stage: by the study's method, by the coarse one
 # A run: `place` is the number of the study's level, 0 where a run has a level of its own.
 CASE = np.dtype(
@@ -20,6 +22,7 @@ CASE = np.dtype(
 Cases = NDArray[np.void]
 Verdicts = NDArray[np.int8]
 Strand = Generator[Cases, Verdicts, dict[str, Any]]
+_MADE = [verdict for verdict in Verdict if verdict != Verdict.NOT_SIMULATED]
 NO_CASES: Cases = np.empty(0, CASE)
 
 
@@ -77,7 +80,15 @@ class Rounds:
         self.wanted: Cases = np.concatenate(asked) if asked else NO_CASES
 
     def answer(self, verdicts: Verdicts) -> None:
-        """Take the verdicts of all runs of the round, in the order of `wanted`."""
+        """Take the verdicts of all runs of the round, in the order of `wanted`.
+
+        Raises
+        ------
+        ValueError
+            If a run has no verdict: a design would ask for it for ever.
+        """
+        if len(verdicts) != len(self.wanted) or not np.isin(verdicts, _MADE).all():
+            raise ValueError("each run of a round must have been made")
         asked, self._asked = self._asked, []
         ends = np.cumsum([len(cases) for _, _, cases in asked])
         for (arch, strand, _), own in zip(asked, np.split(verdicts, ends[:-1])):
