@@ -13,7 +13,6 @@ from dataclasses import replace
 import numpy as np
 import psutil
 import pytest
-from archfrag.study.parts import read_part
 
 from archfrag.errors import InputError, StabilityError, WorkerError
 from archfrag.study import batch as batch_module
@@ -22,7 +21,9 @@ from archfrag.study.bundles import Bundles
 from archfrag.study.checks import check_arches
 from archfrag.study.config import Method, load_study
 from archfrag.study.plan import make_plan
-from tests.study.small import files, small_study
+from archfrag.study.replay import gather
+from archfrag.study.store import read_part
+from tests.study.small import files, make_runs, small_study
 
 
 def parts_of(folder):
@@ -194,7 +195,7 @@ def test_batches_share_the_runs(copied):
     execution = study.execution.model_copy(update={"batches": 5})
     study = study.model_copy(update={"execution": execution})
     logs = [run_batch(study, number, quiet=True) for number in range(5)]
-    assert [log.runs for log in logs] == [3, 3, 2, 2, 2]
+    assert [log.runs for log in logs] == [3, 3, 3, 3, 0]
     with pytest.raises(InputError, match="--batch 5: must be from 0 to 4"):
         run_batch(study, 5, quiet=True)
 
