@@ -10,7 +10,6 @@ from obspy import Trace
 from archfrag.cli import main
 from archfrag.errors import InputError
 from archfrag.study.config import load_study
-from archfrag.study.cube import gather
 from archfrag.study.digests import sha256_of
 from archfrag.study.plan import make_plan
 from archfrag.study.records import load_prepared, prepare_motions

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import entr, ndtr
 
 from archfrag.fragility.counts import Verdict
@@ -43,7 +43,7 @@ class Grid:
     levels: FloatArray
     measures: FloatArray
 
-    def cases(self, rows: Sequence[int], places: Sequence[int], stage: int = FINE) -> Cases:
+    def cases(self, rows: ArrayLike, places: ArrayLike, stage: int = FINE) -> Cases:
         """Runs of some rows at some levels."""
         place = np.asarray(places, dtype=np.int64)
         return cases_of(
@@ -88,13 +88,12 @@ class Borders:
         mass = np.diff(ndtr((ends - median[:, None]) / reach), axis=1) + LEAST_PRIOR
         self.expected[np.asarray(rows)] = mass / mass.sum(axis=1, keepdims=True)
 
-    def next_places(self, rows: Sequence[int]) -> NDArray[np.int64]:
+    def next_places(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
         """Level to try next for each of some rows, -1 where nothing is left to try.
 
         The one that tells most for its cost: the entropy of its verdict over the cost expected.
         Levels where a run had no verdict are not tried again.
         """
-        rows = np.asarray(rows)
         place = np.arange(self.grid.levels.size)
         low, high = self.low[rows, None], self.high[rows, None]
         within = (np.arange(place.size + 1) > low) & (np.arange(place.size + 1) <= high)
@@ -127,9 +126,9 @@ class Borders:
         return 0.5 * (ends[self.low + 1] + ends[self.high + 1])
 
 
-def search(borders: Borders, rows: Sequence[int], stage: int) -> Generator[Cases, Verdicts, None]:
+def search(borders: Borders, among: Sequence[int], stage: int) -> Generator[Cases, Verdicts, None]:
     """Narrow the brackets of some rows until neighbouring levels are left."""
-    rows = np.asarray(rows, dtype=np.int64)
+    rows = np.asarray(among, dtype=np.int64)
     while rows.size:
         places = borders.next_places(rows)
         rows, places = rows[places >= 0], places[places >= 0]
@@ -225,10 +224,10 @@ def _expect_coarse(fine: Borders, coarse: Borders, known: list[int], rows: list[
 
 
 def _cells_to_check(
-    borders: Borders, design: Ida, rows: Sequence[int]
+    borders: Borders, design: Ida, among: Sequence[int]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Rows and levels of some cells that were not simulated, any of them as likely as another."""
-    rows = np.asarray(rows, dtype=np.int64)
+    rows = np.asarray(among, dtype=np.int64)
     count = -(-rows.size // 3) if design.checks is None else design.checks
     free, places = np.nonzero(borders.seen[rows] == Verdict.NOT_SIMULATED)
     generator = np.random.default_rng([design.seed, borders.grid.arch])

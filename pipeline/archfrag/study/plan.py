@@ -104,7 +104,9 @@ class Plan:
         """Inverse of `save`."""
         stored = json.loads(path.read_text(encoding="utf-8"))
         records = tuple(PreparedRecord(**entry) for entry in stored.pop("records"))
-        lists = {name: tuple(stored.pop(name)) for name in ("arches", "levels", "methods")}
+        lists: dict[str, Any] = {
+            name: tuple(stored.pop(name)) for name in ("arches", "levels", "methods")
+        }
         return cls(records=records, **lists, **stored)
 
     def factors(self, cases: Cases) -> NDArray[np.float64]:
@@ -161,7 +163,7 @@ class Plan:
             elif isinstance(design, Ida):
                 yield arch, ida(Grid(arch, records, levels, self._measures()), design)
             elif isinstance(design, Scattered):
-                yield arch, scattered(arch, records, levels, design)
+                yield arch, scattered(arch, records, self.levels, design)
             elif isinstance(design, Cloud):
                 own = (design.factor / self._at_one) ** (1.0 / self.power)
                 yield arch, cloud(arch, records, own)
