@@ -274,13 +274,8 @@ def validate(study_file: Path, overrides: tuple[str, ...], as_json: bool) -> Non
     from archfrag.study.config import load_study
 
     found = check_study(load_study(study_file, overrides))
-    summary = asdict(found)
-    if as_json:
-        click.echo(json.dumps(summary))
-        return
-    counts = ", ".join(f"{value} {key}" for key, value in summary.items() if type(value) is int)
-    click.echo(f"{study_file}: in order; {counts}")
-    for listed in found.classes:
+    click.echo(json.dumps(asdict(found)) if as_json else f"{study_file}: in order; {found}")
+    for listed in () if as_json else found.classes:
         click.echo(f"  {listed}")
 
 

@@ -1,13 +1,17 @@
 """What can be known to be wrong with a study before anything is computed."""
 
 import errno
+import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from archfrag.errors import OutputError, StudyError
 from archfrag.study.config import Study, load_study
 from archfrag.study.cube import refuse_foreign_cube
+from archfrag.study.design import Cloud, Design, Ida, Scattered, TwoStage
 from archfrag.study.files import cannot_write
 from archfrag.study.members import (
     ClassSummary,
@@ -90,14 +94,41 @@ def _check_writable(folder: Path) -> None:
 
 @dataclass(frozen=True)
 class Summary:
-    """What a study amounts to."""
+    """What a study amounts to.
+
+    Attributes
+    ----------
+    study : str
+    arches, records, levels : int
+    design : str
+        Its kind.
+    runs : int
+        By the study's own method.
+    extent : str
+        What is meant by `runs`: exactly, about, or at most so many.
+    coarse_runs : int
+        About so many runs by the coarse method come before, for a design in two stages.
+    """
 
     study: str
     arches: int
     records: int
     levels: int
+    design: str
     runs: int
-    classes: tuple[ClassSummary, ...]  # of arches that were drawn or come from a table
+    extent: str = "exactly"
+    coarse_runs: int = 0
+    classes: tuple[ClassSummary, ...] = ()  # of arches that were drawn or come from a table
+
+    def __str__(self) -> str:
+        """All but the name in one line."""
+        runs = (
+            f"{self.runs} runs" if self.extent == "exactly" else f"{self.extent} {self.runs} runs"
+        )
+        text = f"{self.arches} arches, {self.records} records, {self.levels} levels, {runs}"
+        if self.design != "stripes":
+            text += f" by design {self.design}"
+        return text + (f", after about {self.coarse_runs} coarse runs" if self.coarse_runs else "")
 
 
 def check_study(study: Study) -> Summary:
@@ -119,6 +150,40 @@ def check_study(study: Study) -> Summary:
     if needs_records(study.arches):
         found = check_arches(study, records)
     check_output(study)
-    levels = len(study.intensity.si)
-    runs = int(found.meets(records).sum()) * levels
-    return Summary(study.id, len(found), records, levels, runs, summaries(found))
+    return summary_of(study, found, records)
+
+
+def summary_of(study: Study, found: Members, records: int) -> Summary:
+    """What a study with these arches and so many records amounts to."""
+    design, levels = study.design, len(study.intensity.si)
+    met, arches = np.unique(found.meets(records).sum(axis=1), return_counts=True)
+    each = [_runs_of(design, int(count), levels) for count in met]
+    runs, coarse = (sum(part[i] * n for part, n in zip(each, arches.tolist())) for i in (0, 1))
+    return Summary(
+        study.id, len(found), records, levels, design.kind, runs, each[0][2], coarse,
+        summaries(found),
+    )  # fmt: skip
+
+
+def _runs_of(design: Design, records: int, levels: int) -> tuple[int, int, str]:
+    """Runs of an arch under some records, coarse ones before, and what is meant by the first."""
+    runs, coarse, extent = records * levels, 0, "exactly"
+    if isinstance(design, Ida):
+        # A search tells levels + 1 places of the border apart.
+        search = math.ceil(records * math.log2(levels + 1))
+        decided = records
+        if isinstance(design, TwoStage):
+            # Where the coarse search is right, the levels on both sides of the border decide.
+            decided = math.ceil(records * design.fine)
+            coarse, search = search, min(2, levels) * decided
+        checks = decided // 3 if design.checks is None else design.checks
+        runs, extent = min(search + checks, runs), "about"
+        if design.precision is not None:
+            runs, extent = min(runs, design.precision.runs + checks), "at most"
+    elif isinstance(design, Scattered):
+        wanted = design.runs if design.precision is None else design.precision.runs
+        runs = min(wanted, records)
+        extent = "exactly" if design.precision is None else "at most"
+    elif isinstance(design, Cloud):
+        runs = records
+    return runs, coarse, extent

@@ -124,6 +124,9 @@ def write_timings(study: Study) -> Path:
     with replacing(path) as temporary:
         table.to_csv(temporary, index=False)
     store.forget_others([keys])
+    for old in plan.parts.glob("plan-*.json"):
+        if old != plan.path:
+            old.unlink(missing_ok=True)
     return path
 
 

@@ -83,7 +83,7 @@ def gather(plan: Plan) -> Results:
     table: dict[str, NDArray] = {c.name: np.empty(len(cases), c.dtype) for c in COLUMNS}
     models: tuple[str, ...] | None = None
     for path, rows, part, _ in store.rows(places):
-        names = part.dtype["model_time"].names
+        names: tuple[str, ...] = part.dtype["model_time"].names or ()
         if models is None:
             models = names
             table["model_time"] = np.empty((len(cases), len(names)))
