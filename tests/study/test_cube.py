@@ -12,7 +12,8 @@ import xarray as xr
 from archfrag.errors import InputError, OutputError
 from archfrag.fragility.counts import Verdict
 from archfrag.study.cube import _write, write_cube, write_timings
-from archfrag.study.fits import fit_cube, fit_sentence, load_fits
+from archfrag.study.curves import Answer
+from archfrag.study.fits import fit_cube, fit_sentence, load_answers, load_fits, null
 from archfrag.study.outcome import COLUMNS
 from archfrag.study.replay import gather
 from archfrag.study.store import Store, new_table, read_part, table_type, write_part
@@ -241,29 +242,38 @@ class TestFits:
         fits = fit_cube(copied.study)
         assert set(fits) == {"ring", "slab"}
         again = load_fits(copied.study.folder / "fits.json")
+        answers = load_answers(copied.study.folder / "fits.json")
         for name, fit in fits.items():
-            if isinstance(fit, str):
-                assert again[name] == fit
-                assert fit in fit_sentence(copied.study, name, fit)
+            assert null(answers[name].to_dict()) == null(fit.to_dict())
+            if isinstance(fit.curve, str):
+                assert again[name] == fit.curve
+                assert fit.curve in fit_sentence(copied.study, name, fit)
             else:
-                assert again[name].to_dict() == fit.to_dict()
+                assert again[name].to_dict() == fit.curve.to_dict()
 
     def test_a_curve_is_said_in_the_unit_of_the_study(self, copied):
         from archfrag.fragility.fit import fit_stripes
 
         fit = fit_stripes([9.80665, 19.6133], [1, 3], [4, 4])
-        sentence = fit_sentence(copied.study, "ring", fit)
-        assert sentence.startswith(f"ring: median {fit.theta / 9.80665:.4g} g of PGA, dispersion")
+        sentence = fit_sentence(
+            copied.study, "ring", Answer(fit, fit, theta=(9.80665, 19.6133), beta=(0.1, 0.9))
+        )
+        assert sentence.startswith(
+            f"ring: median {fit.theta / 9.80665:.4g} g of PGA (90 %: 1 to 2), dispersion"
+        )
 
     def test_why_there_is_no_curve_is_said_in_the_unit_of_the_study(self, copied):
         write_cube(copied.study)
         with xr.open_dataset(copied.study.folder / "cube.nc") as cube:
             fell = cube["verdict"].sel(arch="ring").values == 1
         assert not fell.any()
-        assert fit_cube(copied.study)["ring"] == (
+        found = fit_cube(copied.study)["ring"]
+        assert found.likelihood == (
             "no run collapsed at any level: theta lies above 1.2, the highest level tried; add "
             "higher levels (levels in g)"
         )
+        assert "1.2" in found.curve
+        assert found.curve.endswith("(levels in g)")
 
     @pytest.mark.parametrize(
         "content", ['{"fits": []}', '{"fits": {"a": 1}}', "[]", '{"fits": {"a": {}}}', "\0"]

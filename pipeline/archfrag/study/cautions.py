@@ -39,7 +39,18 @@ def study_cautions(study: Study) -> list[str]:
             if (sentence := undecided(_counts(cube, number), levels))
         ]
         found += design_cautions(json.loads(cube.attrs.get("archfrag_design", "{}")))
-        return found + [sentence for sentence in (scaled_far(cube),) if sentence]
+        return found + [each for each in (scaled_far(cube), one_event(cube)) if each]
+
+
+def one_event(cube: xr.Dataset) -> str:
+    """Sentence on records that are all of one earthquake; empty if they are not."""
+    events = cube["event"].values.astype(str) if "event" in cube else np.array([""])
+    if len(events) < 2 or (events != events[0]).any() or not events[0]:
+        return ""
+    return (
+        f"all records are of one earthquake ({events[0]}): what varies from earthquake to "
+        "earthquake is neither in the dispersion nor in the bands"
+    )
 
 
 def design_cautions(design: Mapping[str, Any]) -> list[str]:

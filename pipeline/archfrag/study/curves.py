@@ -118,7 +118,9 @@ class Answer:
         given = dict(plain)
         for name in ("curve", "likelihood"):
             given[name] = curve_of_dict(given[name])
-        given |= {name: tuple(given[name]) for name in ("theta", "beta")}
+        for name in ("theta", "beta"):
+            low, high = (np.nan if end is None else float(end) for end in given[name])
+            given[name] = (low, high)
         return cls(**given)
 
 
@@ -137,7 +139,8 @@ def runs_of_cube(cube: xr.Dataset) -> list[Runs]:
     design = str(cube.attrs["archfrag_design_kind"])
     verdict = cube["verdict"].transpose("arch", "record", "level").values.astype(np.int64)
     event = cube["event"].values.astype(str)
-    shared = np.unique(event[event != ""]).size < np.count_nonzero(event != "")
+    # Of one earthquake alone nothing can be said of how earthquakes differ; a caution says so.
+    shared = 1 < np.unique(event[event != ""]).size < np.count_nonzero(event != "")
     named = np.where(event == "", [f"record {i}" for i in range(event.size)], event)
     found = []
     for i, name in enumerate(cube["arch"].values.astype(str)):

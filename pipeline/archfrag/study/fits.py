@@ -1,6 +1,7 @@
 """From the cube of a study to its fragility curves."""
 
 import json
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,6 @@ from archfrag.study.config import Study
 from archfrag.study.cube import CUBE, refuse_foreign_cube
 from archfrag.study.curves import Answer
 from archfrag.study.files import write_text
-from archfrag.study.provenance import finite
 
 FITS = "fits.json"
 T = TypeVar("T")
@@ -86,9 +86,20 @@ def fit_cube(study: Study) -> dict[str, Answer]:
         "arches": {name: each.to_dict() for name, each in answers.items()},
         "classes": {name: _in_si(each, study).to_dict() for name, each in classes.items()},
     }
-    text = json.dumps(finite(content), indent=1, ensure_ascii=False)
+    text = json.dumps(null(content), indent=1, ensure_ascii=False, allow_nan=False)
     write_text(study.folder / FITS, text + "\n")
     return answers
+
+
+def null(value: Any) -> Any:
+    """The value with None in the place of numbers that are not finite, which JSON does not know."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, dict):
+        return {key: null(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [null(entry) for entry in value]
+    return value
 
 
 def _in_si(found: Answer, study: Study) -> Answer:
