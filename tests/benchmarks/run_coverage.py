@@ -24,7 +24,7 @@ from archfrag.fragility.bands import (
     record_bootstrap_band,
     theta_interval,
 )
-from archfrag.fragility.brackets import brackets_of
+from archfrag.fragility.brackets import find_brackets
 from archfrag.fragility.capacities import fit_brackets
 from archfrag.fragility.fit import fit_stripes
 from archfrag.fragility.intervals import Band
@@ -157,7 +157,7 @@ def delta(study: Study) -> Found:
 
 def students_t(study: Study) -> Found:
     """Student's t on brackets of capacities."""
-    found = brackets_of(study.verdict, study.intensity)
+    found = find_brackets(study.verdict, study.intensity, "count").known()
     fit = fit_brackets(found.lower, found.upper)
     return capacity_band(fit, study.im), theta_interval(fit), beta_interval(fit)
 

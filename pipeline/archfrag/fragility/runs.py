@@ -124,7 +124,7 @@ def gather_runs(
     neighbours, each at its geometric mean.
 
     A design that chooses its runs by what the earlier ones did (`ida`) leaves out cells that are
-    decided in all but name; fill them before (`archfrag.fragility.borders.fill_verdicts`), or
+    decided in all but name; fill them before (`archfrag.fragility.brackets.fill_verdicts`), or
     the collapses that remain are a biased choice.
 
     Parameters

@@ -9,8 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.borders import fill_verdicts, find_brackets
-from archfrag.fragility.brackets import brackets_of
+from archfrag.fragility.brackets import fill_verdicts, find_brackets
 from archfrag.fragility.capacities import fit_brackets
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, Fragility
@@ -38,6 +37,8 @@ class Runs:
         On the record.
     group : ndarray of str, (n_record,), or None
         What rows share: an earthquake, or for a class the record.
+    unit : str
+        Which of the two.
     """
 
     name: str
@@ -46,6 +47,7 @@ class Runs:
     level: FloatArray
     factor: FloatArray
     group: NDArray[np.str_] | None = None
+    unit: str = "event"
 
     @property
     def decided(self) -> NDArray[np.bool_]:
@@ -170,7 +172,7 @@ def classes_of_cube(cube: xr.Dataset, runs: Sequence[Runs]) -> dict[str, Runs]:
             level = np.concatenate([each.level for each in own])
         found[name] = Runs(
             name, own[0].design, np.concatenate([each.verdict for each in own]), level,
-            np.concatenate([each.factor for each in own]), np.concatenate(group),
+            np.concatenate([each.factor for each in own]), np.concatenate(group), "record",
         )  # fmt: skip
     return found
 
@@ -186,7 +188,7 @@ def answer(runs: Runs, confidence: float) -> Answer:
         if runs.design in GRIDS:
             quoted = quoted_band(
                 runs.design, runs.verdict, runs.level, im, confidence=confidence,
-                groups=runs.group,
+                groups=runs.group, unit=runs.unit,
             )  # fmt: skip
         else:
             decided = runs.decided
@@ -220,7 +222,7 @@ def likeliest(runs: Runs) -> Fragility:
         If the likelihood has no maximum.
     """
     if runs.design in ("ida", "two_stage"):
-        found = brackets_of(runs.verdict, runs.level, "first")
+        found = find_brackets(runs.verdict, runs.level, "first").known()
         return fit_brackets(found.lower, found.upper)
     decided = runs.decided
     level = np.broadcast_to(runs.level, runs.verdict.shape)[decided]
