@@ -6,7 +6,7 @@ The table is in tests/benchmarks/RESULTS.md, section "Coverage of the bands".
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from archfrag.errors import FitError, InputError
@@ -176,6 +176,18 @@ def quoted_posterior(
     if not fell.size:
         raise FitError("no run collapsed or stood, so there is nothing to fit")
     return fit_posterior(levels[decided], fell, 1), fell.size, float(fell.size), 0
+
+
+def shared_events(event: ArrayLike) -> NDArray[np.str_] | None:
+    """Labels of groups from names of earthquakes; a record without one is its own.
+
+    None where no two records share one.
+    """
+    names = np.asarray(event).astype(str)
+    known = names[names != ""]
+    if np.unique(known).size == known.size:
+        return None
+    return np.where(names == "", [f"record {i}" for i in range(names.size)], names)
 
 
 def independent_records(found: Brackets, groups: ArrayLike) -> float:

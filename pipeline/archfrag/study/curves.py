@@ -14,7 +14,7 @@ from archfrag.fragility.capacities import fit_brackets
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.fragility.fit import fit_stripes
-from archfrag.fragility.quoted import quoted_band
+from archfrag.fragility.quoted import quoted_band, shared_events
 from archfrag.study.design import GRIDS
 
 POINTS = 120  # of a band
@@ -138,9 +138,7 @@ def runs_of_cube(cube: xr.Dataset) -> list[Runs]:
     """Runs of each arch of a cube."""
     design = str(cube.attrs["archfrag_design_kind"])
     verdict = cube["verdict"].transpose("arch", "record", "level").values.astype(np.int64)
-    event = cube["event"].values.astype(str)
-    shared = np.unique(event[event != ""]).size < np.count_nonzero(event != "")
-    named = np.where(event == "", [f"record {i}" for i in range(event.size)], event)
+    group = shared_events(cube["event"].values)
     found = []
     for i, name in enumerate(cube["arch"].values.astype(str)):
         one = cube.isel(arch=i)
@@ -150,7 +148,7 @@ def runs_of_cube(cube: xr.Dataset) -> list[Runs]:
             level = level[rows]
         found.append(
             Runs(str(name), design, verdict[i][rows], level, factor[rows],
-                 named[rows] if shared else None)
+                 None if group is None else group[rows])
         )  # fmt: skip
     return found
 
@@ -330,7 +328,7 @@ def limit_states(cube: xr.Dataset, runs: Runs, keys: Mapping[str, float]) -> dic
     return {
         "message": found.message,
         "states": [
-            {"name": each.name, "meaning": each.meaning,
+            {"name": each.name, "meaning": each.meaning, "note": each.none,
              "curve": curve_to_dict(each.fit or each.none)} for each in found.states
         ],
     }  # fmt: skip
