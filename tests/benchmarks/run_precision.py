@@ -97,7 +97,7 @@ def main() -> None:
                 mean = found.mean(axis=0)
                 percent = [f"{100 * part:.1f} %" for part in mean[:3]]
                 coarse = "" if np.isnan(mean[7]) else f"{mean[7]:.0f}"
-                row = [kind, theta, beta, most, *percent, f"{mean[3]:.3f}"]
+                row: list[object] = [kind, theta, beta, most, *percent, f"{mean[3]:.3f}"]
                 rows.append([*row, *(f"{m:.0f}" for m in mean[4:6]), f"{mean[6]:.1f}", coarse])
                 print(*rows[-1], f"{time.perf_counter() - start:.0f} s", flush=True)
     print(markdown("Precision of 5 % at 90 %", COLUMNS, rows))

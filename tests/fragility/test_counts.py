@@ -32,7 +32,7 @@ def test_failures_leave_the_fraction_alone():
     assert (a.collapsed / a.n).tolist() == (b.collapsed / b.n).tolist() == [0.5]
 
 
-@pytest.mark.parametrize("foreign", [4, -1, np.nan])
+@pytest.mark.parametrize("foreign", [5, -1, np.nan])
 def test_a_missing_run_is_told(foreign):
     with pytest.raises(InputError, match=r"none of 0 \(standing\)"):
         count_verdicts(np.array([[0.0, foreign]]))

@@ -5,9 +5,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from archfrag.errors import InputError
+from archfrag.fragility.binomial_lines import binomial_lines
 from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import FloatArray, Fragility, log_intensity
-from archfrag.fragility.fit import checked_stripes, fit_many
+from archfrag.fragility.fit import checked_stripes, curves_of_lines
 from archfrag.fragility.intervals import Band, RecordBand, check_confidence, tails
 
 
@@ -169,25 +170,9 @@ def _refit(
     levels: FloatArray, collapses: FloatArray, n: FloatArray, im: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Curves at `im`, and (theta, beta), of many draws, (n_draw, n_level); nan without a fit."""
-    many = fit_many(levels, collapses, n)
-    with np.errstate(invalid="ignore"):
-        z = np.subtract.outer(np.log(many.theta), log_intensity(im))
-        curves = ndtr(-z / many.beta.reshape(-1, *(1,) * im.ndim))
-    lost = ~many.fitted
-    if lost.any():
-        curves[lost] = _limiting_curves(levels, collapses[lost], n[lost], im)
-    return curves, np.stack([many.theta, many.beta], axis=1)
-
-
-def _limiting_curves(
-    levels: FloatArray, collapses: FloatArray, n: FloatArray, im: FloatArray
-) -> FloatArray:
-    """Curves that the likelihoods of draws tend to where they have no maximum."""
+    lines = binomial_lines(np.log(levels), collapses, n)
+    many = curves_of_lines(lines, collapses, n)
     column = (slice(None), *(None,) * im.ndim)
-    fraction = (collapses.sum(axis=1) / n.sum(axis=1))[column]
-    first_collapse = np.where(collapses > 0, levels, np.inf).min(axis=1)
-    last_standing = np.where(collapses < n, levels, 0.0).max(axis=1)
-    separated = (first_collapse >= last_standing)[column] & (fraction > 0.0) & (fraction < 1.0)
-    step = np.sqrt(first_collapse * last_standing)[column]
-    steps = np.where(im == step, 0.5, (im > step).astype(float))
-    return np.where(separated, steps, fraction + 0.0 * im)
+    x = np.maximum(log_intensity(im), -1e3)
+    curves = ndtr(lines.intercept[column] + lines.slope[column] * x)
+    return curves, np.stack([many.theta, many.beta], axis=1)

@@ -11,11 +11,11 @@ from scipy.special import log_ndtr, ndtri
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.fragility.fit import fit_stripes
+from archfrag.fragility.newton import Terms, least
 from archfrag.fragility.posterior import fit_posterior
 
 IntArray = NDArray[np.int64]
 
-_ROUNDS = 100
 _FAR = 40.0
 _FLAT = 1e-6
 
@@ -228,7 +228,13 @@ def _ordered_probit(x: FloatArray, nested: IntArray) -> list[Fragility] | None:
     fractions = np.clip((nested == 1).mean(axis=0), 0.01, 0.99)
     start = np.append(ndtri(np.maximum.accumulate(fractions[::-1])[::-1]), 1.0)
     start[:-1] -= 1e-3 * np.arange(n_state)
-    p, hessian, loss = _newton(start, u, reached, spared, count)
+
+    def terms(p: FloatArray, _: IntArray) -> Terms:
+        loss, *derivatives = _derivatives(p[0], u, reached, spared, count)
+        return np.array([loss]), derivatives[0][None], derivatives[1][None]
+
+    found, (losses, _, hessians) = least(terms, start[None])
+    p, loss, hessian = found[0], float(losses[0]), hessians[0]
     slope = p[-1]
     if not (slope > _FLAT and np.isfinite(loss)):
         return None
@@ -253,28 +259,11 @@ def _ordered_probit(x: FloatArray, nested: IntArray) -> list[Fragility] | None:
     return fits
 
 
-def _newton(
-    p: FloatArray, u: FloatArray, reached: IntArray, spared: IntArray, count: IntArray
-) -> tuple[FloatArray, FloatArray, float]:
-    """Least loss of the ordered model, which is convex (Pratt 1981, J. Am. Stat. Assoc. 76)."""
-    loss, gradient, hessian = _derivatives(p, u, reached, spared, count)
-    for _ in range(_ROUNDS):
-        step = np.linalg.solve(hessian, gradient)
-        for _halving in range(60):
-            new = _derivatives(p - step, u, reached, spared, count)
-            if new[0] <= loss + 1e-12 * abs(loss):
-                break
-            step = 0.5 * step
-        p, (loss, gradient, hessian) = p - step, new
-        if np.max(np.abs(step)) <= 1e-10 * (1.0 + np.max(np.abs(p))):
-            break
-    return p, hessian, loss
-
-
 def _derivatives(
     p: FloatArray, u: FloatArray, reached: IntArray, spared: IntArray, count: IntArray
 ) -> tuple[float, FloatArray, FloatArray]:
-    """Loss, gradient and Hessian of -sum count ln(Phi(upper) - Phi(lower)).
+    """Loss, gradient and Hessian of -sum count ln(Phi(upper) - Phi(lower)), which is convex
+    (Pratt 1981, J. Am. Stat. Assoc. 76).
 
     A run that reached `reached` states and is known to be spared from state `spared` on lies
     between the two thresholds; where one of them is none, Phi is 1 or 0.

@@ -148,7 +148,7 @@ def collapse_rate(
     >>> im = np.array([0.1, 0.3, 1.0])
     >>> fit = Fragility(0.5, 0.4, np.eye(2), 0.0, 1, 1, "ida")
     >>> found = collapse_rate(HazardCurve(im, 1e-4 * im**-2.5), fit)
-    >>> round(found.rate / (1e-4 * 0.5**-2.5 * np.exp(0.5)), 12)
+    >>> round(float(found.rate / (1e-4 * 0.5**-2.5 * np.exp(0.5))), 12)
     1.0
     """
     if not 0.0 < confidence < 1.0:

@@ -15,8 +15,9 @@ if TYPE_CHECKING:
 MOST_AT_ONCE = 2.0  # factor by which runs are added at most
 MARGIN = 1.1  # on the runs that the present width suggests
 # A design that looks after each round stops too soon where its runs happen to scatter little.
-LEAST_RECORDS = 0
-LOOKS_IN_A_ROW = 1
+LEAST_RECORDS = 20
+LOOKS_IN_A_ROW = 2
+BETWEEN_LOOKS = 0.05  # of the runs so far are added at least, so that a second look is one
 
 
 @dataclass(frozen=True)
@@ -88,4 +89,5 @@ def more_needed(width: float, wanted: float, done: int) -> int:
     if not np.isfinite(width):
         return done
     needed = MARGIN * done * (width / wanted) ** 2
-    return max(1, int(np.ceil(min(needed, MOST_AT_ONCE * done))) - done)
+    needed = min(max(needed, (1.0 + BETWEEN_LOOKS) * done), MOST_AT_ONCE * done)
+    return int(np.ceil(needed)) - done
