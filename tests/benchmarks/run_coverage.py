@@ -29,6 +29,7 @@ from archfrag.fragility.capacities import fit_brackets
 from archfrag.fragility.fit import fit_stripes
 from archfrag.fragility.intervals import Band
 from archfrag.fragility.quoted import quoted_band
+from archfrag.fragility.runs import Resampling
 
 Found = tuple[Band, tuple[float, float], tuple[float, float]]
 BETA = 0.35
@@ -166,7 +167,7 @@ def resampled_records(study: Study) -> Found:
     """Percentile bootstrap of records, or of runs where they are independent."""
     if study.verdict.ndim == 1:
         band = bootstrap_band(
-            _stripes(study), study.im, study.intensity, 1, seed=study.seed, resamples=RESAMPLES
+            _stripes(study), study.im, study.intensity, 1, Resampling(study.seed, RESAMPLES)
         )
         return band, UNKNOWN, UNKNOWN
     return _resampled(study, None)
@@ -179,7 +180,7 @@ def resampled_events(study: Study) -> Found:
 
 def _resampled(study: Study, groups) -> Found:
     band = record_bootstrap_band(
-        study.verdict, study.intensity, study.im, seed=study.seed, resamples=RESAMPLES,
+        study.verdict, study.intensity, study.im, Resampling(study.seed, RESAMPLES),
         groups=groups,
     )  # fmt: skip
     return band, band.theta, band.beta

@@ -9,7 +9,8 @@ from archfrag.fragility.binomial_lines import binomial_lines
 from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import FloatArray, Fragility, log_intensity
 from archfrag.fragility.fit import checked_stripes, curves_of_lines
-from archfrag.fragility.intervals import Band, RecordBand, check_confidence, tails
+from archfrag.fragility.intervals import Band, RecordBand
+from archfrag.fragility.runs import Resampling
 
 
 def bootstrap_band(
@@ -17,10 +18,7 @@ def bootstrap_band(
     im: ArrayLike,
     levels: ArrayLike,
     n: ArrayLike,
-    *,
-    seed: int,
-    resamples: int = 1000,
-    confidence: float = 0.9,
+    resampling: Resampling,
 ) -> Band:
     """Pointwise band of a curve fitted to stripes, from a parametric bootstrap.
 
@@ -37,43 +35,35 @@ def bootstrap_band(
         Intensities, any shape, unit of ``fit.theta``, >= 0.
     levels, n : array_like, (n_level,)
         As given to `fit_stripes`.
-    seed : int
-        Of numpy's default generator; the same seed gives the same band.
-    resamples : int
-        Number of draws, at least 100.
-    confidence : float
-        Two-sided, between 0 and 1.
+    resampling : Resampling
+        The same gives the same band.
 
     Raises
     ------
     InputError
         If an argument cannot be, or `fit` does not come from stripes.
     """
-    check_confidence(confidence)
     if fit.kind != "stripes":
         raise InputError(f"the fit is of kind {fit.kind!r}; the bootstrap redraws 'stripes' only")
-    _check_resamples(resamples)
     levels, _, n = checked_stripes(levels, np.zeros(np.shape(levels)), n)
     im = np.asarray(im, dtype=float)
     log_intensity(im)
-    generator = np.random.default_rng(seed)
-    draws = generator.binomial(n.astype(np.int64), fit.probability(levels), (resamples, n.size))
+    shape = (resampling.resamples, n.size)
+    draws = resampling.generator.binomial(n.astype(np.int64), fit.probability(levels), shape)
     distinct, copies = np.unique(draws, axis=0, return_counts=True)
     curves, parameters = _refit(
         levels, distinct.astype(float), np.broadcast_to(n, distinct.shape), im
     )
-    lower, upper = np.quantile(np.repeat(curves, copies, axis=0), tails(confidence), axis=0)
-    return Band(lower, upper, confidence, int(copies[np.isnan(parameters[:, 0])].sum()))
+    lower, upper = np.quantile(np.repeat(curves, copies, axis=0), resampling.tails, axis=0)
+    return Band(lower, upper, resampling.confidence, int(copies[np.isnan(parameters[:, 0])].sum()))
 
 
 def record_bootstrap_band(
     verdict: ArrayLike,
     levels: ArrayLike,
     im: ArrayLike,
+    resampling: Resampling,
     *,
-    seed: int,
-    resamples: int = 1000,
-    confidence: float = 0.9,
     groups: ArrayLike | None = None,
 ) -> RecordBand:
     """Pointwise band where the same records serve at all levels.
@@ -98,12 +88,8 @@ def record_bootstrap_band(
         Intensity of each level, > 0.
     im : array_like
         Intensities at which the band is wanted, any shape, unit of `levels`, >= 0.
-    seed : int
-        Of numpy's default generator; the same seed gives the same band.
-    resamples : int
-        Number of draws, at least 100.
-    confidence : float
-        Two-sided, between 0 and 1.
+    resampling : Resampling
+        The same gives the same band.
     groups : array_like, (n_record,), optional
         Label of the event of each record; every record is its own if left out.
 
@@ -112,8 +98,6 @@ def record_bootstrap_band(
     InputError
         If an argument cannot be.
     """
-    check_confidence(confidence)
-    _check_resamples(resamples)
     count_verdicts(verdict)
     codes = np.asarray(verdict)
     if codes.ndim != 2 or codes.shape[1:] != np.shape(levels) or codes.shape[0] < 2:
@@ -124,23 +108,23 @@ def record_bootstrap_band(
     levels = checked_stripes(levels, np.zeros(codes.shape[1]), codes.shape[0])[0]
     im = np.asarray(im, dtype=float)
     log_intensity(im)
-    generator = np.random.default_rng(seed)
     fell, stood = (_by_event(codes == v, groups) for v in (Verdict.COLLAPSED, Verdict.STANDING))
-    n_event = len(fell)
-    times = generator.multinomial(n_event, np.full(n_event, 1.0 / n_event), resamples)
+    times = resampling.multiplicities(len(fell))
     collapses = times @ fell
     n = collapses + times @ stood
     decided = n.sum(axis=1) > 0
     if not decided.any():
         raise InputError("verdict holds no run that collapsed or stood")
     curves, parameters = _refit(levels, collapses[decided], n[decided], im)
-    lower, upper = np.quantile(curves, tails(confidence), axis=0)
+    lower, upper = np.quantile(curves, resampling.tails, axis=0)
     known = parameters[~np.isnan(parameters[:, 0])]
     theta = beta = (np.nan, np.nan)
     if known.size:
-        (a, b), (c, d) = np.quantile(known, tails(confidence), axis=0).T
+        (a, b), (c, d) = np.quantile(known, resampling.tails, axis=0).T
         theta, beta = (float(a), float(b)), (float(c), float(d))
-    return RecordBand(lower, upper, confidence, resamples - len(known), theta, beta)
+    return RecordBand(
+        lower, upper, resampling.confidence, resampling.resamples - len(known), theta, beta
+    )
 
 
 def _by_event(table: NDArray[np.bool_], groups: ArrayLike | None) -> FloatArray:
@@ -159,11 +143,6 @@ def _by_event(table: NDArray[np.bool_], groups: ArrayLike | None) -> FloatArray:
     added = np.zeros((events.size, table.shape[1]))
     np.add.at(added, place, table)
     return added
-
-
-def _check_resamples(resamples: int) -> None:
-    if resamples < 100:
-        raise InputError(f"resamples is {resamples}; at least 100 are needed for quantiles")
 
 
 def _refit(

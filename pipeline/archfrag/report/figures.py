@@ -18,6 +18,7 @@ from archfrag.fragility.bands import (
 )
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.fit import Fragility
+from archfrag.fragility.runs import Resampling
 from archfrag.mechanics.status import CollapseMode
 from archfrag.report import canvas
 from archfrag.report.canvas import Picture, faint_grid, legend_above, picture
@@ -139,8 +140,7 @@ def resample(results: ArchResults, confidence: float) -> Resampled:
     """Band of the curve where the same records serve at all levels."""
     levels = np.linspace(0.0, 1.05 * results.levels.max(), 200)
     band = record_bootstrap_band(
-        results.verdict, results.levels, levels, seed=_SEED, resamples=_RESAMPLES,
-        confidence=confidence,
+        results.verdict, results.levels, levels, Resampling(_SEED, _RESAMPLES, confidence),
     )  # fmt: skip
     lost = f", {band.n_degenerate} of them without a lognormal curve" if band.n_degenerate else ""
     return Resampled(

@@ -1,7 +1,6 @@
 """Designs in which each motion is used once: levels placed where they tell most, and the cloud."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
