@@ -86,7 +86,7 @@ def combine(*betas: float) -> float:
 
 
 def total_variance(
-    log_theta: ArrayLike, beta: ArrayLike, weights: ArrayLike | None = None
+    log_theta: ArrayLike, beta: ArrayLike, weights: FloatArray | None = None
 ) -> tuple[float, float, float]:
     """Mean of ln capacity of a class, and its variances within and between the arches.
 

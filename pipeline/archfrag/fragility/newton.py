@@ -58,10 +58,8 @@ def least(
 def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
     """Solutions of symmetric systems, (n, q); of two unknowns a flat direction is not followed."""
     if right.shape[1] != 2:
-        return np.linalg.solve(matrix, right[..., None])[..., 0]
+        return np.asarray(np.linalg.solve(matrix, right[..., None])[..., 0], dtype=np.float64)
     a, b, c = matrix[:, 0, 0], matrix[:, 0, 1], matrix[:, 1, 1]
     determinant = np.maximum(a * c - b * b, 1e-300)
-    return (
-        np.stack([c * right[:, 0] - b * right[:, 1], a * right[:, 1] - b * right[:, 0]], axis=1)
-        / determinant[:, None]
-    )
+    u, v = right.T
+    return np.stack([c * u - b * v, a * v - b * u], axis=1) / determinant[:, None]

@@ -163,7 +163,7 @@ def classes_of_cube(cube: xr.Dataset, runs: Sequence[Runs]) -> dict[str, Runs]:
         members = np.flatnonzero(names == name)
         if members.size < 2:
             continue
-        own = [runs[i] for i in members]
+        own = [runs[int(i)] for i in members]
         group = [record[(verdict[i] != Verdict.NOT_SIMULATED).any(axis=1)] for i in members]
         level = own[0].level
         if level.ndim == 2:

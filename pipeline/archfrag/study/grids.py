@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import entr, ndtr
 
 from archfrag.fragility.counts import Verdict
@@ -46,7 +46,7 @@ class Grid:
     measures: FloatArray
     groups: NDArray[np.str_] | None = None
 
-    def cases(self, rows: Sequence[int], places: Sequence[int], stage: int = FINE) -> Cases:
+    def cases(self, rows: ArrayLike, places: ArrayLike, stage: int = FINE) -> Cases:
         """Runs of some rows at some levels."""
         place = np.asarray(places, dtype=np.int64)
         return cases_of(
@@ -84,29 +84,29 @@ class Borders:
         self.seen = np.full((n_record, n_level), int(Verdict.NOT_SIMULATED), np.int8)
         self.expected = np.full((n_record, n_level + 1), 1.0 / (n_level + 1))
 
-    def expect(self, rows: Sequence[int], median: FloatArray, deviation: float) -> None:
+    def expect(self, rows: ArrayLike, median: FloatArray, deviation: float) -> None:
         """Expect ln capacities of some rows to be normal about `median`."""
         ends = np.concatenate([[-np.inf], np.log(self.grid.levels), [np.inf]])
         reach = max(deviation, LEAST_DEVIATION)
         mass = np.diff(ndtr((ends - median[:, None]) / reach), axis=1) + LEAST_PRIOR
         self.expected[np.asarray(rows)] = mass / mass.sum(axis=1, keepdims=True)
 
-    def next_places(self, rows: Sequence[int]) -> NDArray[np.int64]:
+    def next_places(self, rows: ArrayLike) -> NDArray[np.int64]:
         """Level to try next for each of some rows, -1 where nothing is left to try.
 
         The one that tells most for its cost: the entropy of its verdict over the cost expected.
         Levels where a run had no verdict are not tried again.
         """
-        rows = np.asarray(rows)
+        row = np.asarray(rows)
         place = np.arange(self.grid.levels.size)
-        low, high = self.low[rows, None], self.high[rows, None]
+        low, high = self.low[row, None], self.high[row, None]
         within = (np.arange(place.size + 1) > low) & (np.arange(place.size + 1) <= high)
-        mass = np.where(within, self.expected[rows], 0.0)
+        mass = np.where(within, self.expected[row], 0.0)
         below = np.cumsum(mass, axis=1)
         collapse = below[:, :-1] / below[:, -1:]
         cost = collapse + COST_OF_STANDING * (1.0 - collapse)
         gain = (entr(collapse) + entr(1.0 - collapse)) / cost
-        free = (place > low) & (place < high) & (self.seen[rows] == Verdict.NOT_SIMULATED)
+        free = (place > low) & (place < high) & (self.seen[row] == Verdict.NOT_SIMULATED)
         best = np.where(free, gain, -1.0).argmax(axis=1)
         return np.where(free.any(axis=1), best, -1)
 
@@ -125,15 +125,15 @@ class Borders:
         return 0.5 * (ends[self.low + 1] + ends[self.high + 1])
 
 
-def search(borders: Borders, rows: Sequence[int], stage: int) -> Generator[Cases, Verdicts, None]:
+def search(borders: Borders, rows: ArrayLike, stage: int) -> Generator[Cases, Verdicts, None]:
     """Narrow the brackets of some rows until neighbouring levels are left."""
-    rows = np.asarray(rows, dtype=np.int64)
-    while rows.size:
-        places = borders.next_places(rows)
-        rows, places = rows[places >= 0], places[places >= 0]
-        if rows.size:
-            verdicts = yield borders.grid.cases(rows, places, stage)
-            borders.take(rows, places, verdicts)
+    left = np.asarray(rows, dtype=np.int64)
+    while left.size:
+        places = borders.next_places(left)
+        left, places = left[places >= 0], places[places >= 0]
+        if left.size:
+            verdicts = yield borders.grid.cases(left, places, stage)
+            borders.take(left, places, verdicts)
 
 
 def expected_by_measures(borders: Borders, known: range, rows: range) -> tuple[FloatArray, float]:

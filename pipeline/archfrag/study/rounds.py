@@ -6,11 +6,11 @@ study asks for the same runs whatever the workers, and a study that was stopped 
 again.
 """
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 FINE, COARSE = 0, 1  # stage: by the study's method, by the coarse one
 # A run: `place` is the number of the study's level, 0 where a run has a level of its own.
@@ -25,13 +25,13 @@ NO_CASES: Cases = np.empty(0, CASE)
 
 def cases_of(
     arch: int,
-    record: Sequence[int],
-    place: Sequence[int],
-    level: Sequence[float],
+    record: ArrayLike,
+    place: ArrayLike,
+    level: ArrayLike,
     stage: int = FINE,
 ) -> Cases:
     """Runs of one arch, (n,) of `CASE`."""
-    cases = np.empty(len(record), CASE)
+    cases = np.empty(np.size(record), CASE)
     cases["stage"], cases["arch"] = stage, arch
     cases["record"], cases["place"], cases["level"] = record, place, level
     return cases

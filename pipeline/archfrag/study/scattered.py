@@ -17,7 +17,7 @@ FloatArray = NDArray[np.float64]
 
 
 def scattered(
-    arch: int, records: NDArray[np.int64], levels: Sequence[float], design: Scattered
+    arch: int, records: NDArray[np.int64], levels: FloatArray, design: Scattered
 ) -> Strand:
     """A pilot over the range of the levels, then runs near the wanted probabilities.
 
@@ -28,7 +28,7 @@ def scattered(
     ----------
     arch : int
     records : ndarray of int, (n_record,)
-    levels : sequence of float
+    levels : ndarray, (n_level,)
         Whose ends are those of the pilot [SI].
     design : Scattered
     """
