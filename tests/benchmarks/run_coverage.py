@@ -24,11 +24,12 @@ from archfrag.fragility.bands import (
     record_bootstrap_band,
     theta_interval,
 )
-from archfrag.fragility.brackets import brackets_of
+from archfrag.fragility.brackets import find_brackets
 from archfrag.fragility.capacities import fit_brackets
 from archfrag.fragility.fit import fit_stripes
 from archfrag.fragility.intervals import Band
 from archfrag.fragility.quoted import quoted_band
+from archfrag.fragility.runs import Resampling
 
 Found = tuple[Band, tuple[float, float], tuple[float, float]]
 BETA = 0.35
@@ -159,7 +160,7 @@ def delta(study: Study) -> Found:
 
 def students_t(study: Study) -> Found:
     """Student's t on brackets of capacities."""
-    found = brackets_of(study.verdict, study.intensity)
+    found = find_brackets(study.verdict, study.intensity, "count").known()
     fit = fit_brackets(found.lower, found.upper)
     return capacity_band(fit, study.im), theta_interval(fit), beta_interval(fit)
 
@@ -168,7 +169,7 @@ def resampled_records(study: Study) -> Found:
     """Percentile bootstrap of records, or of runs where they are independent."""
     if study.verdict.ndim == 1:
         band = bootstrap_band(
-            _stripes(study), study.im, study.intensity, 1, seed=study.seed, resamples=RESAMPLES
+            _stripes(study), study.im, study.intensity, 1, Resampling(study.seed, RESAMPLES)
         )
         return band, UNKNOWN, UNKNOWN
     return _resampled(study, None)
@@ -181,7 +182,7 @@ def resampled_events(study: Study) -> Found:
 
 def _resampled(study: Study, groups) -> Found:
     band = record_bootstrap_band(
-        study.verdict, study.intensity, study.im, seed=study.seed, resamples=RESAMPLES,
+        study.verdict, study.intensity, study.im, Resampling(study.seed, RESAMPLES),
         groups=groups,
     )  # fmt: skip
     return band, band.theta, band.beta

@@ -14,6 +14,7 @@ from archfrag.fragility.bands import (
     theta_interval,
 )
 from archfrag.fragility.fit import fit_ida, fit_stripes
+from archfrag.fragility.runs import Resampling
 
 LEVELS = np.array([0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0])
 COLLAPSES = np.array([0, 0, 0, 4, 6, 13, 12, 16])
@@ -79,7 +80,7 @@ class TestBootstrapBand:
         collapses = np.round(n * norm.cdf(np.log(levels / 0.7) / 0.4))
         fit = fit_stripes(levels, collapses, n)
         im = np.array([0.4, 0.7, 1.1])
-        drawn = bootstrap_band(fit, im, levels, n, seed=3)
+        drawn = bootstrap_band(fit, im, levels, n, Resampling(3))
         delta = confidence_band(fit, im)
         width = delta.upper - delta.lower
         assert np.all(np.abs(drawn.lower - delta.lower) < 0.1 * width)
@@ -89,7 +90,7 @@ class TestBootstrapBand:
     def test_seed_decides(self):
         fit = fit_stripes(LEVELS, COLLAPSES, 40)
         bands = [
-            bootstrap_band(fit, [0.5, 1.0], LEVELS, 40, seed=s, resamples=200) for s in (1, 1, 2)
+            bootstrap_band(fit, [0.5, 1.0], LEVELS, 40, Resampling(s, 200)) for s in (1, 1, 2)
         ]
         assert np.array_equal(bands[0].lower, bands[1].lower)
         assert not np.array_equal(bands[0].lower, bands[2].lower)
@@ -98,7 +99,7 @@ class TestBootstrapBand:
         """One record per level: half the draws are separated, and none may be thrown away."""
         levels = np.array([0.3, 0.5, 0.7, 0.9, 1.1])
         fit = fit_stripes(levels, [0, 1, 0, 1, 1], 1)
-        band = bootstrap_band(fit, [0.5, 0.9], levels, 1, seed=4, resamples=400)
+        band = bootstrap_band(fit, [0.5, 0.9], levels, 1, Resampling(4, 400))
         draws = np.random.default_rng(4).binomial(
             np.ones(5, dtype=np.int64), fit.probability(levels), (400, 5)
         )
@@ -114,11 +115,9 @@ class TestBootstrapBand:
 
     def test_refuses_what_it_cannot_redraw(self):
         with pytest.raises(InputError, match="'ida'"):
-            bootstrap_band(fit_ida([0.5, 0.7]), 0.5, LEVELS, 40, seed=1)
+            bootstrap_band(fit_ida([0.5, 0.7]), 0.5, LEVELS, 40, Resampling(1))
         with pytest.raises(InputError, match="resamples is 10"):
-            bootstrap_band(
-                fit_stripes(LEVELS, COLLAPSES, 40), 0.5, LEVELS, 40, seed=1, resamples=10
-            )
+            bootstrap_band(fit_stripes(LEVELS, COLLAPSES, 40), 0.5, LEVELS, 40, Resampling(1, 10))
 
 
 class TestRecordBootstrapBand:
@@ -139,7 +138,7 @@ class TestRecordBootstrapBand:
         for i in range(80):
             verdict = self.verdicts(generator, 30)
             fit = fit_stripes(self.LEVELS, verdict.sum(axis=0), 30)
-            band = record_bootstrap_band(verdict, self.LEVELS, 0.7, seed=i, resamples=150)
+            band = record_bootstrap_band(verdict, self.LEVELS, 0.7, Resampling(i, 150))
             records += band.lower <= 0.5 <= band.upper
             theta += band.theta[0] <= 0.7 <= band.theta[1]
             naive = confidence_band(fit, 0.7)
@@ -151,17 +150,17 @@ class TestRecordBootstrapBand:
     def test_undecided_runs_say_nothing(self):
         verdict = self.verdicts(np.random.default_rng(1), 20)
         verdict[3, 2:5] = [2, 3, 2]
-        a = record_bootstrap_band(verdict, self.LEVELS, [0.5, 0.9], seed=1, resamples=100)
+        a = record_bootstrap_band(verdict, self.LEVELS, [0.5, 0.9], Resampling(1, 100))
         verdict[3, 2:5] = [3, 2, 3]
-        b = record_bootstrap_band(verdict, self.LEVELS, [0.5, 0.9], seed=1, resamples=100)
+        b = record_bootstrap_band(verdict, self.LEVELS, [0.5, 0.9], Resampling(1, 100))
         assert np.array_equal(a.lower, b.lower)
         verdict[3, 2:5] = 1 - verdict[3, 1]
-        c = record_bootstrap_band(verdict, self.LEVELS, [0.5, 0.9], seed=1, resamples=100)
+        c = record_bootstrap_band(verdict, self.LEVELS, [0.5, 0.9], Resampling(1, 100))
         assert not np.array_equal(a.lower, c.lower)
 
     def test_all_fall_at_one_level(self):
         verdict = np.tile((self.LEVELS > 0.65).astype(int), (10, 1))
-        band = record_bootstrap_band(verdict, self.LEVELS, [0.5, 0.9], seed=1, resamples=100)
+        band = record_bootstrap_band(verdict, self.LEVELS, [0.5, 0.9], Resampling(1, 100))
         assert band.n_degenerate == 100
         assert (band.lower.tolist(), band.upper.tolist()) == ([0.0, 1.0], [0.0, 1.0])
         assert np.isnan(band.theta).all()
@@ -177,7 +176,7 @@ class TestRecordBootstrapBand:
     )
     def test_impossible_tables(self, verdict, sentence):
         with pytest.raises(InputError, match=sentence):
-            record_bootstrap_band(verdict, self.LEVELS, 0.5, seed=1)
+            record_bootstrap_band(verdict, self.LEVELS, 0.5, Resampling(1))
 
 
 class TestClopperPearson:

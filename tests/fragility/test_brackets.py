@@ -7,11 +7,12 @@ from scipy.stats import chi2, norm, t
 
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.bands import beta_interval, capacity_band, theta_interval
-from archfrag.fragility.brackets import brackets_of, midpoints
+from archfrag.fragility.brackets import RULES, fill_verdicts, find_brackets, midpoints
 from archfrag.fragility.capacities import fit_brackets, fit_moments
 from archfrag.fragility.fit import fit_ida, fit_stripes
 
 LEVELS = np.array([0.2, 0.3, 0.4, 0.5, 0.7])
+TENTHS = np.array([0.1, 0.2, 0.3, 0.4, 0.5])
 INF = np.inf
 
 
@@ -35,25 +36,26 @@ class TestBracketsOfRecords:
     )
     def test_border(self, row, count, first):
         for rule, expected in (("count", count), ("first", first)):
-            found = brackets_of([row], LEVELS, rule)
+            found = find_brackets([row], LEVELS, rule)
             assert (found.lower[0], found.upper[0]) == expected
 
     def test_islands_are_counted_and_undecided_records_left_out(self):
         table = [[0, 0, 1, 1, 1], [2, 3, 2, 2, 2], [0, 1, 0, 1, 1], [1, 0, 0, 0, 0]]
-        assert brackets_of(table, LEVELS, "count").record.tolist() == [0, 2, 3]
-        assert brackets_of(table, LEVELS, "first").n_islands == 0 + 1 + 4
-        assert brackets_of(table, LEVELS, "count").n_islands == 0 + 2 + 2
+        assert np.flatnonzero(find_brackets(table, LEVELS, "count").decided).tolist() == [0, 2, 3]
+        assert find_brackets(table, LEVELS, "count").known().lower.size == 3
+        assert find_brackets(table, LEVELS, "first").contradictions.sum() == 0 + 1 + 4
+        assert find_brackets(table, LEVELS, "count").contradictions.sum() == 0 + 2 + 2
 
     def test_count_keeps_the_collapses_of_each_record(self):
         table = np.random.default_rng(1).integers(0, 2, (40, 5))
-        found = brackets_of(table, LEVELS)
+        found = find_brackets(table, LEVELS, "count")
         assert np.array_equal((found.upper[:, None] <= LEVELS).sum(1), table.sum(1))
 
     def test_order_of_levels_does_not_matter(self):
         table = np.random.default_rng(1).integers(0, 3, (40, 5))
         order = np.array([3, 0, 4, 1, 2])
-        for rule in ("count", "first"):
-            a, b = (brackets_of(table[:, i], LEVELS[i], rule) for i in (np.arange(5), order))
+        for rule in RULES:
+            a, b = (find_brackets(table[:, i], LEVELS[i], rule) for i in (np.arange(5), order))
             assert np.array_equal(a.lower, b.lower)
             assert np.array_equal(a.upper, b.upper)
 
@@ -61,14 +63,60 @@ class TestBracketsOfRecords:
         ("verdict", "levels", "rule", "sentence"),
         [
             ([[0, 1]], [0.1, 0.2], "last", "rule is 'last'"),
-            ([[0, 1]], [0.1], "count", r"levels \(1,\)"),
+            ([[0, 1]], [0.1], "count", r"levels have shape \(1,\)"),
             ([[0, 1]], [0.1, 0.0], "count", "positive finite"),
-            ([[2, 3]], [0.1, 0.2], "count", "no run that collapsed or stood"),
+            ([0, 1], [0.1, 0.2], "count", "n_record"),
+            ([[0, 7]], [0.1, 0.2], "count", "verdict holds 7"),
         ],
     )
     def test_impossible_tables(self, verdict, levels, rule, sentence):
         with pytest.raises(InputError, match=sentence):
-            brackets_of(verdict, levels, rule)
+            find_brackets(verdict, levels, rule)
+
+    def test_no_decided_run(self):
+        with pytest.raises(FitError, match="no run collapsed or stood"):
+            find_brackets([[2, 3]], [0.1, 0.2]).known()
+
+
+class TestIslandsAndGaps:
+    def test_rules_differ_at_islands_only(self):
+        verdict = [[0, 0, 1, 1, 1], [0, 1, 0, 0, 1], [0, 0, 0, 0, 0], [1, 1, 1, 1, 1]]
+        fewest, first = find_brackets(verdict, TENTHS), find_brackets(verdict, TENTHS, "first")
+        assert fewest.lower.tolist() == [0.2, 0.4, 0.5, 0.0]
+        assert fewest.upper.tolist() == [0.3, 0.5, np.inf, 0.1]
+        assert fewest.contradictions.tolist() == [0, 1, 0, 0]
+        assert first.lower.tolist() == [0.2, 0.1, 0.5, 0.0]
+        assert first.contradictions.tolist() == [0, 2, 0, 0]
+        assert fewest.middle[0] == pytest.approx(np.sqrt(0.06))
+        assert np.isnan(fewest.middle[2:]).all()
+
+    def test_cells_that_decide_nothing_widen_the_bracket(self):
+        found = find_brackets([[0, 4, 2, 1, 4], [4, 4, 4, 4, 3]], TENTHS)
+        assert (found.lower[0], found.upper[0]) == (0.1, 0.4)
+        assert (found.lower[1], found.upper[1], found.decided[1]) == (0.0, np.inf, 0)
+
+    def test_bisected_grid_is_filled_to_the_grid_it_stands_for(self):
+        generator = np.random.default_rng(1)
+        capacity = generator.uniform(0.05, 0.6, 40)
+        whole = (capacity[:, None] <= TENTHS).astype(int)
+        bisected = np.full(whole.shape, 4)
+        for row, cells in zip(whole, bisected, strict=True):
+            low, high = -1, TENTHS.size
+            while high - low > 1:
+                middle = (low + high) // 2
+                cells[middle] = row[middle]
+                low, high = (low, middle) if row[middle] else (middle, high)
+        assert np.count_nonzero(bisected == 4) > 50
+        assert np.array_equal(fill_verdicts(bisected), whole)
+
+    def test_levels_of_each_record(self):
+        table = np.random.default_rng(1).integers(0, 3, (40, 5))
+        scale = np.linspace(0.5, 2.0, 40)
+        for rule in RULES:
+            own = find_brackets(table, LEVELS * scale[:, None], rule)
+            same = find_brackets(table, LEVELS, rule)
+            assert own.lower == pytest.approx(same.lower * scale)
+            assert np.array_equal(own.contradictions, same.contradictions)
 
 
 class TestCensoredLikelihood:

@@ -19,7 +19,7 @@ class TestMixture:
         alone = class_curve([0.9], [0.4])
         im = np.linspace(0.0, 3.0, 31)
         assert (alone.theta, alone.beta) == pytest.approx((0.9, 0.4))
-        assert alone.beta_arch == 0.0
+        assert alone.beta_model == 0.0
         assert alone.median == pytest.approx(0.9, rel=1e-12)
         assert alone.misfit < 1e-15
         np.testing.assert_allclose(alone.probability(im), alone.equivalent(im), atol=1e-15)
@@ -42,7 +42,7 @@ class TestMixture:
         found = class_curve(theta, beta, weights)
         assert np.log(found.theta) == pytest.approx(logs.mean(), abs=0.01)
         assert found.beta == pytest.approx(logs.std(), rel=0.01)
-        assert found.beta**2 == pytest.approx(found.beta_record**2 + found.beta_arch**2)
+        assert found.beta**2 == pytest.approx(found.beta_record_to_record**2 + found.beta_model**2)
         im = np.array([0.4, 0.9, 1.5, 3.0])
         drawn = (np.exp(logs)[:, None] <= im).mean(axis=0)
         np.testing.assert_allclose(found.probability(im), drawn, atol=0.005)

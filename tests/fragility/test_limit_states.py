@@ -7,7 +7,7 @@ from scipy.stats import norm
 
 from archfrag.errors import InputError
 from archfrag.fragility.fit import fit_stripes
-from archfrag.fragility.limit_states import _ordered, fit_limit_states, nest_exceedance
+from archfrag.fragility.limit_states import _ordered_probit, fit_limit_states, nest_exceedance
 
 LEVELS = np.geomspace(0.05, 2.0, 10)
 NAMES = ("motion", "contact lost", "collapse")
@@ -86,7 +86,7 @@ class TestCurves:
         x = np.broadcast_to(np.log(LEVELS), (40, LEVELS.size)).ravel()
         values, errors = [], []
         for seed in range(150):
-            fits = _ordered(x, runs(seed, [0.4, 0.4, 0.4]).reshape(-1, 3))
+            fits = _ordered_probit(x, runs(seed, [0.4, 0.4, 0.4]).reshape(-1, 3))
             values.append([[np.log(fit.theta), fit.beta] for fit in fits])
             errors.append([[*fit.standard_errors, fit.correlation] for fit in fits])
         values, errors = np.array(values), np.mean(errors, axis=0)
@@ -110,6 +110,74 @@ class TestCurves:
         grid = fit_limit_states(exceeded, LEVELS, NAMES)
         each = fit_limit_states(exceeded, np.broadcast_to(LEVELS, (40, LEVELS.size)), NAMES)
         assert grid.states == each.states
+
+
+class TestTies:
+    """States that no run tells apart; the others are fitted jointly all the same."""
+
+    @staticmethod
+    def check(found):
+        theta = [state.fit.theta for state in found.states if state.fit]
+        curves = [state.fit.probability(LEVELS) for state in found.states if state.fit]
+        assert found.common_beta
+        assert np.all(np.diff(theta) >= 0.0)
+        assert np.all(np.diff(curves, axis=0) <= 0.0)
+        assert 0.05 < theta[0] <= theta[-1] < 2.0
+        assert all(np.isfinite(state.fit.log_likelihood) for state in found.states if state.fit)
+        return theta
+
+    def test_two_states_with_the_same_exceedances(self):
+        exceeded = runs(2, [0.2, 0.4, 1.2])
+        three = fit_limit_states(exceeded, LEVELS, NAMES)
+        for twice in (0, 1, 2):
+            columns = np.sort([0, 1, 2, twice])
+            found = fit_limit_states(exceeded[:, :, columns], LEVELS, "abcd")
+            theta = self.check(found)
+            assert theta[twice] == theta[twice + 1]
+            expected = [three.states[i].fit.theta for i in columns]
+            assert theta == pytest.approx(expected, rel=1e-9)
+
+    def test_six_states_of_which_three_are_one(self):
+        exceeded = runs(2, [0.2, 0.4, 1.2])[:30, :, [0, 0, 1, 2, 2, 2]]
+        theta = self.check(fit_limit_states(exceeded, LEVELS, "abcdef"))
+        assert len(set(theta)) == 3
+
+    def test_partly_tied_states(self):
+        """One run of 400 tells the last two apart; others do not decide the last."""
+        exceeded = runs(2, [0.2, 0.4, 1.2])[:, :, [0, 1, 2, 2]]
+        exceeded[:4, :, 3] = 4
+        assert len(set(self.check(fit_limit_states(exceeded, LEVELS, "abcd")))) == 3
+        record, level = np.argwhere(exceeded[:, :, 3] == 1)[0]
+        exceeded[record, level, 3] = 0
+        theta = self.check(fit_limit_states(exceeded, LEVELS, "abcd"))
+        assert theta[2] < theta[3] < 1.1 * theta[2]
+
+    def test_a_state_that_all_runs_exceed(self):
+        exceeded = np.concatenate([np.ones((40, 10, 1), int), runs(2, [0.2, 0.4, 1.2])], axis=-1)
+        found = fit_limit_states(exceeded, LEVELS, "abcd")
+        assert found.states[0].fit is None
+        assert "every run" in found.states[0].none
+        self.check(found)
+
+    def test_separated_states_have_a_posterior_curve(self):
+        exceeded = runs(4, [0.4, 0.4, 0.4])
+        exceeded[:, :, 0] = LEVELS > 0.1
+        found = fit_limit_states(exceeded, LEVELS, NAMES)
+        state = found.states[0]
+        step = LEVELS[LEVELS <= 0.1][-1], LEVELS[LEVELS > 0.1][0]
+        assert step[0] < state.fit.theta < step[1]
+        assert (state.fit.kind == "posterior") == ("no likeliest curve" in state.none)
+
+    def test_states_that_are_all_separated(self):
+        exceeded = np.stack([LEVELS > 0.1, LEVELS > 0.1, LEVELS > 0.4], axis=-1) * np.ones(
+            (40, 1, 1), int
+        )
+        exceeded[5:, 3, 2] = 4
+        found = fit_limit_states(exceeded, LEVELS, NAMES)
+        theta = [state.fit.theta for state in found.states]
+        assert np.all(np.diff(theta) >= 0.0)
+        curves = [state.fit.probability(LEVELS) for state in found.states]
+        assert np.all(np.diff(curves, axis=0) <= 1e-9)
 
 
 def test_bad_input_is_refused():

@@ -8,6 +8,7 @@ from scipy.stats import norm
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.bands import record_bootstrap_band
 from archfrag.fragility.fit import fit_many, fit_stripes
+from archfrag.fragility.runs import Resampling
 
 LEVELS = np.exp(0.35 * np.linspace(-2.2, 2.2, 15))
 
@@ -99,7 +100,7 @@ class TestEvents:
     def band(self, groups, verdict=None):
         verdict = self.VERDICT if verdict is None else verdict
         return record_bootstrap_band(
-            verdict, LEVELS, [0.7, 1.0, 1.4], seed=3, resamples=200, groups=groups
+            verdict, LEVELS, [0.7, 1.0, 1.4], Resampling(3, 200), groups=groups
         )
 
     def test_an_event_for_each_record_changes_nothing(self):

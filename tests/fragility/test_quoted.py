@@ -5,7 +5,7 @@ import pytest
 from scipy.special import ndtri
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.brackets import brackets_of
+from archfrag.fragility.brackets import find_brackets
 from archfrag.fragility.quoted import independent_records, quoted_band
 
 BETA = 0.35
@@ -114,17 +114,28 @@ class TestDesigns:
 class TestEvents:
     def test_alike_records_are_worth_their_events(self):
         capacity = np.repeat(np.exp(BETA * np.random.default_rng(1).standard_normal(10)), 3)
-        found = brackets_of((capacity[:, None] <= LEVELS) * 1, LEVELS)
+        found = find_brackets((capacity[:, None] <= LEVELS) * 1, LEVELS, "count")
         assert independent_records(found, np.arange(30) // 3) == pytest.approx(10.0)
         assert independent_records(found, np.arange(30)) == 30.0
         assert independent_records(found, np.arange(30) % 10) > 15.0
 
-    @pytest.mark.parametrize(
-        ("groups", "sentence"), [([1] * 24, "one event, 1"), ([1, 2], r"shape \(2,\)")]
-    )
-    def test_impossible_groups(self, groups, sentence):
+    def test_sentence_names_what_rows_share(self):
         verdict = table(np.random.default_rng(1), 24)
-        with pytest.raises(InputError, match=sentence):
+        groups = np.arange(24) // 3
+        events = quoted_band("stripes", verdict, LEVELS, IM, groups=groups)
+        records = quoted_band("stripes", verdict, LEVELS, IM, groups=groups, unit="record")
+        assert ", and events are independent, their 24 rows of runs worth" in events.assumptions
+        assert ", and records are independent" in records.assumptions
+        assert "event" not in records.assumptions
+        assert records.theta == events.theta
+
+    @pytest.mark.parametrize(
+        ("groups", "kind", "sentence"),
+        [([1] * 24, FitError, "one group, 1"), ([1, 2], InputError, r"shape \(2,\)")],
+    )
+    def test_impossible_groups(self, groups, kind, sentence):
+        verdict = table(np.random.default_rng(1), 24)
+        with pytest.raises(kind, match=sentence):
             quoted_band("stripes", verdict, LEVELS, IM, groups=groups)
         with pytest.raises(InputError, match="groups are of records"):
             quoted_band("scattered", verdict[0], LEVELS, IM, groups=groups)

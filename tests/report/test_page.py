@@ -16,6 +16,7 @@ import pytest
 from archfrag.errors import InputError, OutputError
 from archfrag.fragility.bands import record_bootstrap_band
 from archfrag.fragility.counts import Verdict
+from archfrag.fragility.runs import Resampling
 from archfrag.report.page import render, write_report
 from archfrag.report.summary import arch_results, reading_scale
 from tests.report import synthetic
@@ -59,7 +60,7 @@ class TestAnswer:
 
     def test_interval_of_resampled_records(self, study, page):
         band = record_bootstrap_band(
-            study.cube["verdict"].values[0], study.cube["intensity"].values, 4.0, seed=1
+            study.cube["verdict"].values[0], study.cube["intensity"].values, 4.0, Resampling(1)
         )
         low, high = np.array(band.theta) / 9.80665
         (card,) = page.xpath('//section[@id="arch0"]/div[@id="arch0-answer"]')

@@ -18,6 +18,7 @@ from archfrag.fragility.bands import (
     theta_interval,
 )
 from archfrag.fragility.fit import Fragility
+from archfrag.fragility.runs import Resampling
 
 _RESAMPLES, _SEED = 1000, 1  # the report's
 _POINTS = 211
@@ -88,8 +89,7 @@ def _band(
     if state == "collapse" and gridded and cube.sizes["record"] > 1 and cube.sizes["level"] > 1:
         verdict = cube["verdict"].sel(arch=arch).transpose("record", "level").values
         band = record_bootstrap_band(
-            verdict, cube["intensity"].values, im, seed=_SEED, resamples=_RESAMPLES,
-            confidence=confidence,
+            verdict, cube["intensity"].values, im, Resampling(_SEED, _RESAMPLES, confidence),
         )  # fmt: skip
         return band, f"{_RESAMPLES} resamples of whole records, seed {_SEED}"
     return confidence_band(fit, im, confidence), "covariance of the fit"

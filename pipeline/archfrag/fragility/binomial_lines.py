@@ -8,11 +8,11 @@ from scipy.special import erfcx, expit, log_ndtr, ndtr, ndtri
 
 from archfrag.errors import InputError
 from archfrag.fragility.curve import FloatArray
+from archfrag.fragility.newton import Terms, least
 
 LINKS = ("probit", "logistic")
 _STEEP = 1e6
 _CERTAIN = 40.0
-_ROUNDS = 60
 
 
 @dataclass(frozen=True)
@@ -29,12 +29,15 @@ class Lines:
         No maximum with slope > 0.
     loss : ndarray, (n_fit,)
         Negative log-likelihood without binomial coefficients, at the line.
+    information : ndarray, (n_fit, 2, 2)
+        Observed, in (intercept, slope); nan where degenerate.
     """
 
     intercept: FloatArray
     slope: FloatArray
     degenerate: NDArray[np.bool_]
     loss: FloatArray
+    information: FloatArray
 
 
 def binomial_lines(
@@ -63,21 +66,34 @@ def binomial_lines(
     k, n = np.atleast_2d(collapses), np.atleast_2d(n)
     x = np.broadcast_to(x, k.shape)
     intercept, slope, degenerate = _without_maximum(x, k, n, link)
+    information = np.full((len(k), 2, 2), np.nan)
     todo = np.flatnonzero(~degenerate)
     if todo.size:
-        points, weight = x[todo], n[todo]
-        total = weight.sum(axis=1, keepdims=True)
-        centre = (weight * points).sum(axis=1, keepdims=True) / total
-        width = np.sqrt((weight * (points - centre) ** 2).sum(axis=1, keepdims=True) / total)
-        line = _newton((points - centre) / width, k[todo], weight, link)
-        slope[todo] = line[:, 1] / width[:, 0]
-        intercept[todo] = line[:, 0] - slope[todo] * centre[:, 0]
-        falling = todo[slope[todo] <= 1e-9 / width[:, 0]]
-        slope[falling] = 0.0
-        intercept[falling] = _level(k[falling].sum(axis=1), n[falling].sum(axis=1), link)
-        degenerate[falling] = True
+        points, fallen, runs = x[todo], k[todo], n[todo]
+        total = runs.sum(axis=1)
+        centre = (runs * points).sum(axis=1) / total
+        points = points - centre[:, None]
+        width = np.sqrt((runs * points**2).sum(axis=1) / total)
+        points /= width[:, None]
+
+        def terms(p: FloatArray, fit: NDArray[np.intp]) -> Terms:
+            return _terms(p, points[fit], fallen[fit], runs[fit], link)
+
+        line, (_, _, found) = least(terms, np.zeros((todo.size, 2)))
+        slope[todo] = line[:, 1] / width
+        intercept[todo] = line[:, 0] - slope[todo] * centre
+        falling = line[:, 1] <= 1e-9
+        # (a, b) of the scaled line are linear in those of the line itself.
+        scaling = np.zeros((todo.size, 2, 2))
+        scaling[:, 0, 0], scaling[:, 0, 1], scaling[:, 1, 1] = 1.0, centre, width
+        information[todo] = scaling.transpose(0, 2, 1) @ found @ scaling
+        flat = todo[falling]
+        slope[flat] = 0.0
+        intercept[flat] = _level(k[flat].sum(axis=1), n[flat].sum(axis=1), link)
+        degenerate[flat] = True
+        information[flat] = np.nan
     loss = _loss(intercept[:, None] + slope[:, None] * x, k, n, link)
-    return Lines(intercept, slope, degenerate, loss)
+    return Lines(intercept, slope, degenerate, loss, information)
 
 
 def inverse_link(z: FloatArray, link: str) -> FloatArray:
@@ -108,31 +124,13 @@ def _slopes(
     return n * p - k, n * p * (1.0 - p)
 
 
-def _newton(x: FloatArray, k: FloatArray, n: FloatArray, link: str) -> FloatArray:
-    line = np.zeros((len(x), 2))
-    loss = _loss(np.zeros_like(x), k, n, link)
-    active = np.arange(len(x))
-    for _ in range(_ROUNDS):
-        points, fallen, runs = x[active], k[active], n[active]
-        p = line[active]
-        first, second = _slopes(p[:, :1] + p[:, 1:] * points, fallen, runs, link)
-        a, b, c = second.sum(1), (second * points).sum(1), (second * points * points).sum(1)
-        u, v = first.sum(1), (first * points).sum(1)
-        determinant = np.maximum(a * c - b * b, 1e-300)
-        step = np.stack([c * u - b * v, a * v - b * u], axis=1) / determinant[:, None]
-        step *= np.minimum(1.0, 5.0 / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
-        for _halving in range(20):
-            trial = p - step
-            new = _loss(trial[:, :1] + trial[:, 1:] * points, fallen, runs, link)
-            worse = new > loss[active] + 1e-10 * (1.0 + np.abs(loss[active]))
-            if not worse.any():
-                break
-            step[worse] *= 0.5
-        line[active], loss[active] = trial, new
-        active = active[np.abs(step).max(axis=1) > 1e-9 * (1.0 + np.abs(p).max(axis=1))]
-        if not active.size:
-            break
-    return line
+def _terms(p: FloatArray, x: FloatArray, k: FloatArray, n: FloatArray, link: str) -> Terms:
+    """Loss of lines `p` (n_fit, 2), and its derivatives in them."""
+    z = p[:, :1] + p[:, 1:] * x
+    first, second = _slopes(z, k, n, link)
+    a, b, c = second.sum(1), (second * x).sum(1), (second * x * x).sum(1)
+    gradient = np.stack([first.sum(1), (first * x).sum(1)], axis=1)
+    return _loss(z, k, n, link), gradient, np.stack([a, b, b, c], axis=1).reshape(-1, 2, 2)
 
 
 def _level(k: FloatArray, n: FloatArray, link: str) -> FloatArray:

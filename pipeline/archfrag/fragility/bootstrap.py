@@ -5,10 +5,12 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from archfrag.errors import InputError
+from archfrag.fragility.binomial_lines import binomial_lines
 from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import FloatArray, Fragility, log_intensity
-from archfrag.fragility.fit import checked_stripes, fit_many
-from archfrag.fragility.intervals import Band, RecordBand, check_confidence, tails
+from archfrag.fragility.fit import checked_stripes, curves_of_lines
+from archfrag.fragility.intervals import Band, RecordBand
+from archfrag.fragility.runs import Resampling
 
 
 def bootstrap_band(
@@ -16,10 +18,7 @@ def bootstrap_band(
     im: ArrayLike,
     levels: ArrayLike,
     n: ArrayLike,
-    *,
-    seed: int,
-    resamples: int = 1000,
-    confidence: float = 0.9,
+    resampling: Resampling,
 ) -> Band:
     """Pointwise band of a curve fitted to stripes, from a parametric bootstrap.
 
@@ -36,43 +35,35 @@ def bootstrap_band(
         Intensities, any shape, unit of ``fit.theta``, >= 0.
     levels, n : array_like, (n_level,)
         As given to `fit_stripes`.
-    seed : int
-        Of numpy's default generator; the same seed gives the same band.
-    resamples : int
-        Number of draws, at least 100.
-    confidence : float
-        Two-sided, between 0 and 1.
+    resampling : Resampling
+        The same gives the same band.
 
     Raises
     ------
     InputError
         If an argument cannot be, or `fit` does not come from stripes.
     """
-    check_confidence(confidence)
     if fit.kind != "stripes":
         raise InputError(f"the fit is of kind {fit.kind!r}; the bootstrap redraws 'stripes' only")
-    _check_resamples(resamples)
     levels, _, n = checked_stripes(levels, np.zeros(np.shape(levels)), n)
     im = np.asarray(im, dtype=float)
     log_intensity(im)
-    generator = np.random.default_rng(seed)
-    draws = generator.binomial(n.astype(np.int64), fit.probability(levels), (resamples, n.size))
+    shape = (resampling.resamples, n.size)
+    draws = resampling.generator.binomial(n.astype(np.int64), fit.probability(levels), shape)
     distinct, copies = np.unique(draws, axis=0, return_counts=True)
     curves, parameters = _refit(
         levels, distinct.astype(float), np.broadcast_to(n, distinct.shape), im
     )
-    lower, upper = np.quantile(np.repeat(curves, copies, axis=0), tails(confidence), axis=0)
-    return Band(lower, upper, confidence, int(copies[np.isnan(parameters[:, 0])].sum()))
+    lower, upper = np.quantile(np.repeat(curves, copies, axis=0), resampling.tails, axis=0)
+    return Band(lower, upper, resampling.confidence, int(copies[np.isnan(parameters[:, 0])].sum()))
 
 
 def record_bootstrap_band(
     verdict: ArrayLike,
     levels: ArrayLike,
     im: ArrayLike,
+    resampling: Resampling,
     *,
-    seed: int,
-    resamples: int = 1000,
-    confidence: float = 0.9,
     groups: ArrayLike | None = None,
 ) -> RecordBand:
     """Pointwise band where the same records serve at all levels.
@@ -97,12 +88,8 @@ def record_bootstrap_band(
         Intensity of each level, > 0.
     im : array_like
         Intensities at which the band is wanted, any shape, unit of `levels`, >= 0.
-    seed : int
-        Of numpy's default generator; the same seed gives the same band.
-    resamples : int
-        Number of draws, at least 100.
-    confidence : float
-        Two-sided, between 0 and 1.
+    resampling : Resampling
+        The same gives the same band.
     groups : array_like, (n_record,), optional
         Label of the event of each record; every record is its own if left out.
 
@@ -111,8 +98,6 @@ def record_bootstrap_band(
     InputError
         If an argument cannot be.
     """
-    check_confidence(confidence)
-    _check_resamples(resamples)
     count_verdicts(verdict)
     codes = np.asarray(verdict)
     if codes.ndim != 2 or codes.shape[1:] != np.shape(levels) or codes.shape[0] < 2:
@@ -123,23 +108,23 @@ def record_bootstrap_band(
     levels = checked_stripes(levels, np.zeros(codes.shape[1]), codes.shape[0])[0]
     im = np.asarray(im, dtype=float)
     log_intensity(im)
-    generator = np.random.default_rng(seed)
     fell, stood = (_by_event(codes == v, groups) for v in (Verdict.COLLAPSED, Verdict.STANDING))
-    n_event = len(fell)
-    times = generator.multinomial(n_event, np.full(n_event, 1.0 / n_event), resamples)
+    times = resampling.multiplicities(len(fell))
     collapses = times @ fell
     n = collapses + times @ stood
     decided = n.sum(axis=1) > 0
     if not decided.any():
         raise InputError("verdict holds no run that collapsed or stood")
     curves, parameters = _refit(levels, collapses[decided], n[decided], im)
-    lower, upper = np.quantile(curves, tails(confidence), axis=0)
+    lower, upper = np.quantile(curves, resampling.tails, axis=0)
     known = parameters[~np.isnan(parameters[:, 0])]
     theta = beta = (np.nan, np.nan)
     if known.size:
-        (a, b), (c, d) = np.quantile(known, tails(confidence), axis=0).T
+        (a, b), (c, d) = np.quantile(known, resampling.tails, axis=0).T
         theta, beta = (float(a), float(b)), (float(c), float(d))
-    return RecordBand(lower, upper, confidence, resamples - len(known), theta, beta)
+    return RecordBand(
+        lower, upper, resampling.confidence, resampling.resamples - len(known), theta, beta
+    )
 
 
 def _by_event(table: NDArray[np.bool_], groups: ArrayLike | None) -> FloatArray:
@@ -160,34 +145,13 @@ def _by_event(table: NDArray[np.bool_], groups: ArrayLike | None) -> FloatArray:
     return added
 
 
-def _check_resamples(resamples: int) -> None:
-    if resamples < 100:
-        raise InputError(f"resamples is {resamples}; at least 100 are needed for quantiles")
-
-
 def _refit(
     levels: FloatArray, collapses: FloatArray, n: FloatArray, im: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Curves at `im`, and (theta, beta), of many draws, (n_draw, n_level); nan without a fit."""
-    many = fit_many(levels, collapses, n)
-    with np.errstate(invalid="ignore"):
-        z = np.subtract.outer(np.log(many.theta), log_intensity(im))
-        curves = ndtr(-z / many.beta.reshape(-1, *(1,) * im.ndim))
-    lost = ~many.fitted
-    if lost.any():
-        curves[lost] = _limiting_curves(levels, collapses[lost], n[lost], im)
-    return curves, np.stack([many.theta, many.beta], axis=1)
-
-
-def _limiting_curves(
-    levels: FloatArray, collapses: FloatArray, n: FloatArray, im: FloatArray
-) -> FloatArray:
-    """Curves that the likelihoods of draws tend to where they have no maximum."""
+    lines = binomial_lines(np.log(levels), collapses, n)
+    many = curves_of_lines(lines, collapses, n)
     column = (slice(None), *(None,) * im.ndim)
-    fraction = (collapses.sum(axis=1) / n.sum(axis=1))[column]
-    first_collapse = np.where(collapses > 0, levels, np.inf).min(axis=1)
-    last_standing = np.where(collapses < n, levels, 0.0).max(axis=1)
-    separated = (first_collapse >= last_standing)[column] & (fraction > 0.0) & (fraction < 1.0)
-    step = np.sqrt(first_collapse * last_standing)[column]
-    steps = np.where(im == step, 0.5, (im > step).astype(float))
-    return np.where(separated, steps, fraction + 0.0 * im)
+    x = np.maximum(log_intensity(im), -1e3)
+    curves = ndtr(lines.intercept[column] + lines.slope[column] * x)
+    return curves, np.stack([many.theta, many.beta], axis=1)

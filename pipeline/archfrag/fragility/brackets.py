@@ -3,35 +3,68 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from archfrag.errors import InputError
+from archfrag.errors import FitError, InputError
 from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import FloatArray
+
+RULES = ("count", "fewest", "first")
 
 
 @dataclass(frozen=True)
 class Brackets:
-    """Intensities between which the capacity of each record lies.
+    """Between which of its levels the capacity of each record lies.
 
     Attributes
     ----------
     lower, upper : ndarray, (n_record,)
-        Unit of the levels; `lower` is 0 where no run stood, `upper` inf where none collapsed.
-    record : ndarray of int, (n_record,)
-        Rows of the table they come from: records without a decided run are left out.
-    n_islands : int
-        Decided runs against the bracket of their record, whose verdicts do not only rise.
+        Highest level that is taken to stand and lowest that is taken to collapse; 0 where the
+        record collapses at its lowest level, inf where it never does.
+    contradictions : ndarray of int, (n_record,)
+        Verdicts on the wrong side of the border: islands of collapse or of standing.
+    decided : ndarray of int, (n_record,)
+        Runs that collapsed or stood; with 0 nothing is known and the bracket is (0, inf).
     """
 
     lower: FloatArray
     upper: FloatArray
-    record: np.ndarray
-    n_islands: int
+    contradictions: NDArray[np.int64]
+    decided: NDArray[np.int64]
+
+    @property
+    def bracketed(self) -> NDArray[np.bool_]:
+        """Whether both ends are known, (n_record,)."""
+        return (self.lower > 0.0) & np.isfinite(self.upper)
+
+    @property
+    def middle(self) -> FloatArray:
+        """Geometric mean of the ends; nan where one is not known, (n_record,)."""
+        known = self.bracketed
+        product = np.where(known, self.lower, 1.0) * np.where(known, self.upper, 1.0)
+        return np.where(known, np.sqrt(product), np.nan)
+
+    def rows(self, keep: NDArray[np.bool_]) -> "Brackets":
+        """The same of some records only."""
+        return Brackets(
+            self.lower[keep], self.upper[keep], self.contradictions[keep], self.decided[keep]
+        )
+
+    def known(self) -> "Brackets":
+        """The same of those records that have a decided run.
+
+        Raises
+        ------
+        FitError
+            If there is none.
+        """
+        if not self.decided.any():
+            raise FitError("no run collapsed or stood, so there is nothing to fit")
+        return self.rows(self.decided > 0)
 
 
-def brackets_of(verdict: ArrayLike, levels: ArrayLike, rule: str = "count") -> Brackets:
-    """Brackets of the capacities of records that were run at several levels.
+def find_brackets(verdict: ArrayLike, levels: ArrayLike, rule: str = "fewest") -> Brackets:
+    """Border between standing and collapse of each record.
 
     Where a record stands again above a level at which it collapsed there is no capacity in the
     strict sense, and a rule must say what is meant.
@@ -39,49 +72,77 @@ def brackets_of(verdict: ArrayLike, levels: ArrayLike, rule: str = "count") -> B
     Parameters
     ----------
     verdict : array_like of int, (n_record, n_level)
-        Codes of `Verdict`; only runs that collapsed or stood are used.
-    levels : array_like, (n_level,)
-        Intensities, > 0, in any order.
-    rule : {"count", "first"}
+        Codes of `Verdict`; all but standing and collapsed decide nothing.
+    levels : array_like, (n_level,) or (n_record, n_level)
+        Intensity or scale factor, > 0, in any order.
+    rule : str
         ``"count"``: the border that leaves a record its number of collapses. On a full grid this
         leaves the area under the observed fractions as it is, and so the mean of the
-        logarithms, whatever the islands. ``"first"``: the least level at which it collapsed,
+        logarithms, whatever the islands. ``"fewest"``: the border that the fewest verdicts
+        contradict, the lowest of several. ``"first"``: the least level at which it collapsed,
         which is the capacity of incremental dynamic analysis (Vamvatsikos and Cornell 2002,
         Earthquake Engineering and Structural Dynamics 31(3)) and the one for bisected levels;
-        with islands it is the lower of the two.
+        with islands it is the lowest of the three.
 
     Raises
     ------
     InputError
-        If an argument cannot be, or no run is decided.
+        If shapes or values cannot be, or the rule is unknown.
+
+    Examples
+    --------
+    The second record has an island of collapse at its second level.
+
+    >>> from archfrag.fragility.brackets import find_brackets
+    >>> verdict = [[0, 0, 0, 1, 1], [0, 1, 0, 0, 1]]
+    >>> found = find_brackets(verdict, [0.1, 0.2, 0.3, 0.4, 0.5])
+    >>> found.lower.tolist(), found.upper.tolist(), found.contradictions.tolist()
+    ([0.3, 0.4], [0.4, 0.5], [0, 1])
     """
-    if rule not in ("count", "first"):
-        raise InputError(f"rule is {rule!r}; it is 'count' or 'first'")
-    count_verdicts(verdict)
-    codes, levels = np.asarray(verdict), np.asarray(levels, dtype=float)
-    if codes.ndim != 2 or levels.shape != codes.shape[1:]:
-        raise InputError(
-            f"verdict has shape {codes.shape}, levels {levels.shape}; records by all levels "
-            "are needed"
-        )
-    if not np.all((levels > 0.0) & np.isfinite(levels)):
-        raise InputError("levels holds a value that is not a positive finite number")
-    order = np.argsort(levels)
-    codes, levels = codes[:, order], levels[order]
+    codes, factor = _checked_grid(verdict, levels)
     fell, stood = codes == Verdict.COLLAPSED, codes == Verdict.STANDING
     decided = fell | stood
-    record = np.flatnonzero(decided.any(axis=1))
-    if not record.size:
-        raise InputError("verdict holds no run that collapsed or stood")
-    fell, stood, decided = fell[record], stood[record], decided[record]
-    if rule == "count":
-        below = decided & (np.cumsum(decided, axis=1) <= stood.sum(axis=1, keepdims=True))
-    else:
-        below = stood & (np.cumsum(fell, axis=1) == 0)
+    below = decided & _below(fell, stood, rule)
     above = decided & ~below
-    lower = np.where(below, levels, 0.0).max(axis=1)
-    upper = np.where(above, levels, np.inf).min(axis=1)
-    return Brackets(lower, upper, record, int((below & fell).sum() + (above & stood).sum()))
+    return Brackets(
+        np.where(below, factor, 0.0).max(axis=1),
+        np.where(above, factor, np.inf).min(axis=1),
+        np.count_nonzero((below & fell) | (above & stood), axis=1),
+        np.count_nonzero(decided, axis=1),
+    )
+
+
+def fill_verdicts(verdict: ArrayLike, rule: str = "fewest") -> NDArray[np.int64]:
+    """Verdicts of a bisected grid, with those cells decided that the bracket implies.
+
+    A cell that was not run is taken to stand below the bracket of its record and to collapse
+    above it. Runs that were made keep their verdict; cells inside the bracket stay as they are.
+
+    Parameters
+    ----------
+    verdict : array_like of int, (n_record, n_level)
+    rule : str
+        As in `find_brackets`.
+
+    Raises
+    ------
+    InputError
+        If `verdict` is not two-dimensional, or the rule is unknown.
+
+    Examples
+    --------
+    >>> from archfrag.fragility.brackets import fill_verdicts
+    >>> fill_verdicts([[4, 0, 4, 1, 4]]).tolist()
+    [[0, 0, 4, 1, 1]]
+    """
+    codes = np.asarray(verdict)
+    position = np.arange(1.0, np.shape(codes)[-1] + 1.0)
+    found = find_brackets(codes, position, rule)
+    run = (codes == Verdict.STANDING) | (codes == Verdict.COLLAPSED)
+    filled = codes.astype(np.int64)
+    filled[~run & (position < found.lower[:, None])] = Verdict.STANDING
+    filled[~run & (position > found.upper[:, None])] = Verdict.COLLAPSED
+    return filled
 
 
 def midpoints(lower: ArrayLike, upper: ArrayLike) -> FloatArray:
@@ -116,3 +177,33 @@ def checked_brackets(lower: ArrayLike, upper: ArrayLike) -> tuple[FloatArray, Fl
             "are needed, lower finite, upper > 0, and not from 0 to inf"
         )
     return lower, upper
+
+
+def _below(fell: NDArray[np.bool_], stood: NDArray[np.bool_], rule: str) -> NDArray[np.bool_]:
+    """Whether each cell lies below the border of its record, (n_record, n_level)."""
+    if rule == "first":
+        return np.cumsum(fell, axis=1) == 0
+    if rule == "count":
+        return np.cumsum(fell | stood, axis=1) <= stood.sum(axis=1, keepdims=True)
+    if rule != "fewest":
+        raise InputError(f"rule is {rule!r}; it is one of {', '.join(RULES)}")
+    change = np.cumsum(fell.astype(int) - stood, axis=1)
+    wrong = np.concatenate([np.zeros((len(fell), 1), int), change], axis=1)
+    return np.arange(fell.shape[1]) < wrong.argmin(axis=1)[:, None]
+
+
+def _checked_grid(verdict: ArrayLike, levels: ArrayLike) -> tuple[NDArray[np.int64], FloatArray]:
+    """Verdicts and levels, (n_record, n_level) each, with levels that rise."""
+    codes, factor = np.asarray(verdict), np.asarray(levels, dtype=float)
+    if codes.ndim != 2 or codes.size == 0:
+        raise InputError(f"verdict has shape {codes.shape}; (n_record, n_level) is needed")
+    count_verdicts(codes)
+    if factor.shape not in (codes.shape, codes.shape[1:]):
+        raise InputError(
+            f"levels have shape {factor.shape}, verdict {codes.shape}; one per level, or per run"
+        )
+    if not np.all((factor > 0.0) & np.isfinite(factor)):
+        raise InputError("levels holds a value that is not a positive finite number")
+    factor = np.broadcast_to(factor, codes.shape)
+    order = np.argsort(factor, axis=1, kind="stable")
+    return np.take_along_axis(codes, order, 1), np.take_along_axis(factor, order, 1)

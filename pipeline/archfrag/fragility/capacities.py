@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.brackets import checked_brackets
 from archfrag.fragility.curve import FloatArray, Fragility
-from archfrag.fragility.likelihood import Observations, likeliest_lines
+from archfrag.fragility.likelihood import Observations, likeliest_line
 
 _EXACT = 1e-7
 
@@ -158,14 +158,14 @@ def _fit(lower: FloatArray, upper: FloatArray, kind: str) -> Fragility:
     ends = np.concatenate([low[np.isfinite(low)], high[np.isfinite(high)]])
     centre, width = ends.mean(), ends.std()
     seen, constant = _observations((low - centre) / width, (high - centre) / width)
-    line, information, value = likeliest_lines(seen, 1)
-    theta, beta, covariance = curve_of_line(line, information, centre, width)
+    line, information, value = likeliest_line(seen)
+    theta, beta, covariance = curve_of_line(line[None], information[None], centre, width)
     n_exact = np.count_nonzero(lower == upper)
     return Fragility(
         theta=float(theta[0]),
         beta=float(beta[0]),
         covariance=covariance[0],
-        log_likelihood=float(value[0] + constant - n_exact * np.log(width)),
+        log_likelihood=float(value + constant - n_exact * np.log(width)),
         n_levels=int(np.unique(ends).size),
         n_total=lower.size,
         kind=kind,

@@ -6,11 +6,11 @@ from scipy.special import log_ndtr
 
 from archfrag.fragility.binomial_lines import inverse_mills
 from archfrag.fragility.curve import FloatArray
+from archfrag.fragility.newton import Terms, least
 
 IntArray = NDArray[np.int64]
 
 OBSERVED, ABOVE, BELOW = 0, 1, -1
-_ROUNDS = 80
 
 
 def censored_lines(
@@ -52,11 +52,15 @@ def censored_lines(
     if sound.any():
         p = np.concatenate([start[sound], np.ones((sound.sum(), 1))], axis=1)
         p /= deviation[sound, None]
-        p = _newton(p, design, values[sound], side, weight[sound])
+        known, counted = values[sound], weight[sound]
+
+        def terms(p: FloatArray, fit: NDArray[np.intp]) -> Terms:
+            return _terms(p, design, known[fit], side, counted[fit])
+
+        p, (loss[sound], _, _) = least(terms, p)
         coefficients[sound] = p[:, :-1] / p[:, -1:]
         deviation[sound] = 1.0 / p[:, -1]
-        count = (weight[sound] * observed).sum(axis=1)
-        loss[sound] = _losses(p, design, values[sound], side, weight[sound])
+        count = (counted * observed).sum(axis=1)
         loss[sound] += count * np.log(np.sqrt(2.0 * np.pi) * scale[sound])
     deviation[~sound] = np.nan
     coefficients = coefficients * scale[:, None]
@@ -88,49 +92,26 @@ def _squares(weight: FloatArray, columns: FloatArray) -> FloatArray:
     return (weight @ products).reshape(-1, q, q)
 
 
-def _losses(
+def _terms(
     p: FloatArray, design: FloatArray, y: FloatArray, side: IntArray, weight: FloatArray
-) -> FloatArray:
-    z = p[:, -1:] * y - p[:, :-1] @ design.T
-    with np.errstate(invalid="ignore", divide="ignore"):
-        observed = 0.5 * z * z - np.log(p[:, -1:])
-    bound = -log_ndtr(np.where(side == ABOVE, -z, z))
-    loss = (weight * np.where(side == OBSERVED, observed, bound)).sum(axis=1)
-    return np.where(p[:, -1] > 0.0, loss, np.inf)
-
-
-def _newton(
-    p: FloatArray, design: FloatArray, y: FloatArray, side: IntArray, weight: FloatArray
-) -> FloatArray:
+) -> Terms:
+    """Loss of p = (coefficients, 1) / deviation, (n_fit, q + 1), and its derivatives."""
     observed, above = side == OBSERVED, side == ABOVE
-    active = np.arange(len(p))
-    loss = _losses(p, design, y, side, weight)
+    inverse = p[:, -1]
+    z = inverse[:, None] * y - p[:, :-1] @ design.T
+    toward = np.where(above, -z, z)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        density = 0.5 * z * z - np.log(inverse[:, None])
+    loss = (weight * np.where(observed, density, -log_ndtr(toward))).sum(axis=1)
+    mills = inverse_mills(toward)
+    first = weight * np.where(observed, z, np.where(above, mills, -mills))
+    second = weight * np.where(observed, 1.0, mills * (mills + toward))
+    count = (weight * observed).sum(axis=1)
+    by_inverse = (first * y).sum(axis=1) - count / inverse
     q = design.shape[1]
     hessian = np.empty((len(p), q + 1, q + 1))
-    for _ in range(_ROUNDS):
-        w, now, values = weight[active], p[active], y[active]
-        z = now[:, -1:] * values - now[:, :-1] @ design.T
-        toward = np.where(above, -z, z)
-        mills = inverse_mills(toward)
-        first = w * np.where(observed, z, np.where(above, mills, -mills))
-        second = w * np.where(observed, 1.0, mills * (mills + toward))
-        count = (w * observed).sum(axis=1)
-        by_inverse = (first * values).sum(axis=1) - count / now[:, -1]
-        gradient = np.concatenate([-first @ design, by_inverse[:, None]], axis=1)
-        h = hessian[: active.size]
-        h[:, :q, :q] = _squares(second, design)
-        h[:, :q, q] = h[:, q, :q] = -(second * values) @ design
-        h[:, q, q] = (second * values * values).sum(axis=1) + count / now[:, -1] ** 2
-        step = np.linalg.solve(h, gradient[..., None])[..., 0]
-        for _halving in range(30):
-            trial = now - step
-            new = _losses(trial, design, values, side, w)
-            worse = ~(new <= loss[active] + 1e-10 * (1.0 + np.abs(loss[active])))
-            if not worse.any():
-                break
-            step[worse] *= 0.5
-        p[active], loss[active] = trial, new
-        active = active[np.abs(step).max(axis=1) > 1e-9 * (1.0 + np.abs(now).max(axis=1))]
-        if not active.size:
-            break
-    return p
+    hessian[:, :q, :q] = _squares(second, design)
+    hessian[:, :q, q] = hessian[:, q, :q] = -(second * y) @ design
+    hessian[:, q, q] = (second * y * y).sum(axis=1) + count / inverse**2
+    gradient = np.concatenate([-first @ design, by_inverse[:, None]], axis=1)
+    return np.where(inverse > 0.0, loss, np.inf), gradient, hessian

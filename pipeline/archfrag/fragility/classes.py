@@ -9,6 +9,8 @@ from scipy.special import ndtr, ndtri
 
 from archfrag.errors import InputError
 from archfrag.fragility.curve import log_intensity
+from archfrag.fragility.dispersion import total_variance
+from archfrag.fragility.intervals import check_confidence
 
 FloatArray = NDArray[np.float64]
 # Steps of bisection for a quantile of a mixture: to the last digit from any bracket.
@@ -29,10 +31,10 @@ class ClassCurve:
     theta : float
         Median of the lognormal equivalent: exponential of the mean logarithm of capacity.
     beta : float
-        Dispersion of the lognormal equivalent: beta² = beta_record² + beta_arch².
-    beta_record : float
+        Dispersion of the lognormal equivalent: the parts combined.
+    beta_record_to_record : float
         Within arches, from record to record: root of the mean of the squared dispersions.
-    beta_arch : float
+    beta_model : float
         Between arches: standard deviation of the logarithms of the medians.
     median : float
         Intensity at which the mixture itself is 1/2.
@@ -41,10 +43,8 @@ class ClassCurve:
 
     Notes
     -----
-    ln C is a mixture of normals with means ln theta_i and deviations beta_i, so its variance is
-    the mean of the variances plus the variance of the means (law of total variance). The weights
-    are taken as the whole class: `beta_arch` has the divisor n, not n - 1, and holds the sampling
-    error of the thetas too.
+    The parts are those of `dispersion.total_variance`. They hold the sampling error of the thetas,
+    which `dispersion.split_curves` takes out.
     """
 
     thetas: FloatArray
@@ -52,8 +52,8 @@ class ClassCurve:
     weights: FloatArray
     theta: float
     beta: float
-    beta_record: float
-    beta_arch: float
+    beta_record_to_record: float
+    beta_model: float
     median: float
     misfit: float
 
@@ -106,39 +106,38 @@ def class_curve(theta: ArrayLike, beta: ArrayLike, weights: ArrayLike | None = N
     --------
     >>> from archfrag.fragility.classes import class_curve
     >>> fleet = class_curve([0.8, 1.25], [0.3, 0.3])
-    >>> round(fleet.theta, 6), round(fleet.beta_arch, 4), round(fleet.beta, 4)
+    >>> round(fleet.theta, 6), round(fleet.beta_model, 4), round(fleet.beta, 4)
     (1.0, 0.2231, 0.3739)
     """
-    theta, beta = np.asarray(theta, dtype=float), np.asarray(beta, dtype=float)
-    if theta.ndim != 1 or theta.shape != beta.shape:
+    thetas, betas = np.asarray(theta, dtype=float), np.asarray(beta, dtype=float)
+    if thetas.ndim != 1 or thetas.shape != betas.shape:
         raise InputError(
-            f"theta and beta have shapes {theta.shape} and {beta.shape}; they must be (n_arch,)"
+            f"theta and beta have shapes {thetas.shape} and {betas.shape}; they must be (n_arch,)"
         )
-    share = _shares(weights, theta.size)
-    known = ~(np.isnan(theta) | np.isnan(beta))
-    for name, values in (("theta", theta), ("beta", beta)):
+    share = _shares(weights, thetas.size)
+    known = ~(np.isnan(thetas) | np.isnan(betas))
+    for name, values in (("theta", thetas), ("beta", betas)):
         bad = values[known & ~((values > 0.0) & np.isfinite(values))]
         if bad.size:
             raise InputError(f"{name} holds {bad[0]:g}; it must be finite and greater than 0")
-    theta, beta, share = theta[known], beta[known], share[known]
+    thetas, betas, share = thetas[known], betas[known], share[known]
     if not share.sum() > 0.0:
         raise InputError("no arch of the class has a curve and a weight")
     share = share / share.sum()
-    logs = np.log(theta)
-    centre = float(share @ logs)
-    within, between = float(share @ beta**2), float(share @ (logs - centre) ** 2)
+    logs = np.log(thetas)
+    centre, within, between = total_variance(logs, betas, share)
     total = np.sqrt(within + between)
     x = centre + total * np.linspace(-6.0, 6.0, 1201)
-    mixture = _mixture(x, logs, beta, share)
+    mixture = _mixture(x, logs, betas, share)
     return ClassCurve(
-        thetas=theta,
-        betas=beta,
+        thetas=thetas,
+        betas=betas,
         weights=share,
         theta=float(np.exp(centre)),
         beta=float(total),
-        beta_record=float(np.sqrt(within)),
-        beta_arch=float(np.sqrt(between)),
-        median=float(np.exp(_mixture_quantile(0.5, logs, beta, share))),
+        beta_record_to_record=float(np.sqrt(within)),
+        beta_model=float(np.sqrt(between)),
+        median=float(np.exp(_mixture_quantile(0.5, logs, betas, share))),
         misfit=float(np.abs(mixture - ndtr((x - centre) / total)).max()),
     )
 
@@ -328,12 +327,9 @@ def sensitivities(
     0.9
     """
     theta = np.asarray(theta, dtype=float)
-    if not 0.0 < confidence < 1.0:
-        raise InputError(f"confidence = {confidence:g} must be greater than 0 and less than 1")
+    check_confidence(confidence)
     found = [_sensitivity(name, theta, values, confidence) for name, values in parameters.items()]
-    return sorted(
-        found, key=lambda s: -abs(s.correlation) if s.correlation == s.correlation else 1
-    )
+    return sorted(found, key=lambda s: -np.nan_to_num(abs(s.correlation), nan=-1.0))
 
 
 def _sensitivity(

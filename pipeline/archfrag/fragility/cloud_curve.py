@@ -7,9 +7,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from archfrag.errors import FitError
-from archfrag.fragility.bands import Band
 from archfrag.fragility.binomial_lines import inverse_link
 from archfrag.fragility.curve import FloatArray, log_intensity
+from archfrag.fragility.intervals import Band, tails
 from archfrag.fragility.runs import Resampling
 
 _QUANTILES = ndtr([-1.0, 0.0, 1.0])
@@ -81,9 +81,8 @@ class CloudCurve:
             If an intensity is negative or not a number.
         """
         x = log_intensity(im)
-        tails = [0.5 - 0.5 * self.confidence, 0.5 + 0.5 * self.confidence]
         curves = _curves(self.kind, self._draws, x.reshape(1, -1))
-        lower, upper = np.quantile(curves, tails, axis=0)
+        lower, upper = np.quantile(curves, tails(self.confidence), axis=0)
         return Band(
             lower.reshape(x.shape), upper.reshape(x.shape), self.confidence, self.n_degenerate
         )

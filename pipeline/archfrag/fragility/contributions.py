@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError
 from archfrag.fragility.curve import FloatArray
+from archfrag.fragility.intervals import check_confidence
 
 IntArray = NDArray[np.int64]
 RESAMPLES = 1000
@@ -102,8 +103,7 @@ def contributions(
         )
     if not np.all(rates >= 0.0):
         raise InputError("level_rate holds a number that is no rate; rates are from 0 upwards")
-    if not 0.0 < confidence < 1.0:
-        raise InputError(f"confidence is {confidence:g}; it lies between 0 and 1, such as 0.9")
+    check_confidence(confidence)
     names = tuple(categories)
     foreign = kind[fell & ~np.isin(kind, np.arange(len(names)))]
     if foreign.size:

@@ -10,6 +10,7 @@ from scipy.special import ndtri
 from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import FloatArray
+from archfrag.fragility.intervals import check_confidence
 
 IntArray = NDArray[np.int64]
 
@@ -171,8 +172,7 @@ def wilson(k: ArrayLike, n: ArrayLike, confidence: float = 0.9) -> tuple[FloatAr
     >>> low.round(4).tolist(), high.round(4).tolist()
     ([0.0, 0.2366], [0.2775, 0.7634])
     """
-    if not 0.0 < confidence < 1.0:
-        raise InputError(f"confidence is {confidence:g}; it lies between 0 and 1, such as 0.9")
+    check_confidence(confidence)
     k = np.asarray(k, dtype=float)
     n = np.where(np.asarray(n) > 0, n, np.nan).astype(float)
     z = ndtri(0.5 + 0.5 * confidence)

@@ -85,6 +85,31 @@ def combine(*betas: float) -> float:
     return float(np.sqrt(sum(beta * beta for beta in betas)))
 
 
+def total_variance(
+    log_theta: ArrayLike, beta: ArrayLike, weights: FloatArray | None = None
+) -> tuple[float, float, float]:
+    """Mean of ln capacity of a class, and its variances within and between the arches.
+
+    The weights are taken as the whole class: the variance between has the divisor n, not n - 1,
+    and holds the sampling error of the medians.
+
+    Parameters
+    ----------
+    log_theta, beta, weights : array_like, (n_arch,)
+        ln of each arch's median, its dispersion, and its weight; equal if not given.
+
+    Examples
+    --------
+    >>> from archfrag.fragility.dispersion import total_variance
+    >>> [round(part, 6) for part in total_variance([-0.4, 0.4], [0.3, 0.3])]
+    [0.0, 0.09, 0.16]
+    """
+    logs, betas = np.asarray(log_theta, dtype=float), np.asarray(beta, dtype=float)
+    centre = float(np.average(logs, weights=weights))
+    within = float(np.average(betas**2, weights=weights))
+    return centre, within, float(np.average((logs - centre) ** 2, weights=weights))
+
+
 def split_capacities(
     capacity: ArrayLike, *, same_records: bool = True, numerical: float = 0.0
 ) -> Dispersion:
@@ -195,13 +220,13 @@ def split_curves(
     n_arch = logs.size
     if n_arch < 2:
         raise FitError("one arch has no modelling dispersion; sample several")
-    observed = float(logs.var(ddof=1))
+    centre, within, between = total_variance(logs, betas)
+    observed = between * n_arch / (n_arch - 1)
     sampling = float(np.mean(errors**2)) * (1.0 - shared)
-    within = float(np.mean(betas**2))
     # With records of their own the arches' betas are independent estimates; with shared ones not.
     freedom = (n_record - 1) * (1.0 + (n_arch - 1) * (1.0 - shared))
     return _dispersion(
-        (float(np.exp(logs.mean())), within, observed - sampling),
+        (float(np.exp(centre)), within, observed - sampling),
         (2.0 * within**2 / freedom, 2.0 * observed**2 / (n_arch - 1)),
         numerical, (n_arch, float(n_record)), [],
     )  # fmt: skip

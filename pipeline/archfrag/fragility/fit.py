@@ -12,13 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammaln
 
 from archfrag.errors import FitError, InputError
+from archfrag.fragility.binomial_lines import Lines, binomial_lines
 from archfrag.fragility.capacities import curve_of_line, fit_moments, fit_truncated
 from archfrag.fragility.curve import FloatArray, Fragility
-from archfrag.fragility.likelihood import Observations, likeliest_lines
 
 __all__ = ["FitMany", "Fragility", "checked_stripes", "fit_ida", "fit_many", "fit_stripes"]
 
-_FLAT_SLOPE = 1e-9
 _LARGEST_LOG = 600.0
 
 
@@ -131,39 +130,25 @@ def fit_many(levels: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> FitMany:
         raise InputError("collapses holds a value that is not between 0 and n")
     if not np.all((levels > 0.0) & np.isfinite(levels)):
         raise InputError("levels holds a value that is not a positive finite number")
-    fitted = _overlapping(levels, collapses, n)
-    draws = np.flatnonzero(fitted)
+    return curves_of_lines(binomial_lines(np.log(levels), collapses, n), collapses, n)
+
+
+def curves_of_lines(lines: Lines, collapses: FloatArray, n: FloatArray) -> FitMany:
+    """Curves of probit lines in ln im, (n_draw,), of draws (n_draw, n_level)."""
     theta, beta, log_likelihood = (np.full(len(n), np.nan) for _ in range(3))
     covariance = np.full((len(n), 2, 2), np.nan)
+    # Where the line is as good as level the median lies beyond all numbers.
+    fitted = ~lines.degenerate & (lines.slope > np.abs(lines.intercept) / _LARGEST_LOG)
+    draws = np.flatnonzero(fitted)
     if draws.size:
-        x = np.log(levels)
-        centre, width = x.mean(), x.std()
-        k, m = collapses[draws], n[draws]
-        seen = Observations((x - centre) / width, k, m - k)
-        lines, information, value = likeliest_lines(seen, draws.size)
-        flattest = np.maximum(_FLAT_SLOPE, width * np.abs(lines[:, 0]) / _LARGEST_LOG)
-        rising = lines[:, 1] > flattest
-        fitted[draws] = rising
-        draws, k, m = draws[rising], k[rising], m[rising]
+        both = np.stack([lines.intercept, lines.slope], axis=1)[draws]
         theta[draws], beta[draws], covariance[draws] = curve_of_line(
-            lines[rising], information[rising], float(centre), float(width)
+            both, lines.information[draws], 0.0, 1.0
         )
+        k, m = collapses[draws], n[draws]
         coefficients = gammaln(m + 1) - gammaln(k + 1) - gammaln(m - k + 1)
-        log_likelihood[draws] = value[rising] + coefficients.sum(axis=1)
+        log_likelihood[draws] = coefficients.sum(axis=1) - lines.loss[draws]
     return FitMany(theta, beta, covariance, log_likelihood, fitted)
-
-
-def _overlapping(levels: FloatArray, collapses: FloatArray, n: FloatArray) -> NDArray[np.bool_]:
-    """Draws whose likelihood has a maximum with a rising curve, as far as order tells."""
-    fell, stood = collapses > 0.0, collapses < n
-    first_fall, last_fall, first_stand, last_stand = (
-        function(np.where(mask, levels, fill), axis=1)
-        for mask, function, fill in (
-            (fell, np.min, np.inf), (fell, np.max, -np.inf),
-            (stood, np.min, np.inf), (stood, np.max, -np.inf),
-        )
-    )  # fmt: skip
-    return (first_fall < last_stand) & (first_stand < last_fall)
 
 
 def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragility:

@@ -14,30 +14,29 @@ from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
 from archfrag.fragility.curve import FloatArray
+from archfrag.fragility.newton import Terms, least
 
 _LOG_ROOT_TWO_PI = 0.5 * np.log(2.0 * np.pi)
-_STEPS = 200
-_CLOSE = 1e-11
 _NONE = np.empty(0)
 
 
 @dataclass(frozen=True)
 class Observations:
-    """What is known of the capacities of one or many draws; weights end in the axis named.
+    """What is known of some capacities.
 
     Attributes
     ----------
     level : ndarray, (n_level,)
         ln im at which runs were made.
-    collapsed, standing : ndarray, (..., n_level)
+    collapsed, standing : ndarray, (n_level)
         Number of runs there with capacity below, above.
     lower, upper : ndarray, (n_bracket,)
         ln im between which a capacity lies.
-    bracketed : ndarray, (..., n_bracket)
+    bracketed : ndarray, (n_bracket)
         Number of capacities there.
     exact : ndarray, (n_exact,)
         ln im of capacities known exactly.
-    seen : ndarray, (..., n_exact)
+    seen : ndarray, (n_exact)
         Number of them.
     """
 
@@ -50,59 +49,25 @@ class Observations:
     exact: FloatArray = field(default_factory=lambda: _NONE)
     seen: FloatArray = field(default_factory=lambda: _NONE)
 
-    def draws(self, chosen: NDArray[np.intp] | NDArray[np.bool_]) -> "Observations":
-        """The same of some draws only, where weights are (n_draw, ...)."""
-        weights = (self.collapsed, self.standing, self.bracketed, self.seen)
-        a, b, c, d = (w[chosen] if w.ndim > 1 else w for w in weights)
-        return Observations(self.level, a, b, self.lower, self.upper, c, self.exact, d)
 
+def likeliest_line(seen: Observations) -> tuple[FloatArray, FloatArray, float]:
+    """Likeliest probit line.
 
-def likeliest_lines(seen: Observations, n_draw: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Likeliest probit line of each draw, all at once.
-
-    Only draws whose likelihood has a maximum may be given; x should be centred and scaled.
+    Only observations whose likelihood has a maximum may be given; x should be centred and scaled.
 
     Returns
     -------
-    (ndarray, ndarray, ndarray)
-        Intercept and slope, (n_draw, 2); observed information in them, (n_draw, 2, 2); the
-        log-likelihood without binomial coefficients, (n_draw,).
+    (ndarray, ndarray, float)
+        Intercept and slope, (2,); observed information in them, (2, 2); the log-likelihood
+        without binomial coefficients.
     """
-    lines = np.tile([0.0, 1.0], (n_draw, 1))
-    value, gradient, information = _terms(seen, lines)
-    active = np.arange(n_draw)
-    for _ in range(_STEPS):
-        step = _solve(information[active], gradient[active])
-        few = seen.draws(active)
-        trial = lines[active] + step
-        terms = _terms(few, trial)
-        allowed = 1e-12 * (1.0 + np.abs(value[active]))
-        for _ in range(60):
-            worse = ~(terms[0] >= value[active] - allowed)
-            if not worse.any():
-                break
-            step[worse] *= 0.5
-            trial[worse] = lines[active[worse]] + step[worse]
-            again = _terms(few.draws(worse), trial[worse])
-            for old, new in zip(terms, again, strict=True):
-                old[worse] = new
-        lines[active] = trial
-        value[active], gradient[active], information[active] = terms
-        moved = np.abs(step) > _CLOSE * (1.0 + np.abs(trial))
-        active = active[moved.any(axis=1)]
-        if not active.size:
-            break
-    return lines, information, value
 
+    def terms(lines: FloatArray, _: NDArray[np.intp]) -> Terms:
+        value, gradient, information = _terms(seen, lines)
+        return np.where(np.isnan(value), np.inf, -value), -gradient, information
 
-def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
-    """Solutions of symmetric 2 x 2 systems, (n, 2); a flat direction is not followed."""
-    a, b, c = matrix[:, 0, 0], matrix[:, 0, 1], matrix[:, 1, 1]
-    determinant = np.maximum(a * c - b * b, 1e-300)
-    return (
-        np.stack([c * right[:, 0] - b * right[:, 1], a * right[:, 1] - b * right[:, 0]], axis=1)
-        / determinant[:, None]
-    )
+    lines, (loss, _, information) = least(terms, np.array([[0.0, 1.0]]))
+    return lines[0], information[0], -float(loss[0])
 
 
 def _terms(seen: Observations, lines: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

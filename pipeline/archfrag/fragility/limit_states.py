@@ -1,7 +1,7 @@
 """Curves of several limit states from the same runs, ordered at every intensity."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,11 +11,13 @@ from scipy.special import log_ndtr, ndtri
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.fragility.fit import fit_stripes
+from archfrag.fragility.newton import Terms, least
+from archfrag.fragility.posterior import fit_posterior
 
 IntArray = NDArray[np.int64]
 
-_ROUNDS = 100
 _FAR = 40.0
+_FLAT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -27,9 +29,10 @@ class LimitState:
     name, meaning : str
         As given.
     fit : Fragility or None
-        Kind ``"stripes"`` if fitted by itself, ``"ordered"`` if together with the others.
+        Kind ``"stripes"`` if fitted by itself, ``"ordered"`` if together with the others,
+        ``"posterior"`` if the state has no likeliest curve.
     none : str
-        Why there is no curve; empty where there is.
+        Why there is no likeliest curve; empty where there is.
     """
 
     name: str
@@ -46,7 +49,7 @@ class LimitStates:
     ----------
     states : tuple of LimitState
     common_beta : bool
-        Whether the curves were fitted together with one beta, because they would have crossed.
+        Whether the curves have one beta, because they would have crossed.
     n_contradictions : int
         Cells in which a state was given as not exceeded though a more severe one was.
     message : str
@@ -67,8 +70,12 @@ def fit_limit_states(
     construction. Curves fitted one by one cross somewhere unless their betas are equal; if two
     cross within the range of the levels, the curves with a fit of their own are replaced by an
     ordered probit model with one beta and a theta each (McCullagh 1980, J. R. Stat. Soc. B 42),
-    fitted to all states at once, in which they cannot cross. Runs count as independent, as in
-    `fit_stripes`.
+    fitted to all states at once, in which they cannot cross; states that no run tells apart have
+    one theta in it. Runs count as independent, as in `fit_stripes`.
+
+    A state whose exceedances are separated in intensity from its other runs has no likeliest
+    curve; it is given the medians of `fit_posterior`. One that all runs exceed, or none, has no
+    curve.
 
     Parameters
     ----------
@@ -105,12 +112,14 @@ def fit_limit_states(
     crossing = _crossing(states, fitted, levels)
     message = "The curves of all limit states are ordered at the levels that were run."
     if crossing:
-        fits = _ordered(np.log(intensity.ravel()), flat[:, fitted])
+        known = [fit for state in states if (fit := state.fit) is not None]
+        fits = _ordered(np.log(intensity.ravel()), flat[:, fitted], known)
         for i, fit in zip(fitted, fits, strict=True):
-            states[i] = LimitState(labels[i], texts[i], fit)
+            none = "" if fit.kind == "ordered" else states[i].none
+            states[i] = replace(states[i], fit=fit, none=none)
         message = (
             f"Fitted one by one, the curves of {crossing} cross within the levels that were "
-            f"run; all are fitted together with one beta of {fits[0].beta:.3g} instead."
+            f"run; all have one beta of {fits[0].beta:.3g} instead."
         )
     return LimitStates(tuple(states), bool(crossing), contradictions, message)
 
@@ -145,12 +154,15 @@ def _single(
     try:
         return LimitState(name, meaning, fit_stripes(levels, collapses, n))
     except FitError as error:
-        return LimitState(
-            name,
-            meaning,
-            None,
-            f"limit state {name!r} has no curve (to collapse means to exceed it): {error}",
-        )
+        none = f"limit state {name!r} has no curve (to collapse means to exceed it): {error}"
+    used, fallen = n > 0, collapses > 0
+    if not fallen.any() or np.array_equal(n, collapses) or np.count_nonzero(used) < 2:
+        return LimitState(name, meaning, None, none)
+    if levels[fallen].min() < levels[collapses < n].max():
+        return LimitState(name, meaning, None, none)
+    fit = fit_posterior(levels, collapses, n).fragility
+    none = none.replace("has no curve", "has no likeliest curve")
+    return LimitState(name, meaning, fit, f"{none}; its curve is the median of the posterior")
 
 
 def _crossing(states: list[LimitState], fitted: list[int], levels: FloatArray) -> str:
@@ -166,8 +178,44 @@ def _crossing(states: list[LimitState], fitted: list[int], levels: FloatArray) -
     return ""
 
 
-def _ordered(x: FloatArray, nested: IntArray) -> list[Fragility]:
-    """Ordered probit with one slope: P(state i exceeded) = Phi(a_i + b (x - centre))."""
+def _ordered(x: FloatArray, nested: IntArray, alone: Sequence[Fragility]) -> list[Fragility]:
+    """Curves with one beta and ordered thetas, of states whose curves `alone` would cross."""
+    group, merged = _told_apart(nested)
+    fits = None
+    # A state with a maximum of its own gives the joint likelihood one.
+    if any(fit.kind == "stripes" for fit in alone):
+        fits = _ordered_probit(x, merged)
+    if fits is None:
+        beta = float(np.sqrt(np.mean([fit.beta**2 for fit in alone])))
+        theta = np.maximum.accumulate([fit.theta for fit in alone])
+        return [replace(f, theta=float(t), beta=beta) for f, t in zip(alone, theta, strict=True)]
+    return [
+        replace(fits[place], n_total=int(np.count_nonzero(nested[:, i] >= 0)))
+        for i, place in enumerate(group)
+    ]
+
+
+def _told_apart(nested: IntArray) -> tuple[list[int], IntArray]:
+    """Group of each state, and the codes of the groups, (n_run, n_group).
+
+    States belong to one group if no run exceeds the milder and spares the more severe one: the
+    likelihood of different thetas has no maximum then.
+    """
+    group, columns = [0], [nested[:, 0]]
+    for codes in nested.T[1:]:
+        if np.any((columns[-1] == 1) & (codes == 0)):
+            columns.append(codes)
+        else:
+            columns[-1] = np.where(columns[-1] < 0, codes, columns[-1])
+        group.append(len(columns) - 1)
+    return group, np.stack(columns, axis=1)
+
+
+def _ordered_probit(x: FloatArray, nested: IntArray) -> list[Fragility] | None:
+    """Ordered probit with one slope: P(state i exceeded) = Phi(a_i + b (x - centre)).
+
+    None if the likeliest slope does not rise.
+    """
     n_state = nested.shape[1]
     used = (nested >= 0).any(axis=1)
     x, nested = x[used], nested[used]
@@ -180,8 +228,16 @@ def _ordered(x: FloatArray, nested: IntArray) -> list[Fragility]:
     fractions = np.clip((nested == 1).mean(axis=0), 0.01, 0.99)
     start = np.append(ndtri(np.maximum.accumulate(fractions[::-1])[::-1]), 1.0)
     start[:-1] -= 1e-3 * np.arange(n_state)
-    p, hessian, loss = _newton(start, u, reached, spared, count)
+
+    def terms(p: FloatArray, _: IntArray) -> Terms:
+        loss, *derivatives = _derivatives(p[0], u, reached, spared, count)
+        return np.array([loss]), derivatives[0][None], derivatives[1][None]
+
+    found, (losses, _, hessians) = least(terms, start[None])
+    p, loss, hessian = found[0], float(losses[0]), hessians[0]
     slope = p[-1]
+    if not (slope > _FLAT and np.isfinite(loss)):
+        return None
     covariance = np.linalg.inv(hessian)
     fits = []
     for i in range(n_state):
@@ -203,28 +259,11 @@ def _ordered(x: FloatArray, nested: IntArray) -> list[Fragility]:
     return fits
 
 
-def _newton(
-    p: FloatArray, u: FloatArray, reached: IntArray, spared: IntArray, count: IntArray
-) -> tuple[FloatArray, FloatArray, float]:
-    """Least loss of the ordered model, which is convex (Pratt 1981, J. Am. Stat. Assoc. 76)."""
-    loss, gradient, hessian = _derivatives(p, u, reached, spared, count)
-    for _ in range(_ROUNDS):
-        step = np.linalg.solve(hessian, gradient)
-        for _halving in range(60):
-            new = _derivatives(p - step, u, reached, spared, count)
-            if new[0] <= loss + 1e-12 * abs(loss):
-                break
-            step = 0.5 * step
-        p, (loss, gradient, hessian) = p - step, new
-        if np.max(np.abs(step)) <= 1e-10 * (1.0 + np.max(np.abs(p))):
-            break
-    return p, hessian, loss
-
-
 def _derivatives(
     p: FloatArray, u: FloatArray, reached: IntArray, spared: IntArray, count: IntArray
 ) -> tuple[float, FloatArray, FloatArray]:
-    """Loss, gradient and Hessian of -sum count ln(Phi(upper) - Phi(lower)).
+    """Loss, gradient and Hessian of -sum count ln(Phi(upper) - Phi(lower)), which is convex
+    (Pratt 1981, J. Am. Stat. Assoc. 76).
 
     A run that reached `reached` states and is known to be spared from state `spared` on lies
     between the two thresholds; where one of them is none, Phi is 1 or 0.

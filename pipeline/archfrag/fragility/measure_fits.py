@@ -8,7 +8,7 @@ from scipy.stats import chi2
 from scipy.stats import t as student
 
 from archfrag.fragility.binomial_lines import binomial_lines, inverse_mills
-from archfrag.fragility.borders import Brackets
+from archfrag.fragility.brackets import Brackets
 from archfrag.fragility.censored_lines import ABOVE, BELOW, OBSERVED, censored_lines
 from archfrag.fragility.curve import FloatArray
 

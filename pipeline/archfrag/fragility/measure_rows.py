@@ -8,7 +8,7 @@ from scipy.special import log_ndtr
 
 from archfrag.errors import InputError
 from archfrag.fragility.binomial_lines import binomial_lines
-from archfrag.fragility.borders import Brackets
+from archfrag.fragility.brackets import Brackets
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray
 from archfrag.fragility.measure_fits import (
@@ -154,11 +154,9 @@ class GridRuns(Compared):
         self.found = found
 
     def capacities(self, members: NDArray[np.int64], keep: NDArray[np.bool_]) -> LogCapacities:
-        found = self.found
-        part = Brackets(
-            found.lower[keep], found.upper[keep], found.contradictions[keep], found.decided[keep]
+        return log_capacities(
+            self.found.rows(keep), self.log_value[members][:, keep], self.exponent[members]
         )
-        return log_capacities(part, self.log_value[members][:, keep], self.exponent[members])
 
     def fit(self, members, keep, covariates):
         if np.count_nonzero(keep) < 2:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.borders import find_brackets
+from archfrag.fragility.brackets import find_brackets
 from archfrag.fragility.curve import FloatArray
 from archfrag.fragility.measure_rows import SIGNIFICANCE, GridRuns, MeasureRow, ScatteredRuns
 from archfrag.fragility.runs import Resampling, event_groups

@@ -6,11 +6,11 @@ The table is in tests/benchmarks/RESULTS.md, section "Coverage of the bands".
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.brackets import Brackets, brackets_of
+from archfrag.fragility.brackets import Brackets, find_brackets
 from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.fragility.intervals import Band
@@ -64,6 +64,7 @@ def quoted_band(
     *,
     confidence: float = 0.9,
     groups: ArrayLike | None = None,
+    unit: str = "event",
 ) -> QuotedBand:
     """Curve of a study with the band and the intervals that its report quotes.
 
@@ -82,15 +83,18 @@ def quoted_band(
     confidence : float
         Between 0 and 1.
     groups : array_like, (n_record,), optional
-        Label of the event of each record. Records of one event are worth fewer, by how alike
-        their capacities are.
+        Label of what rows share, such as the event of each record. Rows of one group are worth
+        fewer, by how alike their capacities are.
+    unit : str
+        What a group is, for the sentence on assumptions.
 
     Raises
     ------
     InputError
         If an argument cannot be.
     FitError
-        If nothing bounds theta from one side; the message says which levels to add.
+        If no run is decided, there is one group only, or nothing bounds theta from one side;
+        the message says which levels to add.
 
     Examples
     --------
@@ -100,42 +104,92 @@ def quoted_band(
     >>> bool(quoted.band.lower < 0.5 < quoted.band.upper), quoted.n_independent
     (True, 4.0)
     """
+    known, n_rows, number, n_islands = quoted_posterior(design, verdict, intensity, groups)
     if design in SAME_RECORDS:
-        found = brackets_of(verdict, intensity, "count" if design == "stripes" else "first")
-        number = float(found.record.size)
-        if groups is not None:
-            number = independent_records(found, groups)
-        known = fit_capacity_posterior(found.lower, found.upper, number)
         method = "posterior of capacities, right Haar prior"
         what = "records and their capacities are independent"
         if groups is not None:
             what = (
-                f"events are independent, their {found.record.size} records worth {number:.3g} "
-                "independent ones by how alike capacities within events are"
+                f"{unit}s are independent, their {n_rows} rows of runs worth "
+                f"{number:.3g} independent ones by how alike capacities within {unit}s are"
             )
-        return _quoted(known, im, confidence, method, what, number, found.n_islands)
-    if design in OWN_MOTIONS:
-        if groups is not None:
-            raise InputError(f"groups are of records, which the design {design!r} does not share")
-        codes, levels = np.asarray(verdict), np.asarray(intensity, dtype=float)
-        if codes.shape != levels.shape:
-            raise InputError(
-                f"verdict has shape {codes.shape}, intensity {levels.shape}; of each run both "
-                "are needed"
-            )
-        count_verdicts(codes.reshape(1, -1))
-        decided = (codes == Verdict.COLLAPSED) | (codes == Verdict.STANDING)
-        fell = (codes[decided] == Verdict.COLLAPSED).astype(float)
-        if not fell.size:
-            raise FitError("no run collapsed or stood, so there is nothing to fit")
-        known = fit_posterior(levels[decided], fell, 1)
+    else:
         method = "posterior of independent runs, Jeffreys prior"
         what = "runs are independent, each with a motion of its own"
-        return _quoted(known, im, confidence, method, what, float(fell.size), 0)
-    raise InputError(
-        f"design is {design!r}; a band is quoted for "
-        + ", ".join(repr(name) for name in SAME_RECORDS + OWN_MOTIONS)
+    return QuotedBand(
+        curve=known.fragility,
+        theta=known.theta_interval(confidence),
+        beta=known.beta_interval(confidence),
+        im=np.asarray(im, dtype=float),
+        band=known.band(im, confidence),
+        method=method,
+        assumptions=f"Capacity is lognormal, and {what}.",
+        n_independent=number,
+        n_islands=n_islands,
     )
+
+
+def quoted_posterior(
+    design: str, verdict: ArrayLike, intensity: ArrayLike, groups: ArrayLike | None = None
+) -> tuple[Posterior, int, float, int]:
+    """What `quoted_band` is made of, also for a design that asks whether it has runs enough.
+
+    Returns
+    -------
+    (Posterior, int, float, int)
+        And the number of records (or runs) that decide, what they are worth, and of islands.
+
+    Raises
+    ------
+    InputError, FitError
+        As `quoted_band`.
+    """
+    if design in SAME_RECORDS:
+        every = find_brackets(verdict, intensity, "count" if design == "stripes" else "first")
+        found = every.known()
+        number = float(found.lower.size)
+        if groups is not None:
+            labels = np.asarray(groups)
+            if labels.shape != every.lower.shape:
+                raise InputError(
+                    f"groups has shape {labels.shape}; one label for each record is needed"
+                )
+            number = independent_records(found, labels[every.decided > 0])
+        posterior = fit_capacity_posterior(found.lower, found.upper, number)
+        return posterior, found.lower.size, number, int(found.contradictions.sum())
+    if design not in OWN_MOTIONS:
+        raise InputError(
+            f"design is {design!r}; a band is quoted for "
+            + ", ".join(repr(name) for name in SAME_RECORDS + OWN_MOTIONS)
+        )
+    if groups is not None:
+        raise InputError(f"groups are of records, which the design {design!r} does not share")
+    codes, levels = np.asarray(verdict), np.asarray(intensity, dtype=float)
+    if codes.shape != levels.shape:
+        raise InputError(
+            f"verdict has shape {codes.shape}, intensity {levels.shape}; of each run both "
+            "are needed"
+        )
+    count_verdicts(codes.reshape(1, -1))
+    decided = (codes == Verdict.COLLAPSED) | (codes == Verdict.STANDING)
+    fell = (codes[decided] == Verdict.COLLAPSED).astype(float)
+    if not fell.size:
+        raise FitError("no run collapsed or stood, so there is nothing to fit")
+    return fit_posterior(levels[decided], fell, 1), fell.size, float(fell.size), 0
+
+
+def shared_events(event: ArrayLike) -> NDArray[np.str_] | None:
+    """Labels of groups from names of earthquakes; a record without one is its own.
+
+    None where no two records share one, or all do: of one earthquake nothing can be said of how
+    earthquakes differ.
+    """
+    names = np.asarray(event).astype(str)
+    known = names[names != ""]
+    if np.unique(known).size == known.size:
+        return None
+    labels = np.where(names == "", [f"record {i}" for i in range(names.size)], names)
+    return labels if np.unique(labels).size > 1 else None
 
 
 def independent_records(found: Brackets, groups: ArrayLike) -> float:
@@ -148,16 +202,16 @@ def independent_records(found: Brackets, groups: ArrayLike) -> float:
 
     Raises
     ------
-    InputError
-        If there is not one label for each record, or only one event.
+    FitError
+        If there is only one event.
     """
-    labels = np.asarray(groups)
-    if labels.ndim != 1 or labels.size <= found.record.max():
-        raise InputError(f"groups has shape {labels.shape}; one label for each record is needed")
-    events, place, size = np.unique(labels[found.record], return_inverse=True, return_counts=True)
+    events, place, size = np.unique(np.asarray(groups), return_inverse=True, return_counts=True)
     n, n_event = place.size, events.size
     if n_event < 2:
-        raise InputError(f"groups holds one event, {events[0]!s}; at least two are needed")
+        raise FitError(
+            f"all records belong to one group, {events[0]!s}; at least two groups are needed to "
+            "tell how far they differ"
+        )
     worth = float((size**2).sum() / n)
     if n == n_event:
         return float(n)
@@ -187,20 +241,3 @@ def _expected_logs(found: Brackets) -> FloatArray:
     mass = np.maximum(ndtr(high) - ndtr(low), 1e-12)
     inside = (np.exp(-0.5 * low**2) - np.exp(-0.5 * high**2)) / (np.sqrt(2.0 * np.pi) * mass)
     return np.clip(inside, low, high)
-
-
-def _quoted(
-    known: Posterior, im: ArrayLike, confidence: float, method: str, what: str, n: float,
-    n_islands: int,
-) -> QuotedBand:  # fmt: skip
-    return QuotedBand(
-        curve=known.fragility,
-        theta=known.theta_interval(confidence),
-        beta=known.beta_interval(confidence),
-        im=np.asarray(im, dtype=float),
-        band=known.band(im, confidence),
-        method=method,
-        assumptions=f"Capacity is lognormal, and {what}.",
-        n_independent=n,
-        n_islands=n_islands,
-    )

@@ -14,6 +14,7 @@ from scipy.special import log_ndtr, ndtr
 from archfrag.errors import InputError
 from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.fragility.hazard_curve import HazardCurve
+from archfrag.fragility.intervals import check_confidence
 
 __all__ = ["CollapseRate", "TabulatedCurve", "collapse_rate", "rate_by_level"]
 
@@ -155,8 +156,7 @@ def collapse_rate(
     >>> round(float(found.rate / (1e-4 * 0.5**-2.5 * np.exp(0.5))), 12)
     1.0
     """
-    if not 0.0 < confidence < 1.0:
-        raise InputError(f"confidence is {confidence:g}; it lies between 0 and 1, such as 0.9")
+    check_confidence(confidence)
     parts = rate_by_level(hazard, curve, hazard.im[[0, -1]])
     rate = float(parts.sum())
     lower = upper = np.nan

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray
+from archfrag.fragility.intervals import check_confidence, tails
 
 IntArray = NDArray[np.int64]
 
@@ -38,10 +39,7 @@ class Resampling:
             raise InputError(
                 f"resamples is {self.resamples}; at least 100 are needed for quantiles"
             )
-        if not 0.0 < self.confidence < 1.0:
-            raise InputError(
-                f"confidence is {self.confidence:g}; it lies between 0 and 1, such as 0.9"
-            )
+        check_confidence(self.confidence)
 
     @property
     def generator(self) -> np.random.Generator:
@@ -51,7 +49,7 @@ class Resampling:
     @property
     def tails(self) -> list[float]:
         """Lower and upper quantile of the interval."""
-        return [0.5 - 0.5 * self.confidence, 0.5 + 0.5 * self.confidence]
+        return tails(self.confidence)
 
     def multiplicities(self, n_group: int) -> IntArray:
         """How often each group is drawn in each resample, (resamples, n_group)."""
@@ -124,7 +122,7 @@ def gather_runs(
     neighbours, each at its geometric mean.
 
     A design that chooses its runs by what the earlier ones did (`ida`) leaves out cells that are
-    decided in all but name; fill them before (`archfrag.fragility.borders.fill_verdicts`), or
+    decided in all but name; fill them before (`archfrag.fragility.brackets.fill_verdicts`), or
     the collapses that remain are a biased choice.
 
     Parameters

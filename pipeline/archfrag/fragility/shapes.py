@@ -8,9 +8,9 @@ from scipy.optimize import isotonic_regression
 from scipy.special import ndtr
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.bands import Band
 from archfrag.fragility.binomial_lines import binomial_lines
 from archfrag.fragility.curve import FloatArray, log_intensity
+from archfrag.fragility.intervals import Band, tails
 from archfrag.fragility.runs import Resampling, Runs
 
 _FOLDS = 5
@@ -73,13 +73,12 @@ class FreeCurve:
             If an intensity is negative or not a number.
         """
         x, nodes = log_intensity(im), np.log(self.im)
-        tails = [0.5 - 0.5 * self.confidence, 0.5 + 0.5 * self.confidence]
         place = np.clip(np.searchsorted(nodes, x.ravel()), 1, len(nodes) - 1)
         part = (np.clip(x.ravel(), nodes[0], nodes[-1]) - nodes[place - 1]) / (
             nodes[place] - nodes[place - 1]
         )
         curves = self._draws[:, place - 1] * (1.0 - part) + self._draws[:, place] * part
-        lower, upper = np.quantile(curves, tails, axis=0)
+        lower, upper = np.quantile(curves, tails(self.confidence), axis=0)
         return Band(lower.reshape(x.shape), upper.reshape(x.shape), self.confidence)
 
 

@@ -9,13 +9,12 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.borders import fill_verdicts, find_brackets
-from archfrag.fragility.brackets import brackets_of
+from archfrag.fragility.brackets import fill_verdicts, find_brackets
 from archfrag.fragility.capacities import fit_brackets
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.fragility.fit import fit_stripes
-from archfrag.fragility.quoted import quoted_band
+from archfrag.fragility.quoted import quoted_band, shared_events
 from archfrag.study.design import GRIDS
 
 POINTS = 120  # of a band
@@ -38,6 +37,8 @@ class Runs:
         On the record.
     group : ndarray of str, (n_record,), or None
         What rows share: an earthquake, or for a class the record.
+    unit : str
+        Which of the two.
     """
 
     name: str
@@ -46,6 +47,7 @@ class Runs:
     level: FloatArray
     factor: FloatArray
     group: NDArray[np.str_] | None = None
+    unit: str = "event"
 
     @property
     def decided(self) -> NDArray[np.bool_]:
@@ -138,10 +140,7 @@ def runs_of_cube(cube: xr.Dataset) -> list[Runs]:
     """Runs of each arch of a cube."""
     design = str(cube.attrs["archfrag_design_kind"])
     verdict = cube["verdict"].transpose("arch", "record", "level").values.astype(np.int64)
-    event = cube["event"].values.astype(str)
-    # Of one earthquake alone nothing can be said of how earthquakes differ; a caution says so.
-    shared = 1 < np.unique(event[event != ""]).size < np.count_nonzero(event != "")
-    named = np.where(event == "", [f"record {i}" for i in range(event.size)], event)
+    group = shared_events(cube["event"].values)
     found = []
     for i, name in enumerate(cube["arch"].values.astype(str)):
         one = cube.isel(arch=i)
@@ -151,7 +150,7 @@ def runs_of_cube(cube: xr.Dataset) -> list[Runs]:
             level = level[rows]
         found.append(
             Runs(str(name), design, verdict[i][rows], level, factor[rows],
-                 named[rows] if shared else None)
+                 None if group is None else group[rows])
         )  # fmt: skip
     return found
 
@@ -166,14 +165,14 @@ def classes_of_cube(cube: xr.Dataset, runs: Sequence[Runs]) -> dict[str, Runs]:
         members = np.flatnonzero(names == name)
         if members.size < 2:
             continue
-        own = [runs[i] for i in members]
+        own = [runs[int(i)] for i in members]
         group = [record[(verdict[i] != Verdict.NOT_SIMULATED).any(axis=1)] for i in members]
         level = own[0].level
         if level.ndim == 2:
             level = np.concatenate([each.level for each in own])
         found[name] = Runs(
             name, own[0].design, np.concatenate([each.verdict for each in own]), level,
-            np.concatenate([each.factor for each in own]), np.concatenate(group),
+            np.concatenate([each.factor for each in own]), np.concatenate(group), "record",
         )  # fmt: skip
     return found
 
@@ -189,7 +188,7 @@ def answer(runs: Runs, confidence: float) -> Answer:
         if runs.design in GRIDS:
             quoted = quoted_band(
                 runs.design, runs.verdict, runs.level, im, confidence=confidence,
-                groups=runs.group,
+                groups=runs.group, unit=runs.unit,
             )  # fmt: skip
         else:
             decided = runs.decided
@@ -223,7 +222,7 @@ def likeliest(runs: Runs) -> Fragility:
         If the likelihood has no maximum.
     """
     if runs.design in ("ida", "two_stage"):
-        found = brackets_of(runs.verdict, runs.level, "first")
+        found = find_brackets(runs.verdict, runs.level, "first").known()
         return fit_brackets(found.lower, found.upper)
     decided = runs.decided
     level = np.broadcast_to(runs.level, runs.verdict.shape)[decided]
@@ -331,7 +330,7 @@ def limit_states(cube: xr.Dataset, runs: Runs, keys: Mapping[str, float]) -> dic
     return {
         "message": found.message,
         "states": [
-            {"name": each.name, "meaning": each.meaning,
+            {"name": each.name, "meaning": each.meaning, "note": each.none,
              "curve": curve_to_dict(each.fit or each.none)} for each in found.states
         ],
     }  # fmt: skip

@@ -15,7 +15,7 @@ class Precision(Section):
     """Rounds of runs are made until the median is known this well."""
 
     theta: Annotated[float, Field(ge=0.005, le=1.0)] = 0.05
-    """Half the width of the interval of ln(median): 0.05 is 5 %."""
+    """How far the interval of ln(median) may reach to either side: 0.05 is 5 %."""
     confidence: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.9
     """Of the interval, two-sided."""
     runs: Annotated[int, Field(ge=10, le=10**6)] = 500

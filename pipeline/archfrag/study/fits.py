@@ -92,7 +92,7 @@ def fit_cube(study: Study) -> dict[str, Answer]:
 
 
 def null(value: Any) -> Any:
-    """The value with None in the place of numbers that are not finite, which JSON does not know."""
+    """The value with None in the place of numbers that are not finite: JSON has none."""
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, dict):

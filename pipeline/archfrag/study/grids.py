@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import entr, ndtr
 
 from archfrag.fragility.counts import Verdict
-from archfrag.study.design import Ida, Precision, TwoStage
-from archfrag.study.precision import half_width, more_needed
+from archfrag.study.design import Ida, TwoStage
+from archfrag.study.precision import LEAST_RECORDS, Stop, known_so_far, more_needed
 from archfrag.study.rounds import COARSE, FINE, Cases, Strand, Verdicts, cases_of
 
 FIRST_RECORDS = 10  # searched without knowing what others have shown
@@ -36,12 +36,15 @@ class Grid:
         [SI]
     measures : ndarray, (n_record, n_measure)
         Logarithms of other intensity measures of the records where the study's own is 1.
+    groups : ndarray, (n_record,), or None
+        Labels of the records' earthquakes, where several share one.
     """
 
     arch: int
     records: NDArray[np.int64]
     levels: FloatArray
     measures: FloatArray
+    groups: NDArray[np.str_] | None = None
 
     def cases(self, rows: ArrayLike, places: ArrayLike, stage: int = FINE) -> Cases:
         """Runs of some rows at some levels."""
@@ -81,28 +84,29 @@ class Borders:
         self.seen = np.full((n_record, n_level), int(Verdict.NOT_SIMULATED), np.int8)
         self.expected = np.full((n_record, n_level + 1), 1.0 / (n_level + 1))
 
-    def expect(self, rows: Sequence[int], median: FloatArray, deviation: float) -> None:
+    def expect(self, rows: ArrayLike, median: FloatArray, deviation: float) -> None:
         """Expect ln capacities of some rows to be normal about `median`."""
         ends = np.concatenate([[-np.inf], np.log(self.grid.levels), [np.inf]])
         reach = max(deviation, LEAST_DEVIATION)
         mass = np.diff(ndtr((ends - median[:, None]) / reach), axis=1) + LEAST_PRIOR
         self.expected[np.asarray(rows)] = mass / mass.sum(axis=1, keepdims=True)
 
-    def next_places(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    def next_places(self, rows: ArrayLike) -> NDArray[np.int64]:
         """Level to try next for each of some rows, -1 where nothing is left to try.
 
         The one that tells most for its cost: the entropy of its verdict over the cost expected.
         Levels where a run had no verdict are not tried again.
         """
+        row = np.asarray(rows)
         place = np.arange(self.grid.levels.size)
-        low, high = self.low[rows, None], self.high[rows, None]
+        low, high = self.low[row, None], self.high[row, None]
         within = (np.arange(place.size + 1) > low) & (np.arange(place.size + 1) <= high)
-        mass = np.where(within, self.expected[rows], 0.0)
+        mass = np.where(within, self.expected[row], 0.0)
         below = np.cumsum(mass, axis=1)
         collapse = below[:, :-1] / below[:, -1:]
         cost = collapse + COST_OF_STANDING * (1.0 - collapse)
         gain = (entr(collapse) + entr(1.0 - collapse)) / cost
-        free = (place > low) & (place < high) & (self.seen[rows] == Verdict.NOT_SIMULATED)
+        free = (place > low) & (place < high) & (self.seen[row] == Verdict.NOT_SIMULATED)
         best = np.where(free, gain, -1.0).argmax(axis=1)
         return np.where(free.any(axis=1), best, -1)
 
@@ -113,11 +117,6 @@ class Borders:
         np.minimum.at(self.high, rows[fell], places[fell])
         np.maximum.at(self.low, rows[stood], places[stood])
 
-    def brackets(self) -> FloatArray:
-        """Between which levels the capacity of each record lies, (n_record, 2); 0 and inf."""
-        ends = np.concatenate([[0.0], self.grid.levels, [np.inf]])
-        return np.stack([ends[self.low + 1], ends[self.high + 1]], axis=1)
-
     def middles(self) -> FloatArray:
         """ln of the middle of each bracket, half a level beyond the ends, (n_record,)."""
         logs = np.log(self.grid.levels)
@@ -126,15 +125,15 @@ class Borders:
         return 0.5 * (ends[self.low + 1] + ends[self.high + 1])
 
 
-def search(borders: Borders, among: Sequence[int], stage: int) -> Generator[Cases, Verdicts, None]:
+def search(borders: Borders, rows: ArrayLike, stage: int) -> Generator[Cases, Verdicts, None]:
     """Narrow the brackets of some rows until neighbouring levels are left."""
-    rows = np.asarray(among, dtype=np.int64)
-    while rows.size:
-        places = borders.next_places(rows)
-        rows, places = rows[places >= 0], places[places >= 0]
-        if rows.size:
-            verdicts = yield borders.grid.cases(rows, places, stage)
-            borders.take(rows, places, verdicts)
+    left = np.asarray(rows, dtype=np.int64)
+    while left.size:
+        places = borders.next_places(left)
+        left, places = left[places >= 0], places[places >= 0]
+        if left.size:
+            verdicts = yield borders.grid.cases(left, places, stage)
+            borders.take(left, places, verdicts)
 
 
 def expected_by_measures(borders: Borders, known: range, rows: range) -> tuple[FloatArray, float]:
@@ -178,7 +177,7 @@ def ida(grid: Grid, design: Ida) -> Strand:
     runs = {FINE: 0, COARSE: 0}
     n_record, done, used = grid.records.size, 0, 0
     used = min(FIRST_RECORDS, n_record)
-    note: dict[str, Any] = {}
+    stop = None if design.precision is None else Stop(design.precision)
     while True:
         rows = range(done, used)
         if isinstance(design, TwoStage):
@@ -193,15 +192,12 @@ def ida(grid: Grid, design: Ida) -> Strand:
                 fine.expect(rows, *expected_by_measures(fine, range(done), rows))
         yield from _counted(search(fine, decided, FINE), runs)
         done = used
-        if design.precision is None:
-            used = n_record
-        else:
-            used, note = _more_records(design.precision, fine, runs[FINE], done)
+        used = n_record if stop is None else _more_records(stop, design, fine, runs[FINE], done)
         if used == done:
             break
     cells = _cells_to_check(fine, design, _decided(design, range(done)))
     found = yield from _counted(_check(fine, cells), runs)
-    note |= {"runs": runs[FINE], "records": done, **found}
+    note = {"runs": runs[FINE], "records": done, **found} | ({} if stop is None else stop.note)
     return note | ({"coarse_runs": runs[COARSE]} if isinstance(design, TwoStage) else {})
 
 
@@ -249,25 +245,21 @@ def _check(
     return {"checked": int((fell | stood).sum()), "contradictions": int(against.sum())}
 
 
-def _more_records(
-    wanted: Precision, borders: Borders, runs: int, done: int
-) -> tuple[int, dict[str, Any]]:
-    """Records to use next, and what is to be said if there are to be no more."""
-    width = half_width(borders.brackets()[:done], wanted.confidence)
-    note: dict[str, Any] = {"half_width": width, "reached": bool(width <= wanted.theta)}
-    if note["reached"]:
-        return done, note
+def _more_records(stop: Stop, design: Ida, borders: Borders, runs: int, done: int) -> int:
+    """Records to use next; as many as before if there are to be no more."""
+    wanted, grid = stop.wanted, borders.grid
+    groups = None if grid.groups is None else grid.groups[:done]
+    seen = borders.seen[:done]
+    width = known_so_far(design.kind, seen, grid.levels, wanted.confidence, groups).half_width
+    if stop.look(width, done, LEAST_RECORDS):
+        return done
     allowed = int((wanted.runs - runs) * done / max(runs, 1))
-    available = borders.grid.records.size - done
+    available = grid.records.size - done
     more = min(more_needed(width, wanted.theta, done), allowed, available)
     if more > 0:
-        return done + more, note
-    note["why"] = (
-        f"there are no more than {done} records"
-        if available <= 0
-        else f"{wanted.runs} runs do not suffice"
-    )
-    return done, note
+        return done + more
+    stop.end(f"there are no more than {done} records" if available <= 0 else "")
+    return done
 
 
 def _counted(

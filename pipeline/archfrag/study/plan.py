@@ -14,6 +14,7 @@ from pydantic import TypeAdapter
 
 from archfrag import __version__
 from archfrag.errors import InputError
+from archfrag.fragility.quoted import shared_events
 from archfrag.kernel_cache import kernel_hash
 from archfrag.study.config import Study
 from archfrag.study.design import Cloud, Design, Ida, Scattered
@@ -166,7 +167,9 @@ class Plan:
             elif arch % batches != batch:
                 continue
             elif isinstance(design, Ida):
-                yield arch, ida(Grid(arch, records, levels, measures[records]), design)
+                groups = shared_events([self.records[i].event for i in records])
+                grid = Grid(arch, records, levels, measures[records], groups)
+                yield arch, ida(grid, design)
             elif isinstance(design, Scattered):
                 yield arch, scattered(arch, records, self.levels, design)
             elif isinstance(design, Cloud):

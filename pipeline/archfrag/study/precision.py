@@ -1,26 +1,87 @@
 """How well the median is known, and how many more runs would make it known well enough."""
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import log_ndtr, stdtrit
+from numpy.typing import ArrayLike
+
+from archfrag.errors import FitError
+from archfrag.fragility.quoted import quoted_posterior
 
 if TYPE_CHECKING:
     from archfrag.study.design import Precision
 
 MOST_AT_ONCE = 2.0  # factor by which runs are added at most
 MARGIN = 1.1  # on the runs that the present width suggests
+# A design that looks after each round stops too soon where its runs happen to scatter little.
+LEAST_RECORDS = 20
+LOOKS_IN_A_ROW = 2
+BETWEEN_LOOKS = 0.05  # of the runs so far are added at least, so that a second look is one
 
 
-def half_width(brackets: NDArray[np.float64], confidence: float) -> float:
-    """Half the width of the interval of ln(median) from brackets of capacities, (n, 2)."""
-    inside = brackets[(brackets[:, 0] > 0.0) & np.isfinite(brackets[:, 1])]
-    if len(inside) < 3:
-        return float("inf")
-    logs = np.log(inside).mean(axis=1)
-    quantile = stdtrit(len(logs) - 1, 0.5 + 0.5 * confidence)
-    return float(quantile * logs.std(ddof=1) / np.sqrt(len(logs)))
+@dataclass(frozen=True)
+class Known:
+    """Curve so far.
+
+    Attributes
+    ----------
+    log_median, beta : float
+        Posterior medians; nan if there is no curve yet.
+    half_width : float
+        The farther end of the interval of ln(median) is this far from it; inf if there is none.
+    """
+
+    log_median: float = np.nan
+    beta: float = np.nan
+    half_width: float = np.inf
+
+
+def known_so_far(
+    design: str,
+    verdict: ArrayLike,
+    level: ArrayLike,
+    confidence: float = 0.9,
+    groups: ArrayLike | None = None,
+) -> Known:
+    """Curve of the runs made, by the posterior from which a report quotes its band.
+
+    Arguments are those of `archfrag.fragility.quoted.quoted_posterior`.
+    """
+    try:
+        known = quoted_posterior(design, verdict, level, groups)[0]
+    except FitError:
+        return Known()
+    middle = float(np.log(known.fragility.theta))
+    low, high = np.log(known.theta_interval(confidence))
+    return Known(middle, known.fragility.beta, float(max(middle - low, high - middle)))
+
+
+class Stop:
+    """Whether there are runs enough, asked after each round.
+
+    A design stops when the interval is narrow enough in two rounds in a row.
+    """
+
+    def __init__(self, wanted: "Precision") -> None:
+        self.wanted = wanted
+        self.met = 0
+        self.note: dict[str, Any] = {}
+
+    def look(self, half_width: float, done: int, least: int) -> bool:
+        """Note the width after `done` records or runs, of which `least` are needed."""
+        narrow = half_width <= self.wanted.theta and done >= least
+        self.met = self.met + 1 if narrow else 0
+        reached = self.met >= LOOKS_IN_A_ROW
+        self.note = {"half_width": half_width, "reached": reached}
+        return reached
+
+    def end(self, why: str) -> None:
+        """Note that there are to be no more runs, and why if not for their number."""
+        if self.note["half_width"] <= self.wanted.theta:
+            self.note["reached"] = True
+        else:
+            self.note["why"] = why or f"{self.wanted.runs} runs do not suffice"
 
 
 def more_needed(width: float, wanted: float, done: int) -> int:
@@ -28,20 +89,5 @@ def more_needed(width: float, wanted: float, done: int) -> int:
     if not np.isfinite(width):
         return done
     needed = MARGIN * done * (width / wanted) ** 2
-    return max(1, int(np.ceil(min(needed, MOST_AT_ONCE * done))) - done)
-
-
-def probit_estimate(
-    levels: NDArray[np.float64], fell: NDArray[np.bool_], precision: "Precision | None"
-) -> tuple[float, float, float]:
-    """ln(median), dispersion and half the width of the interval of ln(median) from single runs."""
-    mean = np.linspace(np.log(levels.min()) - 1.0, np.log(levels.max()) + 1.0, 121)
-    beta = np.geomspace(0.05, 3.0, 61)
-    z = (np.log(levels) - mean[:, None, None]) / beta[:, None]
-    loss = np.where(fell, log_ndtr(z), log_ndtr(-z)).sum(axis=2)
-    weight = np.exp(loss - loss.max()) / beta
-    weight /= weight.sum()
-    along = weight.sum(axis=1)
-    confidence = 0.9 if precision is None else precision.confidence
-    tails = np.interp([0.5 - confidence / 2, 0.5, 0.5 + confidence / 2], np.cumsum(along), mean)
-    return float(tails[1]), float(weight.sum(axis=0) @ beta), float(tails[2] - tails[0]) / 2
+    needed = min(max(needed, (1.0 + BETWEEN_LOOKS) * done), MOST_AT_ONCE * done)
+    return int(np.ceil(needed)) - done

@@ -1,15 +1,13 @@
 """Designs in which each motion is used once: levels placed where they tell most, and the cloud."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from archfrag.fragility.counts import Verdict
 from archfrag.study.design import Scattered
-from archfrag.study.precision import more_needed, probit_estimate
+from archfrag.study.precision import Known, Stop, known_so_far, more_needed
 from archfrag.study.rounds import Strand, cases_of
 
 BEYOND = 3.0  # times the highest, or below the lowest, of the study's levels that a run may go
@@ -18,7 +16,7 @@ FloatArray = NDArray[np.float64]
 
 
 def scattered(
-    arch: int, records: NDArray[np.int64], levels: Sequence[float], design: Scattered
+    arch: int, records: NDArray[np.int64], levels: FloatArray, design: Scattered
 ) -> Strand:
     """A pilot over the range of the levels, then runs near the wanted probabilities.
 
@@ -29,7 +27,7 @@ def scattered(
     ----------
     arch : int
     records : ndarray of int, (n_record,)
-    levels : sequence of float
+    levels : ndarray, (n_level,)
         Whose ends are those of the pilot [SI].
     design : Scattered
     """
@@ -40,33 +38,40 @@ def scattered(
     level = _pilot_levels(pilot, ends, [design.seed, arch])
     verdict = np.empty(0, np.int8)
     tried = np.empty(0)
-    note: dict[str, Any] = {}
+    stop = None if design.precision is None else Stop(design.precision)
     while level.size:
         place = np.arange(tried.size, tried.size + level.size)
         found = yield cases_of(arch, records[place], np.zeros(place.size, int), level)
         tried, verdict = np.concatenate([tried, level]), np.concatenate([verdict, found])
-        decided = (verdict == Verdict.COLLAPSED) | (verdict == Verdict.STANDING)
-        # Where no run decides yet, as after nothing but failures, the whole range is as likely.
-        centre, deviation, width = float(ends.mean()), float(np.ptp(ends)) / 2, float("inf")
-        if decided.any():
-            centre, deviation, width = probit_estimate(
-                tried[decided], verdict[decided] == Verdict.COLLAPSED, design.precision
-            )
+        confidence = 0.9 if stop is None else stop.wanted.confidence
+        known = known_so_far("scattered", verdict, tried, confidence)
         more = min(design.round, most - tried.size)
-        if design.precision is not None:
-            note = {"half_width": width, "reached": bool(width <= design.precision.theta)}
-            more = 0 if note["reached"] else more
-            if more and design.round < more_needed(width, design.precision.theta, tried.size):
-                more = min(2 * design.round, most - tried.size)
-            if not more and not note["reached"]:
-                note["why"] = (
-                    f"there are no more than {len(records)} records"
-                    if tried.size >= len(records)
-                    else f"{most} runs do not suffice"
-                )
-        aims = ndtri(np.resize(design.targets, more)) * deviation + centre
-        level = np.exp(np.clip(aims, ends[0] - np.log(BEYOND), ends[1] + np.log(BEYOND)))
-    return {"runs": int(tried.size), "records": int(tried.size), **note}
+        if stop is not None:
+            more = _more_runs(stop, known.half_width, tried.size, design.round, most)
+            if not more and not stop.note["reached"]:
+                none_left = tried.size >= len(records)
+                stop.end(f"there are no more than {len(records)} records" if none_left else "")
+        level = _levels_at(design.targets, more, known, ends)
+    note = {"runs": int(tried.size), "records": int(tried.size)}
+    return note | ({} if stop is None else stop.note)
+
+
+def _more_runs(stop: Stop, width: float, done: int, at_once: int, most: int) -> int:
+    """Runs to make next: one round, or two where many are needed."""
+    if stop.look(width, done, 0):
+        return 0
+    far = more_needed(width, stop.wanted.theta, done) > at_once
+    return min(2 * at_once if far else at_once, most - done)
+
+
+def _levels_at(targets: Sequence[float], count: int, known: Known, ends: FloatArray) -> FloatArray:
+    """Levels where the curve has the wanted probabilities, (count,)."""
+    centre, beta = known.log_median, known.beta
+    if not np.isfinite(centre):
+        centre, beta = ends.mean(), 0.25 * (ends[1] - ends[0])
+    aims = ndtri(np.resize(targets, count)) * beta + centre
+    # Last digits, which differ between machines, would make other runs of the same study.
+    return np.exp(np.round(np.clip(aims, ends[0] - np.log(BEYOND), ends[1] + np.log(BEYOND)), 6))
 
 
 def _pilot_levels(count: int, ends: FloatArray, seed: list[int]) -> FloatArray:
