@@ -19,7 +19,7 @@ from tests.study.small import ROOT, TEXT, small_study, write_at2
 ARCH = ["--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoirs", "7",
         "--friction", "0.7"]  # fmt: skip
 COMMANDS = ("onset", "simulate", "records", "validate", "warmup", "run", "motions", "batch",
-            "cube", "fit", "report", "export", "evidence")  # fmt: skip
+            "cube", "fit", "report", "export", "risk", "evidence")  # fmt: skip
 
 
 def call(*arguments):

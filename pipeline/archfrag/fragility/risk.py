@@ -15,9 +15,11 @@ from archfrag.errors import InputError
 from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.fragility.hazard_curve import HazardCurve
 
-__all__ = ["CollapseRate", "TabulatedCurve", "collapse_rate", "parameter_draws", "rate_by_level"]
+__all__ = ["CollapseRate", "TabulatedCurve", "collapse_rate", "rate_by_level"]
 
-DRAWS = 4000
+# A steep first slope of the hazard and a wide curve overflow; such a rate stays finite, and all
+# of it is seen to be from below the hazard curve.
+_LARGEST_LOG = 600.0
 
 
 @dataclass(frozen=True)
@@ -128,8 +130,8 @@ def collapse_rate(
         Intensity in the unit of the curve.
     curve : Fragility or TabulatedCurve
     draws : (array_like, array_like), each (n_draw,), optional
-        theta and beta as uncertain as they are, from `parameter_draws` or a bootstrap; the band
-        runs between the quantiles of their rates.
+        theta and beta as uncertain as they are, from
+        `archfrag.fragility.parameters.parameter_draws` or a bootstrap; the band runs between the quantiles of their rates.
     confidence : float
         Two-sided, between 0 and 1.
 
@@ -144,11 +146,12 @@ def collapse_rate(
 
     >>> import numpy as np
     >>> from archfrag.fragility.curve import Fragility
-    >>> from archfrag.fragility.risk import HazardCurve, collapse_rate
+    >>> from archfrag.fragility.hazard_curve import HazardCurve
+    >>> from archfrag.fragility.risk import collapse_rate
     >>> im = np.array([0.1, 0.3, 1.0])
     >>> fit = Fragility(0.5, 0.4, np.eye(2), 0.0, 1, 1, "ida")
     >>> found = collapse_rate(HazardCurve(im, 1e-4 * im**-2.5), fit)
-    >>> round(found.rate / (1e-4 * 0.5**-2.5 * np.exp(0.5)), 12)
+    >>> round(float(found.rate / (1e-4 * 0.5**-2.5 * np.exp(0.5))), 12)
     1.0
     """
     if not 0.0 < confidence < 1.0:
@@ -201,56 +204,6 @@ def rate_by_level(
     return np.bincount(level, weights=rates, minlength=edges.size + 1).astype(float)
 
 
-def parameter_draws(
-    fit: Fragility, seed: int, n_record: int | None = None, draws: int = DRAWS
-) -> tuple[FloatArray, FloatArray]:
-    """theta and beta as uncertain as the data leave them.
-
-    Where the data are the capacities of n records, or n records serve at all levels (which tell
-    no more than their n capacities do): from the distributions of mean and variance of a normal
-    sample, (n - 1) s^2 / sigma^2 being chi-squared and the mean normal about the true one by
-    sigma / sqrt(n) (the reference posterior; Box and Tiao 1973, section 2.4). Otherwise (ln theta,
-    ln beta) are normal with the covariance of the fit, as they also are where that is the wider
-    one, for instance as the levels end below the median.
-
-    Parameters
-    ----------
-    fit : Fragility
-    seed : int
-        Of numpy's default generator.
-    n_record : int, optional
-        Records that served at all levels; None if every run had a record of its own.
-    draws : int
-
-    Returns
-    -------
-    (ndarray, ndarray), each (draws,)
-
-    Raises
-    ------
-    InputError
-        If the covariance is not finite.
-    """
-    generator = np.random.default_rng(seed)
-    count = fit.n_total if fit.kind == "ida" else n_record
-    variances = np.diag(fit.covariance)
-    if count is not None and count > 1:
-        of_sample = fit.beta**2 * np.array([1.0 / count, 0.5 / (count - 1)])
-        if fit.kind == "ida" or np.all(variances <= of_sample):
-            beta = fit.beta * np.sqrt((count - 1) / generator.chisquare(count - 1, draws))
-            noise = generator.standard_normal(draws) / np.sqrt(count)
-            return fit.theta * np.exp(beta * noise), beta
-        scale = np.sqrt(np.maximum(of_sample / variances, 1.0))
-    else:
-        scale = np.ones(2)
-    jacobian = np.diag(scale / np.array([1.0, fit.beta]))
-    covariance = jacobian @ fit.covariance @ jacobian.T
-    if not np.isfinite(covariance).all():
-        raise InputError("the fit's covariance is not finite, so its rate has no band")
-    shift = generator.multivariate_normal(np.zeros(2), covariance, draws, method="eigh")
-    return fit.theta * np.exp(shift[:, 0]), fit.beta * np.exp(shift[:, 1])
-
-
 @dataclass(frozen=True)
 class _Pieces:
     """Where the hazard is one power: ln im from `left` to `right`, all arrays (n_piece,)."""
@@ -299,7 +252,8 @@ def _lognormal(pieces: _Pieces, log_theta: FloatArray, beta: FloatArray) -> Floa
     k = pieces.slope
     a, b = (pieces.left - log_theta) / beta, (pieces.right - log_theta) / beta
     log_centre = pieces.log_rate - k * (log_theta - pieces.anchor) + 0.5 * (k * beta) ** 2
-    moved = np.exp(log_centre + _log_difference(a + k * beta, b + k * beta))
+    log_moved = log_centre + _log_difference(a + k * beta, b + k * beta)
+    moved = np.exp(np.minimum(log_moved, _LARGEST_LOG))
     lower = np.where(np.isneginf(pieces.left), 0.0, ndtr(a) * _finite_rate(pieces, pieces.left))
     upper = np.where(np.isposinf(pieces.right), 0.0, ndtr(b) * _finite_rate(pieces, pieces.right))
     # A piece without a fall of the rate has no motions; elsewhere rounding must not go below 0.

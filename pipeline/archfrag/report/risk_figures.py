@@ -17,7 +17,7 @@ from archfrag.study.risk import OTHER, ArchRisk
 
 _LOOKS = (
     (canvas.BLUE, ""), (canvas.ORANGE, "////"), (canvas.GREEN, "...."), (canvas.PURPLE, "xxxx"),
-    (canvas.SKY, "\\\\\\\\"), (canvas.VERMILION, "----"), (canvas.INK, ""), (canvas.ORANGE, ""),
+    (canvas.SKY, "\\\\\\\\"), (canvas.VERMILION, "----"), (canvas.INK, ""), ("#8c6d31", ""),
 )  # fmt: skip
 _REACH = 1e-4  # of the greatest density of the rate, where the axis ends
 
@@ -52,6 +52,7 @@ def hazard_and_fragility(
         seen = (points >= im[0]) & (points <= im[-1])
         top.plot(points[seen] * scale.factor, hazard.main.rate[seen], "o", color=canvas.BLUE, ms=3)
         top.set_ylabel("exceeded [1/year]")
+        _rate_ticks(top)
         if len(hazard.curves) > 1:
             legend_above(top)
         middle.plot(im * scale.factor, arch.fit.probability(im), color=canvas.VERMILION)
@@ -59,6 +60,7 @@ def hazard_and_fragility(
         bottom.fill_between(im * scale.factor, density, color=canvas.SKY, alpha=0.5, lw=0.0)
         bottom.plot(im * scale.factor, density, color=canvas.BLUE)
         bottom.set(ylabel="rate per ln im\n[1/year]", xlabel=scale.label, ylim=(0.0, None))
+        _rate_ticks(bottom)
         _plain_ticks(bottom)
         for axes in (top, middle, bottom):
             for end in (points[0], points[-1]):
@@ -136,6 +138,12 @@ def _density(arch: ArchRisk, hazard: Hazard, im: FloatArray) -> FloatArray:
     return arch.fit.probability(im) * slope * curve.rate_at(im)
 
 
+def _rate_ticks(axes: Axes) -> None:
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.2g}"))
+    if axes.get_yscale() == "log":
+        axes.yaxis.set_minor_formatter(NullFormatter())
+
+
 def _plain_ticks(axes: Axes) -> None:
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
@@ -163,7 +171,8 @@ def _stack(axes: Axes, arch: ArchRisk, scale: Scale) -> None:
     axes.set_xticks(place[::step], [digits(level * scale.factor) for level in arch.levels[::step]])
     axes.set(xlabel=scale.label, ylabel="rate of collapse [1/year]")
     axes.set_title("by level and mechanism")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), borderaxespad=0.0, ncols=2)
+    _rate_ticks(axes)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.24), borderaxespad=0.0, ncols=2)
     faint_grid(axes, "y")
 
 

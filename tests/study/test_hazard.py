@@ -1,0 +1,206 @@
+"""Hazard curves of files: read as they are meant, refused with one sentence otherwise."""
+
+import numpy as np
+import pytest
+
+from archfrag.errors import InputError
+from archfrag.study.hazard import load_hazard
+
+G = 9.80665
+OPENQUAKE = """\
+#,,,,,,"generated_by='OpenQuake engine 3.26.0-gitabc', start_date='2026-05-04T12:20:05', \
+checksum=42, kind='{kind}', investigation_time=50.0, imt='{imt}'"
+lon,lat,depth,poe-0.0050000,poe-0.1000000,poe-0.4000000,poe-1.0000000
+13.40000,42.30000,0.00000,9.999000E-01,{p},5.000000E-03,0.000000E+00
+14.00000,42.30000,0.00000,8.000000E-01,5.000000E-02,2.000000E-03,1.000000E-04
+"""
+NRML = """\
+<?xml version="1.0" encoding="utf-8"?>
+<nrml xmlns:gml="http://www.opengis.net/gml" xmlns="http://openquake.org/xmlns/nrml/0.{version}">
+  <hazardCurves {kind} investigationTime="50.0" IMT="SA" saPeriod="0.5" saDamping="5.0">
+    <IMLs>1.0E-02 1.0E-01 1.0E+00</IMLs>
+    <hazardCurve><gml:Point><gml:pos>13.4 42.3</gml:pos></gml:Point>
+      <poEs>9.0E-01 1.0E-01 1.0E-03</poEs></hazardCurve>
+    <hazardCurve><gml:Point><gml:pos>14.0 42.3</gml:pos></gml:Point>
+      <poEs>8.0E-01 5.0E-02 5.0E-04</poEs></hazardCurve>
+  </hazardCurves>
+  <hazardCurves {kind} investigationTime="50.0" IMT="PGA">
+    <IMLs>1.0E-02 1.0E-01</IMLs>
+    <hazardCurve><gml:Point><gml:pos>13.4 42.3</gml:pos></gml:Point>
+      <poEs>9.0E-01 2.0E-01</poEs></hazardCurve>
+  </hazardCurves>
+</nrml>
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write_file(text, name="hazard.csv"):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write_file
+
+
+def openquake(kind="mean", imt="PGA", p="1.000000E-01"):
+    return OPENQUAKE.format(kind=kind, imt=imt, p=p)
+
+
+def refusal(path, measure="PGA", **options):
+    with pytest.raises(InputError) as found:
+        load_hazard(path, measure, **options)
+    sentence = str(found.value)
+    assert "\n" not in sentence
+    return sentence
+
+
+class TestPlain:
+    def test_rates_and_quantiles(self, write):
+        path = write("# a site\nPGA [g],rate_0.84,rate\n0.1,2e-2,1e-2\n\n0.4,8e-4,4e-4\n")
+        found = load_hazard(path, "PGA")
+        assert list(found.curves) == ["mean", "0.84"]
+        np.testing.assert_allclose(found.main.im, [0.1 * G, 0.4 * G])
+        np.testing.assert_array_equal(found.main.rate, [1e-2, 4e-4])
+        assert found.notes == ()
+
+    def test_probabilities_in_years(self, write):
+        found = load_hazard(write("im,poe_50\n0.1,0.1\n0.4,0.02\n"), "PGA", "g")
+        assert 1.0 / found.main.rate[0] == pytest.approx(474.561, rel=1e-5)
+        assert "taken to be PGA" in found.notes[0]
+
+    def test_other_measures_and_units(self, write):
+        found = load_hazard(write("SA(0.50) [gal],rate\n10,1e-2\n100,1e-3\n"), "Sa(0.5)")
+        np.testing.assert_allclose(found.main.im, [0.1, 1.0])
+        found = load_hazard(write("PGV [cm/s],rate\n10,1e-2\n100,1e-3\n"), "PGV")
+        np.testing.assert_allclose(found.main.im, [0.1, 1.0])
+
+    @pytest.mark.parametrize(
+        ("text", "part"),
+        [
+            ("", "is empty"),
+            ("PGA,rate\n0.1,1e-2\n0.4,1e-3\n", "no unit is stated; give one of g, m/s2"),
+            ("PGA [furlong],rate\n1,1\n", "unit 'furlong' is none of PGA"),
+            ("PGV [m/s],rate\n1,1\n", "hazard of PGV, but the study's levels are of PGA"),
+            ("RotD50(PGA) [g],rate\n1,1\n", "hazard of RotD50(PGA), but"),
+            ("strength,rate\n1,1\n", "has 'strength' as its first column"),
+            ("PGA [g]\n1\n", "has one column"),
+            ("PGA [g],frequency\n1,1\n", "has a column 'frequency'"),
+            ("PGA [g],rate,rate\n1,1,1\n", "two columns of the curve 'mean'"),
+            ("PGA [g],poe_0\n0.1,0.1\n0.2,0.05\n", "is for 0 years"),
+            ("PGA [g],poe_x\n0.1,0.1\n", "has a column 'poe_x'"),
+            ("PGA [g],rate\n0.1,much\n", "line 2, column 'rate' is 'much'"),
+            ("PGA [g],rate\n0.1,nan\n", "line 2, column 'rate' is 'nan'"),
+            ("PGA [g],rate\n0.1\n", "line 2 has 1 columns, the header 2"),
+            ("PGA [g],rate\n0.1,1e-3\n", "column 'rate': the hazard curve has 1 of 1"),
+            ("PGA [g],rate\n0.1,1e-3\n0.2,1e-2\n", "rises from 0.001 to 0.01 at im = 0.2"),
+        ],
+    )
+    def test_refusals(self, write, text, part):
+        path = write(text)
+        sentence = refusal(path)
+        assert part in sentence
+        assert sentence.startswith(str(path))
+
+    def test_two_units(self, write):
+        path = write("PGA [g],rate\n0.1,1e-2\n0.4,1e-3\n")
+        assert "states the unit 'g', but" in refusal(path, unit="m/s2")
+
+    def test_no_file_and_no_text(self, tmp_path):
+        assert "no such file" in refusal(tmp_path / "none.csv")
+        (tmp_path / "binary").write_bytes(b"\xff\xfe\x00")
+        assert "no text in UTF-8" in refusal(tmp_path / "binary")
+
+
+class TestOpenQuakeCsv:
+    def test_nearest_site_in_g(self, write):
+        found = load_hazard(write(openquake()), "PGA", site=(13.41, 42.31))
+        np.testing.assert_allclose(found.main.im, [0.005 * G, 0.1 * G, 0.4 * G])
+        assert found.main.rate[1] == pytest.approx(-np.log(0.9) / 50.0)
+        assert found.main_name == "mean"
+
+    def test_mean_comes_first_and_quantiles_follow(self, write):
+        files = [write(openquake("quantile-0.84", p="2.000000E-01"), "q"), write(openquake(), "m")]
+        found = load_hazard(files, "PGA", site=(13.4, 42.3))
+        assert list(found.curves) == ["mean", "quantile-0.84"]
+        assert found.curves["quantile-0.84"].rate[1] > found.main.rate[1]
+
+    def test_old_header_and_site_names(self, write):
+        text = (
+            '# quantile-0.1, investigation_time=1.0,imt="SA(0.1)"\n'
+            "custom_site_id,lon,lat,depth,poe-0.1,poe-0.4\nab,0.0,0.0,0.0,5.5E-03,4.2E-04\n"
+        )
+        found = load_hazard(write(text), "Sa(0.1)")
+        assert found.main_name == "quantile-0.1"
+        assert found.main.rate[0] == pytest.approx(-np.log1p(-5.5e-3))
+
+    def test_velocities_are_in_centimetres(self, write):
+        found = load_hazard(write(openquake(imt="PGV")), "PGV", site=(14.0, 42.3))
+        np.testing.assert_allclose(found.main.im, [5e-5, 1e-3, 4e-3, 1e-2])
+
+    def test_component_that_it_cannot_name(self, write):
+        found = load_hazard(write(openquake()), "RotD50(PGA)", site=(14.0, 42.3))
+        assert "no component" in found.notes[0]
+
+    @pytest.mark.parametrize(
+        ("changes", "options", "part"),
+        [
+            ({}, {}, "has 2 sites; say which by longitude and latitude, such as 13.4,42.3"),
+            ({}, {"site": (12.0, 42.3)}, "no site within 10 km of 12,42.3; the nearest is 13.4"),
+            ({}, {"site": (42.3, 113.4)}, "longitude comes first"),
+            ({}, {"site": (13.4, 42.3), "unit": "m/s2"}, "gives PGA in g, not in m/s2"),
+            ({"imt": "SA(0.3)"}, {"site": (13.4, 42.3)}, "hazard of Sa(0.3), but the study's"),
+            ({"imt": "MMI"}, {"site": (13.4, 42.3)}, "hazard of MMI, but the study's"),
+            ({"p": "1.5"}, {"site": (13.4, 42.3)}, "row 1 (lon 13.4, lat 42.3): the hazard"),
+            ({"p": "x"}, {"site": (13.4, 42.3)}, "a probability of row 1 is 'x'"),
+        ],
+    )
+    def test_refusals(self, write, changes, options, part):
+        assert part in refusal(write(openquake(**changes)), **options)
+
+    def test_without_its_first_line(self, write):
+        text = openquake().split("\n", 1)[1]
+        assert "does not state imt and investigation_time" in refusal(write(text))
+
+    def test_cut_row(self, write):
+        assert "row 2 of its sites" in refusal(write(openquake()[:-20]), site=(13.4, 42.3))
+
+    def test_the_same_curve_twice(self, write):
+        files = [write(openquake(), "a"), write(openquake(), "b")]
+        with pytest.raises(InputError, match="which an earlier file has too"):
+            load_hazard(files, "PGA", site=(13.4, 42.3))
+
+
+class TestNrml:
+    @pytest.mark.parametrize("version", [4, 5])
+    def test_measure_and_site_are_chosen(self, write, version):
+        path = write(NRML.format(version=version, kind='statistics="mean"'), "hazard.xml")
+        found = load_hazard(path, "Sa(0.5)", site=(14.0, 42.3))
+        assert found.main_name == "mean"
+        np.testing.assert_allclose(found.main.im, [0.01 * G, 0.1 * G, G])
+        assert found.main.rate[1] == pytest.approx(-np.log(0.95) / 50.0)
+        assert load_hazard(path, "PGA").main.im.size == 2
+
+    def test_quantile(self, write):
+        kind = 'statistics="quantile" quantileValue="0.15"'
+        path = write(NRML.format(version=5, kind=kind), "hazard.xml")
+        assert load_hazard(path, "PGA").main_name == "quantile-0.15"
+
+    @pytest.mark.parametrize(
+        ("text", "part"),
+        [
+            ("<nrml><hazardCurves", "is no XML"),
+            ("<nrml><other/></nrml>", "no element hazardCurves"),
+            ('<!DOCTYPE a [<!ENTITY b "c">]><nrml/>', "declares a document type"),
+            ('<nrml><hazardCurves IMT="PGV"/></nrml>', "hazard of PGV, but"),
+            ('<nrml><hazardCurves IMT="PGA"/></nrml>', "investigationTime is ''"),
+            ('<nrml><hazardCurves IMT="PGA" investigationTime="1"/></nrml>', "has no IMLs"),
+            (
+                '<nrml><hazardCurves IMT="PGA" investigationTime="1"><IMLs>1 2</IMLs>'
+                "</hazardCurves></nrml>",
+                "has no site",
+            ),
+        ],
+    )
+    def test_refusals(self, write, text, part):
+        assert part in refusal(write(text, "hazard.xml"))

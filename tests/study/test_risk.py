@@ -1,0 +1,225 @@
+"""Rates of collapse of a study: of all designs, and by the command."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from archfrag.cli import main
+from archfrag.errors import InputError
+from archfrag.fragility.curve import Fragility
+from archfrag.fragility.hazard_curve import HazardCurve
+from archfrag.mechanics.status import CollapseMode
+from archfrag.study.config import load_study
+from archfrag.study.cube import write_cube
+from archfrag.study.files import write_text
+from archfrag.study.fits import FITS, fit_cube
+from archfrag.study.hazard import Hazard
+from archfrag.study.risk import risk_of
+from archfrag.study.steps import finish
+from tests.report.synthetic import cube, fit_or_sentence, motions
+
+IM = np.geomspace(0.2, 20.0, 12)
+CURVE = HazardCurve(IM, 2e-3 * IM**-2.0)
+HAZARD = Hazard("PGA", "made up", {"mean": CURVE, "0.84": HazardCurve(IM, 4e-3 * IM**-2.0)})
+
+
+@pytest.fixture(scope="module")
+def grid():
+    data = cube(items=motions(30))
+    return data, {"ring": fit_or_sentence(data, "ring")}
+
+
+class TestGrid:
+    def test_rate_is_the_closed_form_and_twice_it_with_twice_the_hazard(self, grid):
+        data, fits = grid
+        found = risk_of(data, fits, HAZARD).arches["ring"]
+        fit = fits["ring"]
+        exact = 2e-3 * fit.theta**-2.0 * np.exp(2.0 * fit.beta**2)
+        assert found.rate.rate == pytest.approx(exact, rel=1e-9)
+        assert found.by_curve["0.84"] == pytest.approx(2.0 * found.rate.rate, rel=1e-12)
+        assert found.rate.lower < found.rate.rate < found.rate.upper
+
+    def test_everything_adds_up_to_the_rate(self, grid):
+        found = risk_of(*grid, HAZARD).arches["ring"]
+        rate = found.rate.rate
+        assert found.level_rate.sum() == pytest.approx(rate, rel=1e-12)
+        for split in (found.by_mechanism, found.by_magnitude, found.by_distance):
+            assert split.rate.sum() + split.unassigned.sum() == pytest.approx(rate, rel=1e-12)
+            assert split.counts.sum() == (grid[0]["verdict"].values == 1).sum()
+
+    def test_records_of_a_magnitude_that_never_fell_bring_nothing(self, grid):
+        data, fits = grid
+        never = np.all(data["verdict"].values[0] != 1, axis=1)
+        magnitude = np.where(never, 8.0, 6.2)
+        data = data.assign(magnitude=("record", magnitude))
+        found = risk_of(data, fits, HAZARD).arches["ring"].by_magnitude
+        assert found.fraction[found.categories.index("6 to 6.5")] == pytest.approx(1.0)
+
+    def test_unknown_distances_are_said_to_be(self, grid):
+        data, fits = grid
+        found = risk_of(data.drop_vars("distance"), fits, HAZARD).arches["ring"].by_distance
+        assert found.fraction[found.categories.index("not known")] == pytest.approx(1.0)
+
+    def test_names_of_mechanisms(self, grid):
+        data, fits = grid
+        verdict = data["verdict"].values
+        data = data.assign(
+            collapse_joint=(data["verdict"].dims, np.where(verdict == 1, 3, -1)),
+            collapse_mode=(
+                data["verdict"].dims, np.where(verdict == 1, int(CollapseMode.LIFT_OFF), 0),
+            ),
+        )  # fmt: skip
+        found = risk_of(data, fits, HAZARD).arches["ring"].by_mechanism
+        assert found.categories == ("joint 3, lift-off", "others")
+        assert found.fraction[0] == pytest.approx(1.0)
+
+    def test_short_hazard_curve_is_cautioned(self, grid):
+        short = Hazard("PGA", "made up", {"mean": HazardCurve([0.2, 1.0], [0.05, 2e-3])})
+        found = risk_of(*grid, short).arches["ring"]
+        assert found.rate.above > 0.9
+        assert any("above the last point of the hazard curve" in each for each in found.cautions)
+        assert not risk_of(*grid, HAZARD).arches["ring"].rate.outside > 0.05
+
+    def test_levels_above_the_rate_are_cautioned(self, grid):
+        data, _ = grid
+        low = Fragility(0.5, 0.3, np.diag([0.01, 0.01]), 0.0, 5, 30, "stripes")
+        found = risk_of(data, {"ring": low}, HAZARD).arches["ring"]
+        assert found.below_levels > 0.5
+        assert any("below the least level that was simulated" in each for each in found.cautions)
+
+    def test_arch_without_a_curve_keeps_its_sentence(self, grid):
+        assert risk_of(grid[0], {"ring": "no run collapsed"}, HAZARD).arches == {
+            "ring": "no run collapsed"
+        }
+
+    def test_other_measure_and_time(self, grid):
+        data, fits = grid
+        other = Hazard("PGV", "made up", HAZARD.curves)
+        data = data.copy()
+        data["intensity"].attrs["measure"] = "PGA"
+        with pytest.raises(
+            InputError, match="hazard for levels of PGV, but the cube's are of PGA"
+        ):
+            risk_of(data, fits, other)
+        with pytest.raises(InputError, match="years is -1"):
+            risk_of(data, fits, HAZARD, years=-1.0)
+
+
+class TestDesigns:
+    def test_bisected_records_give_the_shares_of_the_whole_grid(self):
+        """A study of monotone records: what the bisection leaves out follows from the rest."""
+        generator = np.random.default_rng(5)
+        data = cube(items=motions(30))
+        levels = data["intensity"].values
+        capacity = 4.0 * np.exp(0.4 * generator.standard_normal((30, 1)))
+        whole = (capacity < levels).astype(np.int8)
+        joint = np.where(whole == 1, generator.integers(0, 8, (30, 1)), -1)
+        first = np.argmax(whole, axis=1)[:, None]
+        place = np.arange(levels.size)
+        bisected = np.where(
+            (place == first) | (place == first - 1) | ((whole == 0) & (place % 3 == 0)), whole, 4
+        )
+        fit = Fragility(4.0, 0.4, np.diag([0.005, 0.003]), 0.0, 9, 270, "stripes")
+        found = []
+        for verdict in (whole, bisected):
+            seen = np.where(verdict == 1, joint, -1)
+            made = data.assign(
+                verdict=(data["verdict"].dims, verdict[None].astype(np.int8)),
+                collapse_joint=(data["verdict"].dims, seen[None]),
+                collapse_mode=(data["verdict"].dims, (verdict == 1)[None].astype(np.int8)),
+            )
+            found.append(risk_of(made, {"ring": fit}, HAZARD).arches["ring"])
+        assert (bisected == 4).any()
+        assert found[0].by_mechanism.categories == found[1].by_mechanism.categories
+        np.testing.assert_array_equal(found[0].by_mechanism.rate, found[1].by_mechanism.rate)
+
+    def test_runs_each_at_an_intensity_of_its_own(self, grid):
+        data, fits = grid
+        generator = np.random.default_rng(6)
+        at = np.exp(generator.uniform(0.0, 2.0, (1, 30, 1)))
+        dims = ("arch", "record", "level")
+        one = data.isel(level=[4]).drop_vars("intensity")
+        verdict = (4.0 * np.exp(0.4 * generator.standard_normal(at.shape)) < at).astype(np.int8)
+        one = one.assign(
+            intensity=(dims, at, {"units": "m s-2", "measure": "PGA"}),
+            verdict=(dims, verdict),
+            collapse_joint=(dims, np.where(verdict == 1, 2, -1)),
+        )
+        found = risk_of(one, fits, HAZARD).arches["ring"]
+        assert found.by_mechanism.counts.sum() == verdict.sum()
+        assert found.level_rate.sum() == pytest.approx(found.rate.rate, rel=1e-12)
+        assert found.levels[0] > at.min()
+        assert found.levels[-1] < at.max()
+
+
+@pytest.fixture(scope="module")
+def finished(done, tmp_path_factory):
+    """The finished parts with a cube and a made-up curve; arguments of the command, the hazard."""
+    folder = tmp_path_factory.mktemp("risk")
+    shutil.copytree(done.study.folder, folder / "out")
+    study_file, override = done.study.folder.parent / "small.yaml", f"output={folder / 'out'}"
+    study = load_study(study_file, (override,))
+    write_cube(study)
+    finish(study, "cube")
+    fit_cube(study)
+    made = json.loads((study.folder / FITS).read_text())
+    curve = Fragility(5.0, 0.4, np.diag([0.01, 0.005]), 0.0, 3, 6, "stripes")
+    made["fits"]["ring"] = curve.to_dict()
+    write_text(study.folder / FITS, json.dumps(made))
+    finish(study, "fit")
+    hazard = folder / "hazard.csv"
+    hazard.write_text("PGA [g],rate,rate_0.84\n0.01,0.1,0.2\n0.1,1e-2,2e-2\n3,1e-5,2e-5\n")
+    return (study_file, "--set", override), hazard, folder
+
+
+class TestCommand:
+    def call(self, *arguments):
+        return CliRunner().invoke(main, ["risk", *map(str, arguments)])
+
+    def test_json_and_file_are_the_same(self, finished):
+        study, hazard, folder = finished
+        out = folder / "risk.json"
+        result = self.call(*study, "--hazard", hazard, "--json", "--out", out, "--years", 100)
+        assert result.exit_code == 0, result.output
+        facts = json.loads(result.stdout)
+        assert json.loads(out.read_text()) == facts
+        ring = facts["arches"]["ring"]
+        assert ring["probability"] == pytest.approx(1.0 - np.exp(-100.0 * ring["rate"]))
+        assert ring["theta"] == pytest.approx(5.0 / 9.80665)
+        assert ring["rate_by_hazard_curve"]["0.84"] == pytest.approx(2.0 * ring["rate"])
+        assert sum(ring["rate_by_level"]) == pytest.approx(ring["rate"])
+        assert facts["hazard"]["curves"]["mean"]["im"] == pytest.approx([0.01, 0.1, 3.0])
+
+    def test_text(self, finished):
+        study, hazard, _ = finished
+        text = self.call(*study, "--hazard", hazard).stdout
+        assert "ring: median 0.5099 g of PGA, dispersion 0.4" in text
+        assert "return period" in text
+        assert "with the hazard '0.84'" in text
+        assert "assumed: hazard: ln rate linear" in text
+
+    @pytest.mark.parametrize(
+        ("content", "options", "part"),
+        [
+            ("PGV [m/s],rate\n1,1\n", (), "hazard of PGV, but the study's levels are of PGA"),
+            ("PGA,rate\n0.1,1\n", (), "no unit is stated"),
+            ("PGA [g],rate\n0.1,1e-2\n1,1e-3\n", ("--years", "0"), "years is 0"),
+        ],
+    )
+    def test_refusals(self, finished, content, options, part):
+        study, _, folder = finished
+        wrong = folder / "wrong.csv"
+        wrong.write_text(content)
+        result = self.call(*study, "--hazard", wrong, *options)
+        assert result.exit_code == 2
+        assert part in result.stderr
+        assert result.stderr.count("\n") == 1
+
+    def test_site_that_is_none(self, finished):
+        study, hazard, _ = finished
+        result = self.call(*study, "--hazard", hazard, "--site", "Rome")
+        assert result.exit_code == 2
+        assert "no longitude and latitude" in result.stderr
