@@ -105,9 +105,10 @@ def fit_limit_states(
     crossing = _crossing(states, fitted, levels)
     message = "The curves of all limit states are ordered at the levels that were run."
     if crossing:
-        fits = _ordered(np.log(intensity.ravel()), flat[:, fitted])
-        for i, fit in zip(fitted, fits, strict=True):
-            states[i] = LimitState(labels[i], texts[i], fit)
+        codes, own = _distinct(flat[:, fitted])
+        fits = _ordered(np.log(intensity.ravel()), codes)
+        for i, place in zip(fitted, own, strict=True):
+            states[i] = LimitState(labels[i], texts[i], fits[place])
         message = (
             f"Fitted one by one, the curves of {crossing} cross within the levels that were "
             f"run; all are fitted together with one beta of {fits[0].beta:.3g} instead."
@@ -164,6 +165,16 @@ def _crossing(states: list[LimitState], fitted: list[int], levels: FloatArray) -
         if np.any(z[1] > z[0] + 1e-9):
             return f"{states[i].name} and {states[j].name}"
     return ""
+
+
+def _distinct(nested: IntArray) -> tuple[IntArray, list[int]]:
+    """States that some run tells apart from the one before, and which of them each state is.
+
+    Two thresholds with no run between them would meet: the model has one for both then.
+    """
+    between = (nested[:, :-1] == 1) & (nested[:, 1:] == 0)
+    new = np.append(True, between.any(axis=0))
+    return nested[:, new], (np.cumsum(new) - 1).tolist()
 
 
 def _ordered(x: FloatArray, nested: IntArray) -> list[Fragility]:
