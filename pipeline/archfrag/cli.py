@@ -406,38 +406,11 @@ def fit(study: Any, say: Callable[[str], None], as_json: bool) -> None:
               help="Compare the arches with those of another, finished study.")  # fmt: skip
 def report(study: Any, say: Callable[[str], None], beside: Path | None) -> None:
     """Write the report: one HTML file that needs no network."""
-    import pandas as pd
+    from archfrag.report.inputs import report_inputs
+    from archfrag.report.page import write_report
 
-    from archfrag.report.page import ReportInputs, write_report
-    from archfrag.simulate import onset as find_onset
-    from archfrag.study.cube import CUBE, TIMINGS
-    from archfrag.study.fits import FITS, load_fits, open_cube
-    from archfrag.study.records import load_prepared, load_record
-    from archfrag.study.steps import require
-
-    require(study, "cube")
-    require(study, "fit")
-    open_cube(study).close()
-    built = [(entry.id, entry.build()) for entry in study.arches]
-    timings = study.work / TIMINGS
-    inputs = ReportInputs(
-        cube=study.folder / CUBE,
-        measure=study.intensity.measure,
-        motions=[load_record(study, record) for record in load_prepared(study)],
-        arches=[(name, arch, find_onset(arch)) for name, arch in built],
-        fits=load_fits(study.folder / FITS),
-        timings=pd.read_csv(timings) if timings.is_file() else None,
-        title=study.title,
-        beside=None if beside is None else _beside(study, beside),
-    )
+    inputs = report_inputs(study, beside)
     say(f"report: {write_report(inputs, study.folder / 'report.html')}")
-
-
-def _beside(study: Any, other: Path) -> Any:
-    from archfrag.report.beside import load_beside
-    from archfrag.study.config import load_study
-
-    return load_beside(study, load_study(other))
 
 
 if __name__ == "__main__":

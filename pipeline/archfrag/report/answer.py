@@ -1,127 +1,64 @@
 """The answer of a study in one sentence and a small table, and as data for ``summary.json``."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
-from archfrag.fragility.bands import beta_interval, confidence_band, theta_interval
-from archfrag.fragility.fit import Fragility
+from archfrag.fragility.counts import Verdict
+from archfrag.fragility.curve import Fragility
 from archfrag.mechanics.status import CollapseMode
-from archfrag.report.curve_figures import Resampled
-from archfrag.report.summary import ArchResults, Scale, digits, study_config
+from archfrag.report.summary import NOT_SIMULATED, Scale, digits, study_config
 from archfrag.report.tables import Table
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from archfrag.report.page import ReportInputs
     from archfrag.simulate import Onset
+    from archfrag.study.curves import Answer
 
-SUMMARY_FORMAT = "archfrag-summary/1"
+SUMMARY_FORMAT = "archfrag-summary/2"
 _MOST_LISTED = 3  # arches that a sentence names
-Interval = tuple[float, float]
+MOST_ROWS = 200  # arches of the table
+Answers = Mapping[str, "Answer"]
 
 
-@dataclass(frozen=True)
-class ArchAnswer:
-    """What is known of the capacity of one arch; levels in the reader's unit.
-
-    Attributes
-    ----------
-    name : str
-    none : str
-        Why there is no curve; empty if there is one.
-    fit : Fragility or None
-        Theta in SI.
-    theta, beta : float
-        nan without a curve.
-    theta_interval, beta_interval : (float, float)
-    band : str
-        How the intervals were made.
-    at : float or None
-        Level at which the probability is given.
-    probability : float
-        nan without a curve or level.
-    interval : (float, float)
-    """
-
-    name: str
-    none: str
-    fit: Fragility | None
-    theta: float = np.nan
-    beta: float = np.nan
-    theta_interval: Interval = (np.nan, np.nan)
-    beta_interval: Interval = (np.nan, np.nan)
-    band: str = ""
-    at: float | None = None
-    probability: float = np.nan
-    interval: Interval = (np.nan, np.nan)
-
-
-def arch_answer(
-    results: ArchResults,
-    given: Fragility | str,
-    resampled: Resampled | None,
-    confidence: float,
-    at: float | None,
-) -> ArchAnswer:
-    """The answer of one arch, with intervals from resampled records where there are such.
+def headline(answers: Answers, scale: Scale, at: float | None) -> str:
+    """The answer of the study in one sentence, without its full stop.
 
     Parameters
     ----------
-    results : ArchResults
-    given : Fragility or str
-        The curve, theta in SI, or the sentence why there is none.
-    resampled : Resampled or None
-    confidence : float
+    answers : mapping of str to Answer
+        By arch or class.
+    scale : Scale
     at : float or None
-        Level in the reader's unit.
+        Level in the reader's unit at which the probability is asked for.
     """
-    if isinstance(given, str):
-        return ArchAnswer(results.arch, given, None, at=at)
-    factor = results.scale.factor
-    known = resampled is not None and bool(np.all(np.isfinite(resampled.band.theta)))
-    if resampled is not None and known:
-        theta, beta, band = resampled.band.theta, resampled.band.beta, "records resampled"
-    else:
-        low, high = theta_interval(given, confidence)
-        theta, beta = (factor * low, factor * high), beta_interval(given, confidence)
-        band = "runs independent"
-    probability, interval = np.nan, (np.nan, np.nan)
-    if at is not None:
-        probability = float(given.probability(at / factor))
-        if resampled is not None and known:
-            interval = resampled.at(at)
-        else:
-            about = confidence_band(given, at / factor, confidence)
-            interval = float(about.lower), float(about.upper)
-    return ArchAnswer(
-        results.arch, "", given, factor * given.theta, given.beta, theta, beta, band, at,
-        probability, interval,
-    )  # fmt: skip
-
-
-def headline(answers: Sequence[ArchAnswer], scale: Scale, confidence: float) -> str:
-    """The answer of the study in one sentence, without its full stop."""
-    percent = f"{100 * confidence:.0f} %"
-    known = [answer for answer in answers if answer.fit is not None]
+    known = {name: a for name, a in answers.items() if isinstance(a.curve, Fragility)}
     if not known:
-        return f"{answers[0].name}: no fragility curve, for {answers[0].none}"
-    at = known[0].at
-    key = (lambda answer: answer.probability) if at is not None else (lambda answer: answer.theta)
-    known.sort(key=key)
+        name, first = next(iter(answers.items()))
+        return f"{name}: no fragility curve, for {first.curve}"
 
-    def of(answer: ArchAnswer) -> str:
+    def value(name: str) -> float:
+        if at is None:
+            return float(known[name].curve.theta)  # type: ignore[union-attr]
+        return known[name].probability(at / scale.factor)[0]
+
+    def of(name: str) -> str:
+        answer = known[name]
+        percent = f"{100 * answer.confidence:.0f} %"
         if at is not None:
-            return f"{_chance(answer.probability)} ({percent}: {_chances(answer.interval)})"
-        low, high = answer.theta_interval
-        return f"{digits(answer.theta)} {scale.unit} ({percent}: {digits(low)} to {digits(high)})"
+            chance, *ends = answer.probability(at / scale.factor)
+            return f"{_chance(chance)} ({percent}: {_chances(ends)})"
+        low, high = (digits(scale.factor * end) for end in answer.theta)
+        return f"{digits(scale.factor * value(name))} {scale.unit} ({percent}: {low} to {high})"
 
-    if len(known) <= _MOST_LISTED:
-        listed = "; ".join(f"{answer.name} {of(answer)}" for answer in known)
+    order = sorted(known, key=value)
+    if len(order) <= _MOST_LISTED:
+        listed = "; ".join(f"{name} {of(name)}" for name in order)
     else:
-        listed = f"from {known[0].name} {of(known[0])} to {known[-1].name} {of(known[-1])}"
+        listed = f"from {order[0]} {of(order[0])} to {order[-1]} {of(order[-1])}"
     if at is not None:
         start = f"Probability of collapse at {scale.measure} = {digits(at)} {scale.unit}"
     else:
@@ -131,49 +68,69 @@ def headline(answers: Sequence[ArchAnswer], scale: Scale, confidence: float) -> 
     return f"{start}: {listed}{without}"
 
 
-def answer_table(answers: Sequence[ArchAnswer], scale: Scale, confidence: float) -> Table:
-    """One row for each arch: probability at the level asked for, theta, beta, intervals."""
-    percent = f"{100 * confidence:.0f} %"
-    at = answers[0].at
+def answer_table(answers: Answers, scale: Scale, at: float | None) -> Table:
+    """One row for each arch or class: probability at the level asked for, theta and beta.
+
+    With their intervals, and beside them theta and beta by maximum likelihood.
+    """
+    percent = f"{100 * next(iter(answers.values())).confidence:.0f} %"
     asked = [f"P(collapse) at {digits(at)} {scale.unit}"] if at is not None else []
     rows = []
-    for answer in answers:
-        if answer.fit is None:
-            rows.append([answer.name, *("–" for _ in asked), "no curve", "–"])
+    for name, answer in list(answers.items())[:MOST_ROWS]:
+        if isinstance(answer.curve, str):
+            rows.append([name, *("–" for _ in asked), "no curve", "–", "–"])
             continue
-        chance = f"{_chance(answer.probability)} {_together(_chances(answer.interval))}"
-        theta, beta = answer.theta_interval, answer.beta_interval
+        chance = []
+        if at is not None:
+            value, *ends = answer.probability(at / scale.factor)
+            chance = [f"{_chance(value)} {_together(_chances(ends))}"]
+        low, high = (digits(scale.factor * end) for end in answer.theta)
         rows.append(
             [
-                answer.name,
-                *(chance for _ in asked),
-                f"{digits(answer.theta)} {_together(f'{digits(theta[0])}–{digits(theta[1])}')}",
-                f"{answer.beta:.2f} {_together(f'{beta[0]:.2f}–{beta[1]:.2f}')}",
+                name,
+                *chance,
+                f"{digits(scale.factor * answer.curve.theta)} {_together(f'{low}–{high}')}",
+                f"{answer.curve.beta:.2f} "
+                + _together(f"{answer.beta[0]:.2f}–{answer.beta[1]:.2f}"),
+                likelihood_words(answer, scale),
             ]
         )
-    return Table(["arch", *asked, f"θ [{scale.unit}] ({percent})", f"β ({percent})"], rows)
+    heads = ["arch", *asked, f"θ [{scale.unit}] ({percent})", f"β ({percent})"]
+    return Table([*heads, "θ, β by maximum likelihood"], rows)
+
+
+def likelihood_words(answer: "Answer", scale: Scale) -> str:
+    """Theta and beta by maximum likelihood; a dash where it has no maximum."""
+    fit = answer.likelihood
+    if isinstance(fit, str):
+        return "–"
+    return f"{digits(scale.factor * fit.theta)}, {fit.beta:.2f}"
 
 
 def summary(
-    inputs: "ReportInputs",
-    cube: xr.Dataset,
-    scale: Scale,
-    parts: Sequence[tuple[ArchAnswer, ArchResults, "Onset"]],
-    cautions: Sequence[str],
+    inputs: "ReportInputs", cube: "xr.Dataset", scale: Scale, cautions: Sequence[str]
 ) -> dict[str, Any]:
     """Content of ``summary.json``.
 
     Keys: ``format``; ``study`` and ``title``; ``measure``, ``unit`` (of all levels here) and
     ``unit_in_si``; ``confidence`` of all intervals; ``level`` that probabilities are given at, or
-    null; ``records``, ``levels``; ``arches``, of each ``id``, ``class``, ``curve`` (``theta``,
-    ``beta``, their intervals, ``band`` how these were made, ``kind``, ``runs``, ``levels``) or
-    null with ``reason``, ``probability`` (``level``, ``value``, ``interval``) or null, ``counts``
-    of runs by verdict, ``mechanisms`` (fraction of the collapses by mode and by joint), and
-    ``onset`` [g] (null: no limit, or it does not stand, see ``stands``); ``cautions``; and
-    ``made_by``, versions and digests. What is not known is null.
+    null; ``design``, as in the cube; ``records``, ``levels``; ``arches``, of each ``id``,
+    ``class``, ``curve``, ``reason``, ``probability``, ``counts`` of runs by verdict,
+    ``mechanisms`` (fraction of the collapses by mode and by joint), and ``onset`` [g] (null: no
+    limit, or it does not stand, see ``stands``; both null where the arch was not built for the
+    report); ``classes``, of each ``id``, ``curve``, ``reason``, ``probability``, ``arches`` and
+    ``dispersion``; ``cautions``; and ``made_by``, versions and digests. What is not known is
+    null.
+
+    A ``curve`` has ``theta``, ``beta``, ``theta_interval``, ``beta_interval``, ``method`` and
+    ``assumptions`` of curve and band, ``independent`` (records or runs that the data are worth),
+    ``islands`` (runs against the capacity of their record), ``kind``, and
+    ``maximum_likelihood``: ``theta``, ``beta`` and ``kind``, or null.
     """
     attributes = cube.attrs
     kept = ("archfrag_commit", "archfrag_versions", "archfrag_plan", "archfrag_machine", "source")
+    of_class = classes(cube)
+    onsets = {name: onset for name, _, onset in inputs.arches}
     return {
         "format": SUMMARY_FORMAT,
         "study": attributes.get("archfrag_study") or study_config(cube).get("id"),
@@ -183,63 +140,115 @@ def summary(
         "unit_in_si": 1.0 / scale.factor,
         "confidence": inputs.confidence,
         "level": inputs.at,
+        "design": str(attributes.get("archfrag_design_kind", "stripes")),
         "records": cube.sizes["record"],
         "levels": cube.sizes["level"],
-        "arches": [_entry(*part, classes(cube)) for part in parts],
+        "arches": [
+            {
+                "id": name,
+                "class": of_class[name],
+                **_answered(inputs.answers[name], scale, inputs.at),
+                **runs,
+                **_onset(onsets.get(name)),
+            }
+            for name, runs in _runs(cube)
+        ],
+        "classes": [
+            {
+                "id": name,
+                "arches": sum(own == name for own in of_class.values()),
+                **_answered(answer, scale, inputs.at),
+                "dispersion": _plain(answer.more.get("dispersion")),
+            }
+            for name, answer in inputs.classes.items()
+        ],
         "cautions": list(cautions),
         "made_by": {key: attributes[key] for key in kept if key in attributes},
     }
 
 
-def classes(cube: xr.Dataset) -> Mapping[str, str]:
+def classes(cube: "xr.Dataset") -> dict[str, str]:
     """Class of each arch of a cube; its own name where the cube does not say."""
     names = [str(name) for name in cube["arch"].values]
     own = [str(name) for name in cube["arch_class"].values] if "arch_class" in cube else names
     return dict(zip(names, own, strict=True))
 
 
-def _entry(
-    answer: ArchAnswer, results: ArchResults, onset: "Onset", of_class: Mapping[str, str]
-) -> dict[str, Any]:
-    counts, fit = results.counts, answer.fit
-    curve = probability = None
-    if fit is not None:
-        curve = {
-            "kind": fit.kind,
-            "theta": answer.theta, "theta_interval": _pair(answer.theta_interval),
-            "beta": answer.beta, "beta_interval": _pair(answer.beta_interval),
-            "band": answer.band, "runs": fit.n_total, "levels": fit.n_levels,
-        }  # fmt: skip
-    if fit is not None and answer.at is not None:
-        probability = {
-            "level": answer.at,
-            "value": _number(answer.probability),
-            "interval": _pair(answer.interval),
-        }
-    fell = results.verdict == 1
-    mode, joint = results.collapse_mode[fell], results.collapse_joint[fell]
+def _answered(answer: "Answer", scale: Scale, at: float | None) -> dict[str, Any]:
+    """Curve and probability of an arch or a class, or the reason why there is none."""
+    if isinstance(answer.curve, str):
+        return {"curve": None, "reason": answer.curve, "probability": None}
+    probability = None
+    if at is not None:
+        value, *ends = answer.probability(at / scale.factor)
+        probability = {"level": at, "value": _number(value), "interval": _pair(ends)}
+    likelihood = None
+    if isinstance(answer.likelihood, Fragility):
+        fit = answer.likelihood
+        likelihood = {"theta": scale.factor * fit.theta, "beta": fit.beta, "kind": fit.kind}
     return {
-        "id": answer.name,
-        "class": of_class[answer.name],
-        "curve": curve,
-        "reason": answer.none or None,
+        "curve": {
+            "theta": scale.factor * answer.curve.theta,
+            "theta_interval": _pair([scale.factor * end for end in answer.theta]),
+            "beta": answer.curve.beta,
+            "beta_interval": _pair(answer.beta),
+            "method": answer.method,
+            "assumptions": answer.assumptions,
+            "independent": answer.n_independent,
+            "islands": answer.n_islands,
+            "kind": answer.curve.kind,
+            "maximum_likelihood": likelihood,
+        },
+        "reason": None,
         "probability": probability,
-        "counts": {
-            "runs": int(counts.runs.sum()),
-            "collapsed": int(counts.collapsed.sum()),
-            "standing": int(counts.standing.sum()),
-            "unfinished": int(counts.unfinished.sum()),
-            "solver_failures": int(counts.solver_failures.sum()),
-            "not_simulated": int((~results.simulated).sum()) if not results.grouped else 0,
-            "lost_contact_and_stand": results.stood_after_loss,
-        },
-        "mechanisms": {
-            "mode": {CollapseMode(m).name.lower(): _part(mode == m) for m in np.unique(mode)},
-            "joint": {str(j): _part(joint == j) for j in np.unique(joint)},
-        },
-        "stands": bool(onset.stands),
-        "onset": {"plus": _number(onset.plus), "minus": _number(onset.minus)},
     }
+
+
+def _runs(cube: "xr.Dataset") -> Iterator[tuple[str, dict[str, Any]]]:
+    """Counts and mechanisms of each arch, by its name."""
+    names = ("verdict", "collapse_mode", "collapse_joint", "lost_contact_time")
+    tables = [
+        cube[name].transpose("arch", "record", "level").values if name in cube else None
+        for name in names
+    ]
+    for place, arch in enumerate(cube["arch"].values):
+        verdict, mode, joint, lost = (None if t is None else t[place] for t in tables)
+        fell, stood = verdict == Verdict.COLLAPSED, verdict == Verdict.STANDING
+        modes, joints = mode[fell], joint[fell]
+        counts = {
+            "runs": int((verdict != NOT_SIMULATED).sum()),
+            "collapsed": int(fell.sum()),
+            "standing": int(stood.sum()),
+            "unfinished": int((verdict == Verdict.UNFINISHED).sum()),
+            "solver_failures": int((verdict == Verdict.SOLVER_FAILURE).sum()),
+            "not_simulated": int((verdict == NOT_SIMULATED).sum()),
+            "lost_contact_and_stand": None
+            if lost is None
+            else int((stood & np.isfinite(lost)).sum()),
+        }
+        mechanisms = {
+            "mode": {CollapseMode(m).name.lower(): _part(modes == m) for m in np.unique(modes)},
+            "joint": {str(j): _part(joints == j) for j in np.unique(joints)},
+        }
+        yield str(arch), {"counts": counts, "mechanisms": mechanisms}
+
+
+def _onset(onset: "Onset | None") -> dict[str, Any]:
+    if onset is None:
+        return {"stands": None, "onset": None}
+    both = {"plus": _number(onset.plus), "minus": _number(onset.minus)}
+    return {"stands": bool(onset.stands), "onset": both}
+
+
+def _plain(found: Any) -> Any:
+    """Values as JSON knows them, with null for what is no number."""
+    if isinstance(found, Mapping):
+        return {key: _plain(value) for key, value in found.items()}
+    if isinstance(found, list | tuple):
+        return [_plain(value) for value in found]
+    if found == "nan" or (isinstance(found, float) and not np.isfinite(found)):
+        return None
+    return found
 
 
 def _part(mask: np.ndarray) -> float:
@@ -250,7 +259,7 @@ def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _pair(ends: Interval) -> list[float | None]:
+def _pair(ends: Sequence[float]) -> list[float | None]:
     return [_number(ends[0]), _number(ends[1])]
 
 
@@ -268,6 +277,6 @@ def _chance(value: float) -> str:
     return f"{value:.2f}" if 0.1 <= value <= 0.9 else f"{value:.3f}"
 
 
-def _chances(ends: Interval) -> str:
+def _chances(ends: Sequence[float]) -> str:
     low, high = map(_chance, ends)
     return low if low == high else f"{low} to {high}"

@@ -1,11 +1,12 @@
 """What the page says of one arch."""
 
+import json
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-import xarray as xr
+import numpy as np
 
 from archfrag.arch import Arch
-from archfrag.fragility.fit import Fragility
 from archfrag.report import (
     animation,
     arch_figure,
@@ -18,23 +19,27 @@ from archfrag.report import (
     tables,
     timeline,
 )
-from archfrag.report.curve_figures import Resampled
 from archfrag.report.summary import ArchResults, digits
-from archfrag.study.cautions import undecided
+from archfrag.study.curves import curve_of_dict
 
 if TYPE_CHECKING:
-    from archfrag.report.page import ReportInputs
+    import xarray as xr
 
+    from archfrag.report.page import ReportInputs
+    from archfrag.study.curves import Answer
+
+DESIGN_WORDS = {
+    "stripes": "every record at every level",
+    "ida": "the levels bisected for each record",
+    "two_stage": "the levels bisected for each record by a coarse method, decided by the study's",
+    "scattered": "each run a motion and a level of its own",
+    "cloud": "every record once",
+}
 _ENTRIES = 60  # of the log, in words
 
 
 def arch_section(
-    inputs: "ReportInputs",
-    cube: xr.Dataset,
-    results: ArchResults,
-    place: int,
-    resampled: Resampled | None,
-    animated: bool,
+    inputs: "ReportInputs", cube: "xr.Dataset", results: ArchResults, place: int, animated: bool
 ) -> dict[str, Any]:
     """Figures, tables and numbers of an arch, by the names that the page's template uses.
 
@@ -45,21 +50,16 @@ def arch_section(
     results : ArchResults
     place : int
         Of the arch in `inputs.arches`.
-    resampled : Resampled or None
-        Band of its curve.
     animated : bool
         Whether to show runs in motion.
     """
-    prefix, (_, arch, onset) = f"arch{place}", inputs.arches[place]
-    given = inputs.fits[results.arch]
-    fit = given if isinstance(given, Fragility) else None
-    counts = results.counts
+    prefix, (name, arch, onset) = f"arch{place}", inputs.arches[place]
+    answer, counts = inputs.answers[name], results.counts
+    wall = None if inputs.timings is None else inputs.timings.get(name)
     return {
         "id": prefix,
-        "name": results.arch,
-        "answer": tables.answer(
-            results, given, inputs.confidence, resampled.band if resampled else None
-        ),
+        "name": name,
+        "answer": tables.answer(answer, results.scale),
         "counts": {
             "runs": int(counts.runs.sum()),
             "collapsed": int(counts.collapsed.sum()),
@@ -68,11 +68,13 @@ def arch_section(
             "failures": int(counts.solver_failures.sum()),
             "stood_after_loss": results.stood_after_loss,
         },
-        "caution": undecided(counts, results.level_texts),
-        "curve": curve_figures.curve(results, fit, inputs.confidence, resampled),
-        "levels": tables.levels(results, fit, inputs.confidence),
-        "verdicts": figures.verdict_map(results),
-        "arch": arch_figure.arch_at_onset(arch, onset, results.arch),
+        "cautions": cautions_of(inputs.cautions, name),
+        "design": design_sentence(cube, name),
+        "curve": curve_figures.curve(results, answer),
+        "test_of_fit": answer.more.get("free", {}).get("test_of_fit", {}).get("message", ""),
+        "levels": tables.levels(results, answer),
+        "verdicts": (figures.scattered_runs if results.grouped else figures.verdict_map)(results),
+        "arch": arch_figure.arch_at_onset(arch, onset, name),
         "onset": {
             "plus": arch_figure.onset_text(onset.plus),
             "minus": arch_figure.onset_text(onset.minus),
@@ -80,13 +82,47 @@ def arch_section(
         "stands": onset.stands,
         "geometry": tables.geometry(arch.parameters),
         **_mechanisms(inputs, results, arch),
-        **_runs(cube, inputs, results, place, (fit, animated)),
-        **_other_curves(inputs, results),
+        **_runs(cube, inputs, results, place, animated),
+        "limit_states": _limit_states(answer, results),
+        "measures": _measures(answer, name),
         "ran": ladder_figures.what_ran(results),
         "ran_table": ladder_figures.table(results),
         "numerics": figures.numerics(results),
-        "quality": tables.quality(results, inputs.timings),
+        "quality": tables.quality(results, wall),
     }
+
+
+def cautions_of(cautions: Sequence[str], name: str) -> list[str]:
+    """Cautions that concern one arch, without its name."""
+    start = f"{name}: "
+    return [caution.removeprefix(start) for caution in cautions if caution.startswith(start)]
+
+
+def design_sentence(cube: "xr.Dataset", name: str) -> str:
+    """What the design of a study says of the runs of an arch."""
+    design = json.loads(cube.attrs.get("archfrag_design", "{}"))
+    note = design.get("arches", {}).get(name)
+    if note is None:
+        return ""
+    words = DESIGN_WORDS[design["kind"]]
+    parts = [f"Design {design['kind']}, {words}: {note['runs']} runs"]
+    if note.get("coarse_runs"):
+        parts.append(f"{note['coarse_runs']} coarse ones before")
+    if "records" in note:
+        parts.append(f"{note['records']} of {cube.sizes['record']} records")
+    text = ", ".join(parts)
+    if note.get("checked"):
+        text += (
+            f"; {note['contradictions']} of {note['checked']} runs at random contradict the "
+            "capacity of their record"
+        )
+    if np.isfinite(float(note.get("half_width", np.nan))):
+        text += (
+            f"; the design's own estimate of the median is known to "
+            f"{100 * note['half_width']:.2g} %, "
+            + ("as wanted" if note.get("reached") else f"not as wanted: {note.get('why', '')}")
+        )
+    return f"{text}."
 
 
 def _mechanisms(inputs: "ReportInputs", results: ArchResults, arch: Arch) -> dict[str, Any]:
@@ -104,19 +140,15 @@ def _mechanisms(inputs: "ReportInputs", results: ArchResults, arch: Arch) -> dic
 
 
 def _runs(
-    cube: xr.Dataset,
-    inputs: "ReportInputs",
-    results: ArchResults,
-    place: int,
-    about: tuple[Fragility | None, bool],
+    cube: "xr.Dataset", inputs: "ReportInputs", results: ArchResults, place: int, animated: bool
 ) -> dict[str, Any]:
     """Runs done again: the log of one, a collapse and a near miss in motion."""
-    fit, animated = about
-    _, arch, onset = inputs.arches[place]
+    name, arch, onset = inputs.arches[place]
+    fit = inputs.answers[name].curve
     found: dict[str, Any] = {"timeline": None, "log": [], "animations": []}
     if not onset.stands:
         return found
-    median = None if fit is None else fit.theta * results.scale.factor
+    median = None if isinstance(fit, str) else fit.theta * results.scale.factor
     shown = example.repeat(cube, results, arch, inputs.motions, example.choose(results, median))
     if shown is None:
         return found
@@ -128,31 +160,42 @@ def _runs(
     if animated:
         miss = example.near_miss(results)
         near = example.repeat(cube, results, arch, inputs.motions, miss) if miss else None
-        for name, title, run in (("fall", "A collapse", shown), ("miss", "A near miss", near)):
-            if run is not None and run.response.collapsed == (name == "fall"):
-                moving = animation.animation(run, f"{name}{place}", title)
+        for key, title, run in (("fall", "A collapse", shown), ("miss", "A near miss", near)):
+            if run is not None and run.response.collapsed == (key == "fall"):
+                moving = animation.animation(run, f"{key}{place}", title)
                 found["animations"] += [] if moving is None else [moving]
     return found
 
 
-def _other_curves(inputs: "ReportInputs", results: ArchResults) -> dict[str, Any]:
-    """Limit states and measures, where others gave them."""
-    scale = results.scale
-    found: dict[str, Any] = {"limit_states": None, "measures": None}
-    states = list(inputs.limit_states.get(results.arch, ()))
-    if states:
-        rows = [[name, digits(f.theta * scale.factor), f"{f.beta:.3f}"] for name, f in states]
-        found["limit_states"] = {
-            "figure": curve_figures.limit_states(
-                states, results.arch, scale, float(results.levels.max())
-            ),
-            "table": tables.Table(["limit state", f"θ [{scale.unit}]", "β"], rows),
-        }
-    rows_ = list(inputs.measures.get(results.arch, ()))
-    if rows_:
-        found["measures"] = {
-            "best": measure_figures.best(rows_),
-            "figure": measure_figures.measures_figure(rows_, results.arch),
-            "table": measure_figures.measures_table(rows_),
-        }
-    return found
+def _limit_states(answer: "Answer", results: ArchResults) -> dict[str, Any] | None:
+    given = answer.more.get("limit_states")
+    if given is None:
+        return None
+    scale, fits, rows = results.scale, [], []
+    for state in given["states"]:
+        fit = curve_of_dict(state["curve"])
+        words = [state["name"].replace("_", " "), state["meaning"]]
+        if isinstance(fit, str):
+            rows.append([*words, "no curve", "–"])
+        else:
+            fits.append((words[0], fit))
+            rows.append([*words, digits(fit.theta * scale.factor), f"{fit.beta:.3f}"])
+    highest = float(results.levels.max())
+    return {
+        "figure": curve_figures.limit_states(fits, results.arch, scale, highest) if fits else None,
+        "table": tables.Table(["limit state", "meaning", f"θ [{scale.unit}]", "β"], rows, 2),
+        "message": given["message"],
+    }
+
+
+def _measures(answer: "Answer", name: str) -> dict[str, Any] | None:
+    given = answer.more.get("measures")
+    if given is None:
+        return None
+    if "none" in given:
+        return {"message": f"No comparison: {given['none']}", "figure": None, "table": None}
+    return {
+        "message": given["message"],
+        "figure": measure_figures.measures_figure(given["rows"], name, given["best"]),
+        "table": measure_figures.measures_table(given["rows"]),
+    }

@@ -6,32 +6,34 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import xarray as xr
 
 from archfrag.errors import InputError
-from archfrag.fragility.fit import Fragility
+from archfrag.fragility.curve import Fragility
 from archfrag.mechanics.collapse import NOTED_GAP
 from archfrag.report import picture as look
 from archfrag.report import tables
 from archfrag.report.axes import BESIDE
-from archfrag.report.curve_figures import PROBABILITY, Resampled, curve_axes, resample
+from archfrag.report.curve_figures import PROBABILITY, curve_axes, draw_answer
 from archfrag.report.picture import Picture
 from archfrag.report.plot import Entry, Sheet, picture
 from archfrag.report.summary import ArchResults, Scale, arch_results, study_config
 from archfrag.study.config import Study
-from archfrag.study.fits import FITS, load_fits, open_cube
+from archfrag.study.curves import Answer
+from archfrag.study.fits import FITS, load_answers, open_cube
 from archfrag.study.steps import require
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from archfrag.report.page import ReportInputs
 
 
 @dataclass(frozen=True)
 class Beside:
-    """Another study: its cube and, by arch, its curves or the sentences why there are none."""
+    """Another study: its cube, and what is known of each arch."""
 
-    cube: xr.Dataset
-    fits: Mapping[str, Fragility | str]
+    cube: "xr.Dataset"
+    answers: Mapping[str, Answer]
 
 
 class _Side(NamedTuple):
@@ -40,8 +42,7 @@ class _Side(NamedTuple):
     study: str
     vertical: str
     results: ArchResults
-    fit: Fragility | str
-    resampled: Resampled | None
+    answer: Answer
 
 
 def load_beside(study: Study, other: Study) -> Beside:
@@ -62,13 +63,13 @@ def load_beside(study: Study, other: Study) -> Beside:
         require(other, "cube")
         require(other, "fit")
         with open_cube(other) as cube:
-            return Beside(cube.load(), load_fits(other.folder / FITS))
+            return Beside(cube.load(), load_answers(other.folder / FITS))
     except InputError as error:
         raise InputError(f"{refused}, since it is not finished: {error}") from error
 
 
 def beside_section(
-    inputs: "ReportInputs", cube: xr.Dataset, scale: Scale
+    inputs: "ReportInputs", cube: "xr.Dataset", scale: Scale
 ) -> dict[str, Any] | None:
     """What the page says of another study, by the names that its template uses.
 
@@ -105,10 +106,9 @@ def beside_section(
         raise InputError(f"{refused}: it has no arch {' or '.join(own)}, but {', '.join(theirs)}")
     arches = []
     for arch in common:
-        fits = (inputs.fits[arch], inputs.beside.fits[arch])
-        sides = [_side(*each, arch, scale, inputs.confidence) for each in zip(names, cubes, fits)]
-        shown = _curves(sides, inputs.confidence)
-        arches.append({"name": arch, "curves": shown, "table": _table(sides, inputs.confidence)})
+        answers = (inputs.answers[arch], inputs.beside.answers[arch])
+        sides = [_side(*each, arch, scale) for each in zip(names, cubes, answers)]
+        arches.append({"name": arch, "curves": _curves(sides), "table": _table(sides)})
     records = [set(each["record"].values.tolist()) for each in cubes]
     return {
         "names": names,
@@ -119,54 +119,41 @@ def beside_section(
     }
 
 
-def _measure(cube: xr.Dataset) -> str:
+def _measure(cube: "xr.Dataset") -> str:
     about = cube["intensity"].attrs
     return f"{about.get('measure', about.get('long_name'))} [{about.get('units')}]"
 
 
-def _side(
-    study: str,
-    cube: xr.Dataset,
-    fit: Fragility | str,
-    arch: str,
-    scale: Scale,
-    confidence: float,
-) -> _Side:
-    results = arch_results(cube, arch, scale)
-    resampled = resample(results, confidence) if isinstance(fit, Fragility) else None
+def _side(study: str, cube: "xr.Dataset", answer: Answer, arch: str, scale: Scale) -> _Side:
     vertical = str(cube.attrs.get("vertical_component", "not told"))
-    return _Side(study, vertical, results, fit, resampled)
+    return _Side(study, vertical, arch_results(cube, arch, scale), answer)
 
 
-def _curves(sides: Sequence[_Side], confidence: float) -> Picture:
+def _curves(sides: Sequence[_Side]) -> Picture:
     """Both curves of an arch with their bands, and the observed fractions."""
     scale = sides[0].results.scale
     reach = 1.05 * max(side.results.levels.max() for side in sides)
-    im = np.linspace(0.0, reach, 100)
-    looks = ((look.SKY, look.BLUE, "", "dot"), (look.ORANGE, look.VERMILION, "5 2.5", "ring"))
+    looks = ((look.BLUE, "", "dot"), (look.VERMILION, "5 2.5", "ring"))
     entries = [
         Entry(side.study, colour, "dash" if dash else "line")
-        for side, (_, colour, dash, _) in zip(sides, looks)
+        for side, (colour, dash, _) in zip(sides, looks)
     ]
 
     def draw(width: float) -> Sheet:
         sheet = Sheet(width)
         top = sheet.legend(BESIDE, 0.0, entries, width - BESIDE - 10.0) + 6.0
         panel = curve_axes(sheet, top, reach, scale.label, PROBABILITY)
-        for side, (pale, colour, dash, mark) in zip(sides, looks):
-            if side.resampled is not None:
-                levels, band = side.resampled.levels, side.resampled.band
-                panel.band(levels, band.lower, band.upper, pale, 0.25)
-            if isinstance(side.fit, Fragility):
-                panel.line(im, side.fit.probability(im / scale.factor), colour, 1.6, dash)
-            counts, used = side.results.counts, side.results.counts.n > 0
-            fraction = counts.collapsed[used] / counts.n[used]
+        for side, (colour, dash, mark) in zip(sides, looks):
+            draw_answer(panel, side.answer, scale, colour, dash)
+            known = side.results.known
+            used = known.n > 0
+            fraction = known.collapsed[used] / known.n[used]
             panel.dots(side.results.levels[used], fraction, colour, mark)
         return sheet
 
     medians = (
-        f"{side.study} median {scale.text(side.fit.theta)}"
-        if isinstance(side.fit, Fragility)
+        f"{side.study} median {scale.text(side.answer.curve.theta)}"
+        if isinstance(side.answer.curve, Fragility)
         else f"{side.study} no curve"
         for side in sides
     )
@@ -174,27 +161,27 @@ def _curves(sides: Sequence[_Side], confidence: float) -> Picture:
         draw,
         alternative=f"Probability of collapse of {sides[0].results.arch} against {scale.label} in "
         f"two studies: {', '.join(medians)}",
-        caption="Points: collapsed / (collapsed + standing) at each level. Shaded: "
-        f"{100 * confidence:.0f} % bands from resampled records, of each study by itself. Where "
+        caption="Points: fraction of the records that collapse at each level. Shaded: "
+        f"{100 * sides[0].answer.confidence:.0f} % bands, of each study by itself. Where "
         "both have the same records the change is known better than the bands, which hold the "
         "variation between records, suggest.",
     )
 
 
-def _table(sides: Sequence[_Side], confidence: float) -> tables.Table:
+def _table(sides: Sequence[_Side]) -> tables.Table:
     """One row for each figure, one column for each study."""
-    columns = [_figures(side, sides[0], confidence) for side in sides]
+    columns = [_figures(side, sides[0]) for side in sides]
     rows = [[key, *(column[key] for column in columns)] for key in columns[0]]
     return tables.Table(["figure", *(side.study for side in sides)], rows)
 
 
-def _figures(side: _Side, first: _Side, confidence: float) -> dict[str, str]:
-    results, counts, percent = side.results, side.results.counts, f"{100 * confidence:.0f} %"
-    band = side.resampled.band if side.resampled else None
-    answer = tables.answer(results, side.fit, confidence, band)
-    change = "–"
-    if side is not first and isinstance(side.fit, Fragility) and isinstance(first.fit, Fragility):
-        change = tables.signed(f"{100.0 * (side.fit.theta / first.fit.theta - 1.0):+.1f} %")
+def _figures(side: _Side, first: _Side) -> dict[str, str]:
+    results, counts = side.results, side.results.counts
+    percent = f"{100 * first.answer.confidence:.0f} %"
+    answer = tables.answer(side.answer, results.scale)
+    change, fit, before = "–", side.answer.curve, first.answer.curve
+    if side is not first and isinstance(fit, Fragility) and isinstance(before, Fragility):
+        change = tables.signed(f"{100.0 * (fit.theta / before.theta - 1.0):+.1f} %")
     lost, losses = results.lost_contact_time, results.contact_losses
     numbers = {
         "runs": counts.runs.sum(),
@@ -210,10 +197,12 @@ def _figures(side: _Side, first: _Side, confidence: float) -> dict[str, str]:
     return {
         "vertical component": side.vertical,
         "median capacity θ": answer.get("theta", "no curve"),
-        f"{percent} of θ, records resampled": answer.get("theta_resampled", "–"),
+        f"{percent} of θ": answer.get("theta_interval", "–"),
+        "θ by maximum likelihood": answer.get("theta_likelihood", "–"),
         f"change of θ from {first.study}": change,
         "dispersion β": answer.get("beta", "no curve"),
-        f"{percent} of β, records resampled": answer.get("beta_resampled", "–"),
+        f"{percent} of β": answer.get("beta_interval", "–"),
+        "β by maximum likelihood": answer.get("beta_likelihood", "–"),
         **{key: "not told" if n is None else f"{n:,}" for key, n in numbers.items()},
     }
 
@@ -231,7 +220,7 @@ def _differences(
     return tables.Table(["key", *names], rows) if rows else None
 
 
-def _settings(cube: xr.Dataset, arches: Sequence[str]) -> dict[str, str]:
+def _settings(cube: "xr.Dataset", arches: Sequence[str]) -> dict[str, str]:
     config = study_config(cube)
     parts = {name: config.get(name, {}) for name in ("intensity", "method")}
     entries = {f"arches.{entry['id']}": entry for entry in config.get("arches", ())}

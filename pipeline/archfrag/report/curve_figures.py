@@ -1,75 +1,33 @@
 """Fragility curves: of one arch with its data, of all arches together, and of limit states."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from archfrag.fragility.bands import (
-    RecordBand,
-    clopper_pearson,
-    confidence_band,
-    record_bootstrap_band,
-)
-from archfrag.fragility.fit import Fragility
+from archfrag.fragility.curve import Fragility
+from archfrag.fragility.intervals import clopper_pearson
 from archfrag.report import picture as look
 from archfrag.report.axes import BELOW, BESIDE, axis_x, axis_y, even_ticks
 from archfrag.report.picture import Picture
 from archfrag.report.plot import Entry, FloatArray, Panel, Sheet, picture
 from archfrag.report.summary import ArchResults, Scale
 
-_RESAMPLES = 1000
-_SEED = 1
+if TYPE_CHECKING:
+    from archfrag.study.curves import Answer
+
 _DASH = "5 2.5"
 COLOURS = (
     look.BLUE, look.VERMILION, look.GREEN, look.ORANGE, look.PURPLE, look.SKY,
 )  # fmt: skip
 MOST_NAMED = 12  # curves with a colour and stroke of their own
+MOST_THIN = 60  # curves of arches that are drawn for their class
 PROBABILITY = "probability of collapse"
 
 
-@dataclass(frozen=True)
-class Resampled:
-    """Band from resampled records at `levels` in the reader's unit, and how it was made."""
-
-    levels: FloatArray
-    band: RecordBand
-    description: str
-
-    def at(self, level: float) -> tuple[float, float]:
-        """Ends of the band at a level that is one of `levels`, or between two."""
-        low, high = (
-            np.interp(level, self.levels, end) for end in (self.band.lower, self.band.upper)
-        )
-        return float(low), float(high)
-
-
-def resample(results: ArchResults, confidence: float, at: float | None = None) -> Resampled | None:
-    """Band of the curve where the same records serve at all levels; None for a single record.
-
-    Parameters
-    ----------
-    results : ArchResults
-    confidence : float
-    at : float, optional
-        A level at which the band is wanted exactly, in the reader's unit.
-    """
-    if len(results.records) < 2 or results.grouped:
-        return None
-    levels = np.linspace(0.0, 1.05 * results.levels.max(), 100)
-    if at is not None:
-        levels = np.unique(np.append(levels, at))
-    band = record_bootstrap_band(
-        results.decided_or_neither, results.levels, levels, seed=_SEED, resamples=_RESAMPLES,
-        confidence=confidence,
-    )  # fmt: skip
-    lost = f", {band.n_degenerate} of them without a lognormal curve" if band.n_degenerate else ""
-    return Resampled(
-        levels,
-        band,
-        f"the same from {_RESAMPLES} resamples of whole records (seed {_SEED}{lost}), which keeps "
-        "the verdicts of a record at all levels together.",
-    )
+def stated(words: str) -> str:
+    """A sentence of others with its full stop."""
+    return words if words.endswith(".") else f"{words}."
 
 
 def curve_axes(sheet: Sheet, top: float, reach: float, title: str, words: str) -> Panel:
@@ -82,155 +40,217 @@ def curve_axes(sheet: Sheet, top: float, reach: float, title: str, words: str) -
     return panel
 
 
-def curve(
-    results: ArchResults, fit: Fragility | None, confidence: float, resampled: Resampled | None
-) -> Picture:
-    """Fragility curve with its band, and the observed fractions with exact intervals.
+def draw_answer(panel: Panel, answer: "Answer", scale: Scale, colour: str, dash: str = "") -> None:
+    """The curve that is quoted, over its band."""
+    im = scale.factor * np.array(answer.im)
+    if isinstance(answer.curve, Fragility):
+        seen = im <= panel.x[1]
+        band = (np.array(side)[seen] for side in (answer.lower, answer.upper))
+        panel.band(im[seen], *band, look.SKY if colour == look.BLUE else colour, 0.25)
+        reach = np.linspace(0.0, panel.x[1], 100)
+        panel.line(reach, answer.curve.probability(reach / scale.factor), colour, 1.8, dash)
+
+
+def curve(results: ArchResults, answer: "Answer") -> Picture:
+    """Fragility curve of an arch with its band, and what it was made from.
+
+    Observed fractions with exact intervals where every record was run at every level or the runs
+    have levels of their own; the distribution of the records' capacities where the levels were
+    bisected.
 
     Parameters
     ----------
     results : ArchResults
-    fit : Fragility or None
-        Theta in SI, as fitted to the cube; None: no curve, the data points only.
-    confidence : float
-        Of band and intervals.
-    resampled : Resampled, optional
-        Band from resampled records.
+    answer : Answer
     """
-    scale, counts = results.scale, results.counts
-    percent = f"{100 * confidence:.0f} %"
-    used = counts.n > 0
-    levels = results.levels[used]
-    fraction = counts.collapsed[used] / counts.n[used]
-    low, high = clopper_pearson(counts.collapsed[used], counts.n[used], confidence)
+    scale, percent = results.scale, f"{100 * answer.confidence:.0f} %"
     reach = 1.05 * results.levels.max()
-    entries = [Entry(f"share of collapses, exact {percent} interval", look.INK, "dot")]
-    if fit is not None:
-        entries += [
-            Entry("lognormal curve", look.BLUE, "line"),
-            Entry(f"{percent} band, runs independent", "#c9e3f5"),
-        ]
-        if resampled is not None:
-            entries.append(Entry(f"{percent} band, records resampled", look.BLUE, "dash"))
+    if results.own_levels is not None:
+        reach = 1.05 * float(np.nanmax(results.own_levels))
+    fit, free = answer.curve, answer.more.get("free", {})
+    entries = _entries(results, answer, percent)
 
     def draw(width: float) -> Sheet:
         sheet = Sheet(width)
         top = sheet.legend(BESIDE, 0.0, entries, width - BESIDE - 10.0) + 6.0
         panel = curve_axes(sheet, top, reach, scale.label, PROBABILITY)
-        if fit is not None:
+        draw_answer(panel, answer, scale, look.BLUE)
+        if isinstance(answer.likelihood, Fragility):
             im = np.linspace(0.0, reach, 100)
-            band = confidence_band(fit, im / scale.factor, confidence)
-            panel.band(im, band.lower, band.upper, look.SKY)
-            if resampled is not None:
-                for end in (resampled.band.lower, resampled.band.upper):
-                    panel.line(resampled.levels, end, look.BLUE, 0.9, _DASH)
-            panel.line(im, fit.probability(im / scale.factor), look.BLUE)
+            chance = answer.likelihood.probability(im / scale.factor)
+            panel.line(im, chance, look.BLUE, 0.9, _DASH)
+        for kind, colour in (("isotonic", look.GREY), ("kernel", look.GREEN)):
+            if kind in free and not (kind == "isotonic" and results.bisected):
+                at = scale.factor * np.array(free[kind]["im"])
+                panel.line(at, free[kind]["probability"], colour, 0.9)
+        if isinstance(fit, Fragility) and fit.theta * scale.factor <= reach:
             median = fit.theta * scale.factor
-            if median <= reach:
-                panel.line([0.0, median, median], [0.5, 0.5, 0.0], look.GREY, 0.8, "4 3")
-        panel.errors(levels, low, high)
-        panel.dots(levels, fraction, look.INK)
+            panel.line([0.0, median, median], [0.5, 0.5, 0.0], look.GREY, 0.8, "4 3")
+        _draw_data(panel, results, answer.confidence)
         return sheet
 
     what = "no lognormal curve could be fitted"
-    if fit is not None:
+    if isinstance(fit, Fragility):
         what = f"lognormal curve with median {scale.text(fit.theta)} and dispersion {fit.beta:.3f}"
-    grouped = (
-        "Every run has an intensity of its own; each point stands for a group of neighbours. "
-        if results.grouped
-        else ""
-    )
     return picture(
         draw,
-        alternative=f"Probability of collapse of {results.arch} against {scale.label}: {what}; "
-        f"observed fractions at {levels.size} levels",
-        caption="Points: collapsed / (collapsed + standing) at each level; bars: Clopper–Pearson. "
-        + grouped
-        + "Shaded: pointwise band from the covariance of the maximum-likelihood estimate (delta "
-        "method on the probit scale), every run taken as independent."
-        + (f" Dashed: {resampled.description}" if fit is not None and resampled else ""),
-    )  # fmt: skip
+        alternative=f"Probability of collapse of {results.arch} against {scale.label}: {what}",
+        caption=_caption(results, answer),
+    )
+
+
+def _entries(results: ArchResults, answer: "Answer", percent: str) -> list[Entry]:
+    free = answer.more.get("free", {})
+    if results.bisected:
+        entries = [Entry("capacities of the records", look.INK, "line")]
+    else:
+        entries = [Entry(f"fraction of collapses, exact {percent} interval", look.INK, "dot")]
+    if isinstance(answer.curve, Fragility):
+        entries += [
+            Entry("lognormal curve", look.BLUE, "line"), Entry(f"{percent} band", "#c9e3f5"),
+        ]  # fmt: skip
+    if isinstance(answer.likelihood, Fragility):
+        entries.append(Entry("by maximum likelihood", look.BLUE, "dash"))
+    if "isotonic" in free and not results.bisected:
+        entries.append(Entry("isotonic", look.GREY, "line"))
+    if "kernel" in free:
+        entries.append(Entry("kernel", look.GREEN, "line"))
+    return entries
+
+
+def _draw_data(panel: Panel, results: ArchResults, confidence: float) -> None:
+    if results.bisected:
+        capacity = capacities(results)
+        seen = np.sort(capacity[capacity <= panel.x[1]])
+        height = np.arange(seen.size + 1) / max(capacity.size, 1)
+        steps = np.concatenate([[0.0], np.repeat(seen, 2), [panel.x[1]]])
+        panel.line(steps, np.repeat(height, 2), look.INK, 1.1)
+        return
+    counts = results.counts
+    used = counts.n > 0
+    low, high = clopper_pearson(counts.collapsed[used], counts.n[used], confidence)
+    panel.errors(results.levels[used], low, high)
+    panel.dots(results.levels[used], counts.collapsed[used] / counts.n[used], look.INK)
+
+
+def capacities(results: ArchResults) -> FloatArray:
+    """Capacity of each record that was run: the middle of its bracket in logarithms.
+
+    inf where it never collapsed; its lowest level where it collapsed there.
+    """
+    found = results.brackets
+    return np.where(found.bracketed, found.middle, found.upper)
+
+
+def _caption(results: ArchResults, answer: "Answer") -> str:
+    if results.bisected:
+        data = (
+            "Steps: distribution of the capacities of the records, each at the middle in "
+            "logarithms of the two neighbouring levels between which it was found; the levels "
+            "that were run differ between records, so that fractions of runs mean nothing."
+        )
+    elif results.grouped:
+        data = (
+            "Every run has a motion and an intensity of its own; each point stands for a group "
+            "of neighbours: collapsed / (collapsed + standing), bars: Clopper–Pearson."
+        )
+    else:
+        data = (
+            "Points: collapsed / (collapsed + standing) at each level; bars: Clopper–Pearson, of "
+            "the records at that level."
+        )
+    if not answer.method:
+        return data
+    return (
+        f"{data} Shaded: pointwise band, {answer.method}. {stated(answer.assumptions)} Thin: "
+        "curves without a given shape, made from the same runs."
+    )
 
 
 def all_curves(
-    fits: Mapping[str, Fragility],
-    bands: Mapping[str, Resampled | None],
-    classes: Mapping[str, str],
+    answers: Mapping[str, "Answer"],
+    classes: Mapping[str, "Answer"],
+    members: Mapping[str, Sequence["Answer"]],
     scale: Scale,
-    highest: float,
-    at: float | None = None,
+    marks: tuple[float, float | None],
 ) -> Picture | None:
     """Curves of all arches in one figure; None if there are fewer than two.
 
     Parameters
     ----------
-    fits : mapping of arch to Fragility
-        Theta in SI.
-    bands : mapping of arch to Resampled or None
-        Drawn lightly where the curves are few.
-    classes : mapping of arch to its class
-        Of many arches the median and the 16 and 84 % quantiles are drawn by class.
+    answers : mapping of str to Answer
+        Of arches; by name if they are few, otherwise those that are of no class thinly.
+    classes : mapping of str to Answer
+        Drawn with their bands.
+    members : mapping of str to sequence of Answer
+        Arches of each class, drawn thinly.
     scale : Scale
-    highest : float
-        Level to which the curves are drawn, in the reader's unit.
-    at : float, optional
-        Level that is marked, in the reader's unit.
+    marks : (float, float or None)
+        Level to which the curves are drawn, and one that is marked, in the reader's unit.
     """
-    if len(fits) < 2:
+    known = {k: a for k, a in answers.items() if isinstance(a.curve, Fragility)}
+    if len(known) < 2:
         return None
-    im = np.linspace(0.0, 1.05 * highest, 100)
-    curves = {name: fit.probability(im / scale.factor) for name, fit in fits.items()}
-    many = len(fits) > MOST_NAMED
-    groups: dict[str, list[FloatArray]] = {}
-    for name, row in curves.items():
-        groups.setdefault(classes.get(name, name) if many else name, []).append(row)
-    if many and len(groups) > MOST_NAMED:
-        groups = {f"all {len(fits)} arches": list(curves.values())}
-    entries = []
-    for i, name in enumerate(groups):
-        count = f", median of {len(groups[name])}" if many else ""
-        entries.append(Entry(f"{name}{count}", *_stroke(i)[:2]))
-    if many:
-        entries += [Entry("each arch", "#b5bec8", "line"), Entry("16 to 84 %", "#c3cbd3")]
+    highest, at = marks
+    inside = {id(each) for each in (a for own in members.values() for a in own)}
+    named = {k: a for k, a in classes.items() if isinstance(a.curve, Fragility)}
+    single = {k: a for k, a in known.items() if id(a) not in inside}
+    thin = [(i, thinned(members[k])) for i, k in enumerate(named)]
+    if len(named) + len(single) <= MOST_NAMED:
+        named |= single
+    elif single:
+        thin.append((len(named), thinned(list(single.values()))))
+    shaded = len(named) <= 6
+    entries = [Entry(name, *_stroke(i)[:2]) for i, name in enumerate(named)]
+    if any(rows for _, rows in thin):
+        entries.append(Entry("each arch", "#b5bec8", "line"))
 
     def draw(width: float) -> Sheet:
         sheet = Sheet(width)
         top = sheet.legend(BESIDE, 0.0, entries, width - BESIDE - 10.0) + 6.0
-        panel = curve_axes(sheet, top, float(im[-1]), scale.label, PROBABILITY)
-        if at is not None and 0.0 < at < im[-1]:
+        panel = curve_axes(sheet, top, 1.05 * highest, scale.label, PROBABILITY)
+        if at is not None and 0.0 < at < panel.x[1]:
             panel.line([at, at], [0.0, 1.0], look.GREY, 0.9, "2 2")
-        if many:
-            faint = float(np.clip(25.0 / len(curves), 0.15, 0.5))
-            for i, rows in enumerate(groups.values()):
-                for row in rows:  # every third of 100 points, the last among them
-                    panel.line(im[::3], row[::3], _stroke(i)[0], 0.5, opacity=faint)
-        for i, (name, rows) in enumerate(groups.items()):
+        for i, rows in thin:
+            draw_thin(panel, rows, scale, _stroke(i)[0] if i < len(classes) else look.GREY)
+        im = np.linspace(0.0, panel.x[1], 100)
+        for i, answer in enumerate(named.values()):
             colour, _, dash = _stroke(i)
-            band = bands.get(name)
-            if many and len(groups) <= 4:
-                low, high = np.quantile(rows, [0.16, 0.84], axis=0)
-                panel.band(im, low, high, colour, 0.2)
-            elif not many and len(groups) <= 6 and band is not None:
-                panel.band(band.levels, band.band.lower, band.band.upper, colour, 0.13)
-            panel.line(im, np.median(rows, axis=0), colour, 2.2 if many else 1.8, dash)
+            if shaded:
+                draw_answer(panel, answer, scale, colour, dash)
+            else:
+                panel.line(im, answer.curve.probability(im / scale.factor), colour, 1.8, dash)
         return sheet
 
-    shown = "; ".join(f"{name} {scale.text(fit.theta)}" for name, fit in list(fits.items())[:40])
+    shown = dict([*named.items(), *list(known.items())[:40]])
+    medians = "; ".join(f"{k} {scale.text(a.curve.theta)}" for k, a in shown.items())
     return picture(
         draw,
-        alternative=f"Fragility curves of {len(fits)} arches against {scale.label}. "
-        f"Medians: {shown}",
-        caption=(
-            "Thin: the lognormal curve of each arch; bold: median of the curves of a class at "
-            "each level, shaded 16 to 84\u00a0% of them."
-            if many
-            else "Lognormal curves of all arches"
-            + (
-                ", shaded their bands from resampled records." if len(groups) <= 6 else "."
-            )
-        )
+        alternative=f"Fragility curves of {len(known)} arches against {scale.label}. "
+        f"Medians: {medians}",
+        caption="Lognormal curves"
+        + (", shaded their bands." if shaded else ".")
+        + (" Bold: of an arch of a class that is drawn at random; thin: arches of it." if thin
+           and classes else "")
         + (f" Dotted: {scale.text(at / scale.factor)}." if at is not None else ""),
     )  # fmt: skip
+
+
+def thinned(answers: Sequence["Answer"]) -> list[Fragility]:
+    """Curves of at most `MOST_THIN` arches, evenly from the weakest to the strongest."""
+    known = [a.curve for a in answers if isinstance(a.curve, Fragility)]
+    known.sort(key=lambda fit: fit.theta)
+    if len(known) <= MOST_THIN:
+        return known
+    return [known[i] for i in np.linspace(0, len(known) - 1, MOST_THIN).round().astype(int)]
+
+
+def draw_thin(panel: Panel, fits: Sequence[Fragility], scale: Scale, colour: str) -> None:
+    """Curves of many arches, lightly."""
+    im = np.linspace(0.0, panel.x[1], 34)
+    opacity = float(np.clip(25.0 / max(len(fits), 1), 0.15, 0.5))
+    for fit in fits:
+        panel.line(im, fit.probability(im / scale.factor), colour, 0.5, opacity=opacity)
 
 
 def limit_states(

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 
 from archfrag.arch import Arch
 from archfrag.fragility.counts import Verdict
@@ -13,6 +12,8 @@ from archfrag.study.case import simulate_case
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    import xarray as xr
 
     from archfrag.motions.motion import Motion
     from archfrag.simulation.response import Response
@@ -92,7 +93,7 @@ def near_miss(results: ArchResults) -> tuple[int, int, str] | None:
 
 
 def repeat(
-    cube: xr.Dataset,
+    cube: "xr.Dataset",
     results: ArchResults,
     arch: Arch,
     motions: "Sequence[Motion]",

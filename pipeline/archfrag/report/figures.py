@@ -7,6 +7,7 @@ from archfrag.mechanics.status import CollapseMode
 from archfrag.report import picture as look
 from archfrag.report.axes import (
     BELOW,
+    BESIDE,
     axis_x,
     axis_y,
     heading,
@@ -102,6 +103,48 @@ def verdict_map(results: ArchResults) -> Picture:
             if again
             else "No record leaves the arch standing above a level at which it collapsed."
         ),
+    )
+
+
+def scattered_runs(results: ArchResults) -> Picture:
+    """Every run where each has an intensity of its own: its largest displacement, its verdict."""
+    assert results.own_levels is not None
+    run = results.simulated.any(axis=1)
+    level = results.own_levels[run]
+    verdict = np.where(results.simulated, results.verdict, 0).sum(axis=1)[run]
+    reach = results.peak_displacement.sum(axis=1)[run]
+    moved = np.isfinite(reach) & (reach > 0.0)
+    entries = [
+        Entry(label, look.SKY if v == Verdict.STANDING else colour, "dot")
+        for v, (label, colour, _) in VERDICT_LOOK.items()
+        if np.any(verdict == v)
+    ]
+    seen = reach[moved] if moved.any() else np.array([1e-3, 1.0])
+    ends = 10.0 ** np.floor(np.log10(max(seen.min(), 1e-6))), 10.0 ** np.ceil(np.log10(seen.max()))
+    x = 0.95 * float(level.min()), 1.05 * float(level.max())
+
+    def draw(width: float) -> Sheet:
+        sheet = Sheet(width)
+        top = sheet.legend(BESIDE, 0.0, entries, width - BESIDE - 10.0) + 6.0
+        bottom = top + 220.0
+        box = (BESIDE + 8.0, top, width - 10.0, bottom)
+        panel = Panel(sheet, box, x, (ends[0], max(ends[1], 10.0 * ends[0])), True, True)
+        axis_x(panel, log_ticks(*x), results.scale.label, grid=True)
+        axis_y(panel, log_ticks(*panel.y, subs=(1.0,)), "largest displacement [m]")
+        for code, (_, colour, _) in VERDICT_LOOK.items():
+            own = verdict == code
+            colour = look.SKY if code == Verdict.STANDING else colour
+            height = np.clip(np.where(moved, reach, ends[0]), *panel.y)
+            panel.dots(level[own], height[own], colour, radius=2.6)
+        sheet.height = bottom + BELOW
+        return sheet
+
+    return picture(
+        draw,
+        alternative=f"{level.size} runs of {results.arch}: intensity, largest displacement and "
+        "verdict",
+        caption="Every run: the largest displacement of a voussoir against the run's own "
+        f"intensity. What moved by less than {ends[0]:g} m is shown there.",
     )
 
 

@@ -1,7 +1,7 @@
 """Intensity measures compared: how well each predicts collapse, in a table and a figure."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -11,113 +11,66 @@ from archfrag.report.picture import Picture
 from archfrag.report.plot import SMALL, Panel, Sheet, picture, shortened, text_width
 from archfrag.report.tables import Table
 
-
-@dataclass(frozen=True)
-class MeasureRow:
-    """What one intensity measure is worth for one arch; None where it is not known.
-
-    Attributes
-    ----------
-    measure, unit : str
-        Name, and the unit of `theta`.
-    theta : float or None
-        Median capacity in this measure, in `unit`.
-    beta : float or None
-        Dispersion of the curve in this measure [1].
-    efficiency : float or None
-        Standard deviation of ln(demand) about its regression on ln(measure); less is better.
-    practicality : float or None
-        Slope of that regression; more is better.
-    proficiency : float or None
-        Efficiency over practicality (Padgett, Nielson and DesRoches 2008); less is better.
-    sufficiency_magnitude, sufficiency_distance : float or None
-        p-values of what is left on magnitude and on distance: small ones speak against it.
-    """
-
-    measure: str
-    unit: str
-    theta: float | None = None
-    beta: float | None = None
-    efficiency: float | None = None
-    practicality: float | None = None
-    proficiency: float | None = None
-    sufficiency_magnitude: float | None = None
-    sufficiency_distance: float | None = None
+Row = Mapping[str, Any]  # of archfrag.fragility.measures.MeasureRow, with the unit of theta
+_COLUMNS = {
+    "β": "beta", "efficiency": "efficiency", "practicality": "practicality",
+    "proficiency": "proficiency", "p of magnitude": "p_magnitude", "p of distance": "p_distance",
+}  # fmt: skip
 
 
-def best(rows: Sequence[MeasureRow]) -> MeasureRow | None:
-    """The measure with the smallest dispersion; None where none is known."""
-    known = [row for row in rows if row.beta is not None and np.isfinite(row.beta)]
-    return min(known, key=lambda row: row.beta or 0.0) if known else None
-
-
-def measures_table(rows: Sequence[MeasureRow]) -> Table:
-    """One row for each measure, in the order given."""
-    heads = [
-        "measure", "θ", "unit", "β", "efficiency", "practicality", "proficiency",
-        "p of magnitude", "p of distance",
-    ]  # fmt: skip
+def measures_table(rows: Sequence[Row]) -> Table:
+    """One row for each measure, the most efficient first."""
     return Table(
-        heads,
+        ["measure", "θ", "unit", *_COLUMNS],
         [
-            [
-                row.measure,
-                _digits(row.theta),
-                row.unit,
-                *(
-                    _digits(value)
-                    for value in (
-                        row.beta,
-                        row.efficiency,
-                        row.practicality,
-                        row.proficiency,
-                        row.sufficiency_magnitude,
-                        row.sufficiency_distance,
-                    )
-                ),
-            ]
-            for row in rows
+            [row["measure"], _digits(row["theta"]), row["unit"],
+             *(_digits(row[key]) for key in _COLUMNS.values())]
+            for row in sorted(rows, key=_efficiency)
         ],
-    )
+    )  # fmt: skip
 
 
-def measures_figure(rows: Sequence[MeasureRow], arch: str) -> Picture | None:
-    """Dispersion in each measure, smallest on top; None if fewer than two are known."""
-    known = sorted(
-        (row for row in rows if row.beta is not None and np.isfinite(row.beta)),
-        key=lambda row: row.beta or 0.0,
-    )
+def measures_figure(rows: Sequence[Row], arch: str, best: str) -> Picture | None:
+    """Efficiency of each measure, the best on top; None if fewer than two are known."""
+    known = sorted((row for row in rows if np.isfinite(_efficiency(row))), key=_efficiency)
     if len(known) < 2:
         return None
-    betas = np.array([row.beta for row in known], dtype=float)
+    values = np.array([_efficiency(row) for row in known])
+    chosen = np.array([row["measure"] == best for row in known])
 
     def draw(width: float) -> Sheet:
         sheet = Sheet(width)
-        left = min(max(text_width(row.measure, SMALL) for row in known) + 10.0, 0.4 * width)
+        left = min(max(text_width(row["measure"], SMALL) for row in known) + 10.0, 0.4 * width)
         bottom = 4.0 + 16.0 * len(known)
         panel = Panel(
-            sheet, (left, 4.0, width - 44.0, bottom), (0.0, 1.02 * betas.max()),
+            sheet, (left, 4.0, width - 44.0, bottom), (0.0, 1.02 * values.max()),
             (len(known) - 0.5, -0.5),
         )  # fmt: skip
-        axis_x(panel, even_ticks(0.0, float(betas.max())), "dispersion β [1]", grid=True)
+        axis_x(panel, even_ticks(0.0, float(values.max())), "efficiency [1]", grid=True)
         rows_ = np.arange(len(known))
-        panel.boxes(0.0, betas[:1], rows_[:1] + 0.3, rows_[:1] - 0.3, look.BLUE)
-        panel.boxes(0.0, betas[1:], rows_[1:] + 0.3, rows_[1:] - 0.3, look.SKY)
+        for own, colour in ((chosen, look.BLUE), (~chosen, look.SKY)):
+            panel.boxes(0.0, values[own], rows_[own] + 0.3, rows_[own] - 0.3, colour)
         for place, row in enumerate(known):
             y = float(panel.at_y(place)) + 3.5
-            sheet.text(left - 5.0, y, shortened(row.measure, left - 8.0, SMALL), "s e")
-            sheet.text(float(panel.at_x(betas[place])) + 4.0, y, f"{betas[place]:.3f}", "s")
+            sheet.text(left - 5.0, y, shortened(row["measure"], left - 8.0, SMALL), "s e")
+            sheet.text(float(panel.at_x(values[place])) + 4.0, y, f"{values[place]:.3f}", "s")
         sheet.height = bottom + BELOW
         return sheet
 
     return picture(
         draw,
-        alternative=f"Dispersion of the curve of {arch} in {len(known)} intensity measures; "
-        f"smallest in {known[0].measure}",
-        caption="Dispersion of the lognormal curve fitted to the same runs in each measure: the "
-        "smaller, the fewer records tell the median as well.",
+        alternative=f"Efficiency of {len(known)} intensity measures for {arch}; smallest in "
+        f"{known[0]['measure']}",
+        caption="Efficiency: dispersion of the factors on the records that cause collapse, once "
+        "the records are scaled to the same value of a measure. The smaller, the fewer records "
+        "give the median as well. Dark: the best of those that are sufficient, which means that "
+        "magnitude and distance add nothing (p of magnitude, p of distance above 0.05).",
     )
 
 
-def _digits(value: float | None) -> str:
-    return "–" if value is None or not np.isfinite(value) else f"{value:#.3g}"
+def _efficiency(row: Row) -> float:
+    return float(row["efficiency"])
+
+
+def _digits(value: Any) -> str:
+    return f"{float(value):#.3g}" if np.isfinite(float(value)) else "–"

@@ -74,7 +74,10 @@ def spectra(
         What the factors do, in words.
     """
     periods = np.asarray(next(iter(responses.values()))[0], dtype=float)
-    scaled = np.stack([responses[r][1] * factors[r] for r in responses]) / STANDARD_GRAVITY
+    scaled = (
+        np.stack([responses[r][1] * factors[r] for r in responses if r in factors])
+        / STANDARD_GRAVITY
+    )
     low, median, high = np.nanquantile(scaled, [0.16, 0.5, 0.84], axis=0)
     floor = max(median.max() / 1000.0, 0.7 * float(np.nanmin(scaled[scaled > 0])))
     ends = (float(periods[0]), float(periods[-1])), (floor, 1.3 * float(np.nanmax(scaled)))

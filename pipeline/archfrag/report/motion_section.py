@@ -3,19 +3,20 @@
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
-from archfrag.fragility.fit import Fragility
+from archfrag.fragility.curve import Fragility
 from archfrag.report import motion_figures, tables
 from archfrag.report.motion_figures import SHOWN
 from archfrag.report.summary import Scale
 from archfrag.study.cautions import accepted_records
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from archfrag.report.page import ReportInputs
 
 
-def motion_section(inputs: "ReportInputs", cube: xr.Dataset, scale: Scale) -> dict[str, Any]:
+def motion_section(inputs: "ReportInputs", cube: "xr.Dataset", scale: Scale) -> dict[str, Any]:
     """Figures and table of the ground motions, by the names that the page's template uses."""
     from archfrag.motions.measures import measure, spectral_acceleration
 
@@ -37,7 +38,7 @@ def motion_section(inputs: "ReportInputs", cube: xr.Dataset, scale: Scale) -> di
 
 
 def _shown_factors(
-    inputs: "ReportInputs", cube: xr.Dataset, scale: Scale
+    inputs: "ReportInputs", cube: "xr.Dataset", scale: Scale
 ) -> tuple[dict[str, float], str]:
     """Factors that spectra are shown with, and in words what they do.
 
@@ -48,9 +49,11 @@ def _shown_factors(
     factors = cube["scale_factor"]
     if cube["intensity"].dims != ("level",):
         own = factors.isel(arch=0, level=0) if "arch" in factors.dims else factors.isel(level=0)
-        return dict(zip(records, own.values, strict=True)), "scaled as in the runs"
+        made = {r: float(f) for r, f in zip(records, own.values, strict=True) if np.isfinite(f)}
+        return made, "scaled as in the runs"
     intensity = cube["intensity"].values
-    medians = [fit.theta for fit in inputs.fits.values() if isinstance(fit, Fragility)]
+    fits = [answer.curve for answer in inputs.answers.values()]
+    medians = [fit.theta for fit in fits if isinstance(fit, Fragility)]
     level = intensity.size // 2
     if medians:
         level = int(np.abs(np.log(intensity) - np.log(np.median(medians))).argmin())

@@ -9,43 +9,33 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-import xarray as xr
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from archfrag.arch import Arch
 from archfrag.errors import InputError, OutputError
-from archfrag.fragility.fit import Fragility
-from archfrag.report.answer import (
-    ArchAnswer,
-    answer_table,
-    arch_answer,
-    classes,
-    headline,
-    summary,
-)
-from archfrag.report.arch_section import arch_section
-from archfrag.report.curve_figures import Resampled, all_curves, resample
-from archfrag.report.measure_figures import MeasureRow
-from archfrag.report.motion_figures import Spectrum
+from archfrag.report.answer import MOST_ROWS, answer_table, classes, headline, summary
+from archfrag.report.arch_section import arch_section, cautions_of
+from archfrag.report.class_section import class_section
+from archfrag.report.curve_figures import all_curves
 from archfrag.report.motion_section import motion_section
 from archfrag.report.picture import SVG_STYLE, Picture, standalone
 from archfrag.report.plot import hatch_definitions
-from archfrag.report.summary import ArchResults, Scale, arch_results, reading_scale
-from archfrag.study.cautions import scaled_far
-from archfrag.study.steps import REPORT_FILES
+from archfrag.report.summary import Scale, arch_results, reading_scale
+from archfrag.study.members import SHOWN
+from archfrag.study.steps import ALL_CURVES, REPORT_FILES
 
 if TYPE_CHECKING:
-    import pandas as pd
+    import xarray as xr
 
+    from archfrag.arch import Arch
     from archfrag.motions.motion import Motion
     from archfrag.report.beside import Beside
+    from archfrag.report.motion_figures import Spectrum
     from archfrag.simulate import Onset
+    from archfrag.study.curves import Answer
 
 
 SUMMARY = REPORT_FILES[1]  # beside the page
-_MOST_DETAILED = 12  # arches with a section of their own
 _MOST_ANIMATED = 4
 
 
@@ -62,14 +52,19 @@ class ReportInputs:
     motions : sequence of Motion
         Unscaled, one for each record of the cube, with the record's name as `id`.
     arches : sequence of (str, Arch, Onset)
-        Name in the cube, geometry and onset of each arch, in the order of the page.
-    fits : mapping of str to Fragility or str
-        For each arch its curve, theta in the SI unit of the cube's intensity, or the sentence
-        why there is none, which is shown as it is.
+        Name in the cube, geometry and onset of each arch that has a section, in the order of the
+        page.
+    answers : mapping of str to Answer
+        For each arch of the cube, theta in the SI unit of its intensity.
+    classes : mapping of str to Answer
+        For each class of several arches.
+    cautions : sequence of str
+        What must be known before a curve is used; what concerns one arch begins with its name
+        and a colon.
     spectra : mapping of record to (periods [s], Sa [m/s2]), optional
         At 5 % damping, unscaled, all at the same periods; computed here where not given.
-    timings : DataFrame, optional
-        Column `wall_time` [s], and `arch`; one row for each run or group of runs.
+    timings : mapping of arch to sequence of float, optional
+        Wall time of each run, or of groups of them [s].
     provenance : mapping, optional
         Text, numbers, lists or mappings of what made the results; the attributes of the cube
         where not given.
@@ -80,29 +75,24 @@ class ReportInputs:
         Another study with the same measure, to be compared in the arches that both have.
     at : float, optional
         Level at which the probability of collapse is wanted, in the unit of the study.
-    limit_states : mapping of arch to sequence of (name, Fragility)
-        Curves of limit states in their order, theta in the SI unit of the cube's intensity.
-    measures : mapping of arch to sequence of MeasureRow
-        Intensity measures compared.
     risk : mapping, optional
-        The section on risk: any of ``sentence`` (text), ``pictures`` (of Picture), ``tables`` (of
-        (label, Table)) and ``note`` (text), shown in this order.
+        From `archfrag.report.risk_section.risk_section`.
     """
 
-    cube: xr.Dataset | Path
+    cube: "xr.Dataset | Path"
     measure: str
-    motions: Sequence["Motion"]
-    arches: Sequence[tuple[str, Arch, "Onset"]]
-    fits: Mapping[str, Fragility | str]
-    spectra: Mapping[str, Spectrum] | None = None
-    timings: "pd.DataFrame | None" = None
+    motions: "Sequence[Motion]"
+    arches: "Sequence[tuple[str, Arch, Onset]]"
+    answers: "Mapping[str, Answer]"
+    classes: "Mapping[str, Answer]" = field(default_factory=dict)
+    cautions: Sequence[str] = ()
+    spectra: "Mapping[str, Spectrum] | None" = None
+    timings: Mapping[str, Sequence[float]] | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
     title: str = "Fragility of masonry arches"
     confidence: float = 0.9
     beside: "Beside | None" = None
     at: float | None = None
-    limit_states: Mapping[str, Sequence[tuple[str, Fragility]]] = field(default_factory=dict)
-    measures: Mapping[str, Sequence[MeasureRow]] = field(default_factory=dict)
     risk: Mapping[str, Any] | None = None
 
 
@@ -110,7 +100,7 @@ def write_report(study_results: ReportInputs, out: Path) -> Path:
     """Write the report, and beside it its numbers and curves; each file whole.
 
     ``summary.json`` holds what `archfrag.report.answer.summary` says, ``curve-<arch>.svg`` the
-    curve of each arch that has a section.
+    curve of each arch; of many arches ``curves.svg`` holds all.
 
     Parameters
     ----------
@@ -132,9 +122,9 @@ def write_report(study_results: ReportInputs, out: Path) -> Path:
     """
     out = Path(out)
     with _opened(study_results) as cube:
-        text, sections, data = _render(study_results, cube)
-    for section in sections:
-        _write_whole(out.parent / f"curve-{section['name']}.svg", standalone(section["curve"]))
+        text, curves, data = _render(study_results, cube)
+    for name, curve in curves.items():
+        _write_whole(out.parent / name, standalone(curve))
     numbers = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False)
     _write_whole(out.parent / SUMMARY, numbers + "\n")
     _write_whole(out, text)
@@ -161,10 +151,12 @@ def _write_whole(out: Path, text: str) -> None:
 
 
 @contextmanager
-def _opened(inputs: ReportInputs) -> Iterator[xr.Dataset]:
-    if isinstance(inputs.cube, xr.Dataset):
+def _opened(inputs: ReportInputs) -> "Iterator[xr.Dataset]":
+    if not isinstance(inputs.cube, Path):
         yield inputs.cube
         return
+    import xarray as xr
+
     try:
         cube = xr.load_dataset(inputs.cube)
     except (OSError, ValueError) as error:
@@ -185,46 +177,41 @@ def render(study_results: ReportInputs) -> str:
 
 
 def _render(
-    inputs: ReportInputs, cube: xr.Dataset
-) -> tuple[str, list[dict[str, Any]], dict[str, Any]]:
-    """The page, its sections on arches, and the content of ``summary.json``."""
+    inputs: ReportInputs, cube: "xr.Dataset"
+) -> tuple[str, dict[str, Picture], dict[str, Any]]:
+    """The page, the figures that are files too, and the content of ``summary.json``."""
     scale = reading_scale(cube, inputs.measure)
     _check(inputs, cube)
-    results = [arch_results(cube, name, scale) for name, _, _ in inputs.arches]
-    bands = [_band(each, inputs) for each in results]
-    answers = [
-        arch_answer(each, inputs.fits[each.arch], band, inputs.confidence, inputs.at)
-        for each, band in zip(results, bands, strict=True)
-    ]
-    detailed = _detailed(answers)
     sections = [
-        arch_section(inputs, cube, results[i], i, bands[i], number < _MOST_ANIMATED)
-        for number, i in enumerate(detailed)
+        arch_section(inputs, cube, arch_results(cube, name, scale), i, i < _MOST_ANIMATED)
+        for i, (name, _, _) in enumerate(inputs.arches)
     ]
-    caution = _scaled_far(cube, scale)
+    of_class = classes(cube)
+    many = len(inputs.answers) > SHOWN
+    listed = _listed(inputs, of_class)
+    every = _all_curves(inputs, cube, scale, of_class)
+    named = [name for name, _, _ in inputs.arches]
     provenance = dict(inputs.provenance) or dict(cube.attrs)
     text = (
         _environment()
         .get_template("report.html.j2")
         .render(
             title=inputs.title,
-            headline=headline(answers, scale, inputs.confidence),
-            answers=answer_table(answers, scale, inputs.confidence),
-            bands=sorted({answer.band for answer in answers if answer.band}),
-            all_curves=all_curves(
-                {a.name: a.fit for a in answers if a.fit is not None},
-                dict(zip([a.name for a in answers], bands, strict=True)),
-                classes(cube),
-                scale,
-                max(float(each.levels.max()) for each in results),
-                inputs.at,
-            ),
-            n_arch=len(answers),
+            headline=headline(listed, scale, inputs.at),
+            answers=answer_table(listed | dict(inputs.answers), scale, inputs.at),
+            most_rows=MOST_ROWS,
+            methods=_methods(inputs),
+            all_curves=every,
+            n_arch=len(inputs.answers),
             sections=sections,
+            classes=[
+                class_section(inputs, cube, name, i, scale)
+                for i, name in enumerate(inputs.classes)
+            ],
             beside=_beside(inputs, cube, scale),
             risk=inputs.risk,
             scale=scale,
-            caution=caution,
+            cautions=[c for c in inputs.cautions if not any(cautions_of([c], n) for n in named)],
             loss_limit=_loss_limit(cube),
             percent=f"{100 * inputs.confidence:.0f} %",
             n_record=cube.sizes["record"],
@@ -236,10 +223,35 @@ def _render(
             hatches=Markup(hatch_definitions()),
         )
     )
-    onsets = [onset for _, _, onset in inputs.arches]
-    parts = list(zip(answers, results, onsets, strict=True))
-    data = summary(inputs, cube, scale, parts, [caution] if caution else [])
-    return text, sections, data
+    curves = {f"curve-{section['name']}.svg": section["curve"] for section in sections}
+    if many:
+        curves = {ALL_CURVES: every} if every is not None else {}
+    return text, curves, summary(inputs, cube, scale, inputs.cautions)
+
+
+def _listed(inputs: ReportInputs, of_class: Mapping[str, str]) -> dict[str, "Answer"]:
+    """Answers that come first: of the classes, and of the arches that are of none."""
+    counted = list(of_class.values())
+    first = {f"{k}, {counted.count(k)} arches": answer for k, answer in inputs.classes.items()}
+    own = {k: a for k, a in inputs.answers.items() if of_class.get(k) not in inputs.classes}
+    return first | own
+
+
+def _methods(inputs: ReportInputs) -> list[str]:
+    """How curves and bands were made, each once."""
+    every = (*inputs.classes.values(), *inputs.answers.values())
+    return list(dict.fromkeys(answer.method for answer in every if answer.method))
+
+
+def _all_curves(
+    inputs: ReportInputs, cube: "xr.Dataset", scale: Scale, of_class: Mapping[str, str]
+) -> Picture | None:
+    members: dict[str, list[Answer]] = {name: [] for name in inputs.classes}
+    for name, answer in inputs.answers.items():
+        if of_class.get(name) in members:
+            members[of_class[name]].append(answer)
+    highest = scale.factor * float(cube["intensity"].max())
+    return all_curves(inputs.answers, inputs.classes, members, scale, (highest, inputs.at))
 
 
 def _environment() -> Environment:
@@ -261,22 +273,7 @@ def _inline(shown: Picture) -> Markup:
     return Markup(f'<div class="broad">{shown.svg}</div><div class="slim">{shown.narrow}</div>')
 
 
-def _band(results: ArchResults, inputs: ReportInputs) -> Resampled | None:
-    if isinstance(inputs.fits[results.arch], str):
-        return None
-    return resample(results, inputs.confidence, inputs.at)
-
-
-def _detailed(answers: Sequence[ArchAnswer]) -> list[int]:
-    """Places of the arches with a section: all, or of many those at even ranks of theta."""
-    if len(answers) <= _MOST_DETAILED:
-        return list(range(len(answers)))
-    order = np.argsort([answer.theta for answer in answers], kind="stable")
-    chosen = order[np.linspace(0, len(answers) - 1, _MOST_DETAILED).round().astype(int)]
-    return sorted(int(place) for place in chosen)
-
-
-def _beside(inputs: ReportInputs, cube: xr.Dataset, scale: Scale) -> dict[str, Any] | None:
+def _beside(inputs: ReportInputs, cube: "xr.Dataset", scale: Scale) -> dict[str, Any] | None:
     if inputs.beside is None:
         return None
     from archfrag.report.beside import beside_section
@@ -284,20 +281,13 @@ def _beside(inputs: ReportInputs, cube: xr.Dataset, scale: Scale) -> dict[str, A
     return beside_section(inputs, cube, scale)
 
 
-def _scaled_far(cube: xr.Dataset, scale: Scale) -> str:
-    """Caution on motions scaled too far, where all arches share the levels."""
-    if cube["intensity"].dims != ("level",):
-        return ""
-    return scaled_far(cube, [scale.text(level) for level in cube["intensity"].values.tolist()])
-
-
-def _loss_limit(cube: xr.Dataset) -> str | None:
+def _loss_limit(cube: "xr.Dataset") -> str | None:
     """Gap over joint length from which a loss of contact is a collapse; None if not told."""
     limit = cube.attrs.get("loss_limit", cube.get("loss_limit"))
     return None if limit is None else f"{100.0 * float(limit):g} %"
 
 
-def _check(inputs: ReportInputs, cube: xr.Dataset) -> None:
+def _check(inputs: ReportInputs, cube: "xr.Dataset") -> None:
     records = [str(name) for name in cube["record"].values]
     given = [motion.id for motion in inputs.motions]
     if sorted(given) != sorted(records):
@@ -305,9 +295,9 @@ def _check(inputs: ReportInputs, cube: xr.Dataset) -> None:
         raise InputError(
             f"motions and cube do not belong together: {', '.join(odd) or 'a record is twice'}"
         )
-    for name, _, _ in inputs.arches:
-        if name not in inputs.fits:
-            raise InputError(f"fits holds neither a curve nor a sentence for arch {name!r}")
+    for name in (*map(str, cube["arch"].values), *(name for name, _, _ in inputs.arches)):
+        if name not in inputs.answers:
+            raise InputError(f"answers holds none for arch {name!r}")
 
 
 def _plain(item: tuple[str, Any]) -> tuple[str, str]:

@@ -3,16 +3,19 @@
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from archfrag.errors import InputError
+from archfrag.fragility.borders import Brackets, fill_verdicts, find_brackets
 from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
 from archfrag.mechanics.status import CollapseMode
 from archfrag.study.config import LEVEL_UNITS
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 NOT_SIMULATED = 4  # code of a cell that the study's design left out
 _MOST_GROUPS = 10
@@ -98,7 +101,30 @@ class ArchResults:
     peak_rotation: FloatArray | None = None  # [rad]; None in cubes that do not say
     lost_contact_time: FloatArray | None = None  # [s]; likewise
     contact_losses: IntArray | None = None  # times that a joint was without contact
-    grouped: bool = False  # each run has an intensity of its own; levels stand for groups of runs
+    own_levels: FloatArray | None = None  # (n_record,), where each run has one of its own
+    design: str = "stripes"
+
+    @property
+    def grouped(self) -> bool:
+        """Whether each run has an intensity of its own; levels stand for groups of runs then."""
+        return self.own_levels is not None
+
+    @property
+    def bisected(self) -> bool:
+        """Whether the levels of each record were chosen to find its capacity."""
+        return self.design in ("ida", "two_stage")
+
+    @property
+    def brackets(self) -> Brackets:
+        """Between which levels the capacity of each record that was run lies."""
+        return find_brackets(self.verdict[self.simulated.any(axis=1)], self.levels, "first")
+
+    @property
+    def known(self) -> VerdictCounts:
+        """Counts of records at each level, with what their capacities imply where bisected."""
+        if not self.bisected:
+            return self.counts
+        return _counted(fill_verdicts(self.verdict[self.simulated.any(axis=1)], "first"))
 
     @property
     def simulated(self) -> NDArray[np.bool_]:
@@ -141,7 +167,7 @@ class ArchResults:
         return table
 
 
-def reading_scale(cube: xr.Dataset, measure: str) -> Scale:
+def reading_scale(cube: "xr.Dataset", measure: str) -> Scale:
     """Unit in which the intensities of a cube are shown: the study's, or else g or as stored.
 
     Raises
@@ -161,13 +187,13 @@ def reading_scale(cube: xr.Dataset, measure: str) -> Scale:
     return Scale(measure, unit, 1.0 / allowed.get(unit, 1.0))
 
 
-def study_config(cube: xr.Dataset) -> Mapping[str, Any]:
+def study_config(cube: "xr.Dataset") -> Mapping[str, Any]:
     """What a cube says of the study that made it; empty if it says nothing."""
     found: Mapping[str, Any] = json.loads(cube.attrs.get("archfrag_config", "{}"))
     return found
 
 
-def arch_results(cube: xr.Dataset, arch: str, scale: Scale) -> ArchResults:
+def arch_results(cube: "xr.Dataset", arch: str, scale: Scale) -> ArchResults:
     """Everything the report needs of one arch of a cube.
 
     Raises
@@ -184,7 +210,7 @@ def arch_results(cube: xr.Dataset, arch: str, scale: Scale) -> ArchResults:
     if arch not in names:
         raise InputError(f"the cube holds no arch {arch!r}; it holds {', '.join(names)}")
     part = cube.isel(arch=names.index(arch))
-    levels, place = _levels(part, scale)
+    levels, own, place = _levels(part, scale)
 
     def table(name: str, kind: type) -> NDArray:
         values: NDArray = part[name].transpose("record", "level", ...).values.astype(kind)
@@ -226,29 +252,39 @@ def arch_results(cube: xr.Dataset, arch: str, scale: Scale) -> ArchResults:
         models=[str(name) for name in part["model"].values],
         factors=factors if place is None else _spread(factors, place, levels.size),
         status=table("status", np.int64),
-        grouped=place is not None,
+        own_levels=own,
+        design=str(cube.attrs.get("archfrag_design_kind", "stripes")),
         **optional,
     )
 
 
-def _levels(part: xr.Dataset, scale: Scale) -> tuple[FloatArray, IntArray | None]:
-    """Levels in the reader's unit, and the group of each record where each has its own level."""
+def _levels(
+    part: "xr.Dataset", scale: Scale
+) -> tuple[FloatArray, FloatArray | None, IntArray | None]:
+    """Levels in the reader's unit; the own level and the group of each record, if it has such.
+
+    The group of a record that was not run is -1.
+    """
     given = part["intensity"]
     if given.dims == ("level",):
-        return given.values.astype(float) * scale.factor, None
+        return given.values.astype(float) * scale.factor, None, None
     own = given.transpose("record", "level").values[:, 0].astype(float) * scale.factor
-    order = np.argsort(own, kind="stable")
-    groups = np.array_split(order, min(_MOST_GROUPS, max(1, own.size // 5)))
-    place = np.zeros(own.size, dtype=np.int64)
+    verdict = part["verdict"].transpose("record", "level").values[:, 0]
+    run = np.flatnonzero((verdict != NOT_SIMULATED) & np.isfinite(own))
+    order = run[np.argsort(own[run], kind="stable")]
+    groups = np.array_split(order, min(_MOST_GROUPS, max(1, order.size // 5)))
+    place = np.full(own.size, -1)
     for number, members in enumerate(groups):
         place[members] = number
-    return np.array([np.exp(np.log(own[members]).mean()) for members in groups]), place
+    levels = np.array([np.exp(np.log(own[members]).mean()) for members in groups])
+    return levels, own, place
 
 
 def _spread(values: NDArray, place: IntArray, n_level: int) -> NDArray:
     """Values (n_record, 1, ...) put into the columns of their groups, zero elsewhere."""
     wide = np.zeros((values.shape[0], n_level, *values.shape[2:]), dtype=values.dtype)
-    wide[np.arange(len(values)), place] = values[:, 0]
+    run = np.flatnonzero(place >= 0)
+    wide[run, place[run]] = values[run, 0]
     return wide
 
 

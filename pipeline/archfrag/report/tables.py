@@ -5,23 +5,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.fragility.bands import (
-    RecordBand,
-    beta_interval,
-    clopper_pearson,
-    theta_interval,
-)
 from archfrag.fragility.counts import Verdict
-from archfrag.fragility.fit import Fragility
-from archfrag.report.summary import ArchResults, digits
+from archfrag.fragility.curve import Fragility
+from archfrag.fragility.intervals import clopper_pearson
+from archfrag.report.summary import ArchResults, Scale, digits
 
 if TYPE_CHECKING:
-    import pandas as pd
+    import xarray as xr
 
     from archfrag.motions.motion import Motion
+    from archfrag.study.curves import Answer
 
 
 _UNITS = {
@@ -43,68 +38,65 @@ class Table:
     numeric_from: int = 1
 
 
-def answer(
-    results: ArchResults, fit: Fragility | str, confidence: float, resampled: RecordBand | None
-) -> dict[str, str]:
-    """The curve in words: keys theta, theta_interval, beta, beta_interval, or `none` why not.
-
-    `fit` is in the cube's unit, `resampled` in the reader's.
-    """
-    if isinstance(fit, str):
-        return {"none": fit}
-    scale = results.scale
-    low, high = (value * scale.factor for value in theta_interval(fit, confidence))
-    beta_low, beta_high = beta_interval(fit, confidence)
-    return {
-        "theta": scale.text(fit.theta),
-        "theta_interval": f"{digits(low)} to {digits(high)} {scale.unit}",
-        "beta": f"{fit.beta:#.3g}",
-        "beta_interval": f"{beta_low:#.3g} to {beta_high:#.3g}",
-        "theta_resampled": _between(resampled.theta if resampled else None, scale.unit),
-        "beta_resampled": _between(resampled.beta if resampled else None, ""),
-        "correlation": signed(f"{fit.correlation:.2f}"),
-        "n_total": str(fit.n_total),
-        "n_levels": str(fit.n_levels),
-        "log_likelihood": signed(f"{fit.log_likelihood:.3f}"),
+def answer(given: "Answer", scale: Scale) -> dict[str, str]:
+    """The curve in words: keys theta, theta_interval, beta and more, or `none` why not."""
+    if isinstance(given.curve, str):
+        return {"none": given.curve}
+    low, high = (digits(end * scale.factor) for end in given.theta)
+    words = {
+        "theta": scale.text(given.curve.theta),
+        "theta_interval": f"{low} to {high} {scale.unit}",
+        "beta": f"{given.curve.beta:#.3g}",
+        "beta_interval": f"{given.beta[0]:#.3g} to {given.beta[1]:#.3g}",
+        "method": given.method,
+        "assumptions": given.assumptions,
+        "n_independent": f"{given.n_independent:.3g}",
+        "n_islands": str(given.n_islands),
+        "theta_likelihood": "no maximum",
+        "beta_likelihood": "no maximum",
     }
+    if isinstance(given.likelihood, Fragility):
+        words["theta_likelihood"] = scale.text(given.likelihood.theta)
+        words["beta_likelihood"] = f"{given.likelihood.beta:#.3g}"
+    return words
 
 
-def levels(results: ArchResults, fit: Fragility | None, confidence: float) -> Table:
-    """One row for each level: counts, observed fraction with its interval, fitted probability."""
-    counts = results.counts
-    low, high = clopper_pearson(counts.collapsed, counts.n, confidence)
+def levels(results: ArchResults, given: "Answer") -> Table:
+    """One row for each level: runs by verdict, observed fraction with its interval, the curve.
+
+    Where levels were bisected the fraction is of all records whose capacity is known to lie below
+    or above the level.
+    """
+    counts, known = results.counts, results.known
+    low, high = clopper_pearson(known.collapsed, known.n, given.confidence)
     rows = []
     for i, level in enumerate(results.levels):
-        n = counts.n[i]
-        fitted = "–" if fit is None else f"{fit.probability(level / results.scale.factor):.3f}"
+        fitted = "–"
+        if isinstance(given.curve, Fragility):
+            fitted = f"{given.curve.probability(level / results.scale.factor):.3f}"
+        kinds = (
+            counts.runs, counts.collapsed, counts.standing, counts.unfinished,
+            counts.solver_failures,
+        )  # fmt: skip
         rows.append(
             [
                 digits(level),
-                *(
-                    str(value[i])
-                    for value in (
-                        counts.runs,
-                        counts.collapsed,
-                        counts.standing,
-                        counts.unfinished,
-                        counts.solver_failures,
-                    )
-                ),
-                f"{counts.collapsed[i] / n:.3f}" if n else "–",
-                f"{low[i]:.3f} – {high[i]:.3f}" if n else "–",
+                *(str(kind[i]) for kind in kinds),
+                f"{known.collapsed[i] / known.n[i]:.3f}" if known.n[i] else "–",
+                f"{low[i]:.3f} – {high[i]:.3f}" if known.n[i] else "–",
                 fitted,
             ]
         )
-    percent = f"{100 * confidence:.0f} %"
+    what = "records with capacity below" if results.bisected else "fraction"
     heads = [
         results.scale.label, "runs", "collapsed", "standing", "unfinished", "solver failures",
-        "fraction", f"exact {percent} interval", "fitted",
+        what, f"exact {100 * given.confidence:.0f} % interval", "curve",
     ]  # fmt: skip
     return Table(heads, rows, numeric_from=0)
 
 
 def motions(
-    cube: xr.Dataset, items: Sequence["Motion"], measures: Mapping[str, Mapping[str, float]]
+    cube: "xr.Dataset", items: Sequence["Motion"], measures: Mapping[str, Mapping[str, float]]
 ) -> Table:
     """One row for each record: origin, length, measures as recorded, range of scale factors.
 
@@ -142,30 +134,27 @@ def motions(
     return Table(heads, rows)
 
 
-def quality(results: ArchResults, timings: "pd.DataFrame | None") -> Table:
+def quality(results: ArchResults, wall: Sequence[float] | None) -> Table:
     """Speed and energy figures of one arch.
 
     Parameters
     ----------
     results : ArchResults
-    timings : DataFrame or None
-        One row for each run or group of runs: column `wall_time` [s] and, if it holds more than
-        one arch, `arch`.
+    wall : sequence of float, optional
+        Wall time of each of its runs, or of groups of them [s].
     """
     simulated = float(np.nansum(results.end_time))
     runs = int(results.counts.runs.sum())
     rows = [["simulated time", f"{simulated:,.0f} s in {runs:,} runs"]]
-    if timings is not None and "wall_time" in timings:
-        own = timings[timings["arch"] == results.arch] if "arch" in timings else timings
-        wall = float(own["wall_time"].sum())
-        if wall > 0.0 and simulated > 0.0:
-            rows += [
-                ["wall time of the simulations, summed over workers", f"{wall:,.2f} s"],
-                ["wall time for one simulated second", f"{1e3 * wall / simulated:#.3g} ms"],
-            ]
-        if len(own) == runs:
-            middle, tail = own["wall_time"].quantile([0.5, 0.95])
-            rows.append(["wall time of a run, median and 95 %", f"{middle:#.3g} s, {tail:#.3g} s"])
+    times = np.array([] if wall is None else wall, dtype=float)
+    if times.sum() > 0.0 and simulated > 0.0:
+        rows += [
+            ["wall time of the simulations, summed over workers", f"{times.sum():,.2f} s"],
+            ["wall time for one simulated second", f"{1e3 * times.sum() / simulated:#.3g} ms"],
+        ]
+    if times.size == runs:
+        middle, tail = np.quantile(times, [0.5, 0.95])
+        rows.append(["wall time of a run, median and 95 %", f"{middle:#.3g} s, {tail:#.3g} s"])
     rows.append(["steps of integration", f"{results.steps.sum():,}"])
     failed = results.verdict == Verdict.SOLVER_FAILURE
     good = results.simulated & ~failed
@@ -201,7 +190,7 @@ def geometry(parameters: Mapping[str, Any]) -> Table:
     )
 
 
-def _optional(cube: xr.Dataset, name: str, place: int, form: str) -> str:
+def _optional(cube: "xr.Dataset", name: str, place: int, form: str) -> str:
     if name not in cube:
         return "–"
     value = float(cube[name].values[place])
@@ -213,12 +202,6 @@ def _median_and_largest(values: np.ndarray) -> str:
     if values.size == 0:
         return "not known"
     return f"{np.median(values):.1e}, {values.max():.1e}"
-
-
-def _between(ends: tuple[float, float] | None, unit: str) -> str:
-    if ends is None or not np.all(np.isfinite(ends)):
-        return "not known"
-    return f"{digits(ends[0])} to {digits(ends[1])} {unit}".strip()
 
 
 def signed(text: str) -> str:

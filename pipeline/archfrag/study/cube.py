@@ -1,5 +1,6 @@
 """The cube: all parts of a study in one CF-1.11 netCDF file."""
 
+import csv
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -128,6 +129,18 @@ def write_timings(study: Study) -> Path:
         if old != plan.path:
             old.unlink(missing_ok=True)
     return path
+
+
+def read_timings(study: Study) -> dict[str, list[float]] | None:
+    """Wall times of the runs of each arch that `write_timings` gathered [s]; None without."""
+    path = study.work / TIMINGS
+    if not path.is_file():
+        return None
+    found: dict[str, list[float]] = {}
+    with open(path, newline="", encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            found.setdefault(row["arch"], []).append(float(row["wall_time"] or "nan"))
+    return found
 
 
 class _Layout:

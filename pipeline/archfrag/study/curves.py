@@ -18,7 +18,6 @@ from archfrag.fragility.quoted import quoted_band, shared_events
 from archfrag.study.design import GRIDS
 
 POINTS = 120  # of a band
-SHOWN = 12  # arches that a report has room to show one by one
 _SEED = 1
 
 

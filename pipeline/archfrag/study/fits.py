@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
 import xarray as xr
 
 from archfrag.errors import InputError
@@ -16,6 +17,7 @@ from archfrag.study.config import Study
 from archfrag.study.cube import CUBE, refuse_foreign_cube
 from archfrag.study.curves import Answer
 from archfrag.study.files import write_text
+from archfrag.study.members import shown
 
 FITS = "fits.json"
 T = TypeVar("T")
@@ -62,8 +64,12 @@ def fit_cube(study: Study) -> dict[str, Answer]:
         ]
         grouped = curves.classes_of_cube(cube, runs)
         answers = {each.name: curves.answer(each, confidence) for each in runs}
-        for number, each in enumerate(runs[: curves.SHOWN]):
-            one = cube.isel(arch=number)
+        medians = [
+            np.nan if isinstance(found.curve, str) else found.curve.theta
+            for found in answers.values()
+        ]
+        for number in shown(medians):
+            each, one = runs[number], cube.isel(arch=number)
             answers[each.name].more.update(
                 free=curves.free_shapes(each, confidence),
                 measures=curves.measures_compared(one, each),

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from archfrag.study.config import Study
 
 MOST_MEMBERS = 20_000  # arches of a study, sampled ones counted each
+SHOWN = 12  # arches that a report shows one by one; of more it shows three
 
 
 @dataclass(frozen=True)
@@ -138,6 +139,29 @@ def members(study: "Study", n_record: int | None = None) -> Members:
         As `expand`.
     """
     return expand(study.arches, n_record)
+
+
+def shown(theta: Sequence[float]) -> list[int]:
+    """Places of the arches that a report shows one by one.
+
+    All if they are few; of many the weakest, the middle and the strongest.
+
+    Parameters
+    ----------
+    theta : sequence of float
+        Median capacity of each arch; nan where there is no curve.
+
+    Examples
+    --------
+    >>> from archfrag.study.members import shown
+    >>> shown([2.0, 1.0]), shown([0.1 * i for i in range(20)])
+    ([0, 1], [0, 10, 19])
+    """
+    if len(theta) <= SHOWN:
+        return list(range(len(theta)))
+    order = np.argsort(np.asarray(theta, dtype=float), kind="stable")
+    known = order[: max(1, int(np.isfinite(theta).sum()))]
+    return sorted({int(known[0]), int(known[len(known) // 2]), int(known[-1])})
 
 
 def needs_records(entries: Sequence[Any]) -> bool:

@@ -14,6 +14,7 @@ from archfrag.study.config import Study
 from archfrag.study.digests import canonical_json, digest_of, sha256_if_there, source_hash
 from archfrag.study.files import make_folder, write_text
 from archfrag.study.inputs import changes
+from archfrag.study.members import SHOWN, members, needs_records
 from archfrag.study.plan import Plan, make_plan
 from archfrag.study.records import MANIFEST, motions_key, read_manifest, study_inputs
 from archfrag.study.replay import replay
@@ -22,6 +23,7 @@ from archfrag.study.written import remember
 
 STEPS = "steps"
 REPORT_FILES = ("report.html", "summary.json")
+ALL_CURVES = "curves.svg"  # of many arches, in the place of a figure of each
 _COMMAND = {"cube": "archfrag cube", "fit": "archfrag fit"}
 
 
@@ -43,14 +45,26 @@ def stamp_file(study: Study, step: str) -> Path:
 
 def products(study: Study, step: str) -> list[Path]:
     """Files that a step makes; parts of batches have checks of their own."""
-    curves = [study.folder / f"curve-{entry.id}.svg" for entry in study.arches]
     made = {
         "motions": [study.work / MANIFEST],
         "cube": [study.folder / "cube.nc", study.work / "timings.csv"],
         "fit": [study.folder / "fits.json"],
-        "report": [*(study.folder / name for name in REPORT_FILES), *curves],
     }
+    if step == "report":
+        return [study.folder / name for name in (*REPORT_FILES, *_curve_files(study))]
     return made.get(step, [])
+
+
+def _curve_files(study: Study) -> list[str]:
+    """Figures beside the report; of none yet if the arches follow from records not read yet."""
+    try:
+        n_record = len(read_manifest(study)["records"])
+    except InputError:
+        n_record = None
+    if n_record is None and needs_records(study.arches):
+        return []
+    names = members(study, n_record).ids
+    return [ALL_CURVES] if len(names) > SHOWN else [f"curve-{name}.svg" for name in names]
 
 
 def finish(study: Study, step: str) -> None:
@@ -182,10 +196,14 @@ def _made_from(study: Study, step: str, plan: Plan | None = None) -> str:
         decides.append(sha256_if_there(study.work / MANIFEST))
     if step in ("fit", "report"):
         decides += [sha256_if_there(path) for path in products(study, "cube")]
-        decides.append(source_hash("fragility", "study/fits.py"))
+        decides.append(source_hash("fragility", "study/fits.py", "study/curves.py"))
+        decides += [study.report.confidence, study.limit_states.model_dump()]
     if step == "report":
         decides += [sha256_if_there(path) for path in products(study, "fit")]
         decides += [sha256_if_there(study.work / MANIFEST), study.title, source_hash("report")]
+        decides += [study.report.at, source_hash("study/risk.py", "study/cautions.py")]
+        if study.risk is not None:
+            decides += [study.risk.model_dump(), sha256_if_there(study.risk.hazard)]
     return digest_of(decides)
 
 

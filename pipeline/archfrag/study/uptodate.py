@@ -78,6 +78,8 @@ def note_finished(study: "Study", request: dict[str, Any]) -> None:
     made = [study.work / MANIFEST]
     for step in step_names(study):
         made += [stamp_file(study, step), *products(study, step)]
+    if study.risk is not None:
+        made.append(Path(study.risk.hazard))
     files |= {str(path): sha256_if_there(path) for path in made}
     patterns = [entry.path for entry in study.motions.files]
     for folder in {Path(path).parent for path in manifest["inputs"]["record"]}:
