@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.errors import InputError
-from archfrag.fragility.borders import Brackets, fill_verdicts, find_brackets
+from archfrag.fragility.brackets import Brackets, fill_verdicts, find_brackets
 from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
 from archfrag.mechanics.status import CollapseMode
 from archfrag.study.config import LEVEL_UNITS

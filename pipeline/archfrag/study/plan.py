@@ -171,7 +171,7 @@ class Plan:
                 grid = Grid(arch, records, levels, measures[records], groups)
                 yield arch, ida(grid, design)
             elif isinstance(design, Scattered):
-                yield arch, scattered(arch, records, self.levels, design)
+                yield arch, scattered(arch, records, levels, design)
             elif isinstance(design, Cloud):
                 own_levels = (design.factor / self._at_one[records]) ** (1.0 / self.power)
                 yield arch, cloud(arch, records, own_levels)
