@@ -30,9 +30,7 @@ wildcard_constraints:
 localrules:
     all,
     motions,
-    cube,
-    fit,
-    report,
+    results,
     method_figures,
     evidence,
 

@@ -97,7 +97,8 @@ def _step(command: Callable) -> Callable:
             command(study, say, **options)
             if name == "batch":
                 name = batch_step(options["batch"], study.execution.batches)
-            finish(study, name)
+            if name != "results":  # which has noted each of its steps
+                finish(study, name)
 
     return main.command()(_study(_set(_log(wrapped))))
 
@@ -377,26 +378,16 @@ def batch(
 @_step
 def cube(study: Any, say: Callable[[str], None]) -> None:
     """Gather the results into one CF netCDF cube."""
-    from archfrag.study.cube import write_cube, write_timings
-
-    path = write_cube(study)
-    write_timings(study)
-    say(f"cube: {path}")
+    _cube(study, say)
 
 
 @_step
 @json_option
 def fit(study: Any, say: Callable[[str], None], as_json: bool) -> None:
     """Fit a fragility curve to each arch of the cube."""
-    from archfrag.study.cautions import study_cautions
-    from archfrag.study.fits import FITS, fit_cube, fit_sentence
-    from archfrag.study.steps import require
+    from archfrag.study.fits import FITS
 
-    require(study, "cube")
-    for name, curve in fit_cube(study).items():
-        say(f"fit: {fit_sentence(study, name, curve)}")
-    for caution in study_cautions(study):
-        say(f"caution: {caution}")
+    _fit(study, say)
     if as_json:
         click.echo((study.folder / FITS).read_text(encoding="utf-8"))
 
@@ -406,6 +397,43 @@ def fit(study: Any, say: Callable[[str], None], as_json: bool) -> None:
               help="Compare the arches with those of another, finished study.")  # fmt: skip
 def report(study: Any, say: Callable[[str], None], beside: Path | None) -> None:
     """Write the report: one HTML file that needs no network."""
+    _report(study, say, beside)
+
+
+@_step
+def results(study: Any, say: Callable[[str], None]) -> None:
+    """Make cube, curves and report, as far as they are not up to date."""
+    from archfrag.study.steps import finish, is_done
+
+    stale = False
+    for name, make in (("cube", _cube), ("fit", _fit), ("report", _report)):
+        stale = stale or not is_done(study, name)
+        if stale:
+            make(study, say)
+            finish(study, name)
+
+
+def _cube(study: Any, say: Callable[[str], None]) -> None:
+    from archfrag.study.cube import write_cube, write_timings
+
+    path = write_cube(study)
+    write_timings(study)
+    say(f"cube: {path}")
+
+
+def _fit(study: Any, say: Callable[[str], None]) -> None:
+    from archfrag.study.cautions import study_cautions
+    from archfrag.study.fits import fit_cube, fit_sentence
+    from archfrag.study.steps import require
+
+    require(study, "cube")
+    for name, curve in fit_cube(study).items():
+        say(f"fit: {fit_sentence(study, name, curve)}")
+    for caution in study_cautions(study):
+        say(f"caution: {caution}")
+
+
+def _report(study: Any, say: Callable[[str], None], beside: Path | None = None) -> None:
     from archfrag.report.inputs import report_inputs
     from archfrag.report.page import write_report
 

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
-from scipy.stats import t as student
+from scipy.special import chdtrc, stdtr
 
 from archfrag.fragility.binomial_lines import binomial_lines, inverse_mills
 from archfrag.fragility.brackets import Brackets
@@ -164,7 +163,7 @@ def fit_verdicts(log_im: FloatArray, fell: FloatArray, covariates: FloatArray) -
         keep = ~part.degenerate & (information > 0.0) & sound
         with np.errstate(divide="ignore", invalid="ignore"):
             slopes[keep, j] = (-score / information / part.slope)[keep]
-            p_values[keep, j] = chi2.sf(score**2 / information, 1)[keep]
+            p_values[keep, j] = chdtrc(1, score**2 / information)[keep]
     log_likelihood = np.where(sound, -lines.loss, np.nan)
     return MeasureFits(log_theta, beta, log_likelihood, slopes, p_values)
 
@@ -197,7 +196,7 @@ def _regressions(known: LogCapacities, covariate: FloatArray) -> tuple[FloatArra
         residual = ((y - slope[:, None] * off) ** 2).sum(axis=1) / freedom
         with np.errstate(divide="ignore", invalid="ignore"):
             statistic = np.abs(slope) / np.sqrt(residual / (off @ off))
-        return slope, 2.0 * student.sf(statistic, freedom)
+        return slope, 2.0 * stdtr(freedom, -statistic)
     once = np.ones((1, off.size))
     nothing = np.full(len(known.values), np.nan)
     if np.count_nonzero(known.side == OBSERVED) < 4:
@@ -206,4 +205,4 @@ def _regressions(known: LogCapacities, covariate: FloatArray) -> tuple[FloatArra
     without = censored_lines(constant, known.values, known.side, once)[2]
     design = np.column_stack([constant, off])
     coefficients, _, loss = censored_lines(design, known.values, known.side, once)
-    return coefficients[:, 1], chi2.sf(np.maximum(2.0 * (without - loss), 0.0), 1)
+    return coefficients[:, 1], chdtrc(1, np.maximum(2.0 * (without - loss), 0.0))

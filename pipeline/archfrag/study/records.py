@@ -31,8 +31,7 @@ MANIFEST = "motions.json"
 # Measures in which every run is known: the study's own is compared with them.
 COMPARED = (
     "PGA", "PGV", "PGD", "Arias", "CAV", "HI", "ASI", "Sa(0.1)", "Sa(0.2)", "Sa(0.3)", "Sa(0.5)",
-    "Sa(0.7)", "Sa(1)", "Sa(1.5)", "Sa(2)", "Sa(3)", "AvgSA(0.2,2)", "FIV3(0.5)", "FIV3(1)",
-    "FIV3(2)",
+    "Sa(0.7)", "Sa(1)", "Sa(1.5)", "Sa(2)", "Sa(3)", "AvgSA(0.2,2)",
 )  # fmt: skip
 SEEDS = ("seed", "event_seed", "site_seed")
 _AGAIN = "`archfrag motions` on the study file makes it"

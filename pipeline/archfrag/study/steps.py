@@ -85,6 +85,11 @@ def finish(study: Study, step: str) -> None:
     write_text(stamp_file(study, step), canonical_json(stamp) + "\n")
 
 
+def is_done(study: Study, step: str) -> bool:
+    """Whether the results of a step are those of the study as it is."""
+    return not _wrong(study, step)
+
+
 def require(study: Study, step: str) -> None:
     """See that the results of a step are those of the study as it is.
 
