@@ -6,6 +6,7 @@ import logging
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
@@ -30,11 +31,12 @@ from archfrag.study.plan import Plan, make_plan
 from archfrag.study.provenance import add_to_log, available_cores, machine
 from archfrag.study.rounds import Cases
 from archfrag.study.store import Store, timings_folder
-from archfrag.study.worker import run_chunks
+from archfrag.study.worker import run_chunk, run_chunks
 
 # A worker is to stay below 400 MB; dask ends one that reaches 95 % of the limit.
 MEMORY_LIMIT = 800 * 10**6
 IN_FLIGHT = 2
+HERE = 5.0  # [s]
 # A chunk is one call: four of its runs go side by side to near its end, workers share a round.
 LANES, SMALLEST_CHUNK, LARGEST_CHUNK, CHUNKS_EACH = 4, 8, 200, 3
 LOOK_AFTER = 0.5  # between looks whether workers are there [s]
@@ -112,8 +114,8 @@ def run_batch(
     rounds, store = plan.rounds(batch, study.execution.batches), Store(plan.parts)
     count = workers or study.execution.workers or available_cores()
     with contextlib.ExitStack() as stack:
-        crew: _Crew | None = None
         bar = stack.enter_context(_progress(quiet))
+        hands = _Hands(study, plan, count, bar, stack)
         while len(rounds.wanted):
             factors = plan.factors(rounds.wanted)
             keys = plan.keys(rounds.wanted, factors)
@@ -122,13 +124,9 @@ def run_batch(
             log.kept += len(keys) - missing.size
             _count(bar, log.runs, missing.size)
             if missing.size:
-                if crew is None:
-                    plan.save()
-                    log.workers = count
-                    crew = stack.enter_context(_started(study, plan, count, bar))
                 chunks = cut(rounds.wanted[missing], study.execution.chunk, count)
                 work = [(cases, factors[missing[rows]]) for rows, cases in chunks]
-                for done in crew.results(plan, work):
+                for done in hands.results(work):
                     if not store.add(Path(done["part"])):
                         raise WorkerError(
                             f"{done['part']}: a worker wrote it, but it cannot be read back; "
@@ -138,7 +136,7 @@ def run_batch(
                     log.kernel_time += done["kernel_time"]
                     log.peak_memory[str(done["pid"])] = done["peak_memory"]
             rounds.answer(store.verdicts(keys))
-    log.rounds = rounds.count
+    log.rounds, log.workers = rounds.count, hands.workers
     log.wall_time = time.perf_counter() - started
     add_to_log(study.work, {"step": "batch", **asdict(log), **machine()})
     return log
@@ -163,19 +161,51 @@ def cut(cases: Cases, chunk: int | None, workers: int) -> list[tuple[slice, Case
     return chunks
 
 
-@contextlib.contextmanager
-def _started(study: Study, plan: Plan, workers: int, bar: tqdm) -> Iterator["_Crew"]:
-    """Workers that are ready, kernels compiled and arches checked."""
-    with contextlib.ExitStack() as stack:
-        with _ticking(bar):
-            _compile_kernels(kernels_needed(study, plan), bar)
-            bar.set_description("starting workers")
+class _Hands:
+    """Makes runs: the first ones in this process, then on workers, if there is work for them.
+
+    Workers take seconds to start, which is more than all runs of a small study take.
+    """
+
+    def __init__(
+        self, study: Study, plan: Plan, count: int, bar: tqdm, stack: contextlib.ExitStack
+    ) -> None:
+        self.workers = 0
+        self._study, self._plan, self._count = study, plan, count
+        self._bar, self._stack = bar, stack
+        self._left = HERE if study.execution.scheduler is None else 0.0  # [s]
+        self._crew: _Crew | None = None
+
+    def results(self, work: list[tuple[Cases, NDArray]]) -> Iterator[dict[str, Any]]:
+        """Run chunks, in this process for as long as `HERE` says."""
+        if not self.workers:
+            self._plan.save()
+            with _ticking(self._bar):
+                _compile_kernels(kernels_needed(self._study, self._plan), self._bar)
+                if self._left > 0.0:
+                    check_arches(self._study, len(self._plan.records))
+            self.workers = 1
+        waiting = deque(work)
+        while waiting and self._left > 0.0:
+            done = run_chunk(str(self._plan.path), *waiting.popleft())
+            self._left -= done["wall_time"]
+            yield done
+        if waiting:
+            if self._crew is None:
+                self._crew = self._started()
+            yield from self._crew.results(self._plan, list(waiting))
+
+    def _started(self) -> "_Crew":
+        """Workers that are ready, and arches checked."""
+        with _ticking(self._bar):
+            self._bar.set_description("starting workers")
             with ThreadPoolExecutor(1) as beside:
-                checked = beside.submit(check_arches, study, len(plan.records))
-                client = stack.enter_context(_client(study, workers))
+                checked = beside.submit(check_arches, self._study, len(self._plan.records))
+                client = self._stack.enter_context(_client(self._study, self._count))
             checked.result()
-        _start_clock(bar)
-        yield _Crew(client)
+        _start_clock(self._bar)
+        self.workers = self._count
+        return _Crew(client)
 
 
 def _compile_kernels(names: list[str], bar: tqdm) -> None:
