@@ -112,8 +112,8 @@ def write_timings(study: Study) -> Path:
     table = pd.DataFrame(
         {
             "stage": cases["stage"],
-            "arch": np.array([arch["id"] for arch in plan.arches])[cases["arch"]],
-            "record": np.array([record.id for record in plan.records])[cases["record"]],
+            "arch": _named(cases["arch"], [arch["id"] for arch in plan.arches]),
+            "record": _named(cases["record"], [record.id for record in plan.records]),
             "level": cases["level"],
             "steps": steps,
             "wall_time": wall_time,
@@ -124,6 +124,13 @@ def write_timings(study: Study) -> Path:
         table.to_csv(temporary, index=False)
     store.forget_others([keys])
     return path
+
+
+def _named(numbers: NDArray, names: list[str]) -> Any:
+    """Names by their numbers, each kept once."""
+    import pandas as pd
+
+    return pd.Categorical.from_codes(numbers.astype(np.int64), pd.Index(names))
 
 
 class _Layout:
