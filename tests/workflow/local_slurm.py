@@ -42,7 +42,7 @@ SchedulerParameters=batch_sched_delay=0,sched_interval=1,bf_interval=1
 SchedulerType=sched/backfill
 ReturnToService=2
 NodeName={host} NodeAddr=127.0.0.1 CPUs={cores} RealMemory={memory} State=UNKNOWN
-PartitionName=all Nodes={host} Default=YES MaxTime=60 State=UP
+PartitionName=all Nodes={host} Default=YES MaxTime=INFINITE State=UP
 """
 
 
@@ -87,12 +87,13 @@ def local_slurm(cores: int = 4, memory: int = 8000) -> Iterator[Slurm]:
     """
     # Sockets' paths must be short: no temporary folder of pytest's.
     folder = Path(tempfile.mkdtemp(prefix="slurm-", dir="/tmp"))
-    path = os.pathsep.join([os.environ.get("PATH", ""), "/usr/sbin", "/sbin"])
+    path = os.pathsep.join([str(folder), os.environ.get("PATH", ""), "/usr/sbin", "/sbin"])
     environment = {**os.environ, "PATH": path, "SLURM_CONF": str(folder / "slurm.conf")}
     slurm = Slurm(folder, environment, cores)
     started: list[subprocess.Popen] = []
     try:
         _write_files(folder, cores, memory)
+        _write_srun(folder)
         for command in _commands(folder, path):
             started.append(
                 subprocess.Popen(
@@ -131,6 +132,14 @@ def _write_files(folder: Path, cores: int, memory: int) -> None:
             controller=controller, node=node, cores=cores, memory=memory,
         )
     )  # fmt: skip
+
+
+def _write_srun(folder: Path) -> None:
+    """Let `srun` find its cluster: Snakemake's plugin starts it without any SLURM_CONF."""
+    script = folder / "srun"
+    real = shutil.which("srun")
+    script.write_text(f'#!/bin/sh\nSLURM_CONF={folder}/slurm.conf exec {real} "$@"\n')
+    script.chmod(0o755)
 
 
 def _free_ports(count: int) -> list[int]:

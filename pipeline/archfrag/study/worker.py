@@ -39,7 +39,8 @@ def _arch(path: str, modified: int, number: int) -> "Arch":
     return entry.build()
 
 
-@lru_cache(maxsize=4)
+# A record of a minute with its vertical component takes 0.2 MB.
+@lru_cache(maxsize=64)
 def _motion(folder: str, record: PreparedRecord) -> "Motion":
     return motion_of_record(Path(folder), record)
 
