@@ -38,6 +38,7 @@ AccountingStorageType=accounting_storage/none
 MpiDefault=none
 SelectType=select/cons_tres
 SelectTypeParameters=CR_Core_Memory
+DefMemPerCPU=1000
 SchedulerParameters=batch_sched_delay=0,sched_interval=1,bf_interval=1
 SchedulerType=sched/backfill
 ReturnToService=2
@@ -107,7 +108,7 @@ def local_slurm(cores: int = 4, memory: int = 8000) -> Iterator[Slurm]:
         if len(started) == len(DAEMONS):
             slurm.ask("scancel", f"--user={getpass.getuser()}")
             slurm.ask("scancel", "--signal=KILL", f"--user={getpass.getuser()}")
-            _wait(lambda: not slurm.ask("squeue", "--noheader"), 10.0)
+            wait(lambda: not slurm.ask("squeue", "--noheader"), 10.0)
         for process in reversed(started):
             process.terminate()
             try:
@@ -170,13 +171,13 @@ def _wait_until_ready(slurm: Slurm, started: list[subprocess.Popen], name: str) 
         "slurmctld": lambda: bool(slurm.ask("sinfo", "--noheader")),
         "slurmd": lambda: slurm.ask("sinfo", "--noheader", "--format=%t") == "idle",
     }[name]
-    if not _wait(lambda: started[-1].poll() is not None or ready(), 20.0) or not ready():
+    if not wait(lambda: started[-1].poll() is not None or ready(), 20.0) or not ready():
         log = slurm.folder / f"{name}.log"
         said = log.read_text(errors="replace")[-3000:] if log.is_file() else "nothing"
         raise RuntimeError(f"{name} does not come up; it said: {said}")
 
 
-def _wait(condition, seconds: float) -> bool:
+def wait(condition, seconds: float) -> bool:
     """Whether a condition came true in time."""
     end = time.monotonic() + seconds
     while not condition():
