@@ -269,9 +269,8 @@ def validate(study_file: Path, overrides: tuple[str, ...], as_json: bool) -> Non
     from archfrag.study.checks import check_study
     from archfrag.study.config import load_study
 
-    summary = asdict(check_study(load_study(study_file, overrides)))
-    counts = ", ".join(f"{value} {key}" for key, value in summary.items() if key != "study")
-    click.echo(json.dumps(summary) if as_json else f"{study_file}: in order; {counts}")
+    summary = check_study(load_study(study_file, overrides))
+    click.echo(json.dumps(asdict(summary)) if as_json else f"{study_file}: in order; {summary}")
 
 
 @main.command()

@@ -32,10 +32,16 @@ def test_failures_leave_the_fraction_alone():
     assert (a.collapsed / a.n).tolist() == (b.collapsed / b.n).tolist() == [0.5]
 
 
-@pytest.mark.parametrize("foreign", [4, -1, np.nan])
+@pytest.mark.parametrize("foreign", [5, -1, np.nan])
 def test_a_missing_run_is_told(foreign):
     with pytest.raises(InputError, match=r"none of 0 \(standing\)"):
         count_verdicts(np.array([[0.0, foreign]]))
+
+
+def test_cells_without_a_run_count_as_nothing():
+    counts = count_verdicts(np.array([[0, 4], [4, 4], [1, 1]]))
+    assert counts.runs.tolist() == counts.n.tolist() == [2, 1]
+    assert counts.collapsed.tolist() == [1, 1]
 
 
 def test_a_single_value_is_no_table():

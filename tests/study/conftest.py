@@ -66,3 +66,21 @@ def full_disk(monkeypatch):
             yield
 
     return fill
+
+
+@pytest.fixture
+def here(monkeypatch):
+    """Batches run in this process: the crew of workers is replaced, all else is as it is."""
+    from archfrag.study import batch
+    from archfrag.study.worker import run_chunk
+
+    class Crew:
+        def results(self, plan, work):
+            for cases, factors in work:
+                yield run_chunk(str(plan.path), cases, factors)
+
+    @contextlib.contextmanager
+    def started(study, plan, workers, bar):
+        yield Crew()
+
+    monkeypatch.setattr(batch, "_started", started)

@@ -4,6 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
+from archfrag.study.batch import cut
+from archfrag.study.files import make_folder
+from archfrag.study.plan import Plan
+from archfrag.study.store import Store, timings_folder
+from archfrag.study.worker import run_chunk
+
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = """\
 id: small
@@ -51,3 +57,18 @@ def small_study(folder: Path, text: str = TEXT, name: str = "small.yaml") -> Pat
 def files(folder: Path) -> dict[str, bytes]:
     """Names and contents of all files of a folder, hidden ones too."""
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+def make_runs(plan: Plan, chunk: int = 2) -> None:
+    """Make all runs that are missing, in this process: starting workers takes seconds."""
+    for folder in (plan.parts, timings_folder(plan.parts)):
+        make_folder(folder)
+    plan.save()
+    rounds, store = plan.rounds(), Store(plan.parts)
+    while len(rounds.wanted):
+        factors = plan.factors(rounds.wanted)
+        keys = plan.keys(rounds.wanted, factors)
+        missing = np.flatnonzero(store.places(keys) < 0)
+        for rows, cases in cut(rounds.wanted[missing], chunk, 1) if missing.size else ():
+            store.add(Path(run_chunk(str(plan.path), cases, factors[missing[rows]])["part"]))
+        rounds.answer(store.verdicts(keys))

@@ -10,23 +10,31 @@ import threading
 import time
 from dataclasses import replace
 
+import numpy as np
 import psutil
 import pytest
 
 from archfrag.errors import InputError, StabilityError, WorkerError
 from archfrag.study import batch as batch_module
-from archfrag.study.batch import BatchLog, kernels_needed, run_batch
+from archfrag.study.batch import kernels_needed, run_batch
 from archfrag.study.bundles import Bundles
 from archfrag.study.checks import check_arches
 from archfrag.study.config import Method, load_study
-from archfrag.study.parts import read_part
 from archfrag.study.plan import make_plan
-from archfrag.study.worker import run_chunk
-from tests.study.small import files, small_study
+from archfrag.study.replay import gather
+from archfrag.study.store import read_part
+from tests.study.small import files, make_runs, small_study
 
 
 def parts_of(folder):
-    return {k: v for k, v in files(folder / "parts").items() if k.endswith(".npz")}
+    return {k: v for k, v in files(folder / "parts").items() if k.endswith(".npy")}
+
+
+def assert_same(results, expected):
+    """The same runs with the same results, however they were cut into parts."""
+    np.testing.assert_array_equal(results.cases, expected.cases)
+    for name, values in expected.table.items():
+        np.testing.assert_array_equal(results.table[name], values)
 
 
 def worker_processes():
@@ -49,7 +57,7 @@ class Killer(threading.Thread):
 
     def run(self):
         while not self.stop.is_set():
-            if list(self.folder.glob("parts/0*.npz")):
+            if list(self.folder.glob("parts/*.npy")):
                 for process in worker_processes()[: None if self.every else 1]:
                     with contextlib.suppress(psutil.NoSuchProcess):
                         process.kill()
@@ -66,7 +74,7 @@ def take_four(bundles):
 
 def test_one_worker_with_large_bundles_gives_the_same_parts_as_two(done, copied, monkeypatch):
     monkeypatch.setattr(Bundles, "take", take_four)
-    for path in copied.study.work.glob("parts/*.npz"):
+    for path in copied.study.work.glob("parts/*.npy"):
         path.unlink()
     log = run_batch(copied.study, workers=1, quiet=True)
     assert (log.workers, log.runs, log.kept) == (1, 12, 0)
@@ -145,14 +153,14 @@ def _asked_by_http(port):
 
 
 def test_finished_parts_are_kept_and_only_the_others_made(done, copied):
-    plan = copied.plan
-    plan.part(1).unlink()
-    plan.part(4).write_bytes(b"torn")
-    os.utime(plan.part(0), (1, 1))
+    kept, gone, torn = sorted(copied.plan.parts.glob("*.npy"))[:3]
+    gone.unlink()
+    torn.write_bytes(b"torn")
+    os.utime(kept, (1, 1))
     log = run_batch(copied.study, workers=2, quiet=True)
     assert (log.runs, log.kept) == (12, 8)
-    assert plan.part(0).stat().st_mtime == 1
-    assert parts_of(copied.study.work) == parts_of(done.study.work)
+    assert kept.stat().st_mtime == 1
+    assert_same(gather(copied.plan), gather(done.plan))
 
 
 @pytest.mark.parametrize("compiled", [True, False])
@@ -160,7 +168,7 @@ def test_kernels_are_compiled_here_and_not_loaded_where_they_are(done, monkeypat
     simulate, made = importlib.import_module("archfrag.simulate"), []
     monkeypatch.setattr(simulate, "kernels_are_compiled", lambda name: compiled)
     monkeypatch.setattr(simulate, "warmup", lambda name, progress: made.append(name))
-    with batch_module._progress(BatchLog(0), quiet=True) as bar:
+    with batch_module._progress(True) as bar:
         batch_module._compile_kernels(["time_stepping"], bar)
     assert made == ([] if compiled else ["time_stepping"])
 
@@ -172,7 +180,7 @@ def test_nothing_to_do_starts_no_workers(copied, monkeypatch):
 
 
 def test_another_cluster_beside_it_is_no_matter(copied, recwarn):
-    copied.plan.part(1).unlink()
+    next(copied.plan.parts.glob("*.npy")).unlink()
     with socket.socket() as taken:
         taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         with contextlib.suppress(OSError):
@@ -187,7 +195,7 @@ def test_batches_share_the_runs(copied):
     execution = study.execution.model_copy(update={"batches": 5})
     study = study.model_copy(update={"execution": execution})
     logs = [run_batch(study, number, quiet=True) for number in range(5)]
-    assert [log.runs for log in logs] == [4, 2, 2, 2, 2]
+    assert [log.runs for log in logs] == [3, 3, 3, 3, 0]
     with pytest.raises(InputError, match="--batch 5: must be from 0 to 4"):
         run_batch(study, 5, quiet=True)
 
@@ -203,14 +211,15 @@ def test_batches_share_the_runs(copied):
 )
 def test_only_the_kernels_that_the_runs_need(done, method, breaks, expected):
     arches = tuple(entry for entry in done.study.arches if entry.build().n_voussoir > 2)
-    study = done.study.model_copy(update={"method": Method(**method), "arches": arches})
+    study = done.study.model_copy(update={"arches": arches})
     records = tuple(replace(done.plan.records[0], breaks=number) for number in breaks)
-    assert kernels_needed(study, replace(done.plan, records=records)) == expected
+    methods = (Method(**method).model_dump(),)
+    assert kernels_needed(study, replace(done.plan, records=records, methods=methods)) == expected
 
 
 def slow(done, step):
     """The same study with steps so short that there is time to kill somebody."""
-    for path in done.study.work.glob("parts/*.npz"):
+    for path in done.study.work.glob("parts/*.npy"):
         path.unlink()
     method = done.study.method.model_copy(update={"dt": step})
     return done.study.model_copy(update={"method": method})
@@ -223,14 +232,13 @@ def test_a_killed_worker_costs_nothing_but_time(copied):
     run_batch(study, workers=2, quiet=True)
     killer.join(10.0)
     assert killer.killed == 1
-    disturbed = parts_of(study.work)
-    assert len(disturbed) == 6
-    # In this process, where nobody is killed and no workers have to start.
     plan = make_plan(study)
-    for chunk in range(plan.n_chunk):
-        plan.part(chunk).unlink()
-        run_chunk(str(plan.path), chunk)
-    assert parts_of(study.work) == disturbed
+    disturbed = gather(plan)
+    # In this process, where nobody is killed and no workers have to start.
+    for path in plan.parts.glob("*.npy"):
+        path.unlink()
+    make_runs(plan)
+    assert_same(gather(plan), disturbed)
 
 
 def test_workers_killed_again_and_again_end_the_batch(copied, monkeypatch):
@@ -248,14 +256,13 @@ def test_workers_killed_again_and_again_end_the_batch(copied, monkeypatch):
     assert str(caught.value).endswith(
         "finished parts are kept, the same command with --resume goes on"
     )
-    plan = make_plan(study)
-    kept = [chunk for chunk in range(6) if read_part(plan, chunk) is not None]
-    assert 1 <= len(kept) < 6
+    parts = list(make_plan(study).parts.glob("*.npy"))
+    assert 1 <= len([path for path in parts if read_part(path) is not None]) < 6
 
 
 def test_a_scheduler_that_does_not_answer(copied, monkeypatch):
     monkeypatch.setattr(batch_module, "ANSWER_WITHIN", 0.5)
-    copied.plan.part(0).unlink()
+    next(copied.plan.parts.glob("*.npy")).unlink()
     execution = copied.study.execution.model_copy(update={"scheduler": "tcp://127.0.0.1:1"})
     study = copied.study.model_copy(update={"execution": execution})
     with pytest.raises(
@@ -266,14 +273,16 @@ def test_a_scheduler_that_does_not_answer(copied, monkeypatch):
 
 def test_disk_full_in_a_worker_is_told_and_keeps_the_finished_parts(copied):
     """A folder in the place of a part stands for any failing write in another process."""
-    for path in copied.study.work.glob("parts/*.npz"):
-        path.unlink()
-    copied.plan.part(5).mkdir()
     from archfrag.errors import OutputError
+
+    blocked, *others = copied.study.work.glob("parts/*.npy")
+    for path in (blocked, *others):
+        path.unlink()
+    blocked.mkdir()
 
     with pytest.raises(OutputError) as caught:
         run_batch(copied.study, workers=1, quiet=True)
-    assert str(caught.value).startswith(f"{copied.plan.part(5)}: cannot be written (")
+    assert str(caught.value).startswith(f"{blocked}: cannot be written (")
 
 
 def test_arch_that_cannot_stand(tmp_path):

@@ -11,11 +11,11 @@ import xarray as xr
 
 from archfrag.errors import InputError, OutputError
 from archfrag.fragility.counts import Verdict
-from archfrag.study.cube import _write, gather, write_cube, write_timings
+from archfrag.study.cube import _write, write_cube, write_timings
 from archfrag.study.fits import fit_cube, fit_sentence, load_fits
 from archfrag.study.outcome import COLUMNS
-from archfrag.study.parts import read_part, write_part
-from archfrag.study.records import PreparedRecord
+from archfrag.study.replay import gather
+from archfrag.study.store import Store, new_table, read_part, table_type, write_part
 
 
 def sha256(path):
@@ -35,27 +35,28 @@ def cube(cube_file):
 
 class TestContent:
     def test_each_run_stands_where_its_part_says(self, done, cube):
-        plan = done.plan
-        for run in range(plan.n_run):
-            part, row = read_part(plan, run // plan.chunk), run % plan.chunk
-            place = dict(zip(("arch", "record", "level"), plan.case(run)))
-            for column in COLUMNS:
-                np.testing.assert_array_equal(
-                    cube[column.name].isel(place).values, part[column.name][row]
-                )
-            np.testing.assert_array_equal(
-                cube["model_time"].isel(place).values, part["model_time"][row]
-            )
+        cases = done.plan.rounds().wanted
+        store = Store(done.plan.parts)
+        seen = 0
+        for rows in store.rows(store.places(done.plan.keys(cases, done.plan.factors(cases)))):
+            for case, row in zip(cases[rows.asked], rows.table):
+                place = {"arch": case["arch"], "record": case["record"], "level": case["place"]}
+                for column in COLUMNS:
+                    np.testing.assert_array_equal(cube[column.name].isel(place), row[column.name])
+                assert cube["model_time"].isel(place).values.tolist() == list(row["model_time"])
+                seen += 1
+        assert seen == 12
 
     def test_runs_that_lost_contact_and_stand_are_counted(self, done, tmp_path):
-        table = gather(done.plan)
+        results = gather(done.plan)
+        table = results.table
         shape = (2, 2, 3)
         table["verdict"][:] = Verdict.STANDING
         table["verdict"].reshape(shape)[1, 0, 2] = Verdict.COLLAPSED
         table["lost_contact_time"][:] = np.nan
         table["lost_contact_time"].reshape(shape)[1, :, 1:] = 0.5
         with netCDF4.Dataset(str(tmp_path / "cube.nc"), "w") as cube:
-            _write(cube, done.study, done.plan, table)
+            _write(cube, done.study, done.plan, results)
             assert cube["lost_contact_and_stand"][:].tolist() == [[0, 0, 0], [0, 2, 1]]
             assert cube.loss_limit == "0.5"
 
@@ -66,11 +67,11 @@ class TestContent:
         np.testing.assert_allclose(cube["model_time"].sum("model"), cube["end_time"], rtol=1e-9)
 
     def test_axes_can_be_selected_by_name(self, done, cube):
-        assert cube.sizes == {"arch": 2, "record": 2, "level": 3, "model": 4}
+        assert cube.sizes == {"arch": 2, "record": 2, "level": 3, "model": 4, "measure": 20}
         one = cube.sel(arch="ring", record="wave1", level=2)
         assert one["record_file"].item() == "wave1.AT2"
         assert one["record_sha256"].item() == done.plan.records[1].sha256
-        assert one["scale_factor"].item() == done.plan.records[1].factors[2]
+        assert one["scale_factor"].item() == done.plan.records[1].factor * done.plan.levels[2]
         assert one["intensity"].item() == pytest.approx(1.2 * 9.80665)
 
     def test_every_variable_has_a_name_and_every_quantity_a_unit(self, cube_file):
@@ -78,7 +79,9 @@ class TestContent:
             for name, variable in raw.variables.items():
                 assert len(variable.long_name) > 5, name
                 text, flags = variable.dtype.kind == "S", hasattr(variable, "flag_values")
-                assert hasattr(variable, "units") != (text or flags), name
+                # Values in several measures: the unit of each is in measure_unit.
+                several = name == "record_measure"
+                assert hasattr(variable, "units") != (text or flags or several), name
                 assert getattr(variable, "units", "") != "g", name
                 if flags:
                     assert len(variable.flag_meanings.split()) == len(variable.flag_values)
@@ -128,19 +131,22 @@ class TestFile:
     def test_writing_again_gives_the_same_bytes(self, copied):
         first = sha256(write_cube(copied.study))
         assert sha256(write_cube(copied.study)) == first
-        table = read_part(copied.plan, 0)
+        path = next(copied.plan.parts.glob("*.npy"))
+        table = read_part(path)
         table["peak_rotation"] = np.nextafter(table["peak_rotation"], 1.0)
-        write_part(copied.plan, 0, table)
+        path.unlink()
+        write_part(copied.plan.parts, table)
         assert sha256(write_cube(copied.study)) != first
 
     def test_missing_parts_are_counted_and_the_command_told(self, copied):
-        copied.plan.part(1).unlink()
-        copied.plan.part(4).write_bytes(b"torn")
+        one, other = list(copied.plan.parts.glob("*.npy"))[:2]
+        one.unlink()
+        other.write_bytes(b"torn")
         with pytest.raises(InputError) as caught:
             write_cube(copied.study)
         assert str(caught.value) == (
-            f"{copied.study.work / 'parts'}: 2 of 6 parts are missing or damaged; `archfrag run "
-            "STUDY --resume` with the file of study 'small' makes them and the cube"
+            f"{copied.study.work / 'parts'}: 4 of 12 runs of round 1 are missing or damaged; "
+            "`archfrag run STUDY --resume` with the file of study 'small' makes them and the cube"
         )
         assert not (copied.study.folder / "cube.nc").exists()
 
@@ -172,17 +178,26 @@ class TestFile:
         assert not list(copied.study.folder.glob(".cube.nc*"))
 
     def test_parts_of_different_ladders_are_not_mixed(self, copied):
-        table = read_part(copied.plan, 3)
-        table["model"] = table["model"][::-1]
-        write_part(copied.plan, 3, table)
-        with pytest.raises(InputError, match="tells of other models than the parts before"):
+        path = next(copied.plan.parts.glob("*.npy"))
+        table = read_part(path)
+        path.unlink()
+        columns = {name: table[name] for name in table.dtype.names}
+        names = table["model_time"].dtype.names
+        columns["model"] = np.array(names[::-1])
+        columns["model_time"] = np.array(
+            [[row[name] for name in names[::-1]] for row in table["model_time"]]
+        )
+        write_part(copied.plan.parts, new_table(table["key"], columns))
+        with pytest.raises(InputError, match="is of other models than the parts before"):
             write_cube(copied.study)
 
     def test_wall_times_are_beside_the_cube(self, done, cube_file):
         import pandas as pd
 
         table = pd.read_csv(write_timings(done.study))
-        assert table["run"].tolist() == list(range(12))
+        assert table["arch"].tolist() == ["ring"] * 6 + ["slab"] * 6
+        assert table["record"].tolist() == (["wave0"] * 3 + ["wave1"] * 3) * 2
+        assert (table["stage"] == 0).all()
         assert (table["wall_time"] > 0.0).all()
         with xr.open_dataset(cube_file) as cube:
             np.testing.assert_array_equal(table["steps"], cube["steps"].values.ravel())
@@ -195,26 +210,22 @@ def test_gathering_a_hundred_thousand_runs_takes_less_than_a_gibibyte(copied, tm
 
     base = copied.plan.records[0]
     n_record, n_level = 2000, 25
-    records = tuple(
-        PreparedRecord(**{**vars(base), "id": f"r{i}", "factors": (1.0,) * n_level})
-        for i in range(n_record)
-    )
-    plan = replace(
-        copied.plan, records=records, levels=tuple(float(i + 1) for i in range(n_level)), chunk=200
-    )
-    assert plan.n_run == 100_000
-    seed = read_part(copied.plan, 0)
-    table = {
-        name: values if name == "model" else np.repeat(values[:1], 200, axis=0)
-        for name, values in seed.items()
-    }
-    for chunk in range(plan.n_chunk):
-        write_part(plan, chunk, table)
+    records = tuple(replace(base, id=f"r{i}", prepared=f"{i}") for i in range(n_record))
+    levels = tuple(float(i + 1) for i in range(n_level))
+    plan = replace(copied.plan, folder=str(tmp_path), records=records, levels=levels)
+    plan.parts.mkdir()
+    cases = plan.rounds().wanted
+    keys = plan.keys(cases, plan.factors(cases))
+    assert len(keys) == 100_000
+    table = np.zeros(200, table_type(("one", "other")))
+    for some in range(0, len(keys), 200):
+        table["key"] = keys[some : some + 200]
+        write_part(plan.parts, table)
     plan.save()
     code = (
         "import sys; from pathlib import Path; from archfrag.study.plan import Plan; "
-        "from archfrag.study.cube import gather; from archfrag.study.worker import peak_memory; "
-        "t = gather(Plan.load(Path(sys.argv[1]))); assert t['steps'].size == 100_000; "
+        "from archfrag.study.replay import gather; from archfrag.study.worker import peak_memory; "
+        "t = gather(Plan.load(Path(sys.argv[1]))); assert t.table['steps'].size == 100_000; "
         "print(peak_memory())"
     )
     found = subprocess.run(

@@ -9,11 +9,21 @@ from archfrag.errors import InputError, OutputError, RecordError, StudyError
 from archfrag.motions.measures import measure
 from archfrag.study.config import load_study
 from archfrag.study.digests import sha256_of
+from archfrag.study.plan import make_plan
 from archfrag.study.records import load_prepared, load_record, prepare_motions
+from archfrag.study.rounds import cases_of
 from tests.study.small import ROOT, TEXT, files, small_study, write_at2
 
 FILES = 'files: ["records/*.AT2"]'
 INDEX = ROOT / "records" / "index.csv"
+
+
+def plan_factors(study, record):
+    """Factors of one record at all levels, as the plan has them."""
+    plan = make_plan(study)
+    number = [each.id for each in plan.records].index(record.id)
+    count = len(plan.levels)
+    return plan.factors(cases_of(0, [number] * count, range(count), plan.levels))
 
 
 def study_with(tmp_path, motions, **changes):
@@ -31,7 +41,7 @@ def test_factors_bring_the_record_to_each_level(tmp_path, name):
     study = load_study(small_study(tmp_path, text))
     for record in prepare_motions(study):
         motion = load_record(study, record)
-        reached = [measure(motion.scaled(factor), name) for factor in record.factors]
+        reached = [measure(motion.scaled(f), name) for f in plan_factors(study, record)]
         np.testing.assert_allclose(reached, study.intensity.si, rtol=1e-9)
 
 
@@ -199,13 +209,14 @@ def test_what_a_study_accepts_is_stored_with_the_record(tmp_path):
         study_with(tmp_path, "files: [{path: x, accept: [dt]}]")
 
 
-def test_motions_that_are_not_prepared_or_for_other_levels(tmp_path):
+def test_motions_that_are_not_prepared_or_for_another_measure(tmp_path):
     study = load_study(small_study(tmp_path))
     with pytest.raises(InputError, match=r"motions\.json: the motions are not prepared yet"):
         load_prepared(study)
     prepare_motions(study)
-    other = load_study(small_study(tmp_path), ["intensity.levels=[0.2]"])
-    with pytest.raises(InputError, match="was made for other records or levels"):
+    assert load_prepared(load_study(small_study(tmp_path), ["intensity.levels=[0.2]"]))
+    other = load_study(small_study(tmp_path), ["intensity.measure=Sa(0.5)"])
+    with pytest.raises(InputError, match="was made for other records or another measure"):
         load_prepared(other)
     (study.work / "motions.json").write_text("{")
     with pytest.raises(InputError, match=r"motions\.json: is damaged"):

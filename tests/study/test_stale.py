@@ -10,14 +10,13 @@ from obspy import Trace
 from archfrag.cli import main
 from archfrag.errors import InputError
 from archfrag.study.config import load_study
-from archfrag.study.cube import gather
 from archfrag.study.digests import sha256_of
-from archfrag.study.parts import read_part
 from archfrag.study.plan import make_plan
 from archfrag.study.records import load_prepared, prepare_motions
+from archfrag.study.replay import gather
 from archfrag.study.steps import finish, stale_steps
 from archfrag.study.worker import run_chunk
-from tests.study.small import TEXT, small_study, write_at2
+from tests.study.small import TEXT, make_runs, small_study, write_at2
 
 INDEX = "id,file,unit\nwave0,wave0.mseed,m/s2\n"
 
@@ -82,7 +81,7 @@ def test_records_that_are_only_elsewhere(tmp_path):
     study = prepared(tmp_path)
     os.rename(tmp_path / "records", tmp_path / "moved")
     study = load_study(tmp_path / "small.yaml", [f"motions.files=['{tmp_path}/moved/*.AT2']"])
-    assert stale_steps(study)[1] == ["the study asks for other records or levels"]
+    assert stale_steps(study)[1] == ["the study asks for other records or another measure"]
 
 
 def test_the_unit_in_the_index(tmp_path):
@@ -94,14 +93,14 @@ def test_the_unit_in_the_index(tmp_path):
     trace.write(str(tmp_path / "records" / "wave0.mseed"), format="MSEED")
     index.write_text(INDEX)
     study = load_study(path)
-    first = prepare_motions(study)[0].factors
+    first = prepare_motions(study)[0].factor
     finish(study, "motions")
     index.write_text(INDEX.replace("m/s2", "cm/s2"))
     older(index)
     stale, changed = stale_steps(study)
     assert stale[0] == "motions"
     assert changed[0].startswith(f"index {index} has changed (sha256 ")
-    np.testing.assert_allclose(np.array(prepare_motions(study)[0].factors), 100 * np.array(first))
+    assert prepare_motions(study)[0].factor == pytest.approx(100 * first)
 
 
 @pytest.mark.parametrize("named", [False, True])
@@ -125,25 +124,25 @@ def test_new_motions_take_the_place_of_old_ones_together_or_not_at_all(done, tmp
     path = small_study(tmp_path)
     assert steps(path, "motions")[0] == 0
     study = load_study(path)
-    identity, before = make_plan(study).identity, contents(tmp_path / "out")
+    digest, before = make_plan(study).digest, contents(tmp_path / "out")
     write_at2(tmp_path / "records" / "wave0.AT2", np.sin(np.arange(150.0)), 0.01)
     (tmp_path / "records" / "wave1.AT2").write_text("garbage")
     code, said = steps(path, "motions")
     assert code == 2
     assert "wave1.AT2" in said
     assert contents(tmp_path / "out") == before
-    assert make_plan(study).identity == identity == done.plan.identity
-    run_chunk(str(done.plan.path), 0)
-    plan = make_plan(study)
-    plan.part(0).parent.mkdir()
-    plan.timing(0).parent.mkdir()
-    plan.save()
-    run_chunk(str(plan.path), 0)
-    assert plan.part(0).read_bytes() == done.plan.part(0).read_bytes()
+    assert make_plan(study).digest == digest
+    make_runs(make_plan(study))
+    assert (
+        gather(make_plan(study)).table["steps"].tolist()
+        == gather(done.plan).table["steps"].tolist()
+    )
     small_study(tmp_path)
     write_at2(tmp_path / "records" / "wave0.AT2", np.sin(np.arange(150.0)), 0.01)
     assert steps(path, "motions")[0] == 0
-    assert make_plan(study).identity != identity
+    assert make_plan(study).digest != digest
+    with pytest.raises(InputError, match="6 of 12 runs of round 1 are missing"):
+        gather(make_plan(study))
     assert len(list((tmp_path / "out" / ".archfrag" / "motions").iterdir())) == 1
 
 
@@ -159,13 +158,12 @@ def test_two_stored_motions_swapped_by_hand(copied):
     stale, changed = stale_steps(copied.study)
     assert stale[0] == "motions"
     assert changed[0].startswith(sentence)
-    for chunk in range(6):
-        copied.plan.part(chunk).unlink()
     copied.plan.save()
+    cases = copied.plan.rounds().wanted[:1]
     with pytest.raises(InputError, match="is not the motion that was prepared"):
-        run_chunk(str(copied.plan.path), 0)
+        run_chunk(str(copied.plan.path), cases, copied.plan.factors(cases))
     prepare_motions(copied.study)
-    assert make_plan(copied.study).identity == copied.plan.identity
+    assert make_plan(copied.study).digest == copied.plan.digest
 
 
 def test_a_manifest_edited_by_hand_takes_no_part_of_the_old_one(copied):
@@ -176,9 +174,8 @@ def test_a_manifest_edited_by_hand_takes_no_part_of_the_old_one(copied):
     manifest["records"][0]["prepared"] = manifest["records"][1]["prepared"]
     path.write_text(json.dumps(manifest))
     plan = make_plan(copied.study)
-    os.rename(copied.plan.part(0), plan.part(0))
-    assert read_part(plan, 0) is None
-    with pytest.raises(InputError, match="6 of 6 parts are missing or damaged"):
+    # The factor is in the identity of a run too, so no result of wave1 stands for wave0.
+    with pytest.raises(InputError, match=r"6 of 12 runs of round 1 are missing or damaged"):
         gather(plan)
 
 
@@ -187,11 +184,11 @@ def test_steps_of_another_study_or_other_code_are_out_of_date(copied, monkeypatc
     for step in ("motions", "batch-0of1"):
         finish(study, step)
     assert stale_steps(study)[0] == ["cube", "fit", "report"]
-    copied.plan.part(2).unlink()
+    next(copied.plan.parts.glob("*.npy")).unlink()
     assert stale_steps(study)[0][0] == "batch-0of1"
     monkeypatch.setattr("archfrag.study.plan.kernel_hash", lambda: "edited")
     assert stale_steps(study)[0][0] == "batch-0of1"
     other = study.model_copy(
         update={"intensity": study.intensity.model_copy(update={"levels": (0.1, 0.2)})}
     )
-    assert stale_steps(other)[1] == ["the study asks for other records or levels"]
+    assert stale_steps(other)[0][0] == "batch-0of1"

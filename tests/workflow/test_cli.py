@@ -13,8 +13,7 @@ from click.testing import CliRunner
 from archfrag.cli import main
 from archfrag.study.config import load_study
 from archfrag.study.plan import make_plan
-from archfrag.study.worker import run_chunk
-from tests.study.small import ROOT, TEXT, small_study, write_at2
+from tests.study.small import ROOT, TEXT, make_runs, small_study, write_at2
 
 ARCH = ["--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoirs", "7",
         "--friction", "0.7"]  # fmt: skip
@@ -225,15 +224,15 @@ class TestSteps:
         assert refused("batch", path)[0] == 2
         log = tmp_path / "logs" / "motions.log"
         assert call("motions", path, "--log", log).exit_code == 0
-        assert log.read_text() == "archfrag: motions: 2 records x 3 levels ready\n"
+        assert log.read_text() == "archfrag: motions: 2 records ready\n"
         assert refused("cube", path, "--log", log) == (
             2,
-            f"{out / '.archfrag' / 'parts'}: 6 of 6 parts are missing or damaged; `archfrag run "
-            "STUDY --resume` with the file of study 'small' makes them and the cube",
+            f"{out / '.archfrag' / 'parts'}: 12 of 12 runs of round 1 are missing or damaged; "
+            "`archfrag run STUDY --resume` with the file of study 'small' makes them and the cube",
         )
         assert log.read_text().endswith("makes them and the cube [exit code 2]\n")
         result = call("batch", path, "--workers", "1", "--quiet")
-        assert "12 runs, 0 of them kept from before" in result.stderr
+        assert "12 runs in 1 rounds, 0 of them kept from before" in result.stderr
         for command, result_file in {
             "cube": "cube.nc",
             "fit": "fits.json",
@@ -267,10 +266,8 @@ class TestSteps:
         (out / "curve-mine.svg").write_text("drawn by hand")
         parts = set((out / ".archfrag" / "parts").iterdir())
         path.write_text(path.read_text().replace("id: slab", "id: plate"))
-        plan = make_plan(load_study(path))
-        plan.save()
-        for chunk in range(plan.n_chunk):
-            run_chunk(str(plan.path), chunk)
+        path.write_text(path.read_text().replace("height: 2.0", "height: 2.5"))
+        make_runs(make_plan(load_study(path)))
         assert parts < set((out / ".archfrag" / "parts").iterdir())
         for command in ("cube", "fit", "report"):
             assert call(command, path).exit_code == 0
@@ -278,8 +275,10 @@ class TestSteps:
             "curve-ring.svg", "curve-plate.svg", "curve-mine.svg"
         }  # fmt: skip
         left = set((out / ".archfrag" / "parts").iterdir())
-        assert len(left) == len(parts)
-        assert not left & parts
+        # Results of the ring stand; those of the slab, and the plan, are others.
+        assert len([p for p in left & parts if p.suffix == ".npy"]) >= 1
+        assert len([p for p in left if p.suffix == ".json"]) == 1
+        assert len([p for p in parts - left if p.suffix == ".npy"]) >= 1
 
     @pytest.mark.parametrize(
         ("error", "sentence"),

@@ -69,8 +69,8 @@ class BatchLog:
     """What a batch took; for the log beside the cube, never for the cube."""
 
     batch: int
-    runs: int = 0
-    kept: int = 0
+    runs: int = 0  # that the design asked for
+    kept: int = 0  # of them not made now
     rounds: int = 0
     workers: int = 0
     wall_time: float = 0.0  # [s]
@@ -111,25 +111,30 @@ def run_batch(
         make_folder(folder)
     log = BatchLog(batch)
     rounds, store = plan.rounds(batch, study.execution.batches), Store(plan.parts)
-    log.workers = workers or study.execution.workers or available_cores()
+    count = workers or study.execution.workers or available_cores()
     with contextlib.ExitStack() as stack:
         crew: _Crew | None = None
         bar = stack.enter_context(_progress(quiet))
         while len(rounds.wanted):
             factors = plan.factors(rounds.wanted)
             keys = plan.keys(rounds.wanted, factors)
-            missing = np.flatnonzero(store.places(keys) < 0)
+            missing = _first_of_each(keys, np.flatnonzero(store.places(keys) < 0))
             log.runs += len(keys)
             log.kept += len(keys) - missing.size
-            _count(bar, log)
+            _count(bar, log.runs, missing.size)
             if missing.size:
                 if crew is None:
                     plan.save()
-                    crew = stack.enter_context(_started(study, plan, log.workers, bar))
-                chunks = cut(rounds.wanted[missing], study.execution.chunk, log.workers)
+                    log.workers = count
+                    crew = stack.enter_context(_started(study, plan, count, bar))
+                chunks = cut(rounds.wanted[missing], study.execution.chunk, count)
                 work = [(cases, factors[missing[rows]]) for rows, cases in chunks]
                 for done in crew.results(plan, work):
-                    store.add(Path(done["part"]))
+                    if not store.add(Path(done["part"])):
+                        raise WorkerError(
+                            f"{done['part']}: a worker wrote it, but it cannot be read back; "
+                            "other finished parts are kept, the same command with --resume goes on"
+                        )
                     bar.update(int(done["runs"]))
                     log.kernel_time += done["kernel_time"]
                     log.peak_memory[str(done["pid"])] = done["peak_memory"]
@@ -138,6 +143,11 @@ def run_batch(
     log.wall_time = time.perf_counter() - started
     add_to_log(study.work, {"step": "batch", **asdict(log), **machine()})
     return log
+
+
+def _first_of_each(keys: NDArray, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Rows without those whose run is another's too, as of two arches that differ in id only."""
+    return rows[np.sort(np.unique(keys[rows], return_index=True)[1])]
 
 
 def cut(cases: Cases, chunk: int | None, workers: int) -> list[tuple[slice, Cases]]:
@@ -216,12 +226,11 @@ def _progress(quiet: bool) -> Iterator[tqdm]:
         yield bar
 
 
-def _count(bar: tqdm, log: BatchLog) -> None:
-    """Show the runs asked for so far as the total, and those kept as done."""
+def _count(bar: tqdm, asked: int, missing: int) -> None:
+    """Show the runs asked for so far as the total, and all that are not missing as done."""
     if not bar.disable:
-        bar.total = log.runs
-        bar.initial = log.kept
-        bar.n = max(bar.n, log.kept)
+        bar.initial += asked - missing - bar.n
+        bar.total, bar.n = asked, asked - missing
         bar.refresh()
 
 

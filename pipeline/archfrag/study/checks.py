@@ -1,6 +1,7 @@
 """What can be known to be wrong with a study before anything is computed."""
 
 import errno
+import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,6 +9,7 @@ from pathlib import Path
 from archfrag.errors import OutputError, StabilityError, StudyError
 from archfrag.study.config import Study, load_study
 from archfrag.study.cube import refuse_foreign_cube
+from archfrag.study.design import Cloud, Ida, Scattered, TwoStage
 from archfrag.study.files import cannot_write
 from archfrag.study.records import measured, read_sources, study_inputs
 
@@ -72,13 +74,40 @@ def _check_writable(folder: Path) -> None:
 
 @dataclass(frozen=True)
 class Summary:
-    """What a study amounts to."""
+    """What a study amounts to.
+
+    Attributes
+    ----------
+    study : str
+    arches, records, levels : int
+    design : str
+        Its kind.
+    runs : int
+        By the study's own method.
+    extent : str
+        What is meant by `runs`: exactly, about, or at most so many.
+    coarse_runs : int
+        About so many runs by the coarse method come before, for a design in two stages.
+    """
 
     study: str
     arches: int
     records: int
     levels: int
+    design: str
     runs: int
+    extent: str = "exactly"
+    coarse_runs: int = 0
+
+    def __str__(self) -> str:
+        """All but the name in one line."""
+        runs = (
+            f"{self.runs} runs" if self.extent == "exactly" else f"{self.extent} {self.runs} runs"
+        )
+        text = f"{self.arches} arches, {self.records} records, {self.levels} levels, {runs}"
+        if self.design != "stripes":
+            text += f" by design {self.design}"
+        return text + (f", after about {self.coarse_runs} coarse runs" if self.coarse_runs else "")
 
 
 def check_study(study: Study) -> Summary:
@@ -98,5 +127,32 @@ def check_study(study: Study) -> Summary:
     if not records:
         raise StudyError("motions: the study has no record")
     check_output(study)
-    arches, levels = len(study.arches), len(study.intensity.si)
-    return Summary(study.id, arches, records, levels, arches * records * levels)
+    return summary_of(study, records)
+
+
+def summary_of(study: Study, records: int) -> Summary:
+    """What a study of so many records amounts to."""
+    design, levels = study.design, len(study.intensity.si)
+    runs, coarse, extent = records * levels, 0, "exactly"
+    if isinstance(design, Ida):
+        # A search tells levels + 1 places of the border apart.
+        search = math.ceil(records * math.log2(levels + 1))
+        checks = math.ceil(records / 3) if design.checks is None else design.checks
+        if isinstance(design, TwoStage):
+            # Where the coarse search is right, the levels on both sides of the border decide.
+            decided = math.ceil(records * design.fine)
+            checks = math.ceil(decided / 3) if design.checks is None else design.checks
+            coarse, search = search, min(2, levels) * decided
+        runs, extent = min(search + checks, runs), "about"
+        if design.precision is not None:
+            runs, extent = min(runs, design.precision.runs + checks), "at most"
+    elif isinstance(design, Scattered):
+        wanted = design.runs if design.precision is None else design.precision.runs
+        runs = min(wanted, records)
+        extent = "exactly" if design.precision is None else "at most"
+    elif isinstance(design, Cloud):
+        runs = records
+    arches = len(study.arches)
+    return Summary(
+        study.id, arches, records, levels, design.kind, arches * runs, extent, arches * coarse
+    )

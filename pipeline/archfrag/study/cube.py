@@ -127,6 +127,9 @@ def write_timings(study: Study) -> Path:
     with replacing(path) as temporary:
         table.to_csv(temporary, index=False)
     store.forget_others([keys])
+    for old in plan.parts.glob("plan-*.json"):
+        if old != plan.path:
+            old.unlink(missing_ok=True)
     return path
 
 
@@ -161,7 +164,8 @@ def _write(cube: Any, study: Study, plan: Plan, results: Gathered) -> None:
     cube.setncatts(_global_attributes(study, plan, {**plan.design, "arches": notes}))
     _labels(cube, "arch", "arch", [entry.id for entry in study.arches], "name of the arch")
     _labels(cube, "record", "record", [r.id for r in plan.records], "name of the record")
-    _labels(cube, "model", "model", results.models, "model of the ladder that a time is of")
+    said = "model of the ladder that a time was simulated with"
+    _labels(cube, "model", "model", results.models, said)
     _levels(cube, study, plan, grid)
     _arch_facts(cube, arches)
     _record_facts(cube, plan)

@@ -39,7 +39,7 @@ class Ida(_Design):
     kind: Literal["ida"]
     checks: Annotated[int, Field(ge=0, le=10**6)] | None = None
     """Cells of the grid chosen at random for each arch, to see how often a run contradicts the
-    capacity of its record; a third of the number of records where not given."""
+    capacity of its record; a third of the number of records searched where not given."""
     precision: Precision | None = None
     """Records are added until this is reached; all are used where not given."""
 
@@ -49,7 +49,7 @@ class TwoStage(Ida):
 
     kind: Literal["two_stage"]  # type: ignore[assignment]
     coarse: Method = COARSE
-    """Method of the first stage."""
+    """Method of the first stage; follow and loss_limit are always those of the study."""
     fine: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
     """Fraction of the records whose capacity is decided by the study's own method. The others
     enter by their coarse capacities, corrected by what is found on these."""

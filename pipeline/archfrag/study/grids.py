@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import entr, ndtr
 
 from archfrag.fragility.counts import Verdict
@@ -43,7 +43,7 @@ class Grid:
     levels: FloatArray
     measures: FloatArray
 
-    def cases(self, rows: Sequence[int], places: Sequence[int], stage: int = FINE) -> Cases:
+    def cases(self, rows: ArrayLike, places: ArrayLike, stage: int = FINE) -> Cases:
         """Runs of some rows at some levels."""
         place = np.asarray(places, dtype=np.int64)
         return cases_of(
@@ -88,13 +88,12 @@ class Borders:
         mass = np.diff(ndtr((ends - median[:, None]) / reach), axis=1) + LEAST_PRIOR
         self.expected[np.asarray(rows)] = mass / mass.sum(axis=1, keepdims=True)
 
-    def next_places(self, rows: Sequence[int]) -> NDArray[np.int64]:
+    def next_places(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
         """Level to try next for each of some rows, -1 where nothing is left to try.
 
         The one that tells most for its cost: the entropy of its verdict over the cost expected.
         Levels where a run had no verdict are not tried again.
         """
-        rows = np.asarray(rows)
         place = np.arange(self.grid.levels.size)
         low, high = self.low[rows, None], self.high[rows, None]
         within = (np.arange(place.size + 1) > low) & (np.arange(place.size + 1) <= high)
@@ -127,9 +126,9 @@ class Borders:
         return 0.5 * (ends[self.low + 1] + ends[self.high + 1])
 
 
-def search(borders: Borders, rows: Sequence[int], stage: int) -> Generator[Cases, Verdicts, None]:
+def search(borders: Borders, among: Sequence[int], stage: int) -> Generator[Cases, Verdicts, None]:
     """Narrow the brackets of some rows until neighbouring levels are left."""
-    rows = np.asarray(rows, dtype=np.int64)
+    rows = np.asarray(among, dtype=np.int64)
     while rows.size:
         places = borders.next_places(rows)
         rows, places = rows[places >= 0], places[places >= 0]
@@ -207,9 +206,9 @@ def ida(grid: Grid, design: Ida) -> Strand:
 
 
 def _decided(design: Ida, rows: range) -> list[int]:
-    """Rows whose capacity the study's own method decides: an even fraction of them."""
+    """Rows whose capacity the study's own method decides: an even fraction, with the first."""
     fraction = design.fine if isinstance(design, TwoStage) else 1.0
-    return [row for row in rows if int((row + 1) * fraction) > int(row * fraction)]
+    return [row for row in rows if int(row * fraction) > int((row - 1) * fraction) or row == 0]
 
 
 def _expect_coarse(fine: Borders, coarse: Borders, known: list[int], rows: list[int]) -> None:
@@ -225,18 +224,15 @@ def _expect_coarse(fine: Borders, coarse: Borders, known: list[int], rows: list[
 
 
 def _cells_to_check(
-    borders: Borders, design: Ida, rows: Sequence[int]
+    borders: Borders, design: Ida, among: Sequence[int]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows and levels of cells that were not simulated, one for each of some records."""
-    count = -(-borders.grid.records.size // 3) if design.checks is None else design.checks
+    """Rows and levels of some cells that were not simulated, any of them as likely as another."""
+    rows = np.asarray(among, dtype=np.int64)
+    count = -(-rows.size // 3) if design.checks is None else design.checks
+    free, places = np.nonzero(borders.seen[rows] == Verdict.NOT_SIMULATED)
     generator = np.random.default_rng([design.seed, borders.grid.arch])
-    chosen = []
-    for row in generator.permutation(np.asarray(rows, dtype=np.int64))[:count]:
-        free = np.flatnonzero(borders.seen[row] == Verdict.NOT_SIMULATED)
-        if free.size:
-            chosen.append((int(row), int(generator.choice(free))))
-    cells = np.array(sorted(chosen), dtype=np.int64).reshape(-1, 2)
-    return cells[:, 0], cells[:, 1]
+    chosen = np.sort(generator.permutation(free.size)[:count])
+    return rows[free[chosen]], places[chosen]
 
 
 def _check(
@@ -261,7 +257,7 @@ def _more_records(
     note: dict[str, Any] = {"half_width": width, "reached": bool(width <= wanted.theta)}
     if note["reached"]:
         return done, note
-    allowed = int((wanted.runs - runs) * done / runs)
+    allowed = int((wanted.runs - runs) * done / max(runs, 1))
     available = borders.grid.records.size - done
     more = min(more_needed(width, wanted.theta, done), allowed, available)
     if more > 0:

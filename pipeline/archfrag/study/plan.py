@@ -77,19 +77,19 @@ class Plan:
     methods: tuple[dict[str, Any], ...]
     design: dict[str, Any]
     identity: str
-    _digests: dict[Any, bytes] = field(default_factory=dict, compare=False, repr=False)
+    _digests: dict[Any, bytes] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     @property
     def parts(self) -> Path:
         """Folder of the parts."""
         return Path(self.folder) / "parts"
 
-    @property
+    @cached_property
     def path(self) -> Path:
         """Where the plan is stored for workers."""
         return self.parts / f"plan-{self.digest[:12]}.json"
 
-    @property
+    @cached_property
     def digest(self) -> str:
         """Of all of it but the folder: the same plan makes the same cube."""
         return digest_of({**self._dump(), "folder": ""})
@@ -115,7 +115,9 @@ class Plan:
         """Inverse of `save`."""
         stored = json.loads(path.read_text(encoding="utf-8"))
         records = tuple(PreparedRecord(**entry) for entry in stored.pop("records"))
-        lists = {name: tuple(stored.pop(name)) for name in ("arches", "levels", "methods")}
+        lists: dict[str, Any] = {
+            name: tuple(stored.pop(name)) for name in ("arches", "levels", "methods")
+        }
         return cls(records=records, **lists, **stored)
 
     def factors(self, cases: Cases) -> NDArray[np.float64]:
@@ -147,19 +149,11 @@ class Plan:
     def _stem(self, stage: int, arch: int, record: int) -> bytes:
         """What runs of an arch under a record by a method have in common."""
         known = self._digests
-        place = (stage, arch, record)
-        if place not in known:
+        if (stage, arch) not in known:
             chain = {k: v for k, v in self.arches[arch].items() if k != "id"}
-            for key, value in (
-                (("method", stage), self.methods[stage]), (("arch", arch), chain)
-            ):  # fmt: skip
-                if key not in known:
-                    known[key] = digest_of(value).encode()
-            known[place] = b"/".join(
-                (self.identity.encode(), known["method", stage], known["arch", arch],
-                 self.records[record].prepared.encode())
-            )  # fmt: skip
-        return known[place]
+            parts = (self.identity, digest_of(self.methods[stage]), digest_of(chain))
+            known[stage, arch] = "/".join((*parts, "")).encode()
+        return known[stage, arch] + self.records[record].prepared.encode()
 
     def rounds(self, batch: int = 0, batches: int = 1) -> Rounds:
         """What the design asks for, of all of it or of one of several batches.
@@ -187,7 +181,7 @@ class Plan:
             elif isinstance(design, Ida):
                 yield arch, ida(Grid(arch, records, levels, self._measures()), design)
             elif isinstance(design, Scattered):
-                yield arch, scattered(arch, records, levels, design)
+                yield arch, scattered(arch, records, self.levels, design)
             elif isinstance(design, Cloud):
                 own = (design.factor / self._at_one) ** (1.0 / self.power)
                 yield arch, cloud(arch, records, own)
@@ -231,6 +225,6 @@ def make_plan(study: Study) -> Plan:
         power=1.0 / scaling_exponent(study.intensity.measure),
         measure=study.intensity.measure,
         methods=tuple(methods),
-        design=design.model_dump(),
+        design=design.model_dump(mode="json"),
         identity=digest_of(decides),
     )

@@ -390,7 +390,8 @@ def load_prepared(study: Study) -> list[PreparedRecord]:
     manifest, path = read_manifest(study), study.work / MANIFEST
     if manifest["key"] != motions_key(study):
         raise InputError(
-            f"{path}: was made for other records or another measure than the study now has; {_AGAIN} anew"
+            f"{path}: was made for other records or another measure than the study now has; "
+            f"{_AGAIN} anew"
         )
     try:
         records = [PreparedRecord(**entry) for entry in manifest["records"]]

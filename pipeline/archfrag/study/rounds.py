@@ -6,11 +6,13 @@ study asks for the same runs whatever the workers, and a study that was stopped 
 again.
 """
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from archfrag.fragility.counts import Verdict
 
 FINE, COARSE = 0, 1  # stage: by the study's method, by the coarse one
 # A run: `place` is the number of the study's level, 0 where a run has a level of its own.
@@ -20,18 +22,19 @@ CASE = np.dtype(
 Cases = NDArray[np.void]
 Verdicts = NDArray[np.int8]
 Strand = Generator[Cases, Verdicts, dict[str, Any]]
+_MADE = [verdict for verdict in Verdict if verdict != Verdict.NOT_SIMULATED]
 NO_CASES: Cases = np.empty(0, CASE)
 
 
 def cases_of(
     arch: int,
-    record: Sequence[int],
-    place: Sequence[int],
-    level: Sequence[float],
+    record: ArrayLike,
+    place: ArrayLike,
+    level: ArrayLike,
     stage: int = FINE,
 ) -> Cases:
     """Runs of one arch, (n,) of `CASE`."""
-    cases = np.empty(len(record), CASE)
+    cases = np.empty(np.size(record), CASE)
     cases["stage"], cases["arch"] = stage, arch
     cases["record"], cases["place"], cases["level"] = record, place, level
     return cases
@@ -77,7 +80,15 @@ class Rounds:
         self.wanted: Cases = np.concatenate(asked) if asked else NO_CASES
 
     def answer(self, verdicts: Verdicts) -> None:
-        """Take the verdicts of all runs of the round, in the order of `wanted`."""
+        """Take the verdicts of all runs of the round, in the order of `wanted`.
+
+        Raises
+        ------
+        ValueError
+            If a run has no verdict: a design would ask for it for ever.
+        """
+        if len(verdicts) != len(self.wanted) or not np.isin(verdicts, _MADE).all():
+            raise ValueError("each run of a round must have been made")
         asked, self._asked = self._asked, []
         ends = np.cumsum([len(cases) for _, _, cases in asked])
         for (arch, strand, _), own in zip(asked, np.split(verdicts, ends[:-1])):

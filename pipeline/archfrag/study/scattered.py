@@ -47,9 +47,12 @@ def scattered(
         found = yield cases_of(arch, records[place], np.zeros(place.size, int), level)
         tried, verdict = np.concatenate([tried, level]), np.concatenate([verdict, found])
         decided = (verdict == Verdict.COLLAPSED) | (verdict == Verdict.STANDING)
-        centre, deviation, width = probit_estimate(
-            tried[decided], verdict[decided] == Verdict.COLLAPSED, design.precision
-        )
+        # Where no run decides yet, as after nothing but failures, the whole range is as likely.
+        centre, deviation, width = float(ends.mean()), float(np.ptp(ends)) / 2, float("inf")
+        if decided.any():
+            centre, deviation, width = probit_estimate(
+                tried[decided], verdict[decided] == Verdict.COLLAPSED, design.precision
+            )
         more = min(design.round, most - tried.size)
         if design.precision is not None:
             note = {"half_width": width, "reached": bool(width <= design.precision.theta)}

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from archfrag.errors import InputError
 from archfrag.study.files import replacing
 from archfrag.study.outcome import COLUMNS
 from archfrag.study.plan import KEY
@@ -70,7 +71,7 @@ def read_part(path: Path) -> Table | None:
             return None
         table = np.load(io.BytesIO(content), allow_pickle=False)
         models = table.dtype["model_time"].names
-    except (OSError, ValueError, KeyError, EOFError):
+    except (OSError, ValueError, KeyError, EOFError, AttributeError):
         return None
     if models is None or table.dtype != table_type(models):
         return None
@@ -101,11 +102,12 @@ class Store:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._files: list[Path] = []
+        self._there = sorted(folder.glob(f"*{_SUFFIX}"))
         self._key: list[NDArray[np.void]] = []
         self._verdict: list[NDArray[np.int8]] = []
         self._of_part: list[int] = []
         self._sorted: tuple[NDArray, NDArray, NDArray] | None = None
-        for path in sorted(folder.glob(f"*{_SUFFIX}")):
+        for path in self._there:
             self.add(path)
 
     def add(self, path: Path) -> bool:
@@ -165,7 +167,7 @@ class Store:
 
         Raises
         ------
-        OSError
+        InputError
             If a part has been damaged since it was taken in.
         """
         ends = np.cumsum(self._of_part)
@@ -175,22 +177,28 @@ class Store:
             path, some = self._files[number], order[starts[number] : starts[number + 1]]
             table = read_part(path)
             if table is None:
-                raise OSError(f"{path} has been damaged or removed")
+                raise InputError(
+                    f"{path}: was damaged or removed while it was read; the same command again "
+                    "says what is to be done"
+                )
             within = places[some] - (ends[number] - len(table))
             times = read_timing(path, len(table))[within]
             yield Rows(path, some, table[within], times)
 
     def forget_others(self, keys: Iterable[NDArray[np.void]]) -> None:
-        """Remove parts, with their wall times, that hold none of the runs of these keys."""
+        """Remove parts, with their wall times, that hold none of the runs of these keys.
+
+        Only those that were there at the start: another batch may be adding some.
+        """
         wanted = np.concatenate([self.places(some) for some in keys])
         ends = np.cumsum(self._of_part)
         used = set(np.searchsorted(ends, wanted[wanted >= 0], side="right").tolist())
-        keep = {path.stem for number, path in enumerate(self._files) if number in used}
-        for folder in (self.folder, timings_folder(self.folder)):
-            for path in folder.glob(f"*{_SUFFIX}"):
-                if path.stem not in keep:
+        keep = {path.name for number, path in enumerate(self._files) if number in used}
+        for path in self._there:
+            if path.name not in keep:
+                for other in (path, timings_folder(self.folder) / path.name):
                     with contextlib.suppress(OSError):
-                        path.unlink()
+                        other.unlink()
 
 
 def timings_folder(parts: Path) -> Path:

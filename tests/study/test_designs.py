@@ -1,0 +1,384 @@
+"""Designs on made-up tables of verdicts: what they ask for, that they end, what they find."""
+
+import numpy as np
+import pytest
+
+from archfrag.fragility.counts import Verdict
+from archfrag.study import grids
+from archfrag.study.design import Ida, Precision, Scattered, TwoStage
+from archfrag.study.grids import Borders, Grid, ida, search, stripes
+from archfrag.study.rounds import COARSE, FINE, Rounds
+from archfrag.study.scattered import BEYOND, cloud, scattered
+
+LEVELS = np.linspace(0.05, 0.75, 15)
+
+
+def grid_of(n_record, n_level=15, measures=None):
+    if measures is None:
+        measures = np.empty((n_record, 0))
+    return Grid(0, np.arange(n_record), LEVELS[:n_level], measures)
+
+
+def monotone(first, n_level=15):
+    """Verdicts of records of which the lowest collapsing level is known, (n_record, n_level)."""
+    return (np.arange(n_level) >= np.asarray(first)[:, None]).astype(np.int8)
+
+
+def lognormal(seed, n_record=30, theta=0.3, beta=0.4):
+    """Table of records with lognormal capacities, and these."""
+    drawn = np.random.default_rng(seed).standard_normal(n_record)
+    capacity = theta * np.exp(beta * drawn)
+    return monotone(np.searchsorted(LEVELS, capacity)), capacity
+
+
+def driven(strand, fine, coarse=None):
+    """What a strand returns, and all cells it asked for by stage, none of them twice."""
+    rounds, asked = Rounds({0: strand}), {FINE: [], COARSE: []}
+    while len(rounds.wanted):
+        wanted = rounds.wanted
+        verdicts = np.empty(len(wanted), np.int8)
+        for stage, table in ((FINE, fine), (COARSE, coarse)):
+            own = wanted["stage"] == stage
+            if own.any():
+                verdicts[own] = table[wanted["record"][own], wanted["place"][own]]
+                asked[stage] += zip(wanted["record"][own].tolist(), wanted["place"][own].tolist())
+        rounds.answer(verdicts)
+    for cells in asked.values():
+        assert len(cells) == len(set(cells)), "a cell was asked for twice"
+    return rounds.notes[0], asked
+
+
+def bracketed(asked, table):
+    """The highest standing and the lowest collapsing level among the runs made, by record."""
+    n_record, n_level = table.shape
+    low, high = np.full(n_record, -1), np.full(n_record, n_level)
+    for record, place in asked:
+        if table[record, place] == Verdict.COLLAPSED:
+            high[record] = min(high[record], place)
+        elif table[record, place] == Verdict.STANDING:
+            low[record] = max(low[record], place)
+    return low, high
+
+
+def search_only(table, prepare=lambda borders: None):
+    """Borders that a search of all rows of a table ends with."""
+    borders = Borders(grid_of(*table.shape))
+    prepare(borders)
+
+    def strand():
+        yield from search(borders, range(len(table)), FINE)
+        return {}
+
+    driven(strand(), table)
+    return borders
+
+
+class TestStripes:
+    def test_all_cells_are_asked_for_at_once(self):
+        rounds = Rounds({3: stripes(Grid(3, np.array([4, 7]), LEVELS, np.empty((2, 0))))})
+        wanted = rounds.wanted
+        assert wanted["record"].tolist() == [4] * 15 + [7] * 15
+        assert wanted["place"].tolist() == [*range(15)] * 2
+        np.testing.assert_array_equal(wanted["level"], np.tile(LEVELS, 2))
+        assert set(wanted["arch"].tolist()) == {3}
+        rounds.answer(np.zeros(30, np.int8))
+        assert (len(rounds.wanted), rounds.notes, rounds.count) == (0, {3: {"runs": 30}}, 1)
+
+
+class TestRounds:
+    def test_strands_are_answered_each_with_its_own_verdicts(self):
+        def strand(arch, lengths):
+            seen = []
+            for length in lengths:
+                cells = grids.cases_of(arch, [0] * length, range(length), [1.0] * length)
+                seen.append((yield cells).tolist())
+            return {"seen": seen}
+
+        rounds = Rounds({0: strand(0, [2, 0, 1]), 1: strand(1, []), 5: strand(5, [3])})
+        assert rounds.wanted["arch"].tolist() == [0, 0, 5, 5, 5]
+        rounds.answer(np.array([1, 2, 3, 0, 1], np.int8))
+        assert rounds.wanted["arch"].tolist() == [0]
+        for missing in ([-1], [4], [], [0, 0]):
+            with pytest.raises(ValueError, match="must have been made"):
+                rounds.answer(np.array(missing, np.int8))
+        rounds.answer(np.array([2], np.int8))
+        assert not len(rounds.wanted)
+        assert rounds.notes == {
+            1: {"seen": []}, 5: {"seen": [[3, 0, 1]]}, 0: {"seen": [[1, 2], [], [2]]}
+        }  # fmt: skip
+
+
+class TestSearch:
+    @pytest.mark.parametrize("n_level", [1, 2, 3, 15])
+    @pytest.mark.parametrize("prior", ["none", "right", "wrong", "narrow", "far"])
+    def test_brackets_are_the_lowest_collapsing_level_whatever_is_expected(self, n_level, prior):
+        first = np.arange(n_level + 1)  # the last record stands everywhere
+
+        def prepare(borders):
+            true = np.log(np.append(LEVELS[:n_level], 2 * LEVELS[n_level - 1]))
+            medians = {"right": true, "wrong": true[::-1], "narrow": true + 0.3, "far": true + 50}
+            if prior in medians:
+                deviation = 0.0 if prior == "narrow" else 0.3
+                borders.expect(range(n_level + 1), medians[prior], deviation)
+
+        borders = search_only(monotone(first, n_level), prepare)
+        np.testing.assert_array_equal(borders.low, first - 1)
+        np.testing.assert_array_equal(borders.high, first)
+        ends = np.concatenate([[0.0], LEVELS[:n_level], [np.inf]])
+        np.testing.assert_array_equal(
+            borders.brackets(), np.stack([ends[first], ends[first + 1]], axis=1)
+        )
+
+    @pytest.mark.parametrize("verdict", [0, 1, 2, 3])
+    def test_ends_if_all_runs_end_alike(self, verdict):
+        borders = search_only(np.full((4, 15), verdict, np.int8))
+        expected = {0: (14, 15), 1: (-1, 0)}.get(verdict, (-1, 15))
+        assert set(zip(borders.low.tolist(), borders.high.tolist())) == {expected}
+
+    def test_ends_with_failures_anywhere_and_the_border_is_within(self):
+        generator = np.random.default_rng(3)
+        first = generator.integers(0, 16, 200)
+        table = monotone(first)
+        table[generator.random(table.shape) < 0.3] = Verdict.SOLVER_FAILURE
+        borders = search_only(table)
+        assert (borders.low < first).all()
+        assert (first <= borders.high).all()
+        for row in range(200):
+            between = table[row, borders.low[row] + 1 : borders.high[row]]
+            assert (between == Verdict.SOLVER_FAILURE).all()
+
+    def test_tables_that_are_not_monotone_end_between_neighbours(self):
+        table = np.random.default_rng(4).integers(0, 2, (300, 15)).astype(np.int8)
+        borders = search_only(table)
+        np.testing.assert_array_equal(borders.high - borders.low, 1)
+        row = np.arange(300)
+        fell = borders.high < 15
+        assert (table[row[fell], borders.high[fell]] == Verdict.COLLAPSED).all()
+        stood = borders.low >= 0
+        assert (table[row[stood], borders.low[stood]] == Verdict.STANDING).all()
+
+
+class TestIda:
+    @pytest.mark.parametrize("known", [False, True])
+    def test_thirty_records_on_fifteen_levels_take_130_runs_if_a_measure_helps(self, known):
+        runs = []
+        for seed in range(60):
+            table, capacity = lognormal(seed)
+            noise = np.random.default_rng([seed, 1]).standard_normal((30, 3))
+            measures = 0.3 * noise + known * np.log(capacity)[:, None]
+            note, asked = driven(ida(grid_of(30, measures=measures), Ida(kind="ida")), table)
+            assert note["runs"] == len(asked[FINE])
+            assert (note["records"], note["checked"], note["contradictions"]) == (30, 10, 0)
+            low, high = bracketed(asked[FINE], table)
+            np.testing.assert_array_equal(high - low, 1)
+            runs.append(note["runs"])
+        assert np.mean(runs) <= (130 if known else 145)
+
+    @pytest.mark.parametrize("measures", [[[1.0]] * 30, [[np.nan]] * 30, [[]] * 30])
+    def test_measures_that_say_nothing_do_no_harm(self, measures):
+        table, _ = lognormal(1)
+        grid = grid_of(30, measures=np.array(measures).reshape(30, -1))
+        _, asked = driven(ida(grid, Ida(kind="ida")), table)
+        low, high = bracketed(asked[FINE], table)
+        np.testing.assert_array_equal(high - low, 1)
+
+    @pytest.mark.parametrize("n_record", [1, 2, 3, 11])
+    @pytest.mark.parametrize("n_level", [1, 2, 15])
+    def test_few_records_and_levels(self, n_record, n_level):
+        table = monotone(np.arange(n_record) % (n_level + 1), n_level)
+        for design in (Ida(kind="ida"), TwoStage(kind="two_stage", fine=0.01)):
+            note, asked = driven(ida(grid_of(n_record, n_level), design), table, table)
+            assert note["runs"] == len(asked[FINE]) >= 1
+            assert note["records"] == n_record
+
+    def test_checks_find_contradictions_at_the_rate_they_were_planted(self):
+        found = checked = 0
+        for seed in range(12):
+            table, _ = lognormal(seed, n_record=100)
+            first = table.argmax(axis=1) + 15 * (table.max(axis=1) == 0)
+            near = np.abs(np.arange(15) - first[:, None] + 0.5) < 1
+            flipped = np.random.default_rng([seed, 2]).random(table.shape) < 0.1
+            spoilt = np.where(flipped & ~near, 1 - table, table)
+            design = Ida(kind="ida", checks=10**6, seed=seed)
+            note, asked = driven(ida(grid_of(100), design), spoilt)
+            assert len(asked[FINE]) == 1500
+            few, _ = driven(ida(grid_of(100), Ida(kind="ida", checks=200, seed=seed)), spoilt)
+            assert few["checked"] == 200
+            low, high = bracketed([], table)
+            # What all cells contradict, as seen from the brackets that this search ends with.
+            borders = search_only(spoilt)
+            low, high = borders.low[:, None], borders.high[:, None]
+            against = np.where(np.arange(15) <= low, spoilt == 1, spoilt == 0)
+            against[(np.arange(15) > low) & (np.arange(15) < high)] = False
+            assert abs(note["contradictions"] - against.sum()) <= against.sum() * 0.35 + 10
+            found += few["contradictions"] / few["checked"]
+            checked += note["contradictions"] / note["checked"]
+        assert found / 12 == pytest.approx(checked / 12, abs=0.02)
+        assert 0.05 < found / 12 < 0.2
+
+    def test_no_check_is_made_where_none_is_wanted_and_failures_are_not_counted(self):
+        table, _ = lognormal(2)
+        note, _ = driven(ida(grid_of(30), Ida(kind="ida", checks=0)), table)
+        assert (note["checked"], note["contradictions"]) == (0, 0)
+        failed = np.full((30, 15), Verdict.SOLVER_FAILURE, np.int8)
+        note, asked = driven(ida(grid_of(30), Ida(kind="ida")), failed)
+        assert len(asked[FINE]) == 450
+        assert note["checked"] == 0
+
+    def test_the_seed_decides_the_checks_and_nothing_else(self):
+        table, _ = lognormal(3)
+        runs = [set(driven(ida(grid_of(30), Ida(kind="ida", seed=s)), table)[1][FINE])
+                for s in (1, 1, 2)]  # fmt: skip
+        assert runs[0] == runs[1] != runs[2]
+        assert len(runs[0] ^ runs[2]) <= 20
+
+
+class TestTwoStage:
+    @pytest.mark.parametrize("coarse", ["same", "off", "standing", "collapsed", "failed", "noise"])
+    def test_brackets_are_those_of_ida_whatever_the_coarse_runs_say(self, coarse):
+        table, capacity = lognormal(5)
+        tables = {
+            "same": table,
+            "off": monotone(np.searchsorted(LEVELS, 1.2 * capacity)),
+            "standing": np.zeros_like(table),
+            "collapsed": np.ones_like(table),
+            "failed": np.full_like(table, Verdict.SOLVER_FAILURE),
+            "noise": np.random.default_rng(0).integers(0, 4, table.shape).astype(np.int8),
+        }
+        design = TwoStage(kind="two_stage", checks=0)
+        note, asked = driven(ida(grid_of(30), design), table, tables[coarse])
+        _, alone = driven(ida(grid_of(30), Ida(kind="ida", checks=0)), table)
+        for found, expected in zip(bracketed(asked[FINE], table), bracketed(alone[FINE], table)):
+            np.testing.assert_array_equal(found, expected)
+        assert note["runs"] == len(asked[FINE])
+        assert note["coarse_runs"] == len(asked[COARSE])
+        if coarse == "same":
+            assert len(asked[FINE]) < 0.7 * len(alone[FINE])
+
+    @pytest.mark.parametrize(("fine", "decided"), [(0.3, 9), (0.5, 15), (0.01, 1), (1.0, 30)])
+    def test_a_fraction_of_the_records_is_decided_by_fine_runs(self, fine, decided):
+        table, _ = lognormal(6)
+        design = TwoStage(kind="two_stage", fine=fine)
+        _, asked = driven(ida(grid_of(30), design), table, table)
+        records = sorted({record for record, _ in asked[FINE]})
+        assert len(records) == decided
+        assert {record for record, _ in asked[COARSE]} == set(range(30))
+        if decided > 1:
+            assert np.diff(records).max() <= np.ceil(1 / fine)
+
+
+class TestPrecision:
+    def test_records_are_added_until_it_is_reached(self):
+        table, _ = lognormal(7, n_record=400, beta=0.3)
+        wanted = Precision(theta=0.06, runs=10**5)
+        note, asked = driven(ida(grid_of(400), Ida(kind="ida", precision=wanted)), table)
+        assert note["reached"]
+        assert note["half_width"] <= 0.06
+        assert "why" not in note
+        assert 30 < note["records"] < 200
+        assert {record for record, _ in asked[FINE]} == set(range(note["records"]))
+        assert note["checked"] == -(-note["records"] // 3)
+
+    @pytest.mark.parametrize(
+        ("runs", "why"), [(10**5, "no more than 40 records"), (60, "60 runs do not suffice")]
+    )
+    @pytest.mark.parametrize("kind", ["ida", "two_stage"])
+    def test_why_it_was_not_reached_is_said(self, runs, why, kind):
+        table, _ = lognormal(8, n_record=40)
+        wanted = Precision(theta=0.01, runs=runs)
+        design = (Ida if kind == "ida" else TwoStage)(kind=kind, precision=wanted)
+        note, _ = driven(ida(grid_of(40), design), table, table)
+        assert not note["reached"]
+        assert why in note["why"]
+        assert note["half_width"] > 0.01
+
+    @pytest.mark.parametrize("verdict", [0, 1, 3])
+    def test_ends_where_no_width_can_be_told(self, verdict):
+        table = np.full((40, 15), verdict, np.int8)
+        design = TwoStage(kind="two_stage", fine=0.01, precision=Precision(runs=10**6))
+        note, _ = driven(ida(grid_of(40), design), table, table)
+        assert (note["reached"], note["half_width"]) == (False, np.inf)
+        assert note["records"] == 40
+
+
+def told(strand, capacity):
+    """Runs of a scattered strand, whose records fall above their capacities [SI]."""
+    rounds, made = Rounds({0: strand}), []
+    while len(rounds.wanted):
+        wanted = rounds.wanted
+        made.append(wanted)
+        rounds.answer((wanted["level"] >= capacity[wanted["record"]]).astype(np.int8))
+    return rounds.notes[0], made
+
+
+class TestScattered:
+    @pytest.fixture
+    def capacity(self):
+        return 0.3 * np.exp(0.4 * np.random.default_rng(9).standard_normal(1000))
+
+    def test_each_record_once_and_levels_near_15_and_85_percent(self, capacity):
+        design = Scattered(kind="scattered", runs=300)
+        note, made = told(scattered(0, np.arange(1000), LEVELS, design), capacity)
+        assert [len(cases) for cases in made] == [40] + [20] * 13
+        runs = np.concatenate(made)
+        assert runs["record"].tolist() == list(range(300))
+        assert note == {"runs": 300, "records": 300}
+        # The pilot fills the range of the levels evenly in their logarithm.
+        pilot = np.sort(np.log(runs["level"][:40]))
+        step = np.log(15) / 40
+        np.testing.assert_allclose(np.diff(pilot), step)
+        assert pilot[0] == pytest.approx(np.log(0.05) + step / 2)
+        later = np.log(runs["level"][200:] / 0.3) / 0.4
+        assert np.median(later[later < 0]) == pytest.approx(-1.036, abs=0.35)
+        assert np.median(later[later > 0]) == pytest.approx(1.036, abs=0.35)
+        assert (later < 0).sum() == (later > 0).sum() == 50
+
+    def test_the_same_again_and_another_by_another_seed_or_arch(self, capacity):
+        def levels(arch=0, **changes):
+            design = Scattered(kind="scattered", runs=80, **changes)
+            made = told(scattered(arch, np.arange(1000), LEVELS, design), capacity)[1]
+            return np.concatenate(made)["level"].tolist()
+
+        assert levels() == levels()
+        assert levels() != levels(seed=2)
+        assert levels() != levels(arch=1)
+
+    @pytest.mark.parametrize("verdict", list(Verdict)[:4])
+    @pytest.mark.parametrize("n_level", [1, 15])
+    def test_ends_if_all_runs_end_alike_within_the_range_allowed(self, verdict, n_level):
+        design = Scattered(kind="scattered", runs=100)
+        rounds = Rounds({0: scattered(0, np.arange(70), LEVELS[:n_level], design)})
+        count = 0
+        while len(rounds.wanted):
+            level = rounds.wanted["level"]
+            assert np.isfinite(level).all()
+            assert level.min() >= LEVELS[0] / BEYOND * (1 - 1e-12)
+            assert level.max() <= LEVELS[n_level - 1] * BEYOND * (1 + 1e-12)
+            count += len(level)
+            rounds.answer(np.full(len(level), verdict, np.int8))
+        assert count == 70
+
+    def test_fewer_records_than_the_pilot(self, capacity):
+        design = Scattered(kind="scattered")
+        note, made = told(scattered(0, np.arange(1), LEVELS, design), capacity)
+        assert (note["runs"], len(made)) == (1, 1)
+
+    def test_precision_is_reached_or_it_is_said_why_not(self, capacity):
+        def note(n_record, **keys):
+            design = Scattered(kind="scattered", precision=Precision(**keys))
+            return told(scattered(0, np.arange(n_record), LEVELS, design), capacity)[0]
+
+        reached = note(1000, theta=0.1)
+        assert reached["reached"]
+        assert 40 < reached["runs"] < 300
+        assert reached["half_width"] <= 0.1
+        assert "no more than 90 records" in note(90, theta=0.02)["why"]
+        assert note(1000, theta=0.02, runs=60)["why"] == "60 runs do not suffice"
+
+
+def test_cloud_asks_for_each_record_once_at_the_level_it_has():
+    rounds = Rounds({2: cloud(2, np.arange(5), np.arange(1.0, 6.0))})
+    assert rounds.wanted["record"].tolist() == list(range(5))
+    assert rounds.wanted["level"].tolist() == [1.0, 2.0, 3.0, 4.0, 5.0]
+    rounds.answer(np.zeros(5, np.int8))
+    assert rounds.notes == {2: {"runs": 5, "records": 5}}

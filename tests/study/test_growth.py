@@ -1,0 +1,142 @@
+"""Studies of all designs on real runs: what is in the cube, and what a study that grows keeps."""
+
+import json
+
+import netCDF4
+import numpy as np
+import pytest
+import xarray as xr
+
+import archfrag as af
+from archfrag.study.batch import run_batch
+from archfrag.study.config import load_study
+from archfrag.study.cube import write_cube, write_timings
+from archfrag.study.records import load_record, prepare_motions
+from tests.study.small import TEXT, small_study, write_at2
+
+DESIGNS = {
+    "stripes": "{kind: stripes}",
+    "ida": "{kind: ida, checks: 2}",
+    "two_stage": "{kind: two_stage, coarse: {name: time_stepping, dt: 4.0e-3}}",
+    "scattered": "{kind: scattered, runs: 10, pilot: 5, round: 2}",
+    "cloud": "{kind: cloud, factor: 2.0}",
+}
+THIRD = "  - {id: plate, profile: block, width: 0.5, height: 2.0, friction: .inf}\nmotions:"
+GROWN = {
+    "level": lambda text: text.replace("0.6, 1.2]", "0.6, 0.9, 1.2]"),
+    "arch": lambda text: text.replace("motions:", THIRD),
+    "record": lambda text: text,
+}
+
+
+def study_of(folder, design, text=TEXT, records=2):
+    path = small_study(folder, text + f"design: {DESIGNS[design]}\n")
+    time = np.arange(150) * 0.01
+    for number in range(2, records):
+        wave = 0.2 * np.sin(3 * number * time) * np.sin(np.pi * time / 1.5)
+        write_at2(folder / "records" / f"wave{number}.AT2", wave, 0.01)
+    return load_study(path)
+
+
+def cube_of(study):
+    """Log and cube of a study made in this process."""
+    prepare_motions(study)
+    log = run_batch(study, workers=1, quiet=True)
+    return log, write_cube(study)
+
+
+@pytest.mark.parametrize("grown", GROWN)
+@pytest.mark.parametrize("design", DESIGNS)
+def test_a_study_that_grows_makes_only_the_new_runs(tmp_path, here, design, grown):
+    before, first = cube_of(study_of(tmp_path / "grown", design))
+    records = 3 if grown == "record" else 2
+    text = GROWN[grown](TEXT)
+    log, second = cube_of(study_of(tmp_path / "grown", design, text, records))
+    whole, third = cube_of(study_of(tmp_path / "whole", design, text, records))
+    assert (before.kept, whole.kept, log.runs) == (0, 0, whole.runs)
+    assert second == first
+    assert second.read_bytes() == third.read_bytes()
+    if design in ("stripes", "cloud") or grown == "arch":
+        assert log.kept == before.runs
+    elif design == "ida":
+        assert log.kept >= before.runs - 4  # checks may be elsewhere
+    write_timings(study_of(tmp_path / "grown", design, text, records))
+    assert run_batch(study_of(tmp_path / "grown", design, text, records)).kept == log.runs
+
+
+@pytest.mark.parametrize("design", DESIGNS)
+def test_batches_ask_for_the_runs_that_one_asks_for(tmp_path, here, design):
+    study = study_of(tmp_path, design, records=3)
+    prepare_motions(study)
+    execution = study.execution.model_copy(update={"batches": 3})
+    shared = study.model_copy(update={"execution": execution})
+    logs = [run_batch(shared, number, quiet=True) for number in range(3)]
+    log = run_batch(study, quiet=True)
+    assert log.runs == log.kept == sum(each.runs for each in logs)
+    assert sum(each.kept for each in logs) == 0
+
+
+@pytest.mark.parametrize("design", ["ida", "two_stage", "scattered", "cloud"])
+def test_cube_of_each_design(tmp_path, here, design):
+    study = study_of(tmp_path, design, records=3)
+    log, path = cube_of(study)
+    with xr.open_dataset(path) as cube:
+        cube.load()
+    made = cube["verdict"].values != 4
+    note = json.loads(cube.attrs["archfrag_design"])
+    assert note["kind"] == design
+    assert set(note["arches"]) == {"ring", "slab"}
+    coarse = sum(each.get("coarse_runs", 0) for each in note["arches"].values())
+    assert made.sum() == sum(each["runs"] for each in note["arches"].values()) == log.runs - coarse
+    assert ((cube["status"].values == -1) == ~made).all()
+    assert (np.isnan(cube["peak_rotation"].values) == ~made).all()
+    assert (cube["steps"].values[~made] == -1).all()
+    own = design in ("scattered", "cloud")
+    assert cube["verdict"].shape == (2, 3, 1 if own else 3)
+    assert cube["intensity"].dims == (("arch", "record", "level") if own else ("level",))
+    assert cube["scale_factor"].dims == (("arch",) if own else ()) + ("record", "level")
+    assert ("coarse_verdict" in cube) == (design == "two_stage")
+    if design == "two_stage":
+        assert (cube["coarse_verdict"].values != 4).sum() == coarse > 0
+    if design == "cloud":
+        np.testing.assert_allclose(cube["scale_factor"], 2.0, rtol=1e-14)
+    pga = cube["record_measure"].sel(measure="PGA")
+    reached = (cube["scale_factor"] * pga).broadcast_like(cube["verdict"])
+    levels = cube["intensity"].broadcast_like(cube["verdict"])
+    np.testing.assert_allclose(reached.values[made], levels.values[made], rtol=1e-12)
+    records = prepare_motions(study)
+    for arch, record, level in np.argwhere(made)[[0, -1]]:
+        place = {"arch": arch, "record": record, "level": level}
+        factor = cube["scale_factor"].isel({k: place[k] for k in cube["scale_factor"].dims})
+        response = af.simulate(
+            study.arches[arch].build(), load_record(study, records[record]),
+            scale=factor.item(), method="time_stepping", dt=2e-3, follow=2.0,
+        )  # fmt: skip
+        assert cube["peak_displacement"].isel(place).item() == response.peak_displacement
+        assert cube["status"].isel(place).item() == response.status
+    checked(path, tmp_path)
+
+
+def checked(path, folder):
+    """The compliance checker finds no error."""
+    from compliance_checker.runner import CheckSuite, ComplianceChecker
+
+    CheckSuite.load_all_available_checkers()
+    report = folder / "report.json"
+    ComplianceChecker.run_checker(
+        str(path), ["cf:1.11"], verbose=0, criteria="normal",
+        output_filename=str(report), output_format="json",
+    )  # fmt: skip
+    found = json.loads(report.read_text())["cf:1.11"]
+    assert found["high_count"] == 0, found["high_priorities"]
+    with netCDF4.Dataset(path) as cube:
+        assert all(len(variable.long_name) > 5 for variable in cube.variables.values())
+
+
+def test_two_arches_that_differ_in_their_names_only_are_run_once(tmp_path, here):
+    text = TEXT.replace("motions:", THIRD.replace("width: 0.5", "width: 0.4"))
+    log, path = cube_of(study_of(tmp_path, "stripes", text))
+    assert (log.runs, log.kept) == (18, 6)
+    with xr.open_dataset(path) as cube:
+        one, other = (cube["peak_rotation"].sel(arch=name) for name in ("slab", "plate"))
+        np.testing.assert_array_equal(one, other)

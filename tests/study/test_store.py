@@ -1,0 +1,292 @@
+"""Plans, identities of runs, and the parts that hold their results."""
+
+import errno
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from archfrag.errors import InputError, OutputError
+from archfrag.fragility.counts import Verdict
+from archfrag.study.config import load_study
+from archfrag.study.digests import PACKAGE
+from archfrag.study.outcome import COLUMNS
+from archfrag.study.plan import DECIDING, KEY, Plan, make_plan
+from archfrag.study.replay import gather, replay
+from archfrag.study.store import (
+    Store,
+    read_part,
+    read_timing,
+    table_type,
+    timings_folder,
+    write_part,
+    write_timing,
+)  # fmt: skip
+from archfrag.study.worker import run_chunk, run_chunks
+from tests.study.small import files, make_runs
+
+
+def runs_of(plan):
+    """All runs of a plan, their factors and keys."""
+    cases = plan.rounds().wanted
+    factors = plan.factors(cases)
+    return cases, factors, plan.keys(cases, factors)
+
+
+class TestPlan:
+    def test_runs_are_arch_by_record_by_level(self, done):
+        cases, factors, keys = runs_of(done.plan)
+        assert cases["arch"].tolist() == [0] * 6 + [1] * 6
+        assert cases["record"].tolist() == ([0] * 3 + [1] * 3) * 2
+        np.testing.assert_array_equal(cases["level"].reshape(4, 3), [done.plan.levels] * 4)
+        np.testing.assert_array_equal(factors[:6], factors[6:])
+        assert len({key.tobytes() for key in keys}) == 12
+
+    def test_every_run_is_in_one_batch(self, done):
+        seen = [
+            (int(case["arch"]), int(case["record"]), int(case["place"]))
+            for batch in range(4)
+            for case in done.plan.rounds(batch, 4).wanted
+        ]
+        assert len(seen) == len(set(seen)) == 12
+        with pytest.raises(InputError, match=r"--batch 4: must be from 0 to 3"):
+            done.plan.rounds(4, 4)
+
+    @pytest.mark.parametrize("design", ["stripes", "ida", "two_stage", "scattered", "cloud"])
+    def test_stored_plan_is_the_same_plan(self, copied, design):
+        study = copied.study.model_validate(
+            copied.study.model_dump() | {"design": {"kind": design}}
+        )
+        plan = make_plan(study)
+        plan.save()
+        again = Plan.load(plan.path)
+        assert again == plan
+        assert again.digest == plan.digest
+
+    def test_workers_and_title_do_not_make_another_plan(self, done):
+        execution = done.study.execution.model_copy(update={"workers": 7, "batches": 3})
+        same = done.study.model_copy(update={"title": "Another", "execution": execution})
+        assert make_plan(same).digest == done.plan.digest
+
+    @pytest.mark.parametrize(
+        ("override", "same"),
+        [
+            ("arches.0.friction=0.6", 6), ("method.dt=1e-3", 0), ("method.follow=3", 0),
+            ("arches.0.id=other", 12), ("intensity.levels=[0.1, 0.6, 1.3]", 8),
+            ("execution.chunk=3", 12), ("design.kind=ida", 12),
+        ],
+    )  # fmt: skip
+    def test_whatever_changes_a_result_makes_other_runs_and_nothing_else(
+        self, done, override, same
+    ):
+        path = done.study.folder.parent / "small.yaml"
+        before = {key.tobytes() for key in runs_of(done.plan)[2]}
+        study = load_study(path, [override]).model_copy(update={"output": done.study.output})
+        plan = replace(make_plan(study), design={"kind": "stripes"})
+        after = {key.tobytes() for key in runs_of(plan)[2]}
+        assert len(before & after) == same
+
+    def test_a_plan_with_other_arches_has_other_keys(self, done):
+        before = runs_of(done.plan)[2]
+        plan = replace(done.plan, arches=done.plan.arches[::-1])
+        assert not set(before[:6].tolist()) & set(runs_of(plan)[2][:6].tolist())
+
+    def test_edited_kernels_make_other_runs(self, done, monkeypatch):
+        monkeypatch.setattr("archfrag.study.plan.kernel_hash", lambda: "edited")
+        plan = make_plan(done.study)
+        assert not (Store(plan.parts).places(runs_of(plan)[2]) >= 0).any()
+
+    def test_all_that_a_simulation_passes_through_decides(self, done):
+        code = (
+            "import sys, archfrag as af, numpy as np; af.simulate(af.Block(1.0, 2.0, 0.6), "
+            "af.Motion(np.zeros(5), 0.01)); print(*(m.__file__ for n, m in sys.modules.items() "
+            "if n.startswith('archfrag.')), sep='\\n')"
+        )
+        found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+        passed = {str(Path(name).relative_to(PACKAGE)) for name in found.stdout.split()}
+        assert "simulation/response.py" in passed
+        # The motions that a worker takes are hashed as they were stored, not as code.
+        elsewhere = ("motions/", "errors.py", "kernel_cache.py")
+        decided = {
+            str(path.relative_to(PACKAGE))
+            for name in DECIDING
+            for path in ([PACKAGE / name] if name.endswith(".py") else (PACKAGE / name).rglob("*"))
+        }
+        assert {name for name in passed if not name.startswith(elsewhere)} <= decided
+
+
+class TestParts:
+    def test_parts_hold_what_single_simulations_say(self, done):
+        import archfrag as af
+        from archfrag.study.records import load_record
+
+        cases, factors, keys = runs_of(done.plan)
+        run = 5
+        assert cases[["arch", "record", "place"]][run].tolist() == (0, 1, 2)
+        response = af.simulate(
+            done.study.arches[0].build(), load_record(done.study, done.plan.records[1]),
+            scale=factors[run], method="time_stepping", dt=2e-3, follow=2.0,
+        )  # fmt: skip
+        store = Store(done.plan.parts)
+        ((_, asked, table, times),) = store.rows(store.places(keys[run : run + 1]))
+        assert asked.tolist() == [0]
+        assert times[0] > 0.0
+        row = table[0]
+        assert row["status"] == response.status
+        assert row["peak_displacement"] == response.peak_displacement > 0.0
+        for name, count in response.events.items():
+            assert row[name] == count
+        for name in ("steps", "levels", "level_iterations", "general"):
+            assert row[name] == response.work[name]
+        assert row["impacts"] > 0
+        assert dict(zip(row["model_time"].dtype.names, row["model_time"])) == response.model_time
+
+    def test_verdicts_differ_so_that_a_mix_up_would_show(self, done):
+        assert set(gather(done.plan).table["verdict"]) >= {0, 1}
+
+    def test_running_a_chunk_again_gives_the_same_bytes(self, copied):
+        copied.plan.save()
+        cases, factors, _ = runs_of(copied.plan)
+        first = Path(run_chunk(str(copied.plan.path), cases[4:6], factors[4:6])["part"])
+        before = first.read_bytes()
+        first.unlink()
+        assert Path(run_chunk(str(copied.plan.path), cases[4:6], factors[4:6])["part"]) == first
+        assert first.read_bytes() == before
+
+    def test_a_damaged_part_is_ignored_and_made_again(self, copied):
+        plan = copied.plan
+        before = gather(plan)
+        parts = sorted(plan.parts.glob("*.npy"))
+        whole = parts[0].read_bytes()
+        for spoilt in (b"", whole[:-40], whole[:300] + b"\x01" * 8 + whole[308:],
+                       parts[1].read_bytes()):  # fmt: skip
+            parts[0].write_bytes(spoilt)
+            assert read_part(parts[0]) is None
+            with pytest.raises(InputError, match="runs of round 1 are missing or damaged"):
+                replay(plan, Store(plan.parts))
+        make_runs(plan)
+        after = gather(plan)
+        for name, values in before.table.items():
+            np.testing.assert_array_equal(after.table[name], values)
+
+    def test_a_part_of_other_columns_counts_as_missing(self, copied):
+        path = next(copied.plan.parts.glob("*.npy"))
+        table = read_part(path)
+        names = [name for name in table.dtype.names if name != "hand_overs"]
+        assert read_part(write_part(copied.plan.parts, table[names].copy())) is None
+        assert read_part(write_part(copied.plan.parts, table["steps"].copy())) is None
+
+    def test_disk_full_in_a_part_keeps_the_finished_ones(self, copied, monkeypatch):
+        plan = copied.plan
+        plan.save()
+        for path in plan.parts.glob("*.npy"):
+            path.unlink()
+        cases, factors, _ = runs_of(plan)
+        written, whole = [], Path.write_bytes
+
+        def write_bytes(path, content):
+            written.append(path)
+            if len(written) == 3:
+                whole(path, content[:10])
+                raise OSError(errno.ENOSPC, "No space left on device")
+            return whole(path, content)
+
+        monkeypatch.setattr(Path, "write_bytes", write_bytes)
+        chunks = [(cases[i : i + 2], factors[i : i + 2]) for i in range(0, 12, 2)]
+        with pytest.raises(OutputError, match=r"cannot be written \(No space left on device"):
+            run_chunks(str(plan.path), chunks)
+        left = {name for name in files(plan.parts) if not name.startswith("plan")}
+        assert len(left) == 2
+        assert all(read_part(plan.parts / name) is not None for name in left)
+
+    def test_columns_cover_every_value_once(self, done):
+        names = [column.name for column in COLUMNS]
+        table = read_part(next(done.plan.parts.glob("*.npy")))
+        assert table.dtype.names == ("key", *names, "model_time")
+
+
+def part_of(folder, keys, verdicts):
+    """Write a part of made-up runs."""
+    table = np.zeros(len(keys), table_type(("one",)))
+    table["key"], table["verdict"] = keys, verdicts
+    return write_part(folder, table)
+
+
+def drawn(generator, count, alphabet=256):
+    text = generator.integers(0, alphabet, (count, KEY)).astype(np.uint8)
+    return np.frombuffer(text.tobytes(), f"V{KEY}")
+
+
+class TestStore:
+    @pytest.mark.parametrize("alike", ["nothing", "first half", "second half", "few bytes"])
+    def test_places_are_those_of_a_dict(self, tmp_path, alike):
+        generator = np.random.default_rng(1)
+        keys = drawn(generator, 6000, 2 if alike == "few bytes" else 256)
+        text = np.frombuffer(keys.tobytes(), np.uint8).reshape(-1, KEY).copy()
+        if alike == "first half":
+            text[:, :7] = 255
+            text[:, 7] %= 3
+        if alike == "second half":
+            text[:, 8:] = 0
+        keys = np.unique(np.frombuffer(text.tobytes(), f"V{KEY}"))
+        keys = keys[generator.permutation(len(keys))]
+        stored, other = keys[: len(keys) // 2], keys[len(keys) // 2 :]
+        verdict = generator.integers(0, 4, len(stored)).astype(np.int8)
+        for some in np.array_split(np.arange(len(stored)), 7):
+            part_of(tmp_path, stored[some], verdict[some])
+        known = {key.tobytes(): code for key, code in zip(stored, verdict)}
+        asked = np.concatenate([other, stored, stored[:5]])
+        expected = [known.get(key.tobytes(), -1) for key in asked]
+        store = Store(tmp_path)
+        assert store.verdicts(asked).tolist() == expected
+        places = store.places(asked)
+        assert ((places >= 0) == (np.array(expected) >= 0)).all()
+        for rows in store.rows(places):
+            np.testing.assert_array_equal(rows.table["key"], asked[rows.asked])
+
+    def test_an_empty_store_and_no_keys(self, tmp_path):
+        store = Store(tmp_path / "nowhere")
+        keys = drawn(np.random.default_rng(2), 3)
+        assert store.verdicts(keys).tolist() == [-1, -1, -1]
+        assert list(store.rows(store.places(keys))) == []
+        part_of(tmp_path, keys, 1)
+        assert Store(tmp_path).places(keys[:0]).size == 0
+
+    def test_a_run_made_twice_is_one(self, tmp_path):
+        keys = drawn(np.random.default_rng(3), 4)
+        part_of(tmp_path, keys[:3], Verdict.COLLAPSED)
+        part_of(tmp_path, keys[1:], Verdict.COLLAPSED)
+        store = Store(tmp_path)
+        assert store.verdicts(keys).tolist() == [1] * 4
+        assert sum(len(rows.asked) for rows in store.rows(store.places(keys))) == 4
+
+    def test_a_part_damaged_while_it_is_read_is_told(self, tmp_path):
+        keys = drawn(np.random.default_rng(4), 3)
+        path = part_of(tmp_path, keys, 1)
+        store = Store(tmp_path)
+        path.write_bytes(b"")
+        assert not store.add(path)
+        with pytest.raises(InputError, match="was damaged or removed while it was read"):
+            list(store.rows(store.places(keys)))
+
+    def test_others_are_forgotten_but_not_what_comes_meanwhile(self, tmp_path):
+        parts = tmp_path / "parts"
+        for folder in (parts, timings_folder(parts)):
+            folder.mkdir()
+        keys = drawn(np.random.default_rng(5), 12)
+        made = [part_of(parts, keys[i : i + 3], i % 2) for i in (0, 3, 6)]
+        torn = parts / f"{'0' * 32}.npy"
+        torn.write_bytes(b"torn")
+        for path in made:
+            write_timing(path, np.arange(3.0))
+        store = Store(parts)
+        late = part_of(parts, keys[9:], 0)
+        store.forget_others([keys[4:5], keys[:1]])
+        assert set(parts.iterdir()) == {*made[:2], late}
+        assert len(list(timings_folder(parts).iterdir())) == 2
+        assert read_timing(made[0], 3).tolist() == [0.0, 1.0, 2.0]
+        assert np.isnan(read_timing(made[0], 2)).all()
+        assert np.isnan(read_timing(late, 3)).all()
