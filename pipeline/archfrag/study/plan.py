@@ -139,8 +139,9 @@ class Plan:
         found, which = np.unique(kinds, return_inverse=True)
         stems = np.zeros((len(found), 2), "<u8")
         for row, kind in enumerate(found.tolist()):
-            rest, record = divmod(kind, size[1])
-            state = hashlib.blake2b(self._stem(*divmod(rest, size[0]), record), digest_size=KEY)
+            before, record = divmod(kind, size[1])
+            stage, arch = divmod(before, size[0])
+            state = hashlib.blake2b(self._stem(stage, arch, record), digest_size=KEY)
             stems[row] = np.frombuffer(state.digest(), "<u8")
         bits = np.ascontiguousarray(factors, "<f8").view("<u8")
         mixed = _mixed(bits)[:, None] * np.array([1, 3], np.uint64)
