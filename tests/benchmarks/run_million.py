@@ -31,6 +31,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from tests.study.small import write_at2
 
 DT = 0.01  # [s]
+KINDS = ("worker", "parent", "both")  # the parent is the scheduler too
 
 
 def write_study(folder: Path, arches: int, records: int, levels: int) -> Path:
@@ -119,15 +120,13 @@ def kill_at_random(path: Path, kills: int, seed: int) -> None:
     """Simulations disturbed by SIGKILL to a worker, the parent of all or both, then resumed."""
     dice = random.Random(seed)
     command = [sys.executable, "-m", "archfrag.cli", "batch", str(path), "--quiet"]
+    parts = path.parent / "out" / ".archfrag" / "parts"
     done, starts = 0, 0
     while True:
         process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
         starts += 1
-        while process.poll() is None and done < kills:
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                process.wait(dice.uniform(3.0, 12.0))
-                break
-            whom = dice.choice(("worker", "worker", "parent", "both"))
+        while done < kills and _goes_on(process, parts, dice):
+            whom = KINDS[done % len(KINDS)]
             below = psutil.Process(process.pid).children(recursive=True)
             workers = [each for each in below if not each.children()]
             if whom != "parent" and workers:
@@ -136,13 +135,23 @@ def kill_at_random(path: Path, kills: int, seed: int) -> None:
             if whom != "worker":
                 process.kill()
             done += 1
-            print(f"  killed: {whom}", flush=True)
+            print(f"  killed: {whom}, at {len(list(parts.glob('*.npy')))} parts", flush=True)
         said = process.communicate()[1]
         if process.returncode == 0:
             print(f"  {done} kills, {starts} starts", flush=True)
             return
-        if done >= kills and process.returncode > 0:
+        if process.returncode > 0 and done >= kills:
             raise SystemExit(said[-2000:])
+
+
+def _goes_on(process: subprocess.Popen, parts: Path, dice: random.Random) -> bool:
+    """Wait until new parts are written, and some time more; False if the batch is over."""
+    before = len(list(parts.glob("*.npy")))
+    while process.poll() is None and len(list(parts.glob("*.npy"))) <= before:
+        time.sleep(0.05)
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        process.wait(dice.uniform(0.0, 3.0))
+    return process.poll() is None
 
 
 def sha256(path: Path) -> str:
@@ -181,12 +190,12 @@ def main() -> int:
     step("motions", path)
     step("batch", path, "--quiet")
     say_batch(path)
-    for name in ("cube", "fit", "report"):
+    for name in ("cube",) if given.kills else ("cube", "fit", "report"):
         step(name, path)
     cube = path.parent / "out" / "cube.nc"
     look(cube)
-    step("run", path)
     if not given.kills:
+        step("run", path)
         return 0
     other = write_study(given.folder / "disturbed", *size)
     step("motions", other)

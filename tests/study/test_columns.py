@@ -87,3 +87,13 @@ class TestKeys:
         for row in range(len(wanted)):
             alone = done.plan.keys(wanted[row : row + 1], factors[row : row + 1])
             assert alone[0].tobytes() == keys[row].tobytes()
+
+
+def test_a_million_runs_are_cut_into_few_parts_and_a_thousand_into_many():
+    from archfrag.study.batch import LARGEST_CHUNK, MANY_PARTS, cut
+    from archfrag.study.rounds import CASE
+
+    cases = np.zeros(1_000_000, CASE)
+    assert len(cut(cases, None, 2)) == MANY_PARTS
+    assert max(len(some) for _, some in cut(cases[:10_000], None, 2)) == LARGEST_CHUNK
+    assert len(cut(cases[:1000], 10, 2)) == 100
