@@ -11,11 +11,12 @@ import xarray as xr
 
 from archfrag.errors import InputError, OutputError
 from archfrag.fragility.counts import Verdict
+from archfrag.study import cube as cube_module
 from archfrag.study.cube import _write, write_cube, write_timings
 from archfrag.study.curves import Answer
 from archfrag.study.fits import fit_cube, fit_sentence, load_answers, load_fits, null
 from archfrag.study.outcome import COLUMNS
-from archfrag.study.replay import gather
+from archfrag.study.replay import Gathered
 from archfrag.study.store import Store, new_table, read_part, table_type, write_part
 
 
@@ -48,18 +49,33 @@ class TestContent:
                 seen += 1
         assert seen == 12
 
-    def test_runs_that_lost_contact_and_stand_are_counted(self, done, tmp_path):
-        results = gather(done.plan)
-        table = results.table
-        shape = (2, 2, 3)
+    def test_runs_that_lost_contact_and_stand_are_counted(self, done, tmp_path, monkeypatch):
+        gathered = Gathered(done.plan)
+        whole = gathered.read_all()
+        table, shape = whole.table, (2, 2, 3)
         table["verdict"][:] = Verdict.STANDING
         table["verdict"].reshape(shape)[1, 0, 2] = Verdict.COLLAPSED
         table["lost_contact_time"][:] = np.nan
         table["lost_contact_time"].reshape(shape)[1, :, 1:] = 0.5
+
+        def read(arch, stage):
+            own = np.flatnonzero(whole.cases["arch"] == arch)
+            columns = {name: values[own] for name, values in table.items()}
+            return replace(whole, cases=whole.cases[own], table=columns)
+
+        monkeypatch.setattr(gathered, "read", read)
         with netCDF4.Dataset(str(tmp_path / "cube.nc"), "w") as cube:
-            _write(cube, done.study, done.plan, results)
+            _write(cube, done.study, done.plan, gathered)
             assert cube["lost_contact_and_stand"][:].tolist() == [[0, 0, 0], [0, 2, 1]]
             assert cube.loss_limit == "0.5"
+
+    def test_a_chunk_is_one_arch_or_some_of_its_records(self, done, tmp_path, monkeypatch):
+        for most, expected in ((100, [1, 2, 3]), (4, [1, 1, 3]), (1, [1, 1, 3])):
+            monkeypatch.setattr(cube_module, "LARGEST_CHUNK", most)
+            with netCDF4.Dataset(str(tmp_path / f"{most}.nc"), "w") as cube:
+                _write(cube, done.study, done.plan, Gathered(done.plan))
+                assert cube["verdict"].chunking() == expected
+                assert cube["model_time"].chunking()[-1] == 4
 
     def test_models_are_those_of_the_ladder_and_add_up(self, cube):
         assert [str(name) for name in cube["model"].values] == [

@@ -158,10 +158,12 @@ def _opened(inputs: ReportInputs) -> "Iterator[xr.Dataset]":
     import xarray as xr
 
     try:
-        cube = xr.load_dataset(inputs.cube)
+        cube = xr.open_dataset(inputs.cube, cache=False)
     except (OSError, ValueError) as error:
         raise InputError(f"the cube {inputs.cube} cannot be read: {error}") from error
-    yield cube
+    # Read arch by arch: a large cube does not fit in memory.
+    with cube:
+        yield cube
 
 
 def render(study_results: ReportInputs) -> str:

@@ -6,17 +6,22 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from archfrag.arch import Arch
 from archfrag.mechanics.collapse import NOTED_GAP
+from archfrag.mechanics.status import Count
 from archfrag.mechanics.types import GroundMotion, Options
 from archfrag.methods.registry import AUTO, OWN_STEP, MethodInfo
 from archfrag.motions.motion import Motion
 from archfrag.simulation import checks
 from archfrag.simulation.response import Response, response_of
 from archfrag.simulation.rest import check_stands
+
+if TYPE_CHECKING:
+    from archfrag.methods.time_stepping.service import Results
 
 LOSS_LIMIT = 0.5
 CHECK_INTERVAL = 64
@@ -87,7 +92,15 @@ def ground_of(motion: Motion, scale: float, info: MethodInfo) -> GroundMotion:
     return GroundMotion(horizontal, vertical, float(motion.dt), factor)
 
 
-def simulate_runs(
+class Runs(NamedTuple):
+    """Many runs of one arch as the kernels leave them: a row each."""
+
+    results: Results
+    wall_time: np.ndarray  # (n_run,) [s]
+    method: str
+
+
+def results_of_runs(
     arch: Arch,
     motions: Sequence[Motion],
     factors: Sequence[float],
@@ -97,8 +110,8 @@ def simulate_runs(
     follow: float = 20.0,
     settings: Mapping[str, float] | None = None,
     loss_limit: float = LOSS_LIMIT,
-) -> list[Response] | None:
-    """As `simulate_many`, a response for each run; None where a method has no such way."""
+) -> Runs | None:
+    """As `simulate_many`, in arrays; None where a method has no such way."""
     checks.check_arch(arch)
     info = checks.check_method(method)
     checks.check_taken(info, rtol=rtol, dt=dt)
@@ -124,12 +137,30 @@ def simulate_runs(
         **own,
     )
     spent = time.perf_counter() - started
+    # The calls of several runs are timed together.
+    work = 1.0 + results.count[:, Count.STEPS]
+    return Runs(results, spent * work / work.sum(), info.name)
+
+
+def simulate_runs(
+    arch: Arch, motions: Sequence[Motion], factors: Sequence[float], **options: Any
+) -> list[Response] | None:
+    """As `simulate_many`, a response for each run; None where a method has no such way.
+
+    Parameters
+    ----------
+    arch, motions, factors
+    **options
+        As of `results_of_runs`.
+    """
+    runs = results_of_runs(arch, motions, factors, **options)
+    if runs is None:
+        return None
     from archfrag.methods.time_stepping.front import outcome_of
 
-    outcomes = [outcome_of(results, row) for row in range(len(factors))]
-    work = np.array([1.0 + outcome.ledger.count[0] for outcome in outcomes])
-    times = spent * work / work.sum()
-    respond = partial(response_of, method=info.name, mechanism=None, history=None)
+    outcomes = [outcome_of(runs.results, row) for row in range(len(factors))]
+    respond = partial(response_of, method=runs.method, mechanism=None, history=None)
     return [
-        respond(outcome, wall_time=float(seconds)) for outcome, seconds in zip(outcomes, times)
+        respond(outcome, wall_time=float(seconds))
+        for outcome, seconds in zip(outcomes, runs.wall_time)
     ]

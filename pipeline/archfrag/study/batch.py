@@ -39,6 +39,8 @@ IN_FLIGHT = 2
 HERE = 5.0  # [s]
 # A chunk is one call: four of its runs go side by side to near its end, workers share a round.
 LANES, SMALLEST_CHUNK, LARGEST_CHUNK, CHUNKS_EACH = 4, 8, 200, 3
+# Where that makes many parts they hold more, so that looking for those there takes seconds.
+MANY_PARTS = 2000
 LOOK_AFTER = 0.5  # between looks whether workers are there [s]
 LOSSES_ALLOWED = 3
 PATIENCE = 60.0
@@ -150,7 +152,8 @@ def _first_of_each(keys: NDArray, rows: NDArray[np.int64]) -> NDArray[np.int64]:
 def cut(cases: Cases, chunk: int | None, workers: int) -> list[tuple[slice, Cases]]:
     """Runs cut into chunks of one arch and stage each, which a worker makes in one call."""
     even = -(-len(cases) // (CHUNKS_EACH * workers))
-    most = chunk or min(max(-(-even // LANES) * LANES, SMALLEST_CHUNK), LARGEST_CHUNK)
+    largest = max(LARGEST_CHUNK, -(-len(cases) // MANY_PARTS))
+    most = chunk or min(max(-(-even // LANES) * LANES, SMALLEST_CHUNK), largest)
     kind = np.stack([cases["stage"], cases["arch"]])
     borders = np.flatnonzero((kind[:, 1:] != kind[:, :-1]).any(axis=0)) + 1
     chunks = []

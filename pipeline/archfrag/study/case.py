@@ -3,6 +3,9 @@
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 if TYPE_CHECKING:
     from archfrag.arch import Arch
     from archfrag.motions.motion import Motion
@@ -37,12 +40,12 @@ def simulate_case(
     )
 
 
-def simulate_cases(
+def tabulate_cases(
     method: Mapping[str, Any],
     arch: "Arch",
     motions: Sequence["Motion"],
     factors: Sequence[float],
-) -> list["Response"]:
+) -> tuple[dict[str, NDArray], NDArray[np.float64]]:
     """As `simulate_case` for several runs of one arch, four at a time where the method can.
 
     Parameters
@@ -53,13 +56,22 @@ def simulate_cases(
         One for each run, unscaled.
     factors : sequence of float
         On them.
+
+    Returns
+    -------
+    dict
+        Columns of `archfrag.study.outcome`.
+    ndarray, (n_run,)
+        Wall times [s].
     """
-    from archfrag.simulation.many import simulate_runs
+    from archfrag.simulation.many import results_of_runs
+    from archfrag.study.outcome import columns_of, table_of
 
     arguments = {key: value for key, value in method.items() if key != "name"}
-    responses = simulate_runs(arch, motions, factors, method=method["name"], **arguments)
-    if responses is not None:
-        return responses
-    return [
+    runs = results_of_runs(arch, motions, factors, method=method["name"], **arguments)
+    if runs is not None:
+        return columns_of(runs.results), runs.wall_time
+    responses = [
         simulate_case(method, arch, motion, factor) for motion, factor in zip(motions, factors)
     ]
+    return table_of(responses), np.array([response.wall_time for response in responses])

@@ -20,14 +20,17 @@ from archfrag.study.outcome import COLUMNS, Column
 from archfrag.study.plan import Plan, make_plan
 from archfrag.study.provenance import attributes, strict_json
 from archfrag.study.records import SEEDS, PreparedRecord
-from archfrag.study.replay import Results, gather, replay
-from archfrag.study.rounds import CASE, FINE, Cases
+from archfrag.study.replay import Gathered, Results, replay
+from archfrag.study.rounds import CASE, COARSE, FINE, Cases
 from archfrag.study.store import Store
 from archfrag.study.written import is_ours_damaged
 
 CUBE = "cube.nc"
 TIMINGS = "timings.csv"
 _RUN = ("arch", "record", "level")
+# Of a chunk, which is read and decompressed whole [values].
+LARGEST_CHUNK = 100_000
+COMPRESSION = 4
 _LABELS = "arch record intensity"
 _UDUNITS = {"m/s2": "m s-2", "m/s": "m s-1", "m": "m", "s": "s"}
 
@@ -61,7 +64,8 @@ def refuse_foreign_cube(study: Study) -> None:
 def write_cube(study: Study) -> Path:
     """Gather the parts of a study into its cube, written whole or not at all.
 
-    The same parts give the same bytes. Memory: about 200 bytes a run.
+    The same parts give the same bytes. It is written arch by arch: memory grows by about 150 bytes
+    a run, whatever the results hold.
 
     Returns
     -------
@@ -79,7 +83,7 @@ def write_cube(study: Study) -> Path:
     """
     refuse_foreign_cube(study)
     plan = make_plan(study)
-    results = gather(plan)
+    results = Gathered(plan)
     path = make_folder(study.folder) / CUBE
     with replacing(path) as temporary:
         try:
@@ -114,8 +118,8 @@ def write_timings(study: Study) -> Path:
     table = pd.DataFrame(
         {
             "stage": cases["stage"],
-            "arch": np.array([arch["id"] for arch in plan.arches])[cases["arch"]],
-            "record": np.array([record.id for record in plan.records])[cases["record"]],
+            "arch": _named(cases["arch"], [arch["id"] for arch in plan.arches]),
+            "record": _named(cases["record"], [record.id for record in plan.records]),
             "level": cases["level"],
             "steps": steps,
             "wall_time": wall_time,
@@ -143,63 +147,80 @@ def read_timings(study: Study) -> dict[str, list[float]] | None:
     return found
 
 
+def _named(numbers: NDArray, names: list[str]) -> Any:
+    """Names by their numbers, each kept once."""
+    import pandas as pd
+
+    return pd.Categorical.from_codes(numbers.astype(np.int64), pd.Index(names))
+
+
 class _Layout:
     """Where runs are in the cube: (arch, record, level), with one level where each has its own."""
 
-    def __init__(self, plan: Plan, cases: Cases) -> None:
+    def __init__(self, plan: Plan) -> None:
         self.regular = plan.design["kind"] in GRIDS
         n_level = len(plan.levels) if self.regular else 1
         self.shape = (len(plan.arches), len(plan.records), n_level)
-        self._cell = (cases["arch"], cases["record"], cases["place"])
 
-    def fill(self, values: NDArray, missing: float) -> NDArray:
-        """Values of runs by their cells, with `missing` where there is no run."""
-        cells = np.full((*self.shape, *values.shape[1:]), missing, values.dtype)
-        cells[self._cell] = values
+    def fill(self, cases: Cases, values: NDArray, missing: float) -> NDArray:
+        """Values of runs of one arch by their cells, with `missing` where there is no run."""
+        cells = np.full((*self.shape[1:], *values.shape[1:]), missing, values.dtype)
+        cells[cases["record"], cases["place"]] = values
         return cells
 
 
-def _write(cube: Any, study: Study, plan: Plan, results: Results) -> None:
+def _write(cube: Any, study: Study, plan: Plan, results: Gathered) -> None:
     found = members(study, len(plan.records))
-    fine = results.cases["stage"] == FINE
-    own = results.some(fine)
-    grid = _Layout(plan, own.cases)
-    for name, size in zip((*_RUN, "model"), (*grid.shape, len(own.models))):
+    grid = _Layout(plan)
+    for name, size in zip((*_RUN, "model"), (*grid.shape, len(results.models))):
         cube.createDimension(name, size)
-    notes = {plan.arches[arch]["id"]: note for arch, note in sorted(own.notes.items())}
+    notes = {plan.arches[arch]["id"]: note for arch, note in sorted(results.notes.items())}
     cube.setncatts(_global_attributes(study, plan, {**plan.design, "arches": notes}))
     _labels(cube, "arch", "arch", found.ids, "name of the arch")
     _labels(cube, "arch_class", "arch", found.classes, "entry of the study it is of", "arch")
     _labels(cube, "record", "record", [r.id for r in plan.records], "name of the record")
-    _labels(
-        cube, "model", "model", own.models, "model of the ladder that a time was simulated with"
-    )
-    _levels(cube, study, plan, grid, own)
+    said = "model of the ladder that a time was simulated with"
+    _labels(cube, "model", "model", results.models, said)
+    _levels(cube, study, plan, grid)
     _arch_facts(cube, found)
     _record_facts(cube, plan)
     for column in COLUMNS:
-        _create(cube, column, _RUN)[:] = grid.fill(own.table[column.name], column.missing)
-    if not fine.all():
-        coarse = results.some(~fine)
-        column = replace(
-            COLUMNS[0], name="coarse_verdict", long_name="what a run by the coarse method says"
-        )
-        _create(cube, column, _RUN)[:] = _Layout(plan, coarse.cases).fill(
-            coarse.table["verdict"], COLUMNS[0].missing
-        )
+        _create(cube, column, _RUN)
+    two_stage = bool((results.cases["stage"] == COARSE).any())
+    if two_stage:
+        said = "what a run by the coarse method says"
+        _create(cube, replace(COLUMNS[0], name="coarse_verdict", long_name=said), _RUN)
     column = Column(
         "lost_contact_and_stand", "i4", "1",
         "number of runs of all records that lost contact at a joint and stand",
     )  # fmt: skip
-    lost = np.isfinite(own.table["lost_contact_time"])
-    regained = grid.fill(lost & (own.table["verdict"] == Verdict.STANDING), False)
-    _create(cube, column, (_RUN[0], _RUN[2]), "arch level")[:] = regained.sum(axis=1)
+    _create(cube, column, (_RUN[0], _RUN[2]), "arch level")
     column = Column(
         "model_time", "f8", "s", "simulated time in each model",
         comment="The models add up to end_time: from rest through few bodies to all voussoirs.",
     )  # fmt: skip
-    variable = _create(cube, column, (*_RUN, "model"), f"{_LABELS} model")
-    variable[:] = grid.fill(own.table["model_time"], np.nan)
+    _create(cube, column, (*_RUN, "model"), f"{_LABELS} model")
+    for arch in range(len(found)):
+        _write_arch(cube, grid, arch, results.read(arch, FINE))
+        if two_stage:
+            coarse = results.read(arch, COARSE)
+            verdict, missing = coarse.table["verdict"], COLUMNS[0].missing
+            cube["coarse_verdict"][arch] = grid.fill(coarse.cases, verdict, missing)
+
+
+def _write_arch(cube: Any, grid: _Layout, arch: int, own: Results) -> None:
+    """All that the cube holds of the runs of one arch by the study's method."""
+    for column in COLUMNS:
+        values = own.table[column.name]
+        cube[column.name][arch] = grid.fill(own.cases, values, column.missing)
+    lost = np.isfinite(own.table["lost_contact_time"])
+    stood = own.table["verdict"] == Verdict.STANDING
+    regained = grid.fill(own.cases, lost & stood, False)
+    cube["lost_contact_and_stand"][arch] = regained.sum(axis=0)
+    cube["model_time"][arch] = grid.fill(own.cases, own.table["model_time"], np.nan)
+    if not grid.regular:
+        cube["intensity"][arch] = grid.fill(own.cases, own.cases["level"], np.nan)
+        cube["scale_factor"][arch] = grid.fill(own.cases, own.factors, np.nan)
 
 
 def _global_attributes(study: Study, plan: Plan, design: dict[str, Any]) -> dict[str, str]:
@@ -250,7 +271,8 @@ def _create(cube: Any, column: Column, dimensions: Sequence[str], labels: str = 
         column.dtype,
         dimensions,
         zlib=True,
-        complevel=4,
+        complevel=COMPRESSION,
+        chunksizes=_chunks(cube, dimensions),
         fill_value=False if column.fill is None else column.fill,
     )
     variable.long_name = column.long_name
@@ -264,6 +286,18 @@ def _create(cube: Any, column: Column, dimensions: Sequence[str], labels: str = 
     if labels:
         variable.coordinates = labels
     return variable
+
+
+def _chunks(cube: Any, dimensions: Sequence[str]) -> list[int]:
+    """One arch at a time, so that fits and report read no more than they need.
+
+    Of an arch with very many runs, so many records that a chunk holds at most `LARGEST_CHUNK`.
+    """
+    sizes = [len(cube.dimensions[name]) for name in dimensions]
+    if tuple(dimensions[: len(_RUN)]) == _RUN:
+        of_record = max(1, int(np.prod(sizes[2:])))
+        sizes[:2] = [1, min(sizes[1], max(1, LARGEST_CHUNK // of_record))]
+    return [max(1, size) for size in sizes]
 
 
 def _labels(
@@ -284,7 +318,7 @@ def _labels(
     variable[:] = np.array(encoded, dtype=f"S{length}").view("S1").reshape(len(texts), length)
 
 
-def _levels(cube: Any, study: Study, plan: Plan, grid: "_Layout", results: Results) -> None:
+def _levels(cube: Any, study: Study, plan: Plan, grid: "_Layout") -> None:
     from archfrag.motions.measures import measure_unit
 
     level = Column("level", "i4", "1", "number of the intensity level, counted from 0")
@@ -304,8 +338,7 @@ def _levels(cube: Any, study: Study, plan: Plan, grid: "_Layout", results: Resul
         factors[:] = plan.factors(cases).reshape(grid.shape[1:])
     else:
         variable = _create(cube, intensity, _RUN, "arch record")
-        variable[:] = grid.fill(results.cases["level"], np.nan)
-        _create(cube, scale, _RUN)[:] = grid.fill(results.factors, np.nan)
+        _create(cube, scale, _RUN)
     variable.measure = measure
 
 

@@ -34,6 +34,17 @@ DECIDING = (
 KEY = 16  # bytes
 
 
+def _mixed(bits: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """A permutation of 64 bits in which each bit depends on all others.
+
+    The last step of the generator splitmix64 (Steele, Lea, Flood, Fast splittable pseudorandom
+    number generators, OOPSLA 2014, variant 13 of D. Stafford).
+    """
+    for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
+        bits = (bits ^ (bits >> np.uint64(shift))) * np.uint64(factor)
+    return bits ^ (bits >> np.uint64(31))
+
+
 @dataclass(frozen=True)
 class Plan:
     """All that decides what the runs of a study are, and nothing that does not.
@@ -123,15 +134,23 @@ class Plan:
         return np.array([record.factor for record in self.records])
 
     def keys(self, cases: Cases, factors: NDArray[np.float64]) -> NDArray[np.void]:
-        """Identity of each run: of its code, arch, motion, factor and method, (n,) of 16 bytes."""
-        made = bytearray()
-        for stage, arch, record, factor in zip(
-            cases["stage"].tolist(), cases["arch"].tolist(), cases["record"].tolist(), factors
-        ):
+        """Identity of each run: of its code, arch, motion, factor and method, (n,) of 16 bytes.
+
+        Of the runs that have all but the factor in common no two have the same key: `_mixed` is
+        a permutation. Any others have it by the chance of a hash of 128 bits.
+        """
+        size = len(self.arches), len(self.records)
+        kinds = (cases["stage"] * np.int64(size[0]) + cases["arch"]) * size[1] + cases["record"]
+        found, which = np.unique(kinds, return_inverse=True)
+        stems = np.zeros((len(found), 2), "<u8")
+        for row, kind in enumerate(found.tolist()):
+            before, record = divmod(kind, size[1])
+            stage, arch = divmod(before, size[0])
             state = hashlib.blake2b(self._stem(stage, arch, record), digest_size=KEY)
-            state.update(factor.tobytes())
-            made += state.digest()
-        return np.frombuffer(bytes(made), dtype=f"V{KEY}")
+            stems[row] = np.frombuffer(state.digest(), "<u8")
+        bits = np.ascontiguousarray(factors, "<f8").view("<u8")
+        mixed = _mixed(bits)[:, None] * np.array([1, 3], np.uint64)
+        return _mixed(stems[which] ^ mixed).astype("<u8").view(f"V{KEY}").reshape(-1)
 
     def _stem(self, stage: int, arch: int, record: int) -> bytes:
         """What runs of an arch under a record by a method have in common."""

@@ -1,6 +1,6 @@
 """All runs that the design of a study asks for, with their results."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from archfrag.study.store import Store
 
 @dataclass(frozen=True)
 class Results:
-    """All runs that a design asked for.
+    """Runs that a design asked for.
 
     Attributes
     ----------
@@ -24,21 +24,11 @@ class Results:
     factors : ndarray, (n_run,)
     table : dict of ndarray
         Columns of the runs, each (n_run,); `model_time` (n_run, n_model).
-    models : tuple of str
-    notes : dict
-        By number of the arch: what the design says of itself.
     """
 
     cases: Cases
     factors: NDArray[np.float64]
     table: dict[str, NDArray]
-    models: tuple[str, ...]
-    notes: dict[int, dict[str, Any]]
-
-    def some(self, rows: NDArray[np.bool_]) -> "Results":
-        """Some of the runs."""
-        table = {name: values[rows] for name, values in self.table.items()}
-        return replace(self, cases=self.cases[rows], factors=self.factors[rows], table=table)
 
 
 def replay(plan: Plan, store: Store) -> tuple[Cases, Rounds]:
@@ -68,29 +58,67 @@ def replay(plan: Plan, store: Store) -> tuple[Cases, Rounds]:
     ], rounds
 
 
-def gather(plan: Plan) -> Results:
-    """Results of all runs that the design of a plan asks for.
+class Gathered:
+    """All runs that the design of a plan asks for; their results are read where they are wanted.
+
+    Memory: about 150 bytes a run, and the results of the runs that are read together.
+
+    Attributes
+    ----------
+    cases : ndarray of CASE, (n_run,)
+        Sorted by stage, arch, record and place.
+    models : tuple of str
+    notes : dict
+        By number of the arch: what the design says of itself.
 
     Raises
     ------
     InputError
-        If results are missing or were made by different ladders of models.
+        If results are missing.
     """
-    store = Store(plan.parts)
-    cases, rounds = replay(plan, store)
-    factors = plan.factors(cases)
-    places = store.places(plan.keys(cases, factors))
-    table: dict[str, NDArray] = {c.name: np.empty(len(cases), c.dtype) for c in COLUMNS}
-    models: tuple[str, ...] | None = None
-    for path, rows, part, _ in store.rows(places):
-        names: tuple[str, ...] = part.dtype["model_time"].names or ()
-        if models is None:
-            models = names
-            table["model_time"] = np.empty((len(cases), len(names)))
-        if names != models:
-            raise InputError(f"{path}: is of other models than the parts before")
-        for column in COLUMNS:
-            table[column.name][rows] = part[column.name]
-        for number, name in enumerate(names):
-            table["model_time"][rows, number] = part["model_time"][name]
-    return Results(cases, factors, table, models or (), rounds.notes)
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan, self._store = plan, Store(plan.parts)
+        self.cases, rounds = replay(plan, self._store)
+        self._factors = plan.factors(self.cases)
+        self._places = self._store.places(plan.keys(self.cases, self._factors))
+        self.notes: dict[int, dict[str, Any]] = rounds.notes
+        self.models: tuple[str, ...] = ()
+        for rows in self._store.rows(self._places[:1]):
+            self.models = rows.table.dtype["model_time"].names or ()
+
+    def read(self, arch: int, stage: int) -> Results:
+        """Results of the runs of an arch in a stage.
+
+        Raises
+        ------
+        InputError
+            If they were made by another ladder of models than the first run.
+        """
+        # They are sorted by stage, then by arch.
+        count = len(self._plan.arches)
+        kinds = self.cases["stage"] * np.int64(count) + self.cases["arch"]
+        kind = stage * count + arch
+        return self._read(slice(*np.searchsorted(kinds, [kind, kind + 1]).tolist()))
+
+    def read_all(self) -> Results:
+        """Results of all runs, about 250 bytes each; errors as of `read`."""
+        return self._read(slice(0, len(self.cases)))
+
+    def _read(self, own: slice) -> Results:
+        count = own.stop - own.start
+        table: dict[str, NDArray] = {c.name: np.empty(count, c.dtype) for c in COLUMNS}
+        table["model_time"] = np.empty((count, len(self.models)))
+        for path, rows, part, _ in self._store.rows(self._places[own]):
+            if part.dtype["model_time"].names != self.models:
+                raise InputError(f"{path}: is of other models than the parts before")
+            for column in COLUMNS:
+                table[column.name][rows] = part[column.name]
+            for number, name in enumerate(self.models):
+                table["model_time"][rows, number] = part["model_time"][name]
+        return Results(self.cases[own], self._factors[own], table)
+
+
+def gather(plan: Plan) -> Results:
+    """Results of all runs that the design of a plan asks for; errors as of `Gathered`."""
+    return Gathered(plan).read_all()

@@ -173,10 +173,8 @@ class Store:
         ends = np.cumsum(self._of_part)
         order = np.argsort(places, kind="stable")
         starts = np.searchsorted(places[order], np.concatenate([[0], ends]))
-        for number, path in enumerate(self._files):
-            some = order[starts[number] : starts[number + 1]]
-            if not some.size:
-                continue
+        for number in np.flatnonzero(np.diff(starts)).tolist():
+            path, some = self._files[number], order[starts[number] : starts[number + 1]]
             table = read_part(path)
             if table is None:
                 raise InputError(

@@ -16,17 +16,15 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from archfrag.study.arches import ArchEntry
-from archfrag.study.case import simulate_cases
-from archfrag.study.outcome import table_of
+from archfrag.study.case import tabulate_cases
 from archfrag.study.plan import Plan
 from archfrag.study.records import PreparedRecord, motion_of_record
 from archfrag.study.rounds import Cases
-from archfrag.study.store import new_table, write_part, write_timing
+from archfrag.study.store import Table, new_table, write_part, write_timing
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
     from archfrag.motions.motion import Motion
-    from archfrag.simulate import Response
 
 
 # The modification time is only there to tell an edited file from the one in memory.
@@ -41,7 +39,8 @@ def _arch(path: str, modified: int, number: int) -> "Arch":
     return entry.build()
 
 
-@lru_cache(maxsize=4)
+# A record of a minute with its vertical component takes 0.2 MB.
+@lru_cache(maxsize=64)
 def _motion(folder: str, record: PreparedRecord) -> "Motion":
     return motion_of_record(Path(folder), record)
 
@@ -61,24 +60,28 @@ def peak_memory() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
 
 
-def run_cases(plan: Plan, place: Path, cases: Cases, factors: NDArray) -> list["Response"]:
-    """Some runs of a plan in their order, those of one arch and stage together."""
-    responses: list[Response] = []
-    modified = _modified(place)
+def run_cases(
+    plan: Plan, place: Path, cases: Cases, factors: NDArray
+) -> tuple[Table, NDArray[np.float64]]:
+    """Rows and wall times [s] of some runs of a plan; those of one arch and stage together."""
+    tables, wall_times = [], []
+    modified, keys = _modified(place), plan.keys(cases, factors)
     kinds = zip(cases["stage"].tolist(), cases["arch"].tolist())
     start = 0
     for (stage, arch), group in groupby(kinds):
         end = start + len(list(group))
         numbers = cases["record"][start:end].tolist()
         motions = {r: _motion(plan.folder, plan.records[r]) for r in dict.fromkeys(numbers)}
-        responses += simulate_cases(
+        columns, seconds = tabulate_cases(
             plan.methods[stage],
             _arch(str(place), modified, arch),
             [motions[r] for r in numbers],
             factors[start:end].tolist(),
         )
+        tables.append(new_table(keys[start:end], columns))
+        wall_times.append(seconds)
         start = end
-    return responses
+    return np.concatenate(tables), np.concatenate(wall_times)
 
 
 def run_chunks(plan_path: str, chunks: Sequence[tuple[Cases, NDArray]]) -> list[dict[str, Any]]:
@@ -111,13 +114,12 @@ def run_chunk(plan_path: str, cases: Cases, factors: NDArray) -> dict[str, Any]:
     started = time.perf_counter()
     place = Path(plan_path)
     plan = _plan(plan_path, _modified(place))
-    responses = run_cases(plan, place, cases, factors)
-    part = write_part(plan.parts, new_table(plan.keys(cases, factors), table_of(responses)))
-    wall_time = np.array([response.wall_time for response in responses])
+    table, wall_time = run_cases(plan, place, cases, factors)
+    part = write_part(plan.parts, table)
     write_timing(part, wall_time)
     return {
         "part": str(part),
-        "runs": len(responses),
+        "runs": len(table),
         "kernel_time": float(wall_time.sum()),
         "wall_time": time.perf_counter() - started,
         "peak_memory": peak_memory(),

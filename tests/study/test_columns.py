@@ -1,0 +1,99 @@
+"""Columns of many runs straight from the kernels' arrays, and the keys of runs."""
+
+import numpy as np
+import pytest
+
+import archfrag as af
+from archfrag.simulation.many import results_of_runs, simulate_runs
+from archfrag.study.case import tabulate_cases
+from archfrag.study.outcome import columns_of, table_of
+from archfrag.study.rounds import cases_of
+
+FACTORS = [0.0, 0.5, 2.0, 6.0]
+
+
+def ring_and_wave():
+    arch = af.Arch.circular(radius=10.0, thickness=1.5, embrace=157.5, voussoirs=7, friction=0.7)
+    time = np.arange(100) * 0.01
+    return arch, af.Motion(5.0 * np.sin(9.0 * time) * np.sin(np.pi * time), 0.01)
+
+
+@pytest.fixture(scope="module")
+def both():
+    """Runs that stand and that collapse: their arrays, and a response of each."""
+    arch, motion = ring_and_wave()
+    options = {"method": "time_stepping", "dt": 2e-3, "follow": 1.0}
+    given = arch, [motion] * len(FACTORS), FACTORS
+    return results_of_runs(*given, **options).results, simulate_runs(*given, **options)
+
+
+def assert_equal(first, second):
+    assert set(first) == set(second)
+    for name, values in first.items():
+        assert values.dtype == second[name].dtype, name
+        np.testing.assert_array_equal(values, second[name], err_msg=name)
+
+
+def test_columns_are_those_of_the_responses(both):
+    results, responses = both
+    table = columns_of(results)
+    assert_equal(table, table_of(responses))
+    assert set(table["verdict"]) >= {0, 1}
+    assert table["impacts"].any()
+
+
+def test_every_column_has_a_value_of_its_own(both):
+    """Arrays in which every entry differs, so that no two could be mixed up."""
+    from archfrag.methods.time_stepping.front import outcome_of
+    from archfrag.simulation.response import response_of
+
+    results, count = both[0], 0
+    for array in (results.loss, results.count, results.energy, results.model_time, results.peak):
+        array[:] = count + np.arange(array.size).reshape(array.shape)
+        count += array.size
+    results.loss[:, 2] = [0, 1, 2, 3]
+    results.status[:] = [0, 1, 2, 4]
+    results.energy[0] = 0.0
+    responses = [response_of(outcome_of(results, row), "", 0.0, None, None) for row in range(4)]
+    assert_equal(columns_of(results), table_of(responses))
+
+
+def test_a_method_without_lanes_gives_the_same_columns():
+    arch, motion = ring_and_wave()
+    table, seconds = tabulate_cases(
+        {"name": "event_driven", "rtol": 1e-3, "follow": 0.0}, arch, [motion], [0.01]
+    )
+    one = af.simulate(arch, motion, scale=0.01, method="event_driven", rtol=1e-3, follow=0.0)
+    assert_equal(table, table_of([one]))
+    assert seconds.shape == (1,)
+
+
+class TestKeys:
+    def test_of_a_thousand_factors_all_differ(self, done):
+        many = 1000
+        cases = cases_of(0, [0] * many, [0] * many, [1.0] * many)
+        factors = 1.0 + np.arange(many) * np.finfo(float).eps
+        keys = done.plan.keys(cases, factors)
+        assert len({key.tobytes() for key in keys}) == many
+        # Each half alone tells them apart: the store sorts by the first.
+        halves = np.ascontiguousarray(keys).view("<u8").reshape(-1, 2)
+        assert [len(set(half)) for half in halves.T.tolist()] == [many, many]
+
+    def test_whatever_runs_are_asked_for_together(self, done):
+        wanted = done.plan.rounds().wanted
+        factors = done.plan.factors(wanted)
+        keys = done.plan.keys(wanted, factors)
+        assert len({key.tobytes() for key in keys}) == len(wanted)
+        for row in range(len(wanted)):
+            alone = done.plan.keys(wanted[row : row + 1], factors[row : row + 1])
+            assert alone[0].tobytes() == keys[row].tobytes()
+
+
+def test_a_million_runs_are_cut_into_few_parts_and_a_thousand_into_many():
+    from archfrag.study.batch import LARGEST_CHUNK, MANY_PARTS, cut
+    from archfrag.study.rounds import CASE
+
+    cases = np.zeros(1_000_000, CASE)
+    assert len(cut(cases, None, 2)) == MANY_PARTS
+    assert max(len(some) for _, some in cut(cases[:10_000], None, 2)) == LARGEST_CHUNK
+    assert len(cut(cases[:1000], 10, 2)) == 100
