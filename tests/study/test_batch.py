@@ -26,6 +26,13 @@ from archfrag.study.store import read_part
 from tests.study.small import files, make_runs, small_study
 
 
+@pytest.fixture(autouse=True)
+def on_workers(request, monkeypatch):
+    """Small as these batches are, they are made by workers; `here` sets that aside."""
+    if "here" not in request.fixturenames:
+        monkeypatch.setattr(batch_module, "HERE", 0.0)
+
+
 def parts_of(folder):
     return {k: v for k, v in files(folder / "parts").items() if k.endswith(".npy")}
 
