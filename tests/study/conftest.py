@@ -27,9 +27,7 @@ def done(tmp_path_factory) -> Done:
     """Treat as read-only; `copied` gives a copy to spoil."""
     study = load_study(small_study(tmp_path_factory.mktemp("done")))
     prepare_motions(study)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("archfrag.study.batch.HERE", 0.0)
-        log = run_batch(study, workers=2, quiet=True)
+    log = run_batch(study, workers=2, quiet=True)
     return Done(study, make_plan(study), log)
 
 
@@ -72,5 +70,13 @@ def full_disk(monkeypatch):
 
 @pytest.fixture
 def here(monkeypatch):
-    """Batches run in this process to their end, however long they take."""
-    monkeypatch.setattr("archfrag.study.batch.HERE", float("inf"))
+    """Batches run in this process: the crew of workers is replaced, all else is as it is."""
+    from archfrag.study import batch
+    from archfrag.study.worker import run_chunk
+
+    class Crew:
+        def results(self, plan, work):
+            for cases, factors in work:
+                yield run_chunk(str(plan.path), cases, factors)
+
+    monkeypatch.setattr(batch._Hands, "_started", lambda hands: Crew())

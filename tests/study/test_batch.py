@@ -26,13 +26,6 @@ from archfrag.study.store import read_part
 from tests.study.small import files, make_runs, small_study
 
 
-@pytest.fixture(autouse=True)
-def on_workers(request, monkeypatch):
-    """Small as these batches are, they are made by workers; `here` sets that aside."""
-    if "here" not in request.fixturenames:
-        monkeypatch.setattr(batch_module, "HERE", 0.0)
-
-
 def parts_of(folder):
     return {k: v for k, v in files(folder / "parts").items() if k.endswith(".npy")}
 
@@ -301,3 +294,32 @@ def test_arch_that_cannot_stand(tmp_path):
         "friction"
     )
     assert caught.value.exit_code == 3
+
+
+def test_a_small_batch_needs_no_workers_and_gives_the_same_parts(copied, monkeypatch):
+    def refused(*given):
+        raise AssertionError("workers are started")
+
+    study = copied.study.model_copy(
+        update={"execution": copied.study.execution.model_copy(update={"workers": None})}
+    )
+    before = {path.name for path in copied.plan.parts.glob("*.npy")}
+    for path in copied.plan.parts.glob("*.npy"):
+        path.unlink()
+    monkeypatch.setattr(batch_module, "_client", refused)
+    log = run_batch(study, workers=2, quiet=True)
+    assert (log.runs, log.kept, log.workers) == (12, 0, 1)
+    assert {path.name for path in copied.plan.parts.glob("*.npy")} == before
+
+
+def test_a_batch_that_takes_longer_goes_on_with_workers(copied, monkeypatch):
+    study = copied.study.model_copy(
+        update={"execution": copied.study.execution.model_copy(update={"workers": None})}
+    )
+    before = {path.name for path in copied.plan.parts.glob("*.npy")}
+    for path in copied.plan.parts.glob("*.npy"):
+        path.unlink()
+    monkeypatch.setattr(batch_module, "HERE", 1e-9)
+    log = run_batch(study, workers=1, quiet=True)
+    assert (log.runs, len(log.peak_memory)) == (12, 2)
+    assert {path.name for path in copied.plan.parts.glob("*.npy")} == before

@@ -176,7 +176,8 @@ class _Hands:
         self.workers = 0
         self._study, self._plan, self._count = study, plan, count
         self._bar, self._stack = bar, stack
-        self._left = HERE if study.execution.scheduler is None else 0.0  # [s]
+        asked = study.execution.scheduler is not None or study.execution.workers is not None
+        self._left = 0.0 if asked else HERE  # [s]
         self._crew: _Crew | None = None
 
     def results(self, work: list[tuple[Cases, NDArray]]) -> Iterator[dict[str, Any]]:

@@ -244,7 +244,8 @@ class Execution(Section):
     """Where and in what portions it runs; never changes a result."""
 
     workers: Annotated[int, Field(ge=1)] | None = None
-    """One-thread processes; as many as cores where not given."""
+    """One-thread processes. Where not given: for a few seconds none, as small studies are done
+    before processes have started; then as many as cores."""
     scheduler: str | None = None
     """Address of a running dask scheduler, in the place of own workers. Whoever reaches it may run
     code as its user: use tls:// with the certificates of dask's configuration, or a network that
