@@ -279,6 +279,8 @@ def validate(study_file: Path, overrides: tuple[str, ...], as_json: bool) -> Non
         click.echo(json.dumps(summary))
         return
     counts = ", ".join(f"{value} {key}" for key, value in summary.items() if type(value) is int)
+    if found.design not in ("stripes", "cloud"):
+        counts = counts.replace(f"{found.runs} runs", f"at most {found.runs} runs")
     click.echo(f"{study_file}: in order; {counts}")
     for listed in found.classes:
         click.echo(f"  {listed}")

@@ -41,7 +41,11 @@ def test_panels_of_numbers_and_texts(drawn, width):  # noqa: F811
     regions = rng.choice(["Umbria", "Marche", "a region of a long name", ""], 50).tolist()
     made = theta_panels(
         theta,
-        {"thickness [m]": rng.normal(1.5, 0.1, 50), "region": regions, "year": rng.normal(size=50)},
+        {
+            "thickness [m]": rng.normal(1.5, 0.1, 50),
+            "region": regions,
+            "year": rng.normal(size=50),
+        },
         name="panels",
         theta_label="median PGA [g]",
         classes=["old"] * 25 + ["new"] * 25,

@@ -331,7 +331,9 @@ def sensitivities(
     if not 0.0 < confidence < 1.0:
         raise InputError(f"confidence = {confidence:g} must be greater than 0 and less than 1")
     found = [_sensitivity(name, theta, values, confidence) for name, values in parameters.items()]
-    return sorted(found, key=lambda s: -abs(s.correlation) if s.correlation == s.correlation else 1)
+    return sorted(
+        found, key=lambda s: -abs(s.correlation) if s.correlation == s.correlation else 1
+    )
 
 
 def _sensitivity(

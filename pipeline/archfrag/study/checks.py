@@ -5,6 +5,9 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from archfrag.errors import OutputError, StudyError
 from archfrag.study.config import Study, load_study
 from archfrag.study.cube import refuse_foreign_cube
@@ -96,8 +99,20 @@ class Summary:
     arches: int
     records: int
     levels: int
-    runs: int
+    runs: int  # at most, where the design decides
+    design: str
     classes: tuple[ClassSummary, ...]  # of arches that were drawn or come from a table
+
+
+def _most_runs(study: Study, records: NDArray[np.int64]) -> int:
+    """Runs that the design may ask for, from the records of each arch."""
+    design, grid = study.design, int(records.sum()) * len(study.intensity.si)
+    if design.kind == "cloud":
+        return int(records.sum())
+    if design.kind == "scattered":
+        most = design.runs if design.precision is None else design.precision.runs
+        return int(np.minimum(records, most).sum())
+    return 2 * grid if design.kind == "two_stage" else grid
 
 
 def check_study(study: Study) -> Summary:
@@ -120,5 +135,7 @@ def check_study(study: Study) -> Summary:
         found = check_arches(study, records)
     check_output(study)
     levels = len(study.intensity.si)
-    runs = int(found.meets(records).sum()) * levels
-    return Summary(study.id, len(found), records, levels, runs, summaries(found))
+    runs = _most_runs(study, found.meets(records).sum(axis=1))
+    return Summary(
+        study.id, len(found), records, levels, runs, study.design.kind, summaries(found)
+    )

@@ -1,5 +1,6 @@
 """The cube: all parts of a study in one CF-1.11 netCDF file."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,12 +23,14 @@ from archfrag.study.records import SEEDS, PreparedRecord
 from archfrag.study.replay import Results, gather, replay
 from archfrag.study.rounds import CASE, FINE, Cases
 from archfrag.study.store import Store
+from archfrag.study.vary import VARIABLE
 from archfrag.study.written import is_ours_damaged
 
 CUBE = "cube.nc"
 TIMINGS = "timings.csv"
 _RUN = ("arch", "record", "level")
 _LABELS = "arch record intensity"
+_ARCH_UNITS = {"embrace": "degree", "density": "kg m-3", "friction": "1", "dead_load": "N"}
 _UDUNITS = {"m/s2": "m s-2", "m/s": "m s-1", "m": "m", "s": "s"}
 
 
@@ -318,10 +321,15 @@ def _arch_facts(cube: Any, found: Members) -> None:
     variable = _create(cube, column, ("arch",), "arch")
     variable[:] = [np.linalg.norm(arch.extrados - arch.intrados, axis=1).mean() for arch in arches]
     for name, values in found.parameters().items():
-        column = Column(f"arch_{name}", "f8", "", f"{name} of the arch", np.nan)
+        unit = _ARCH_UNITS.get(name, "m" if name in VARIABLE else "1")
+        column = Column(f"arch_{name}", "f8", unit, f"{name} of the arch", np.nan)
         _create(cube, column, ("arch",), "arch")[:] = values
     for name, texts in found.attributes().items():
-        _labels(cube, f"attribute_{name}", "arch", texts, f"{name} of the arch", "arch")
+        # Names in files have letters, digits and _ only; long_name says what the table says.
+        plain = re.sub("[^A-Za-z0-9_]", "_", f"attribute_{name}")
+        while plain in cube.variables:
+            plain += "_"
+        _labels(cube, plain, "arch", texts, f"{name} of the arch", "arch")
 
 
 def _record_facts(cube: Any, plan: Plan) -> None:

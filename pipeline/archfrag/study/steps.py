@@ -14,6 +14,7 @@ from archfrag.study.config import Study
 from archfrag.study.digests import canonical_json, digest_of, sha256_if_there, source_hash
 from archfrag.study.files import make_folder, write_text
 from archfrag.study.inputs import changes
+from archfrag.study.members import members
 from archfrag.study.plan import Plan, make_plan
 from archfrag.study.records import MANIFEST, motions_key, read_manifest, study_inputs
 from archfrag.study.replay import replay
@@ -173,6 +174,8 @@ def _made_from(study: Study, step: str, plan: Plan | None = None) -> str:
     if step.startswith("batch") or step == "cube":
         decides.append((plan or make_plan(study)).digest)
     if step == "cube":
+        found = members(study, len((plan or make_plan(study)).records))
+        decides += [found.classes, found.attributes()]
         decides += [
             study.title,
             study.institution,
