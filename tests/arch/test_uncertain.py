@@ -71,7 +71,8 @@ class TestPoints:
         points = unit_points(64, 3, scheme, seed=3)
         for coordinate in np.floor(points * 64).astype(int).T:
             assert sorted(coordinate) == list(range(64))
-        assert 0.0 < points.min() and points.max() < 1.0
+        assert points.min() > 0.0
+        assert points.max() < 1.0
 
     def test_those_of_sobol_stay_when_more_are_asked_for(self):
         long = unit_points(64, 3, "sobol", seed=3)

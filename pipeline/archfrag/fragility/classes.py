@@ -109,36 +109,37 @@ def class_curve(theta: ArrayLike, beta: ArrayLike, weights: ArrayLike | None = N
     >>> round(fleet.theta, 6), round(fleet.beta_arch, 4), round(fleet.beta, 4)
     (1.0, 0.2231, 0.3739)
     """
-    theta, beta = np.asarray(theta, dtype=float), np.asarray(beta, dtype=float)
-    if theta.ndim != 1 or theta.shape != beta.shape:
+    thetas: FloatArray = np.asarray(theta, dtype=float)
+    betas: FloatArray = np.asarray(beta, dtype=float)
+    if thetas.ndim != 1 or thetas.shape != betas.shape:
         raise InputError(
-            f"theta and beta have shapes {theta.shape} and {beta.shape}; they must be (n_arch,)"
+            f"theta and beta have shapes {thetas.shape} and {betas.shape}; they must be (n_arch,)"
         )
-    share = _shares(weights, theta.size)
-    known = ~(np.isnan(theta) | np.isnan(beta))
-    for name, values in (("theta", theta), ("beta", beta)):
+    share = _shares(weights, thetas.size)
+    known = ~(np.isnan(thetas) | np.isnan(betas))
+    for name, values in (("theta", thetas), ("beta", betas)):
         bad = values[known & ~((values > 0.0) & np.isfinite(values))]
         if bad.size:
             raise InputError(f"{name} holds {bad[0]:g}; it must be finite and greater than 0")
-    theta, beta, share = theta[known], beta[known], share[known]
+    thetas, betas, share = thetas[known], betas[known], share[known]
     if not share.sum() > 0.0:
         raise InputError("no arch of the class has a curve and a weight")
     share = share / share.sum()
-    logs = np.log(theta)
+    logs = np.log(thetas)
     centre = float(share @ logs)
-    within, between = float(share @ beta**2), float(share @ (logs - centre) ** 2)
+    within, between = float(share @ betas**2), float(share @ (logs - centre) ** 2)
     total = np.sqrt(within + between)
     x = centre + total * np.linspace(-6.0, 6.0, 1201)
-    mixture = _mixture(x, logs, beta, share)
+    mixture = _mixture(x, logs, betas, share)
     return ClassCurve(
-        thetas=theta,
-        betas=beta,
+        thetas=thetas,
+        betas=betas,
         weights=share,
         theta=float(np.exp(centre)),
         beta=float(total),
         beta_record=float(np.sqrt(within)),
         beta_arch=float(np.sqrt(between)),
-        median=float(np.exp(_mixture_quantile(0.5, logs, beta, share))),
+        median=float(np.exp(_mixture_quantile(0.5, logs, betas, share))),
         misfit=float(np.abs(mixture - ndtr((x - centre) / total)).max()),
     )
 

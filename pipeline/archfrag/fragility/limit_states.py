@@ -67,7 +67,8 @@ def fit_limit_states(
     construction. Curves fitted one by one cross somewhere unless their betas are equal; if two
     cross within the range of the levels, the curves with a fit of their own are replaced by an
     ordered probit model with one beta and a theta each (McCullagh 1980, J. R. Stat. Soc. B 42),
-    fitted to all states at once, in which they cannot cross. Runs count as independent, as in
+    fitted to all states at once, in which they cannot cross; states between which no run lies
+    then have one curve. Runs count as independent, as in
     `fit_stripes`.
 
     Parameters
@@ -105,13 +106,16 @@ def fit_limit_states(
     crossing = _crossing(states, fitted, levels)
     message = "The curves of all limit states are ordered at the levels that were run."
     if crossing:
-        fits = _ordered(np.log(intensity.ravel()), flat[:, fitted])
-        for i, fit in zip(fitted, fits, strict=True):
-            states[i] = LimitState(labels[i], texts[i], fit)
-        message = (
-            f"Fitted one by one, the curves of {crossing} cross within the levels that were "
-            f"run; all are fitted together with one beta of {fits[0].beta:.3g} instead."
-        )
+        distinct, place = _merge_alike(flat[:, fitted])
+        message = f"Fitted one by one, the curves of {crossing} cross within the levels that were "
+        try:
+            merged = _ordered(np.log(intensity.ravel()), distinct)
+        except np.linalg.LinAlgError:
+            message += "run, and the runs determine no fit of all together."
+            return LimitStates(tuple(states), False, contradictions, message)
+        for i, number in zip(fitted, place, strict=True):
+            states[i] = LimitState(labels[i], texts[i], merged[number])
+        message += f"run; all are fitted together with one beta of {merged[0].beta:.3g} instead."
     return LimitStates(tuple(states), bool(crossing), contradictions, message)
 
 
@@ -164,6 +168,22 @@ def _crossing(states: list[LimitState], fitted: list[int], levels: FloatArray) -
         if np.any(z[1] > z[0] + 1e-9):
             return f"{states[i].name} and {states[j].name}"
     return ""
+
+
+def _merge_alike(nested: IntArray) -> tuple[IntArray, list[int]]:
+    """States of which no run lies between one and the next as one, and which one each became.
+
+    Nothing holds the thresholds of such states apart: the likelihood would have them cross.
+    """
+    distinct, place = [nested[:, 0]], [0]
+    for state in nested.T[1:]:
+        milder = distinct[-1]
+        if np.any((milder == 1) & (state == 0)):
+            distinct.append(state)
+        else:
+            distinct[-1] = np.where(milder == 1, 1, state)
+        place.append(len(distinct) - 1)
+    return np.stack(distinct, axis=1), place
 
 
 def _ordered(x: FloatArray, nested: IntArray) -> list[Fragility]:

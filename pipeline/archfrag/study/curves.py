@@ -160,8 +160,8 @@ def classes_of_cube(cube: xr.Dataset, runs: Sequence[Runs]) -> dict[str, Runs]:
     verdict = cube["verdict"].transpose("arch", "record", "level").values
     found = {}
     for name in dict.fromkeys(names.tolist()):
-        members = np.flatnonzero(names == name)
-        if members.size < 2:
+        members = np.flatnonzero(names == name).tolist()
+        if len(members) < 2:
             continue
         own = [runs[i] for i in members]
         group = [record[(verdict[i] != Verdict.NOT_SIMULATED).any(axis=1)] for i in members]

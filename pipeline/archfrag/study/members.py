@@ -231,15 +231,15 @@ def check_buildable(given: Members) -> None:
             wrong.append((member, error))
     if not wrong:
         return
-    first, error = wrong[0]
+    first, why = wrong[0]
     if not first.number:
-        raise StudyError(f"{first.place}: {error}") from error
+        raise StudyError(f"{first.place}: {why}") from why
     alike = sum(member.place == first.place for member, _ in wrong)
     drawn = sum(member.place == first.place for member in given)
     raise StudyError(
         f"{first.place}: {alike} of {drawn} samples cannot exist, the first is sample "
-        f"{first.number} ({listed(first.values)}): {error}"
-    ) from error
+        f"{first.number} ({listed(first.values)}): {why}"
+    ) from why
 
 
 def check_standing(given: Members) -> None:
