@@ -1,10 +1,11 @@
-"""Arches drawn for an entry that is not known exactly: what varies, what stays, what is refused."""
+"""Arches drawn for an entry that is not known exactly: what varies, stays and is refused."""
 
 import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
 from archfrag.errors import StabilityError, StudyError
+from archfrag.simulate import onset
 from archfrag.study.arches import ArchEntry, StudyArch
 from archfrag.study.config import load_study
 from archfrag.study.members import check_buildable, check_standing, expand, summaries
@@ -98,9 +99,8 @@ class TestJoints:
     def test_the_springings_stay_where_they_are(self):
         shift = {"distribution": "uniform", "start": -0.2, "stop": 0.2}
         for profile in ({}, {"profile": "segmental", "span": 10.0, "rise": 3.0}):
-            given = {
-                k: v for k, v in RING.items() if not profile or k not in ("radius", "embrace")
-            }
+            gone = ("radius", "embrace") if profile else ()
+            given = {key: value for key, value in RING.items() if key not in gone}
             vary = {"samples": 16, "joints": {"position": shift}}
             one = TypeAdapter(ArchEntry).validate_python({**given, **profile, "vary": vary})
             end = 1.0 if profile else 157.5
@@ -173,7 +173,8 @@ class TestMeeting:
         found = expand([plain, entry({"of": FRICTION})])
         assert found.of_class() == {"plain": [0], "ring": [1, 2, 3, 4]}
         parameters = found.parameters()["friction"]
-        assert np.isnan(parameters[0]) and np.isfinite(parameters[1:]).all()
+        assert np.isnan(parameters[0])
+        assert np.isfinite(parameters[1:]).all()
         (listed,) = summaries(found)
         assert str(listed).startswith("ring: 4 arches, friction 0.6")
 
@@ -243,13 +244,16 @@ class TestRefusals:
         assert found.endswith("must be less than or equal to 1e+06")
 
     def test_arches_that_do_not_stand(self):
-        vary = {"of": {"thickness": {"distribution": "uniform", "start": 0.5, "stop": 1.5}}}
+        vary = {"of": {"thickness": {"distribution": "uniform", "start": 0.4, "stop": 0.9}}}
         found = expand([entry({**vary, "samples": 8})])
         check_buildable(found)
+        stands = [bool(onset(member.entry.build()).stands) for member in found]
         with pytest.raises(StabilityError) as refusal:
             check_standing(found)
         text = str(refusal.value)
-        thin = [m for m in found if m.values["thickness"] < 1.08]
+        thin = [member for member, good in zip(found, stands, strict=True) if not good]
+        assert 1 < len(thin) < 8
+        assert max(m.values["thickness"] for m in thin) < 0.75
         assert text.startswith(f"arches[0] (ring): {len(thin)} of 8 samples do not stand")
         assert f"sample {thin[0].number} (thickness = {thin[0].values['thickness']:.6g})" in text
 
@@ -260,9 +264,7 @@ class TestRefusals:
 
     def test_too_many(self):
         one = entry({"of": FRICTION, "samples": 8192, "crossed": False})
-        with pytest.raises(
-            StudyError, match="makes 24576 arches; a study must have at most 20000"
-        ):
+        with pytest.raises(StudyError, match=r"makes 24576 arches; .* at most 20000"):
             expand([one], 3)
 
 

@@ -178,6 +178,10 @@ def classes_of_cube(cube: xr.Dataset, runs: Sequence[Runs]) -> dict[str, Runs]:
 def answer(runs: Runs, confidence: float) -> Answer:
     """Curve of some runs with the band and the intervals that are quoted."""
     likelihood = _or_sentence(lambda: likeliest(runs))
+    group, caution = runs.group, ""
+    if group is not None and np.unique(group).size < 2:
+        # How much events differ is not to be seen from one.
+        group, caution = None, f" All are of {group[0]}: how others differ is in no band."
     top = 1.05 * float(np.nanmax(runs.level))
     im = np.linspace(0.0, top, POINTS)
     try:
@@ -186,7 +190,7 @@ def answer(runs: Runs, confidence: float) -> Answer:
         if runs.design in GRIDS:
             quoted = quoted_band(
                 runs.design, runs.verdict, runs.level, im, confidence=confidence,
-                groups=runs.group,
+                groups=group,
             )  # fmt: skip
         else:
             decided = runs.decided
@@ -205,7 +209,7 @@ def answer(runs: Runs, confidence: float) -> Answer:
         upper=quoted.band.upper.tolist(),
         confidence=confidence,
         method=quoted.method,
-        assumptions=quoted.assumptions,
+        assumptions=quoted.assumptions + caution,
         n_independent=quoted.n_independent,
         n_islands=quoted.n_islands,
     )
@@ -356,7 +360,23 @@ def dispersion_split(members: Sequence[Runs]) -> dict[str, Any]:
         split = split_capacities(capacity)
     except (FitError, InputError) as error:
         return {"none": str(error)}
-    return {**asdict(split), "combined": split.combined(), "message": split.message}
+    message = split.message
+    if np.isnan(capacity).any():
+        # Those that withstand the largest level are the mildest: what is left differs less.
+        message += " Records that some arch withstands are left out; quote the mixture instead."
+    return {**asdict(split), "combined": split.combined(), "message": message}
+
+
+def class_mixture(found: Sequence[Answer]) -> dict[str, Any]:
+    """Dispersion of a class by the likeliest curves of its arches, which use all their runs."""
+    from archfrag.fragility.classes import class_curve
+
+    known = [each.likelihood for each in found if isinstance(each.likelihood, Fragility)]
+    if len(known) < 2:
+        return {"none": f"{len(known)} of {len(found)} arches have a curve; two are needed"}
+    curve = class_curve([each.theta for each in known], [each.beta for each in known])
+    names = ("theta", "beta", "beta_record", "beta_arch", "median", "misfit")
+    return {**{name: getattr(curve, name) for name in names}, "n_arch": len(known)}
 
 
 def _or_sentence(make: Any) -> Fragility | str:
