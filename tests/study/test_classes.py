@@ -166,7 +166,9 @@ class TestCurves:
 
     def test_dispersion_of_a_class_is_that_of_the_mixture_of_its_arches(self, classes):
         thetas, betas = [0.4, 0.6, 0.9], [0.3, 0.4, 0.5]
-        own = [Fragility(t, b, np.eye(2), 0.0, 6, 2) for t, b in zip(thetas, betas, strict=True)]
+        own = [
+            Fragility(t, b, np.eye(2), 0.0, 6, 2, "x") for t, b in zip(thetas, betas, strict=True)
+        ]
         answers = [Answer(each, each) for each in own] + [Answer("none", "none")]
         found = class_mixture(answers)
         assert found["n_arch"] == 3
