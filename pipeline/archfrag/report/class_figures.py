@@ -182,6 +182,15 @@ def theta_panels(
     )  # fmt: skip
 
 
+def numbers_or_texts(texts: Sequence[str]) -> Sequence[str] | FloatArray:
+    """Attributes as numbers (nan where empty) if all that are given are, such as years."""
+    try:
+        numbers = np.array([float(text) if text else np.nan for text in texts])
+    except ValueError:
+        return texts
+    return texts if np.isnan(numbers).all() or np.isinf(numbers).any() else numbers
+
+
 def _is_text(values: Sequence[float] | Sequence[str] | FloatArray) -> bool:
     return np.asarray(values).dtype.kind in "US"
 
