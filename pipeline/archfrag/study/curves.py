@@ -179,9 +179,9 @@ def answer(runs: Runs, confidence: float) -> Answer:
     """Curve of some runs with the band and the intervals that are quoted."""
     likelihood = _or_sentence(lambda: likeliest(runs))
     group, caution = runs.group, ""
-    if group is not None and np.unique(group).size < 2:
+    if runs.group is not None and np.unique(runs.group).size < 2:
         # How much events differ is not to be seen from one.
-        group, caution = None, f" All are of {group[0]}: how others differ is in no band."
+        group, caution = None, f" All are of {runs.group[0]}: how others differ is in no band."
     top = 1.05 * float(np.nanmax(runs.level))
     im = np.linspace(0.0, top, POINTS)
     try:
