@@ -384,7 +384,7 @@ def cube(study: Any, say: Callable[[str], None]) -> None:
 @_step
 @json_option
 def fit(study: Any, say: Callable[[str], None], as_json: bool) -> None:
-    """Fit a fragility curve to each arch of the cube."""
+    """Fit a fragility curve to each arch and each class of arches of the cube."""
     from archfrag.study.fits import FITS
 
     _fit(study, say)
@@ -423,12 +423,18 @@ def _cube(study: Any, say: Callable[[str], None]) -> None:
 
 def _fit(study: Any, say: Callable[[str], None]) -> None:
     from archfrag.study.cautions import study_cautions
-    from archfrag.study.fits import fit_cube, fit_sentence
+    from archfrag.study.fits import FITS, fit_cube, fit_sentence, load_answers
+    from archfrag.study.members import SHOWN
     from archfrag.study.steps import require
 
     require(study, "cube")
-    for name, curve in fit_cube(study).items():
+    found = fit_cube(study)
+    for name, curve in list(found.items())[:SHOWN]:
         say(f"fit: {fit_sentence(study, name, curve)}")
+    if len(found) > SHOWN:
+        say(f"fit: {len(found) - SHOWN} more arches in {study.folder / FITS}")
+    for name, curve in load_answers(study.folder / FITS, "classes").items():
+        say(f"fit: class {fit_sentence(study, name, curve)}")
     for caution in study_cautions(study):
         say(f"caution: {caution}")
 

@@ -105,6 +105,18 @@ class TestCurves:
         assert "'collapse'" in found.states[2].none
         assert found.states[0].fit is not None
 
+    def test_states_between_which_no_run_lies_have_one_curve(self):
+        crossing = runs(3, [0.6, 0.4, 0.2])
+        doubled = crossing[..., [0, 1, 2, 2]]
+        plain = fit_limit_states(crossing, LEVELS, NAMES)
+        found = fit_limit_states(doubled, LEVELS, [*NAMES, "ruin"])
+        assert plain.common_beta
+        assert found.common_beta
+        assert found.states[2].fit == found.states[3].fit
+        for one, other in zip(found.states[:3], plain.states, strict=True):
+            assert one.fit.theta == pytest.approx(other.fit.theta, rel=1e-9)
+            assert one.fit.beta == pytest.approx(other.fit.beta, rel=1e-9)
+
     def test_own_intensity_for_each_run(self):
         exceeded = runs(5, [0.4, 0.4, 0.4])
         grid = fit_limit_states(exceeded, LEVELS, NAMES)

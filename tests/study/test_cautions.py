@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from archfrag.fragility.counts import Verdict, count_verdicts
-from archfrag.study.cautions import scaled_far, study_cautions, undecided
+from archfrag.study.cautions import design_cautions, scaled_far, study_cautions, undecided
 from archfrag.study.cube import write_cube
 
 LEVELS = ["1 g", "2 g", "3 g"]
@@ -52,3 +52,13 @@ def test_of_a_study_they_name_the_arch_and_its_unit(copied):
     assert first.startswith("slab: more than 5 % of the runs")
     assert "(most: 2 of 2 at 1.2 g)" in first
     assert "(most: wave0 by 11)" in second
+
+
+def test_contradictions_of_a_fleet_are_one_sentence():
+    def found(n):
+        notes = {f"a{i}": {"checked": 14, "contradictions": 2} for i in range(n)}
+        return design_cautions({"arches": {**notes, "fine": {"checked": 14}}})
+
+    assert [text.split(":")[0] for text in found(3)] == ["a0", "a1", "a2"]
+    (one,) = found(50)
+    assert one.startswith("50 arches: 100 of 700 runs at random contradict")

@@ -109,7 +109,8 @@ def class_curve(theta: ArrayLike, beta: ArrayLike, weights: ArrayLike | None = N
     >>> round(fleet.theta, 6), round(fleet.beta_model, 4), round(fleet.beta, 4)
     (1.0, 0.2231, 0.3739)
     """
-    thetas, betas = np.asarray(theta, dtype=float), np.asarray(beta, dtype=float)
+    thetas: FloatArray = np.asarray(theta, dtype=float)
+    betas: FloatArray = np.asarray(beta, dtype=float)
     if thetas.ndim != 1 or thetas.shape != betas.shape:
         raise InputError(
             f"theta and beta have shapes {thetas.shape} and {betas.shape}; they must be (n_arch,)"

@@ -13,6 +13,7 @@ from archfrag.study.fits import open_cube
 
 MOST_UNDECIDED = 0.05  # fraction of the runs at a level
 MOST_SCALING = 10.0
+MOST_NAMED = 12  # arches; of more only their number
 
 
 def study_cautions(study: Study) -> list[str]:
@@ -61,7 +62,7 @@ def design_cautions(design: Mapping[str, Any]) -> list[str]:
     design : mapping
         The cube's attribute `archfrag_design`.
     """
-    found = []
+    found, against = [], dict[str, tuple[int, int]]()
     for name, note in design.get("arches", {}).items():
         if note.get("why"):
             found.append(
@@ -69,11 +70,16 @@ def design_cautions(design: Mapping[str, Any]) -> list[str]:
                 f"{100 * design['precision']['theta']:.2g} % wanted: {note['why']}"
             )
         if note.get("contradictions"):
-            found.append(
-                f"{name}: {note['contradictions']} of {note['checked']} runs at random contradict "
-                "the capacity of their record, which has more than one border then; the lowest "
-                "level that was found to cause collapse is taken"
-            )
+            against[name] = (note["contradictions"], note["checked"])
+    if len(against) > MOST_NAMED:
+        sums = np.sum(list(against.values()), axis=0).tolist()
+        against = {f"{len(against)} arches": (sums[0], sums[1])}
+    for name, (count, checked) in against.items():
+        found.append(
+            f"{name}: {count} of {checked} runs at random contradict the capacity of their "
+            "record, which has more than one border then; the lowest level that was found to "
+            "cause collapse is taken"
+        )
     return found
 
 

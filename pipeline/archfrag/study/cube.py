@@ -1,6 +1,7 @@
 """The cube: all parts of a study in one CF-1.11 netCDF file."""
 
 import csv
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +24,7 @@ from archfrag.study.records import SEEDS, PreparedRecord
 from archfrag.study.replay import Gathered, Results, replay
 from archfrag.study.rounds import CASE, COARSE, FINE, Cases
 from archfrag.study.store import Store
+from archfrag.study.vary import VARIABLE
 from archfrag.study.written import is_ours_damaged
 
 CUBE = "cube.nc"
@@ -32,6 +34,7 @@ _RUN = ("arch", "record", "level")
 LARGEST_CHUNK = 100_000
 COMPRESSION = 4
 _LABELS = "arch record intensity"
+_ARCH_UNITS = {"embrace": "degree", "density": "kg m-3", "friction": "1", "dead_load": "N"}
 _UDUNITS = {"m/s2": "m s-2", "m/s": "m s-1", "m": "m", "s": "s"}
 
 
@@ -367,10 +370,15 @@ def _arch_facts(cube: Any, found: Members) -> None:
     variable = _create(cube, column, ("arch",), "arch")
     variable[:] = [np.linalg.norm(arch.extrados - arch.intrados, axis=1).mean() for arch in arches]
     for name, values in found.parameters().items():
-        column = Column(f"arch_{name}", "f8", "", f"{name} of the arch", np.nan)
+        unit = _ARCH_UNITS.get(name, "m" if name in VARIABLE else "1")
+        column = Column(f"arch_{name}", "f8", unit, f"{name} of the arch", np.nan)
         _create(cube, column, ("arch",), "arch")[:] = values
     for name, texts in found.attributes().items():
-        _labels(cube, f"attribute_{name}", "arch", texts, f"{name} of the arch", "arch")
+        # Names in files have letters, digits and _ only; long_name says what the table says.
+        plain = re.sub("[^A-Za-z0-9_]", "_", f"attribute_{name}")
+        while plain in cube.variables:
+            plain += "_"
+        _labels(cube, plain, "arch", texts, f"{name} of the arch", "arch")
 
 
 def _record_facts(cube: Any, plan: Plan) -> None:

@@ -161,8 +161,8 @@ def classes_of_cube(cube: xr.Dataset, runs: Sequence[Runs]) -> dict[str, Runs]:
     verdict = cube["verdict"].transpose("arch", "record", "level").values
     found = {}
     for name in dict.fromkeys(names.tolist()):
-        members = np.flatnonzero(names == name)
-        if members.size < 2:
+        members = np.flatnonzero(names == name).tolist()
+        if len(members) < 2:
             continue
         own = [runs[int(i)] for i in members]
         group = [record[(verdict[i] != Verdict.NOT_SIMULATED).any(axis=1)] for i in members]
@@ -357,7 +357,23 @@ def dispersion_split(members: Sequence[Runs]) -> dict[str, Any]:
         split = split_capacities(capacity)
     except (FitError, InputError) as error:
         return {"none": str(error)}
-    return {**asdict(split), "combined": split.combined(), "message": split.message}
+    message = split.message
+    if np.isnan(capacity).any():
+        # Those that withstand the largest level are the mildest: what is left differs less.
+        message += " Records that some arch withstands are left out; quote the mixture instead."
+    return {**asdict(split), "combined": split.combined(), "message": message}
+
+
+def class_mixture(found: Sequence[Answer]) -> dict[str, Any]:
+    """Dispersion of a class by the likeliest curves of its arches, which use all their runs."""
+    from archfrag.fragility.classes import class_curve
+
+    known = [each.likelihood for each in found if isinstance(each.likelihood, Fragility)]
+    if len(known) < 2:
+        return {"none": f"{len(known)} of {len(found)} arches have a curve; two are needed"}
+    curve = class_curve([each.theta for each in known], [each.beta for each in known])
+    names = ("theta", "beta", "beta_record", "beta_arch", "median", "misfit")
+    return {**{name: getattr(curve, name) for name in names}, "n_arch": len(known)}
 
 
 def _or_sentence(make: Any) -> Fragility | str:

@@ -80,6 +80,7 @@ def fit_cube(study: Study) -> dict[str, Answer]:
         for name, found in classes.items():
             members = [each for each, own in zip(runs, names) if own == name]
             found.more["dispersion"] = curves.dispersion_split(members)
+            found.more["mixture"] = curves.class_mixture([answers[each.name] for each in members])
         unit = cube["intensity"].attrs["units"]
         design = json.loads(cube.attrs["archfrag_design"])
     answers = {name: _in_si(each, study) for name, each in answers.items()}
@@ -124,11 +125,17 @@ def _in_si(found: Answer, study: Study) -> Answer:
             for state in more["limit_states"]["states"]
         ]
         more["limit_states"] = {**more["limit_states"], "states": states}
+    for key in ("dispersion", "mixture"):
+        if key in more:
+            medians = {n: more[key][n] * factor for n in ("theta", "median") if n in more[key]}
+            more[key] = {**more[key], **medians}
     for shape in more.get("free", {}).values():
         if isinstance(shape, dict) and "im" in shape:
             shape["im"] = [value * factor for value in shape["im"]]
     if isinstance(found.curve, str):
-        return replace(found, curve=scaled(found.curve), likelihood=scaled(found.likelihood))
+        return replace(
+            found, curve=scaled(found.curve), likelihood=scaled(found.likelihood), more=more
+        )
     return replace(
         found,
         curve=scaled(found.curve),

@@ -29,7 +29,7 @@ class Row:
     entry : Chain
         The arch, with what the table's entry says for all.
     numbers : dict
-        Its numbers from the columns of the table.
+        Its numbers of the keys that are columns of the table.
     attributes : dict
         Its text from the columns that are no keys of an arch; empty cells too.
     place : str
@@ -77,8 +77,9 @@ def read_fleet(table: Table) -> list[Row]:
             entry = adapter.validate_python(given)
         except ValidationError as error:
             raise StudyError(_sentence(error, given, columns, place)) from None
-        numbers = {k: float(v) for k, v in own.items()
-                   if k in NUMBER_KEYS and isinstance(v, float | int)}  # fmt: skip
+        # Of rows that leave a cell empty too: the study's entry says what they have.
+        found = {key: getattr(entry, key, None) for key in row if key in NUMBER_KEYS}
+        numbers = {k: float(v) for k, v in found.items() if isinstance(v, float | int)}
         attributes = {key: text for key, text in row.items() if key not in ARCH_KEYS}
         rows.append(Row(entry, numbers, attributes, place))
     return rows
@@ -108,7 +109,8 @@ def _cells(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
 
 def _check_columns(columns: list[str], path: Path) -> None:
     if "id" not in columns:
-        raise StudyError(f"{path}, line 1: a column id is missing")
+        apart = " (commas must be between them)" if len(columns) == 1 else ""
+        raise StudyError(f"{path}, line 1: a column id is missing{apart}")
     for number, name in enumerate(columns):
         if not name or not name.isprintable():
             raise StudyError(f"{path}, line 1: column {number + 1} must have a name")

@@ -15,7 +15,7 @@ from pydantic import TypeAdapter
 from archfrag.errors import GeometryError, InputError, StabilityError, StudyError
 from archfrag.study.arches import Chain, StudyArch, Table
 from archfrag.study.fleet import read_fleet
-from archfrag.study.sampling import draw
+from archfrag.study.sampling import draw, listed
 
 if TYPE_CHECKING:
     from archfrag.study.config import Study
@@ -244,14 +244,26 @@ def check_buildable(given: Members) -> None:
     Raises
     ------
     StudyError
-        Naming the first that cannot, with what was drawn for it.
+        Naming the first that cannot, what was drawn for it, and how many samples of its class
+        cannot either.
     """
+    wrong: list[tuple[Member, GeometryError]] = []
     for member in given:
         try:
             member.entry.build()
         except GeometryError as error:
-            drawn = f"sample {member.number} ({_values(member)}): " if member.number else ""
-            raise StudyError(f"{member.place}: {drawn}{error}") from error
+            wrong.append((member, error))
+    if not wrong:
+        return
+    first, why = wrong[0]
+    if not first.number:
+        raise StudyError(f"{first.place}: {why}") from why
+    alike = sum(member.place == first.place for member, _ in wrong)
+    drawn = sum(member.place == first.place for member in given)
+    raise StudyError(
+        f"{first.place}: {alike} of {drawn} samples cannot exist, the first is sample "
+        f"{first.number} ({listed(first.values)}): {why}"
+    ) from why
 
 
 def check_standing(given: Members) -> None:
@@ -277,14 +289,10 @@ def check_standing(given: Members) -> None:
     drawn = sum(member.place == first.place for member in given)
     raise StabilityError(
         f"{first.place}: {alike} of {drawn} samples {'do' if alike > 1 else 'does'} not stand "
-        f"under {'their' if alike > 1 else 'its'} own weight, the first is sample {first.number} "
-        f"({_values(first)}); such an arch has no fragility: narrow the distributions by lower "
-        "and upper, or make the arch thicker"
+        f"under {'their' if alike > 1 else 'its'} own weight, the first is sample "
+        f"{first.number} ({listed(first.values)}); such an arch has no fragility: narrow the "
+        "distributions by lower and upper, or make the arch thicker"
     )
-
-
-def _values(member: Member) -> str:
-    return ", ".join(f"{name} = {value:.6g}" for name, value in member.values.items()) or "joints"
 
 
 def _text(entries: Sequence[Any]) -> str:

@@ -21,7 +21,7 @@ from archfrag.study.design import Cloud, Design, Ida, Scattered
 from archfrag.study.digests import canonical_json, digest_of, source_hash
 from archfrag.study.files import write_text
 from archfrag.study.grids import Grid, ida, stripes
-from archfrag.study.members import members
+from archfrag.study.members import check_buildable, members, needs_records
 from archfrag.study.records import PreparedRecord, load_prepared
 from archfrag.study.rounds import Cases, Rounds, Strand
 from archfrag.study.scattered import cloud, scattered
@@ -215,11 +215,15 @@ def make_plan(study: Study) -> Plan:
     ------
     InputError
         If they are not.
+    StudyError
+        If an arch that a record has of its own cannot exist.
     """
     from archfrag.motions.measures import scaling_exponent
 
     design, records = study.design, load_prepared(study)
     arches = members(study, len(records))
+    if needs_records(study.arches):
+        check_buildable(arches)  # of which the study's file shows those of one record
     methods = [study.method.model_dump()]
     if design.kind == "two_stage":
         coarse = design.coarse

@@ -4,9 +4,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from archfrag.errors import InputError
 from archfrag.study.arches import Chain, FromJoints, Recess, Ring
+from archfrag.study.sentences import first_sentence
 from archfrag.study.vary import JointScatter
 
 FloatArray = NDArray[np.float64]
@@ -31,12 +33,13 @@ def draw(
     -------
     list of (Chain, dict)
         Arches with ids such as ``ring-0001``, whether or not they can exist, and what they
-        differ by (what differs from joint to joint is not among it).
+        differ by (what differs from joint to joint is not among it). Of a key with a list, such
+        as ``friction``, it is the factor on it, as ``friction_factor``.
 
     Raises
     ------
     InputError
-        If the id is too long for a number behind it.
+        If the id is too long for a number behind it, or a value is beyond what its key allows.
 
     Notes
     -----
@@ -62,17 +65,38 @@ def draw(
     drawn = []
     for i in range(count):
         update: dict[str, Any] = {"id": f"{entry.id}-{i + 1:0{digits}d}", "vary": None}
+        shown = {}
         for key, distribution in vary.of.items():
             value = float(values[key][i])
             own = getattr(entry, key)
             update[key] = _times(own, value) if distribution.relative else value
+            many = isinstance(update[key], tuple)
+            shown[f"{key}_factor" if many else key] = value if many else update[key]
         _stretch_joints(entry, update)
         concrete = entry.model_copy(update=update)
         if vary.joints is not None:
-            generator = np.random.default_rng([vary.seed, *stream, i])
+            # Zeros behind a seed are the same seed to numpy: 1 tells joints from keys.
+            generator = np.random.default_rng([vary.seed, *stream, i, 1])
             concrete = concrete.model_copy(update=_scatter(concrete, vary.joints, generator))
-        drawn.append((concrete, {key: float(values[key][i]) for key in vary.of}))
+        _check_bounds(concrete, i + 1, shown)
+        drawn.append((concrete, shown))
     return drawn
+
+
+def _check_bounds(entry: Chain, number: int, values: dict[str, float]) -> None:
+    """See that what was drawn is within what a study file may give."""
+    given = entry.model_dump()
+    try:
+        type(entry).model_validate(given)
+    except ValidationError as error:
+        raise InputError(
+            f"sample {number} ({listed(values)}): {first_sentence(error, given)}"
+        ) from None
+
+
+def listed(values: dict[str, float]) -> str:
+    """What was drawn for an arch, in words."""
+    return ", ".join(f"{name} = {value:.6g}" for name, value in values.items()) or "joints"
 
 
 def _times(own: Any, factor: float) -> Any:

@@ -192,6 +192,8 @@ def _made_from(study: Study, step: str, plan: Plan | None = None) -> str:
     if step.startswith("batch") or step == "cube":
         decides.append((plan or make_plan(study)).digest)
     if step == "cube":
+        found = members(study, len((plan or make_plan(study)).records))
+        decides += [found.classes, found.attributes()]
         decides += [
             study.title,
             study.institution,

@@ -1,0 +1,136 @@
+"""Samples of parameters that are not known exactly: marginals, correlation, designs of points."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from archfrag.arch.uncertain import (
+    Lognormal,
+    Normal,
+    Triangular,
+    Uniform,
+    correlation_factor,
+    sample,
+    to_digits,
+    unit_points,
+)
+from archfrag.errors import InputError
+
+# Each with the distribution of scipy that it is to be.
+MARGINALS = {
+    "normal": (Normal(mean=1.5, sd=0.3), stats.norm(1.5, 0.3)),
+    "lognormal": (Lognormal(median=0.7, beta=0.4), stats.lognorm(0.4, scale=0.7)),
+    "uniform": (Uniform(start=-1.0, stop=3.0), stats.uniform(-1.0, 4.0)),
+    "triangular": (Triangular(start=0.0, mode=0.2, stop=1.0), stats.triang(0.2)),
+    "falling": (Triangular(start=1.0, mode=1.0, stop=3.0), stats.triang(0.0, 1.0, 2.0)),
+    "rising": (Triangular(start=1.0, mode=3.0, stop=3.0), stats.triang(1.0, 1.0, 2.0)),
+    "cut below and above": (
+        Normal(mean=1.5, sd=0.3, lower=1.2, upper=2.4),
+        stats.truncnorm(-1.0, 3.0, 1.5, 0.3),
+    ),
+    "cut below": (Normal(mean=0.0, sd=1.0, lower=2.0), stats.truncnorm(2.0, np.inf)),
+}
+names = pytest.mark.parametrize("name", MARGINALS)
+
+
+class TestMarginals:
+    @names
+    def test_quantiles_are_those_of_scipy(self, name):
+        own, other = MARGINALS[name]
+        p = np.linspace(0.001, 0.999, 999)
+        np.testing.assert_allclose(own.quantile(p), other.ppf(p), rtol=1e-9, atol=1e-12)
+
+    @names
+    @pytest.mark.parametrize("scheme", ["sobol", "latin_hypercube"])
+    def test_samples_have_its_mean_and_deviation(self, name, scheme):
+        own, other = MARGINALS[name]
+        values = sample({"x": own}, 1024, scheme=scheme, seed=7)["x"]
+        assert values.mean() == pytest.approx(other.mean(), abs=2e-3 * other.std())
+        assert values.std() == pytest.approx(other.std(), rel=0.01)
+
+    def test_a_lognormal_one_is_cut_like_any_other(self):
+        whole, cut = Lognormal(median=1.0, beta=0.5), Lognormal(median=1.0, beta=0.5, upper=1.5)
+        p = np.linspace(0.01, 0.99, 99)
+        kept = stats.lognorm(0.5).cdf(1.5)
+        np.testing.assert_allclose(cut.quantile(p), whole.quantile(p * kept), rtol=1e-12)
+        assert cut.quantile(1.0) == pytest.approx(1.5)
+
+    @pytest.mark.parametrize(
+        "marginal",
+        [Normal(mean=1.0, sd=0.1, lower=1.6), Lognormal(median=1.0, beta=0.1, upper=-1.0)],
+        ids=["normal", "lognormal"],
+    )
+    def test_bounds_that_leave_nearly_nothing_are_refused(self, marginal):
+        with pytest.raises(InputError, match=r"only .* lies between lower = .* and upper = "):
+            marginal.quantile(0.5)
+
+
+class TestPoints:
+    @pytest.mark.parametrize("scheme", ["sobol", "latin_hypercube"])
+    def test_each_slice_of_each_coordinate_has_one(self, scheme):
+        points = unit_points(64, 3, scheme, seed=3)
+        for coordinate in np.floor(points * 64).astype(int).T:
+            assert sorted(coordinate) == list(range(64))
+        assert points.min() > 0.0
+        assert points.max() < 1.0
+
+    def test_those_of_sobol_stay_when_more_are_asked_for(self):
+        long = unit_points(64, 3, "sobol", seed=3)
+        for count in (1, 4, 11, 32):
+            np.testing.assert_array_equal(unit_points(count, 3, "sobol", seed=3), long[:count])
+
+    @pytest.mark.parametrize("scheme", ["sobol", "latin_hypercube"])
+    def test_they_follow_from_the_seed(self, scheme):
+        first, again, other, stream = (
+            unit_points(8, 2, scheme, seed) for seed in (3, 3, 4, (3, 1))
+        )
+        np.testing.assert_array_equal(first, again)
+        assert np.abs(first - other).min() > 0.0
+        assert np.abs(first - stream).min() > 0.0
+
+
+class TestCorrelation:
+    def test_ranks_and_logarithms_are_correlated_as_asked(self):
+        marginals = {"a": Lognormal(median=1.0, beta=0.3), "b": Lognormal(median=2.0, beta=0.1)}
+        values = sample(marginals, 4096, correlation={"a": {"b": -0.6}})
+        spearman = stats.spearmanr(values["a"], values["b"]).statistic
+        assert spearman == pytest.approx(6.0 / np.pi * np.arcsin(-0.3), abs=0.005)
+        logs = np.corrcoef(np.log(values["a"]), np.log(values["b"]))[0, 1]
+        assert logs == pytest.approx(-0.6, abs=0.005)
+
+    def test_marginals_stay_and_other_pairs_are_independent(self):
+        marginals = {name: Uniform(start=0.0, stop=1.0) for name in "abc"}
+        values = sample(marginals, 4096, correlation={"a": {"c": 0.8}})
+        for column in values.values():
+            assert stats.kstest(column, "uniform").statistic < 0.01
+        assert abs(stats.spearmanr(values["a"], values["b"]).statistic) < 0.01
+        assert abs(stats.spearmanr(values["b"], values["c"]).statistic) < 0.01
+
+    def test_the_factor_gives_the_matrix(self):
+        factor = correlation_factor("abc", {"a": {"b": 0.5, "c": -0.2}, "c": {"b": 0.1}})
+        expected = [[1.0, 0.5, -0.2], [0.5, 1.0, 0.1], [-0.2, 0.1, 1.0]]
+        np.testing.assert_allclose(factor @ factor.T, expected, atol=1e-15)
+
+    @pytest.mark.parametrize(
+        ("correlation", "sentence"),
+        [
+            ({"a": {"d": 0.1}}, "d is not one of the parameters that vary (a, b, c)"),
+            ({"a": {"a": 0.1}}, "correlation of a and a: with itself"),
+            ({"a": {"b": 0.1}, "b": {"a": 0.1}}, "correlation of b and a: is given twice"),
+            ({"a": {"b": 1.0}}, "= 1 must be greater than -1 and less than 1"),
+            ({"a": {"b": 0.9, "c": 0.9}, "b": {"c": -0.9}}, "cannot hold together"),
+        ],
+    )
+    def test_what_cannot_be_is_refused(self, correlation, sentence):
+        with pytest.raises(InputError) as refusal:
+            correlation_factor("abc", correlation)
+        assert sentence in str(refusal.value)
+
+
+def test_nothing_that_varies_gives_nothing():
+    assert sample({}, 8) == {}
+
+
+def test_values_have_ten_digits():
+    np.testing.assert_array_equal(to_digits([[1.0 / 3.0, -2e-7 / 3.0]]),
+                                  [[0.3333333333, -6.666666667e-8]])  # fmt: skip

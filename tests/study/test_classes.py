@@ -1,0 +1,254 @@
+"""Classes of arches from the study file to their curves: who meets whom, what growing costs."""
+
+import contextlib
+import json
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from archfrag.fragility.counts import Verdict
+from archfrag.fragility.curve import Fragility
+from archfrag.study import batch
+from archfrag.study.batch import BatchLog, run_batch
+from archfrag.study.checks import check_study
+from archfrag.study.config import Study, load_study
+from archfrag.study.cube import write_cube
+from archfrag.study.curves import Answer, class_mixture
+from archfrag.study.fits import _in_si, fit_cube, load_answers
+from archfrag.study.members import members
+from archfrag.study.plan import make_plan
+from archfrag.study.records import prepare_motions
+from archfrag.study.steps import finish, stale_steps
+from archfrag.study.worker import run_chunk
+from tests.study.small import small_study
+
+TEXT = """\
+id: classes
+title: Classes of arches
+output: out
+arches:
+  - id: slab
+    profile: block
+    width: 0.4
+    height: 2.0
+    friction: .inf
+    vary:
+      samples: 4
+      of:
+        width: {distribution: normal, mean: 0.4, cov: 0.1}
+        height: {distribution: uniform, start: 1.6, stop: 2.4}
+      correlation: {width: {height: 0.5}}
+  - id: own
+    profile: block
+    width: 0.4
+    height: 2.0
+    friction: .inf
+    vary:
+      samples: 2
+      crossed: false
+      of: {width: {distribution: normal, mean: 0.4, cov: 0.1}}
+  - {id: fleet, table: fleet.csv, profile: block, height: 2.0, friction: .inf}
+  - {id: alone, profile: block, width: 0.4, height: 2.0, friction: .inf}
+motions:
+  files: ["records/*.AT2"]
+intensity:
+  measure: PGA
+  unit: g
+  levels: [0.1, 0.3, 0.5, 0.7, 0.9, 1.2]
+method: {name: auto, follow: 2.0}
+"""
+TABLE = "id,width,town/bank\na,0.35,Gera/left\nb,0.45,Gera/right\n"
+
+
+class Here:
+    """Runs chunks in this process: starting workers takes seconds."""
+
+    def results(self, plan, work):
+        plan.save()
+        for cases, factors in work:
+            yield run_chunk(str(plan.path), cases, factors)
+
+
+@contextlib.contextmanager
+def here():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(batch, "_started", lambda *_: contextlib.nullcontext(Here()))
+        yield
+
+
+@dataclass(frozen=True)
+class Made:
+    """A study with its cube and its curves."""
+
+    study: Study
+    log: BatchLog
+    cube: xr.Dataset
+    fits: dict
+
+
+def made(path):
+    study = load_study(path)
+    prepare_motions(study)
+    with here():
+        log = run_batch(study, workers=1, quiet=True)
+    with xr.open_dataset(write_cube(study)) as opened:
+        cube = opened.load()
+    fit_cube(study)
+    return Made(study, log, cube, json.loads((study.folder / "fits.json").read_text()))
+
+
+def write(folder, text=TEXT, table=TABLE):
+    (folder / "fleet.csv").write_text(table)
+    return small_study(folder, text)
+
+
+@pytest.fixture(scope="session")
+def classes(tmp_path_factory):
+    """Treat as read-only."""
+    return made(write(tmp_path_factory.mktemp("classes")))
+
+
+class TestCube:
+    def test_arches_and_the_entries_they_are_of(self, classes):
+        ids = [f"slab-{i:04d}" for i in range(1, 5)] + [f"own-{i:04d}" for i in range(1, 5)]
+        assert classes.cube["arch"].values.astype(str).tolist() == [*ids, "a", "b", "alone"]
+        assert classes.cube["arch_class"].values.astype(str).tolist() == (
+            ["slab"] * 4 + ["own"] * 4 + ["fleet"] * 2 + ["alone"]
+        )
+
+    def test_what_differs_is_there_by_arch(self, classes):
+        found = members(classes.study, 2)
+        for name, unit in (("width", "m"), ("height", "m")):
+            variable = classes.cube[f"arch_{name}"]
+            np.testing.assert_array_equal(variable.values, found.parameters()[name])
+            assert variable.attrs["units"] == unit
+        assert classes.cube["arch_width"].values[8:10].tolist() == [0.35, 0.45]
+        assert np.isnan(classes.cube["arch_width"].values[10])
+
+    def test_an_attribute_may_have_any_name(self, classes):
+        attribute = classes.cube["attribute_town_bank"]
+        assert attribute.values.astype(str).tolist() == [""] * 8 + ["Gera/left", "Gera/right", ""]
+        assert attribute.attrs["long_name"] == "town/bank of the arch"
+
+    def test_arches_of_a_records_own_meet_no_other(self, classes):
+        simulated = (classes.cube["verdict"] != Verdict.NOT_SIMULATED).values
+        meets = np.ones((11, 2), bool)
+        meets[4:8] = [[True, False], [True, False], [False, True], [False, True]]
+        np.testing.assert_array_equal(simulated.all(axis=2), meets)
+        np.testing.assert_array_equal(simulated.any(axis=2), meets)
+        assert classes.log.runs == meets.sum() * 6
+
+    def test_a_sample_falls_as_the_arch_of_its_values_does(self, classes):
+        """The onset of a slender block is width over height."""
+        height = classes.cube["arch_height"].fillna(2.0)
+        np.testing.assert_allclose(
+            classes.cube["onset_plus"][:10], (classes.cube["arch_width"] / height)[:10], rtol=1e-9
+        )
+
+
+class TestCurves:
+    def test_arches_and_classes_have_one_each(self, classes):
+        assert list(classes.fits["classes"]) == ["slab", "own", "fleet"]
+        assert len(classes.fits["arches"]) == 11
+        for name in ("slab", "own"):
+            assert classes.fits["classes"][name]["curve"]["theta"] > 0.0
+
+    def test_that_of_a_class_lies_among_those_of_its_arches(self, classes):
+        own = [classes.fits["fits"][f"slab-{i:04d}"]["theta"] for i in range(1, 5)]
+        whole = load_answers(classes.study.folder / "fits.json", "classes")["slab"].curve
+        assert min(own) < whole.theta < max(own)
+
+    def test_one_record_for_each_arch_gives_a_class_only(self, classes):
+        sentence = classes.fits["fits"]["own-0001"]["none"]
+        assert "only one record" in sentence
+
+    def test_dispersion_of_a_class_is_that_of_the_mixture_of_its_arches(self, classes):
+        thetas, betas = [0.4, 0.6, 0.9], [0.3, 0.4, 0.5]
+        own = [
+            Fragility(t, b, np.eye(2), 0.0, 6, 2, "x") for t, b in zip(thetas, betas, strict=True)
+        ]
+        answers = [Answer(each, each) for each in own] + [Answer("none", "none")]
+        found = class_mixture(answers)
+        assert found["n_arch"] == 3
+        assert found["theta"] == pytest.approx(np.exp(np.log(thetas).mean()))
+        assert found["beta_arch"] == pytest.approx(np.log(thetas).std())
+        assert found["beta_record"] == pytest.approx(np.sqrt(np.mean(np.square(betas))))
+        for curve in (own[0], "none"):
+            in_si = _in_si(Answer(curve, curve, more={"mixture": found}), classes.study)
+            assert in_si.more["mixture"]["theta"] == pytest.approx(9.80665 * found["theta"])
+        assert "two are needed" in class_mixture(answers[2:])["none"]
+
+    def test_records_of_one_event_give_a_band_that_says_so(self, classes):
+        assert set(classes.cube["event"].values.astype(str)) == {"Test"}
+        text = classes.fits["arches"]["slab-0001"]["assumptions"]
+        assert text.endswith("All are of Test: how others differ is in no band.")
+
+
+def test_a_check_of_the_study_shows_what_it_amounts_to(classes):
+    found = check_study(classes.study)
+    assert (found.arches, found.records, found.levels, found.runs) == (11, 2, 6, 108)
+    shown = [str(each) for each in found.classes]
+    assert [line.split(",")[0] for line in shown] == [
+        "slab: 4 arches", "own: 4 arches", "fleet: 2 arches"
+    ]  # fmt: skip
+    assert shown[2] == "fleet: 2 arches, width 0.35 to 0.45, 2 of town/bank"
+
+
+class TestGrowing:
+    @pytest.fixture
+    def copied(self, classes, tmp_path):
+        import shutil
+
+        folder = classes.study.folder.parent
+        shutil.copytree(folder, tmp_path / "copy")
+        return tmp_path / "copy"
+
+    def test_more_samples_run_alone(self, classes, copied):
+        grown = made(write(copied, TEXT.replace("samples: 4", "samples: 8")))
+        assert (grown.log.runs, grown.log.kept) == (108 + 48, 108)
+        names = classes.cube["arch"].values
+        for name in ("verdict", "peak_rotation", "arch_width"):
+            before = classes.cube[name].set_index(arch="arch").sel(arch=names)
+            after = grown.cube[name].set_index(arch="arch").sel(arch=names)
+            np.testing.assert_array_equal(before.values, after.values)
+
+    def test_a_row_more_runs_alone(self, copied):
+        grown = made(write(copied, table=TABLE + "c,0.5,Jena/left\n"))
+        assert (grown.log.runs, grown.log.kept) == (120, 108)
+
+    def test_an_attribute_that_changes_makes_the_cube_anew_and_no_run(self, classes, copied):
+        study = load_study(write(copied))
+        prepare_motions(study)
+        plan = make_plan(study)
+        for step in ("motions", "batch-0of1", "cube", "fit", "report"):
+            finish(study, step)
+        assert stale_steps(study)[0] == []
+        study = load_study(write(copied, table=TABLE.replace("Gera/left", "Gera/west")))
+        assert make_plan(study).digest == plan.digest
+        assert stale_steps(study)[0] == ["cube", "fit", "report"]
+
+
+class TestDone:
+    def test_a_table_that_changes_is_something_to_do(self, classes, tmp_path):
+        import shutil
+
+        from archfrag.study.steps import stamp_file, step_names
+        from archfrag.study.uptodate import finished_report, note_finished, request_of
+
+        folder = tmp_path / "copy"
+        shutil.copytree(classes.study.folder.parent, folder)
+        path = write(folder)
+        study = load_study(path)
+        prepare_motions(study)
+        (study.folder / "report.html").write_text("")
+        (study.work / "lock").write_text("")
+        for step in step_names(study):
+            finish(study, step)
+            assert stamp_file(study, step).is_file()
+        request = request_of(path, ())
+        note_finished(study, request)
+        assert finished_report(path, request) == study.folder / "report.html"
+        write(folder, table=TABLE.replace("Gera/left", "Gera/west"))
+        assert finished_report(path, request) is None

@@ -1,0 +1,279 @@
+"""Arches drawn for an entry that is not known exactly: what varies, stays and is refused."""
+
+import numpy as np
+import pytest
+from pydantic import TypeAdapter
+
+from archfrag.errors import StabilityError, StudyError
+from archfrag.simulate import onset
+from archfrag.study.arches import ArchEntry, StudyArch
+from archfrag.study.config import load_study
+from archfrag.study.members import check_buildable, check_standing, expand, summaries
+from archfrag.study.sampling import draw
+from tests.study.small import TEXT, small_study
+
+RING = {
+    "id": "ring", "profile": "circular", "radius": 10.0, "thickness": 1.5, "embrace": 157.5,
+    "voussoirs": 7, "friction": 0.7,
+}  # fmt: skip
+FRICTION = {"friction": {"distribution": "uniform", "start": 0.6, "stop": 0.8}}
+
+
+def entry(vary, **changed):
+    given = {**RING, **changed, "vary": {"samples": 4, **vary}}
+    return TypeAdapter(ArchEntry).validate_python(given)
+
+
+def drawn(vary, count=4, **changed):
+    return draw(entry(vary, **changed), count)
+
+
+def normal(mean, cov, **more):
+    return {"distribution": "normal", "mean": mean, "cov": cov, **more}
+
+
+class TestKeys:
+    def test_arches_have_what_was_drawn_and_else_what_the_entry_says(self):
+        for number, (arch, values) in enumerate(drawn({"of": FRICTION}), start=1):
+            assert arch.id == f"ring-{number:04d}"
+            assert arch.vary is None
+            assert values == {"friction": arch.friction}
+            assert 0.6 < arch.friction < 0.8
+            assert (arch.radius, arch.thickness, arch.density) == (10.0, 1.5, 2000.0)
+            assert arch.build().n_voussoir == 7
+
+    def test_they_follow_from_the_seed(self):
+        first, again, other = (drawn({"of": FRICTION, "seed": seed}) for seed in (5, 5, 6))
+        assert first == again
+        assert all(a[1] != b[1] for a, b in zip(first, other))
+
+    def test_a_relative_key_is_told_as_what_it_came_to(self):
+        vary = {"of": {"thickness": normal(1.0, 0.05, relative=True)}}
+        for arch, values in drawn(vary, 64):
+            assert values == {"thickness": arch.thickness}
+            assert abs(arch.thickness - 1.5) < 0.3
+
+    def test_a_list_is_multiplied_as_a_whole(self):
+        own = [0.5, 0.6, 0.7, 0.8, 0.7, 0.6, 0.5, 0.4]
+        vary = {"of": {"friction": normal(1.0, 0.1, relative=True)}}
+        for arch, values in drawn(vary, friction=own):
+            np.testing.assert_allclose(arch.friction, values["friction_factor"] * np.array(own))
+
+    def test_joints_in_degrees_go_with_the_angle_of_embrace(self):
+        joints = [0.0, 20.0, 40.0, 60.0, 90.0, 120.0, 140.0, 157.5]
+        vary = {"of": {"embrace": normal(150.0, 0.02)}}
+        for arch, _ in drawn(vary, joints=joints):
+            np.testing.assert_allclose(np.array(arch.joints) / arch.embrace,
+                                       np.array(joints) / 157.5, rtol=1e-9)  # fmt: skip
+            assert arch.build()
+
+    def test_ids_stay_within_what_results_allow(self):
+        (arch, _), *_ = drawn({"of": FRICTION}, id="a" * 70)
+        assert len(arch.id) == 75
+        with pytest.raises(StudyError, match="id must have at most 70 characters"):
+            expand([entry({"of": FRICTION}, id="a" * 71)])
+
+    def test_more_samples_keep_those_there_are(self):
+        vary = {"of": FRICTION, "joints": {"friction": normal(1.0, 0.1)}}
+        few, many = (expand([entry({**vary, "samples": n})]).members for n in (4, 8))
+        assert [each.entry for each in few] == [each.entry for each in many[:4]]
+
+
+class TestJoints:
+    def test_each_joint_has_its_own(self):
+        recess = {"distribution": "uniform", "start": 0.0, "stop": 0.05}
+        vary = {"joints": {"recess_intrados": recess, "friction": normal(1.0, 0.1)}}
+        found = drawn(vary, 256)
+        assert found[0][1] == {}
+        friction = np.array([arch.friction for arch, _ in found]) / 0.7
+        depth = np.array([arch.recess.intrados for arch, _ in found])
+        assert friction.shape == depth.shape == (256, 8)
+        assert friction.mean() == pytest.approx(1.0, abs=0.01)
+        assert friction.std() == pytest.approx(0.1, rel=0.05)
+        assert (depth.mean(), depth.max()) == pytest.approx((0.025, 0.05), rel=0.03)
+        # Of 56 correlations with a deviation of 1/16 each.
+        pairs = np.corrcoef(np.hstack([friction, depth]).T) - np.eye(16)
+        assert np.abs(pairs).max() < 0.28
+        assert found[0][0].recess.extrados == 0.0
+
+    def test_the_springings_stay_where_they_are(self):
+        shift = {"distribution": "uniform", "start": -0.2, "stop": 0.2}
+        for profile in ({}, {"profile": "segmental", "span": 10.0, "rise": 3.0}):
+            gone = ("radius", "embrace") if profile else ()
+            given = {key: value for key, value in RING.items() if key not in gone}
+            vary = {"samples": 16, "joints": {"position": shift}}
+            one = TypeAdapter(ArchEntry).validate_python({**given, **profile, "vary": vary})
+            end = 1.0 if profile else 157.5
+            joints = np.array([arch.joints for arch, _ in draw(one, 16)])
+            assert np.all(joints[:, [0, -1]] == [0.0, end])
+            off = joints / end * 7.0 - np.arange(8)
+            assert 0.15 < np.abs(off).max() < 0.2
+            check_buildable(expand([one]))
+
+    def test_one_key_more_leaves_the_others_numbers(self):
+        friction = normal(1.0, 0.1)
+        shift = {"distribution": "uniform", "start": -0.2, "stop": 0.2}
+        less = drawn({"joints": {"friction": friction}})
+        more = drawn({"joints": {"friction": friction, "position": shift}})
+        assert [a.friction for a, _ in less] == [a.friction for a, _ in more]
+
+    def test_they_are_not_drawn_by_the_numbers_of_the_keys(self):
+        """Zeros at the end of a seed are nothing to numpy: [1] and [1, 0] are one seed."""
+        made = []
+        true = np.random.default_rng
+
+        def watched(seed=None):
+            made.append(true(seed))
+            return made[-1]
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(np.random, "default_rng", watched)
+            drawn({"of": FRICTION, "joints": {"friction": normal(1.0, 0.1)}})
+        states = {str(np.asarray(g.bit_generator.seed_seq.generate_state(4))) for g in made}
+        assert len(states) == len(made) == 5
+
+    def test_a_block_has_one_and_a_column_no_free_end(self):
+        joints = {"friction": normal(1.0, 0.1)}
+        block = {"id": "slab", "profile": "block", "width": 0.4, "height": 2.0, "friction": 0.5}
+        column = {
+            "id": "column", "profile": "from_joints", "friction": 0.5, "free_end": True,
+            "intrados": [[0.0, 0.0], [0.0, 1.0], [0.0, 2.0]],
+            "extrados": [[0.5, 0.0], [0.5, 1.0], [0.5, 2.0]],
+        }  # fmt: skip
+        for given, count in ((block, 1), (column, 2)):
+            one = TypeAdapter(ArchEntry).validate_python(
+                {**given, "vary": {"samples": 2, "joints": joints}}
+            )
+            assert all(len(arch.friction) == count for arch, _ in draw(one, 2))
+            check_buildable(expand([one]))
+
+
+class TestMeeting:
+    def test_crossed_arches_meet_all_records(self):
+        found = expand([entry({"of": FRICTION})], 3)
+        assert len(found) == 4
+        assert found.meets(3).all()
+        assert found.classes == ["ring"] * 4
+
+    def test_else_each_record_meets_its_own(self):
+        found = expand([entry({"of": FRICTION, "crossed": False, "samples": 2})], 3)
+        assert found.meets(3).tolist() == np.repeat(np.eye(3, dtype=bool), 2, axis=0).tolist()
+        assert len({each.values["friction"] for each in found}) == 6
+
+    def test_a_record_more_leaves_the_arches_of_the_others(self):
+        one = entry({"of": FRICTION, "crossed": False, "samples": 3})
+        assert expand([one], 3).members == expand([one], 4).members[:9]
+
+    def test_the_number_of_records_must_be_known(self):
+        with pytest.raises(StudyError, match="the number of records is not known"):
+            expand([entry({"of": FRICTION, "crossed": False})])
+
+    def test_classes_of_a_mixed_study(self):
+        plain = TypeAdapter(ArchEntry).validate_python({**RING, "id": "plain"})
+        found = expand([plain, entry({"of": FRICTION})])
+        assert found.of_class() == {"plain": [0], "ring": [1, 2, 3, 4]}
+        parameters = found.parameters()["friction"]
+        assert np.isnan(parameters[0])
+        assert np.isfinite(parameters[1:]).all()
+        (listed,) = summaries(found)
+        assert str(listed).startswith("ring: 4 arches, friction 0.6")
+
+
+class TestRefusals:
+    """In one sentence: where, what was drawn, how many."""
+
+    def refused(self, folder, vary, kind=StudyError, **changed):
+        from archfrag.study.yaml_file import dump_yaml
+
+        given = {**RING, **changed, "vary": vary}
+        first, rest = TEXT.split("  - {id: ring")[0], TEXT.split("motions:")[1]
+        text = first + dump_yaml([given]) + "motions:" + rest
+        with pytest.raises(kind) as refusal:
+            load_study(small_study(folder, text))
+        return str(refusal.value).removeprefix(f"{folder / 'small.yaml'}: ")
+
+    @pytest.mark.parametrize(
+        ("vary", "sentence"),
+        [
+            ({"samples": 12, "of": FRICTION},
+             "arches[0].vary.samples: 12 must be a power of two with scheme sobol, such as 8 or "
+             "16; latin_hypercube takes any number"),
+            ({"samples": 4}, "must have a key of or joints: nothing varies"),
+            ({"samples": 4, "joints": {}},
+             "must have one of recess_intrados, recess_extrados, position, friction"),
+            ({"samples": 4, "off": FRICTION},
+             "arches[0].vary.off is no known key; did you mean of?"),
+            ({"samples": 4, "of": {"frictions": FRICTION["friction"]}},
+             "arches[0].vary.of.frictions: is nothing that varies of the profile circular; "
+             "allowed are radius, thickness, embrace, density, depth, friction, dead_load"),
+            ({"samples": 4, "of": {"friction": {"distribution": "gamma"}}},
+             "arches[0].vary.of.friction.distribution = gamma must be one of normal, lognormal, "
+             "uniform, triangular"),
+            ({"samples": 4, "of": {"friction": normal(0.7, 0.1, sd=0.1)}},
+             "must have one of cov and sd"),
+            ({"samples": 4, "of": {"friction": normal(0.7, 0.1, lower=0.9, upper=0.8)}},
+             "must have upper above lower = 0.9, not 0.8"),
+            ({"samples": 4, "of": {"friction": normal(0.7, 0.1, lower=2.0)}},
+             "is cut too far: only 0 of the distribution lies between lower = 2 and upper = inf"),
+            ({"samples": 4, "of": {"dead_load": normal(1.0, 0.1, relative=True)}},
+             "arches[0].vary.of.dead_load.relative: must have a finite dead_load of the arch to "
+             "multiply"),
+            ({"samples": 4, "of": FRICTION, "correlation": {"friction": {"density": 0.5}}},
+             "arches[0].vary.correlation: correlation of friction and density: density is not "
+             "one of the parameters that vary (friction)"),
+            ({"samples": 4, "joints": {"friction": normal(1.0, 0.1, relative=True)}},
+             "arches[0].vary.joints.friction.relative: has no place among the joints"),
+        ],
+        ids=range(12),
+    )  # fmt: skip
+    def test_keys(self, tmp_path, vary, sentence):
+        assert sentence in self.refused(tmp_path, vary)
+
+    def test_an_arch_that_cannot_exist(self, tmp_path):
+        vary = {"samples": 8, "of": {"thickness": normal(1.5, 1.0)}}
+        found = self.refused(tmp_path, vary)
+        assert found.startswith("arches[0] (ring): ")
+        assert "of 8 samples cannot exist, the first is sample " in found
+        assert "(thickness = -" in found
+        assert found.count("thickness = -") == 2  # what was drawn, and why it is none
+
+    def test_a_value_beyond_what_its_key_allows(self, tmp_path):
+        vary = {"samples": 2, "of": {"density": normal(2e6, 0.01)}}
+        found = self.refused(tmp_path, vary)
+        assert found.startswith("arches[0] (ring): sample 1 (density = ")
+        assert found.endswith("must be less than or equal to 1e+06")
+
+    def test_arches_that_do_not_stand(self):
+        vary = {"of": {"thickness": {"distribution": "uniform", "start": 0.4, "stop": 0.9}}}
+        found = expand([entry({**vary, "samples": 8})])
+        check_buildable(found)
+        stands = [bool(onset(member.entry.build()).stands) for member in found]
+        with pytest.raises(StabilityError) as refusal:
+            check_standing(found)
+        text = str(refusal.value)
+        thin = [member for member, good in zip(found, stands, strict=True) if not good]
+        assert 1 < len(thin) < 8
+        assert max(m.values["thickness"] for m in thin) < 0.75
+        assert text.startswith(f"arches[0] (ring): {len(thin)} of 8 samples do not stand")
+        assert f"sample {thin[0].number} (thickness = {thin[0].values['thickness']:.6g})" in text
+
+    def test_an_id_that_a_sample_has(self):
+        other = TypeAdapter(ArchEntry).validate_python({**RING, "id": "ring-0002"})
+        with pytest.raises(StudyError, match="an arch has the id 'ring-0002', which belongs to "):
+            expand([entry({"of": FRICTION}), other])
+
+    def test_too_many(self):
+        one = entry({"of": FRICTION, "samples": 8192, "crossed": False})
+        with pytest.raises(StudyError, match=r"makes 24576 arches; .* at most 20000"):
+            expand([one], 3)
+
+
+def test_a_study_of_samples_is_read_back_as_it_was(tmp_path):
+    from archfrag.study.yaml_file import dump_yaml
+
+    given = entry({"of": FRICTION, "joints": {"friction": normal(1.0, 0.1)}})
+    text = dump_yaml([given.model_dump(exclude_none=True)])
+    import yaml
+
+    again = TypeAdapter(list[StudyArch]).validate_python(yaml.safe_load(text))
+    assert again == [given]

@@ -1,0 +1,163 @@
+"""Tables of arches: rows become arches, mistakes one sentence with file, line and column."""
+
+import numpy as np
+import pytest
+from pydantic import TypeAdapter
+
+from archfrag.errors import StudyError
+from archfrag.study.arches import StudyArch
+from archfrag.study.members import expand, summaries
+
+DEFAULTS = {
+    "id": "fleet", "profile": "circular", "embrace": 157.5, "voussoirs": 7, "friction": 0.7,
+}  # fmt: skip
+TABLE = """\
+id,radius,thickness,friction,region,built
+old,10.0,1.5,0.6,north,1880
+wide,12,1.8,,south,1901
+
+late,8.0,1.25,inf,north,
+"""
+
+
+def fleet(folder, text=TABLE, **changed):
+    path = folder / "fleet.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    given = {**DEFAULTS, "table": str(path), **changed}
+    given = {key: value for key, value in given.items() if value is not None}
+    return TypeAdapter(StudyArch).validate_python(given)
+
+
+class TestRows:
+    def test_cells_are_keys_and_the_entry_fills_the_rest(self, tmp_path):
+        found = expand([fleet(tmp_path)])
+        assert found.ids == ["old", "wide", "late"]
+        assert found.classes == ["fleet"] * 3
+        assert [arch.friction for arch in found.entries] == [0.6, 0.7, np.inf]
+        assert [arch.radius for arch in found.entries] == [10.0, 12.0, 8.0]
+        assert {(arch.embrace, arch.voussoirs) for arch in found.entries} == {(157.5, 7)}
+        assert found.meets(2).all()
+
+    def test_numbers_of_columns_are_known_of_every_row(self, tmp_path):
+        parameters = expand([fleet(tmp_path)]).parameters()
+        assert list(parameters) == ["radius", "thickness", "friction"]
+        assert parameters["friction"].tolist() == [0.6, 0.7, np.inf]
+
+    def test_other_columns_are_attributes(self, tmp_path):
+        found = expand([fleet(tmp_path)])
+        assert found.attributes() == {
+            "region": ["north", "south", "north"], "built": ["1880", "1901", ""]
+        }  # fmt: skip
+        (listed,) = summaries(found)
+        assert str(listed).startswith("fleet: 3 arches, radius 8 to 12, thickness 1.25 to 1.8")
+        assert str(listed).endswith("2 of region, 3 of built")
+
+    def test_profiles_may_differ(self, tmp_path):
+        text = (
+            "id,profile,radius,embrace,span,rise,thickness\n"
+            "a,circular,10,157.5,,,1.5\n"
+            "b,segmental,,,10,3.5,1.0\n"
+        )
+        found = expand([fleet(tmp_path, text, profile=None, embrace=None)])
+        assert [arch.profile for arch in found.entries] == ["circular", "segmental"]
+
+    def test_lists_and_a_spreadsheets_whole_numbers(self, tmp_path):
+        text = '\ufeffid,radius,thickness,voussoirs,friction\r\na,10,1.5,2.0,"[0.5, 0.6, 0.7]"\r\n'
+        (arch,) = expand([fleet(tmp_path, text)]).entries
+        assert (arch.voussoirs, arch.friction) == (2, (0.5, 0.6, 0.7))
+
+    def test_rows_may_vary_each_on_its_own(self, tmp_path):
+        vary = {
+            "samples": 4,
+            "of": {"thickness": {"distribution": "normal", "mean": 1.0, "cov": 0.05,
+                                 "relative": True}},
+        }  # fmt: skip
+        found = expand([fleet(tmp_path, vary=vary)])
+        assert len(found) == 12
+        assert found.ids[:2] == ["old-0001", "old-0002"]
+        thickness = np.array([arch.thickness for arch in found.entries])
+        np.testing.assert_array_equal(thickness, found.parameters()["thickness"])
+        factors = thickness.reshape(3, 4) / [[1.5], [1.8], [1.25]]
+        assert np.abs(factors[0] - factors[1]).min() > 1e-6
+        # Whatever other rows there are.
+        alone = expand([fleet(tmp_path, "".join(TABLE.splitlines(True)[i] for i in (0, 2)),
+                              vary=vary)])  # fmt: skip
+        assert [a.thickness for a in alone.entries] == thickness[4:8].tolist()
+
+    def test_an_edited_table_is_read_again(self, tmp_path):
+        entry = fleet(tmp_path)
+        assert expand([entry]).entries[0].radius == 10.0
+        fleet(tmp_path, TABLE.replace("old,10.0", "old,10.25"))
+        assert expand([entry]).entries[0].radius == 10.25
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("12,1.8", "12,1.8m", "line 3, column thickness = 1.8m must be a number"),
+        ("12,1.8", "x,1.8", "line 3, column radius = x must be a number"),
+        ("8.0,1.25", "8.0,", "line 5, column thickness is missing"),
+        ("late,8.0", "old,8.0", "line 5, column id: 'old' is the id of line 2 too; each arch "
+         "needs its own"),
+        ("late,8.0", "l te,8.0", "line 5, column id = l te must begin with a letter or a digit "
+         "and hold only letters, digits and _ . + -"),
+        (",south,1901", ",south", "line 3: has 5 cells; it must have 6, one for each column of "
+         "the first line"),
+        ("built", "region", "line 1: column region is there twice"),
+        ("region", "", "line 1: column 5 must have a name"),
+        ("region", "vary", "line 1: vary must be given in the study file"),
+        ("region", "Thicknes", "line 1: column Thicknes is no key of an arch; did you mean "
+         "thickness?"),
+        ("id,", "name,", "line 1: a column id is missing"),
+        ("0.6,north", '"[0.6, x]",north', "line 2, column friction[1] = x must be a number"),
+        ("0.6,north", '"[0.6",north', "line 2, column friction: "),
+        ("0.6,north", '2e6,north', "line 2, column friction = 2000000 must be at most 1e+06, or "
+         "inf for no sliding"),
+        ("id,radius", "id,span", "line 2, column span is no known key; allowed are "),
+    ],
+)  # fmt: skip
+def test_a_bad_table_is_one_sentence(tmp_path, old, new, sentence):
+    entry = fleet(tmp_path, TABLE.replace(old, new, 1))
+    with pytest.raises(StudyError) as refusal:
+        expand([entry])
+    path = f"arches[0] (fleet): {tmp_path / 'fleet.csv'}"
+    assert str(refusal.value).startswith(f"{path}, {sentence}")
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("id,radius\n", "must have a line for each arch below its first line"),
+        ("", "must have a line for each arch below its first line"),
+        (TABLE.encode("utf-16"), "is no table in CSV and UTF-8"),
+        (TABLE.replace(",", ";"), "line 1: a column id is missing (commas must be between them)"),
+    ],
+    ids=["no row", "empty", "utf-16", "semicolons"],
+)
+def test_what_is_no_table(tmp_path, text, sentence):
+    with pytest.raises(StudyError) as refusal:
+        expand([fleet(tmp_path, text)])
+    assert sentence in str(refusal.value)
+
+
+def test_a_table_that_is_not_there(tmp_path):
+    entry = fleet(tmp_path)
+    (tmp_path / "fleet.csv").unlink()
+    with pytest.raises(StudyError, match=r"fleet\.csv: the table cannot be read \(there is no"):
+        expand([entry])
+
+
+def test_what_varies_of_a_table_is_refused_by_the_studys_key(tmp_path):
+    vary = {"samples": 4, "of": {"span": {"distribution": "normal", "mean": 10.0, "cov": 0.1}}}
+    with pytest.raises(StudyError) as refusal:
+        expand([fleet(tmp_path, vary=vary)])
+    assert "line 2, vary.of.span: is nothing that varies of the profile circular" in str(
+        refusal.value
+    )
+
+
+def test_ids_of_two_tables_must_differ(tmp_path):
+    one = fleet(tmp_path)
+    with pytest.raises(StudyError, match=r"arches\[1\] \(other\): an arch has the id 'old'"):
+        expand([one, one.model_copy(update={"id": "other"})])
