@@ -131,7 +131,8 @@ def collapse_rate(
     curve : Fragility or TabulatedCurve
     draws : (array_like, array_like), each (n_draw,), optional
         theta and beta as uncertain as they are, from
-        `archfrag.fragility.parameters.parameter_draws` or a bootstrap; the band runs between the quantiles of their rates.
+        `archfrag.fragility.parameters.parameter_draws` or a bootstrap; the band runs between the
+        quantiles of their rates.
     confidence : float
         Two-sided, between 0 and 1.
 
