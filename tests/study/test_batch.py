@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import psutil
 import pytest
+from archfrag.study.parts import read_part
 
 from archfrag.errors import InputError, StabilityError, WorkerError
 from archfrag.study import batch as batch_module
@@ -19,7 +20,6 @@ from archfrag.study.batch import BatchLog, kernels_needed, run_batch
 from archfrag.study.bundles import Bundles
 from archfrag.study.checks import check_arches
 from archfrag.study.config import Method, load_study
-from archfrag.study.parts import read_part
 from archfrag.study.plan import make_plan
 from archfrag.study.worker import run_chunk
 from tests.study.small import files, small_study

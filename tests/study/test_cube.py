@@ -8,13 +8,13 @@ import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
+from archfrag.study.parts import read_part, write_part
 
 from archfrag.errors import InputError, OutputError
 from archfrag.fragility.counts import Verdict
 from archfrag.study.cube import _write, gather, write_cube, write_timings
 from archfrag.study.fits import fit_cube, fit_sentence, load_fits
 from archfrag.study.outcome import COLUMNS
-from archfrag.study.parts import read_part, write_part
 from archfrag.study.records import PreparedRecord
 
 

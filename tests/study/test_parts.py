@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from archfrag.study.parts import read_part, write_part
 
 from archfrag.errors import InputError, OutputError
 from archfrag.study.config import load_study
 from archfrag.study.digests import PACKAGE
 from archfrag.study.outcome import COLUMNS
-from archfrag.study.parts import read_part, write_part
 from archfrag.study.plan import DECIDING, Plan, chunks_of_batch, make_plan, run_table
 from archfrag.study.worker import run_chunk, run_chunks
 from tests.study.small import files

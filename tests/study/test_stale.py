@@ -5,6 +5,7 @@ import os
 
 import numpy as np
 import pytest
+from archfrag.study.parts import read_part
 from obspy import Trace
 
 from archfrag.cli import main
@@ -12,7 +13,6 @@ from archfrag.errors import InputError
 from archfrag.study.config import load_study
 from archfrag.study.cube import gather
 from archfrag.study.digests import sha256_of
-from archfrag.study.parts import read_part
 from archfrag.study.plan import make_plan
 from archfrag.study.records import load_prepared, prepare_motions
 from archfrag.study.steps import finish, stale_steps

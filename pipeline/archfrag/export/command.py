@@ -42,7 +42,7 @@ TEXTS: dict[str, Callable[[CurveSet], dict[str, str]]] = {
         "pelicun.csv": pelicun_table(curves), "pelicun.json": pelicun_description(curves),
     },
     "in-core": lambda curves: {
-        f"in-core-{arch}.json": text for arch, text in in_core_sets(curves).items()
+        f"in-core-{arch}.json": text for arch, text in in_core_sets(curves.severest(4)).items()
     },
 }  # fmt: skip
 
@@ -176,7 +176,7 @@ def _limit_states(
         curves = [own[arch].get(name, "") for arch in needed]
         if any(isinstance(curve, str) for curve in curves):
             notes.append(f"limit state {name!r} is left out: not every arch has a curve of it")
-        elif any(mild.theta > worse.theta for mild, worse in zip(curves, after)):
+        elif any(_theta(mild) > _theta(worse) for mild, worse in zip(curves, after)):
             notes.append(
                 f"limit state {name!r} is left out: its median is above that of a severer one"
             )
@@ -184,6 +184,10 @@ def _limit_states(
             kept.insert(0, name)
     none = "there is no curve of this limit state"
     return {arch: {k: own[arch].get(k, none) for k in kept} for arch in answers}, notes
+
+
+def _theta(curve: Fragility | str) -> float:
+    return np.nan if isinstance(curve, str) else curve.theta
 
 
 def _unit(study: Study, cube: xr.Dataset) -> Unit:

@@ -265,12 +265,13 @@ def measures_compared(cube: xr.Dataset, runs: Runs) -> dict[str, Any]:
     from archfrag.fragility.runs import Resampling
 
     exponent = cube["measure_exponent"].values.astype(float)
-    value = cube["record_measure"].transpose("record", "measure").values
+    rows = (cube["verdict"].values != Verdict.NOT_SIMULATED).any(axis=1)
+    value = cube["record_measure"].transpose("record", "measure").values[rows]
     known = (exponent > 0.0) & (value > 0.0).all(axis=0)
     names = cube["measure"].values.astype(str)
     motions = Motions(
         tuple(names[known].tolist()), value[:, known], exponent[known],
-        cube["magnitude"].values, cube["distance"].values, runs.group,
+        cube["magnitude"].values[rows], cube["distance"].values[rows], runs.group,
     )  # fmt: skip
     own = str(cube["intensity"].attrs["measure"])
     try:
@@ -278,9 +279,9 @@ def measures_compared(cube: xr.Dataset, runs: Runs) -> dict[str, Any]:
     except (FitError, InputError) as error:
         return {"none": str(error)}
     units = dict(zip(names.tolist(), cube["measure_unit"].values.astype(str).tolist()))
-    rows = [{**asdict(row), "unit": units[row.measure]} for row in table.rows]
+    listed = [{**asdict(row), "unit": units[row.measure]} for row in table.rows]
     plain = {name: getattr(table, name) for name in ("own", "best", "p_value", "ratio", "message")}
-    return {**plain, "rows": rows}
+    return {**plain, "rows": listed}
 
 
 def limit_states(cube: xr.Dataset, runs: Runs, keys: Mapping[str, float]) -> dict[str, Any]:
@@ -355,7 +356,14 @@ def dispersion_split(members: Sequence[Runs]) -> dict[str, Any]:
         split = split_capacities(capacity)
     except (FitError, InputError) as error:
         return {"none": str(error)}
-    return {**asdict(split), "combined": split.combined(), "message": split.message}
+    message, known = split.message, np.isfinite(capacity)
+    if not known.all():
+        message = f"{message.rstrip('.')}. " + (
+            f"Only {np.count_nonzero(known)} of {known.size} capacities lie between two levels; "
+            "the others are left out here, so that the parts are smaller than the dispersion of "
+            "the curve."
+        )
+    return {**asdict(split), "combined": split.combined(), "message": message}
 
 
 def _or_sentence(make: Any) -> Fragility | str:
