@@ -151,7 +151,7 @@ class TestSummaryFile:
         assert arch["reason"] == "no run collapsed"
 
     def test_class_with_its_parts(self, written):
-        study, _, data = written
+        _, _, data = written
         (both,) = data["classes"]
         assert both["arches"] == 2
         assert both["curve"]["theta"] == pytest.approx(4.1 / GRAVITY)
@@ -212,7 +212,7 @@ class TestClasses:
         assert [overlaps(sheet) for sheet in drawn] == [[], []]
         assert "thickness +1.00; year +1.00" in shown.caption
         # A point for each arch in each panel.
-        assert drawn[0].parts and "".join(drawn[0].parts).count("a2.4 2.4 0 1 0 4.8") == 80
+        assert "".join(drawn[0].parts).count("a2.4 2.4 0 1 0 4.8") == 80
 
     def test_no_panel_without_a_difference(self):
         members = [answer_of(3.0), answer_of(4.0)]

@@ -20,6 +20,7 @@ from archfrag.study.design import GRIDS
 
 POINTS = 120  # of a band
 _SEED = 1
+_ONE_EVENT = " All records are of one event, and the variation between events is not in the band."
 
 
 @dataclass(frozen=True)
@@ -177,6 +178,7 @@ def classes_of_cube(cube: xr.Dataset, runs: Sequence[Runs]) -> dict[str, Runs]:
 def answer(runs: Runs, confidence: float) -> Answer:
     """Curve of some runs with the band and the intervals that are quoted."""
     likelihood = _or_sentence(lambda: likeliest(runs))
+    single = runs.group is not None and np.unique(runs.group).size < 2
     top = 1.05 * float(np.nanmax(runs.level))
     im = np.linspace(0.0, top, POINTS)
     try:
@@ -185,7 +187,7 @@ def answer(runs: Runs, confidence: float) -> Answer:
         if runs.design in GRIDS:
             quoted = quoted_band(
                 runs.design, runs.verdict, runs.level, im, confidence=confidence,
-                groups=runs.group,
+                groups=None if single else runs.group,
             )  # fmt: skip
         else:
             decided = runs.decided
@@ -204,7 +206,7 @@ def answer(runs: Runs, confidence: float) -> Answer:
         upper=quoted.band.upper.tolist(),
         confidence=confidence,
         method=quoted.method,
-        assumptions=quoted.assumptions,
+        assumptions=quoted.assumptions + (_ONE_EVENT if single else ""),
         n_independent=quoted.n_independent,
         n_islands=quoted.n_islands,
     )
