@@ -2,10 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from archfrag.errors import FitError, InputError
@@ -17,6 +16,9 @@ from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.fragility.fit import fit_stripes
 from archfrag.fragility.quoted import quoted_band
 from archfrag.study.design import GRIDS
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 POINTS = 120  # of a band
 _SEED = 1
@@ -132,7 +134,7 @@ def curve_of_dict(plain: Mapping[str, Any]) -> Fragility | str:
     return str(plain["none"]) if "none" in plain else Fragility.from_dict(dict(plain))
 
 
-def runs_of_cube(cube: xr.Dataset) -> list[Runs]:
+def runs_of_cube(cube: "xr.Dataset") -> list[Runs]:
     """Runs of each arch of a cube."""
     design = str(cube.attrs["archfrag_design_kind"])
     verdict = cube["verdict"].transpose("arch", "record", "level").values.astype(np.int64)
@@ -153,7 +155,7 @@ def runs_of_cube(cube: xr.Dataset) -> list[Runs]:
     return found
 
 
-def classes_of_cube(cube: xr.Dataset, runs: Sequence[Runs]) -> dict[str, Runs]:
+def classes_of_cube(cube: "xr.Dataset", runs: Sequence[Runs]) -> dict[str, Runs]:
     """Runs of the arches of each class together; only classes of several arches."""
     names = cube["arch_class"].values.astype(str)
     record = cube["record"].values.astype(str)
@@ -261,7 +263,7 @@ def _as_given(runs: Runs) -> FloatArray:
     return runs.level if runs.design in GRIDS else runs.level.ravel()
 
 
-def measures_compared(cube: xr.Dataset, runs: Runs) -> dict[str, Any]:
+def measures_compared(cube: "xr.Dataset", runs: Runs) -> dict[str, Any]:
     """The study's measure beside others in which its motions are known."""
     from archfrag.fragility.measures import Motions, compare_measures
     from archfrag.fragility.runs import Resampling
@@ -286,7 +288,7 @@ def measures_compared(cube: xr.Dataset, runs: Runs) -> dict[str, Any]:
     return {**plain, "rows": listed}
 
 
-def limit_states(cube: xr.Dataset, runs: Runs, keys: Mapping[str, float]) -> dict[str, Any]:
+def limit_states(cube: "xr.Dataset", runs: Runs, keys: Mapping[str, float]) -> dict[str, Any]:
     """Curves of damage short of collapse, from the same runs, ordered.
 
     Parameters
