@@ -2,19 +2,29 @@
 
 import json
 
+import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
 
 from archfrag.cli import main
 from archfrag.errors import FitError, InputError
-from archfrag.export import command, points
+from archfrag.export import command
 from archfrag.export.command import export_study
 from archfrag.study.config import load_study
+from archfrag.study.fits import load_answers
+from tests.export.made import fragility
 from tests.report import synthetic
 from tests.study.small import small_study
 
 ALL = ("nrml-continuous", "nrml-discrete", "pelicun", "in-core", "csv", "parquet")
+
+# As a study stores them, [m/s2]: of motion no arch has a curve, residual lies above collapse.
+STATES = [
+    {"name": "motion", "curve": {"none": "all runs collapse"}},
+    {"name": "residual", "curve": fragility(9.0, 0.4).to_dict()},
+    {"name": "contact lost", "curve": fragility(1.0, 0.4).to_dict()},
+]
 
 
 @pytest.fixture
@@ -25,10 +35,11 @@ def study(tmp_path, monkeypatch):
     cube.attrs |= {"archfrag_study": "small", "archfrag_commit": "0123abcd"}
     loaded.folder.mkdir()
     cube.to_netcdf(loaded.folder / "cube.nc")
-    fits = {"ring": synthetic.fit_or_sentence(cube, "ring").to_dict(), "slab": {"none": "it fell"}}
-    (loaded.folder / "fits.json").write_text(json.dumps({"fits": fits}))
+    answers = {"ring": synthetic.answers_of(cube)["ring"], "slab": synthetic.none("it fell")}
+    answers["ring"].more["limit_states"] = {"states": STATES}
+    stored = {"arches": {name: found.to_dict() for name, found in answers.items()}}
+    (loaded.folder / "fits.json").write_text(json.dumps(stored))
     monkeypatch.setattr(command, "require", lambda study, step: None)
-    monkeypatch.setattr(points, "_RESAMPLES", 100)
     return loaded
 
 
@@ -37,6 +48,25 @@ def call(*arguments):
 
 
 class TestExportStudy:
+    def test_limit_states_that_all_have_in_order(self, study, tmp_path):
+        made = export_study(study, ["csv", "in-core"], tmp_path / "x")
+        found = pd.read_csv(tmp_path / "x" / "small-parameters.csv")
+        assert found["limit_state"].tolist() == ["contact_lost", "collapse"]
+        assert made.notes[0] == (
+            "limit state 'residual' is left out: its median is above that of a severer one"
+        )
+        assert made.notes[1] == (
+            "limit state 'motion' is left out: not every arch has a curve of it"
+        )
+
+    def test_bands_are_those_that_the_report_quotes(self, study, tmp_path):
+        export_study(study, ["csv"], tmp_path / "x")
+        answer = load_answers(study.folder / "fits.json")["ring"]
+        found = pd.read_csv(tmp_path / "x" / "small-curves.csv").query("limit_state == 'collapse'")
+        for side in ("lower", "upper"):
+            expected = np.interp(found["intensity"], answer.im, getattr(answer, side))
+            np.testing.assert_allclose(found[side], expected, rtol=1e-9, atol=1e-12)
+
     def test_all_formats(self, study, tmp_path):
         pytest.importorskip("pyarrow")
         made = export_study(study, ALL, tmp_path / "x")
@@ -48,7 +78,7 @@ class TestExportStudy:
             "small-fragility-continuous.xml", "small-fragility-discrete.xml",
             "small-pelicun.csv", "small-pelicun.json", "small-in-core-ring.json",
         ]  # fmt: skip
-        assert made.left_out == {"slab": "collapse: it fell"}
+        assert "collapse: it fell" in made.left_out["slab"]
         tables = [path.name for name, path in made.files if name == "csv"]
         assert tables == [
             f"small-{name}" for name in
@@ -83,8 +113,8 @@ class TestExportStudy:
         assert [path.read_bytes() for path in paths] == before
 
     def test_no_curve_at_all(self, study):
-        fits = {name: {"none": "it fell"} for name in ("ring", "slab")}
-        (study.folder / "fits.json").write_text(json.dumps({"fits": fits}))
+        arches = {name: synthetic.none("it fell").to_dict() for name in ("ring", "slab")}
+        (study.folder / "fits.json").write_text(json.dumps({"arches": arches}))
         with pytest.raises(FitError, match="no curve to export for pelicun: ring: collapse: it"):
             export_study(study, ["csv", "pelicun"])
         assert not (study.folder / "export").exists()
@@ -102,7 +132,8 @@ class TestCommand:
         path = tmp_path / "small.yaml"
         result = call(path, "--format", "pelicun", "--format", "pelicun", "--out", tmp_path / "x")
         assert result.exit_code == 0, result.output
-        assert result.stderr == ("archfrag: no curve of slab is exported: collapse: it fell\n")
+        assert result.stderr.startswith("archfrag: no curve of slab is exported: contact_lost: ")
+        assert result.stderr.splitlines()[0].endswith("collapse: it fell")
         assert result.stdout.splitlines() == [
             f"pelicun: {tmp_path / 'x' / 'small-pelicun.csv'}",
             f"pelicun: {tmp_path / 'x' / 'small-pelicun.json'}",

@@ -9,7 +9,6 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-import archfrag.export.points as points_module
 from archfrag.errors import InputError
 from archfrag.export.points import Unit, curve_tables
 from archfrag.export.runs import NOT_SIMULATED, facts_table, runs_table
@@ -146,11 +145,10 @@ class TestFiles:
 
 
 class TestCurves:
-    def test_points_and_parameters(self, monkeypatch):
-        monkeypatch.setattr(points_module, "_RESAMPLES", 100)
-        cube = synthetic.cube(("ring-7", "wall+2"))
+    def test_points_and_parameters(self):
+        answers = synthetic.answers_of(synthetic.cube(("ring-7", "wall+2")))
         curves = curve_set(tower={"rocking": "x", "damage": "x", "collapse": "x"})
-        points, parameters = curve_tables(curves, cube, Unit("g", "m s-2", 1 / G), 0.9)
+        points, parameters = curve_tables(curves, answers, Unit("g", "m s-2", 1 / G))
         frame, stated = whole(points), whole(parameters)
         for table, found in ((points, frame), (parameters, stated)):
             assert list(found) == list(table.columns)
@@ -163,14 +161,14 @@ class TestCurves:
             assert row["probability"] == pytest.approx(expected, abs=1e-14)
             assert 0 <= row["lower"] <= row["upper"] <= 1
         kinds = stated.groupby("limit_state")["band"].unique()
-        assert kinds["collapse"].tolist() == ["100 resamples of whole records, seed 1"]
+        assert kinds["collapse"].tolist() == ["posterior of capacities, right Haar prior"]
         assert kinds["damage"].tolist() == ["covariance of the fit"]
         np.testing.assert_allclose(stated["theta"] * G, stated["theta_si"], rtol=1e-14)
         assert (stated["theta_lower"] < stated["theta_upper"]).all()
 
     def test_no_curve_gives_tables_without_rows(self, cube):
         curves = curve_set(states=(), **{name: {"collapse": "x"} for name in ("ring-7", "wall+2")})
-        for table in curve_tables(curves, cube, Unit("g", "m s-2", 1 / G)):
+        for table in curve_tables(curves, synthetic.answers_of(cube), Unit("g", "m s-2", 1 / G)):
             frame = whole(table)
             assert len(frame) == 0
             assert list(frame) == list(table.columns)

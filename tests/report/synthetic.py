@@ -1,17 +1,15 @@
 """A made-up study with the shape and names of a real cube; no simulation behind it."""
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 
 from archfrag.arch import Arch
-from archfrag.errors import FitError
-from archfrag.fragility.counts import Verdict, count_verdicts
-from archfrag.fragility.fit import fit_stripes
+from archfrag.fragility.counts import Verdict
 from archfrag.mechanics.status import CollapseMode
 from archfrag.motions.motion import Motion
 from archfrag.report.page import ReportInputs
 from archfrag.simulate import Onset
+from archfrag.study.curves import Answer, Runs, answer
 
 GRAVITY = 9.80665
 MODELS = ("rest", "four_hinges", "mega_voussoirs", "all_voussoirs")
@@ -126,13 +124,8 @@ def inputs(names=("ring",), n_record=6, n_level=9, voussoirs=7, **changes):
         "measure": "PGA",
         "motions": items,
         "arches": [(name, arch, onset) for name in names],
-        "fits": {name: fit_or_sentence(data, name) for name in names},
-        "timings": pd.DataFrame(
-            {
-                "arch": np.repeat(names, n_record * n_level),
-                "wall_time": np.full(len(names) * n_record * n_level, 0.05),
-            }
-        ),
+        "answers": answers_of(changes.get("cube", data)),
+        "timings": {name: [0.05] * (n_record * n_level) for name in names},
         "provenance": {
             "archfrag": "0.1.0",
             "commit": "0123abcd",
@@ -142,12 +135,25 @@ def inputs(names=("ring",), n_record=6, n_level=9, voussoirs=7, **changes):
     return ReportInputs(**(values | changes))
 
 
-def fit_or_sentence(data, name):
-    counts = count_verdicts(data["verdict"].sel(arch=name).values)
-    try:
-        return fit_stripes(data["intensity"].values, counts.collapsed, counts.n)
-    except FitError as error:
-        return str(error)
+def answers_of(data):
+    """Answer of each arch, as `archfrag fit` stores it."""
+    design = data.attrs.get("archfrag_design_kind", "stripes")
+    found = {}
+    for name in data["arch"].values.astype(str):
+        one = data.sel(arch=name)
+        verdict = one["verdict"].transpose("record", "level").values.astype(int)
+        rows = (verdict != Verdict.NOT_SIMULATED).any(axis=1)
+        level = one["intensity"].values
+        level = level if level.ndim == 1 else level[rows]
+        found[str(name)] = answer(
+            Runs(name, design, verdict[rows], level, np.ones_like(verdict)[rows]), 0.9
+        )
+    return found
+
+
+def none(sentence):
+    """Answer of an arch without a curve."""
+    return Answer(sentence, sentence)
 
 
 def _split(end, moving):

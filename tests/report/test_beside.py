@@ -33,11 +33,8 @@ def study(name, vertical, theta=4.0, arches=("ring",), thickness=1.5):
 
 
 def inputs(one, other):
-    def fits(cube):
-        return {str(arch): synthetic.fit_or_sentence(cube, arch) for arch in cube["arch"].values}
-
     names = [str(arch) for arch in one["arch"].values]
-    return synthetic.inputs(names, cube=one, fits=fits(one), beside=Beside(other, fits(other)))
+    return synthetic.inputs(names, cube=one, beside=Beside(other, synthetic.answers_of(other)))
 
 
 def shown(given):
@@ -54,7 +51,7 @@ class TestSection:
         given = inputs(one, other)
         (ring,) = shown(given)["arches"]
         rows = rows_of(ring["table"])
-        fits = [given.fits["ring"], given.beside.fits["ring"]]
+        fits = [given.answers["ring"].curve, given.beside.answers["ring"].curve]
         fell = [int((cube["verdict"] == Verdict.COLLAPSED).sum()) for cube in (one, other)]
         assert rows["figure"] == ["up", "flat"]
         assert rows["vertical component"] == ["used", "not used"]

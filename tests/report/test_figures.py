@@ -83,7 +83,7 @@ class TestLabelsKeepClear:
         figures.verdict_map(data)
         figures.collapses(data, 8)
         figures.numerics(data)
-        curve_figures.curve(data, None, 0.9, None)
+        curve_figures.curve(data, synthetic.none("no run collapsed"))
         assert [sheet.width for sheet in drawn] == 4 * [WIDE, NARROW]
         assert [overlaps(sheet) for sheet in drawn] == 8 * [[]]
 

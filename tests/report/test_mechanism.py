@@ -215,7 +215,8 @@ class TestRepetition:
         data, motion, fallen = study_of_pulses()
         arch, onset = synthetic.arch_and_onset()
         study = synthetic.inputs(
-            cube=data, motions=[motion], arches=[("ring", arch, onset)], fits={"ring": "none"},
+            cube=data, motions=[motion], arches=[("ring", arch, onset)],
+            answers={"ring": synthetic.none("none")},
             timings=None,
         )  # fmt: skip
         page = lxml.html.document_fromstring(render(study))

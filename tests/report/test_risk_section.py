@@ -10,7 +10,7 @@ from archfrag.report.risk_section import risk_section
 from archfrag.report.summary import Scale
 from archfrag.study.hazard import Hazard
 from archfrag.study.risk import risk_of
-from tests.report.synthetic import cube, fit_or_sentence, motions
+from tests.report.synthetic import answers_of, cube, motions
 
 SCALE = Scale("PGA", "g", 1.0 / 9.80665)
 IM = np.geomspace(0.2, 4.0, 8)
@@ -22,7 +22,7 @@ HAZARD = Hazard(
 @pytest.fixture(scope="module")
 def risk():
     data = cube(names=("ring", "slab"), items=motions(12))
-    return risk_of(data, {"ring": fit_or_sentence(data, "ring"), "slab": "no curve"}, HAZARD)
+    return risk_of(data, {"ring": answers_of(data)["ring"].curve, "slab": "no curve"}, HAZARD)
 
 
 @pytest.mark.parametrize("width", [7.4, 3.4])

@@ -19,7 +19,7 @@ from archfrag.study.fits import FITS, fit_cube
 from archfrag.study.hazard import Hazard
 from archfrag.study.risk import risk_of
 from archfrag.study.steps import finish
-from tests.report.synthetic import cube, fit_or_sentence, motions
+from tests.report.synthetic import answers_of, cube, motions
 
 IM = np.geomspace(0.2, 20.0, 12)
 CURVE = HazardCurve(IM, 2e-3 * IM**-2.0)
@@ -29,7 +29,7 @@ HAZARD = Hazard("PGA", "made up", {"mean": CURVE, "0.84": HazardCurve(IM, 4e-3 *
 @pytest.fixture(scope="module")
 def grid():
     data = cube(items=motions(30))
-    return data, {"ring": fit_or_sentence(data, "ring")}
+    return data, {"ring": answers_of(data)["ring"].curve}
 
 
 class TestGrid:

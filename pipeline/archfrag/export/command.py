@@ -1,7 +1,7 @@
 """Export a study: its curves and runs, in the formats asked for."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,11 +18,13 @@ from archfrag.export.points import Unit, curve_tables
 from archfrag.export.receivers import in_core_measure, openquake_measure, pelicun_measure
 from archfrag.export.runs import facts_table, runs_table
 from archfrag.export.tables import Table, column_facts, require_pyarrow, write_csv, write_parquet
+from archfrag.fragility.curve import Fragility
 from archfrag.study.config import Study
 from archfrag.study.cube import CUBE
+from archfrag.study.curves import Answer, curve_of_dict
 from archfrag.study.digests import sha256_of
 from archfrag.study.files import make_folder, write_text
-from archfrag.study.fits import FITS, load_fits, open_cube
+from archfrag.study.fits import FITS, load_answers, open_cube
 from archfrag.study.provenance import commit
 from archfrag.study.steps import require
 
@@ -40,7 +42,7 @@ TEXTS: dict[str, Callable[[CurveSet], dict[str, str]]] = {
         "pelicun.csv": pelicun_table(curves), "pelicun.json": pelicun_description(curves),
     },
     "in-core": lambda curves: {
-        f"in-core-{arch}.json": text for arch, text in in_core_sets(curves).items()
+        f"in-core-{arch}.json": text for arch, text in in_core_sets(curves.severest(4)).items()
     },
 }  # fmt: skip
 
@@ -102,7 +104,8 @@ def export_study(study: Study, formats: Sequence[str], folder: Path | None = Non
     require(study, "fit")
     wanted = list(dict.fromkeys(formats))
     with open_cube(study) as cube:
-        curves = study_curves(study, cube)
+        answers = load_answers(study.folder / FITS)
+        curves, notes = study_curves(study, cube, answers)
         texts = {name: TEXTS[name](curves) for name in wanted if name in TEXTS}
         if "parquet" in wanted:
             require_pyarrow()
@@ -113,7 +116,7 @@ def export_study(study: Study, formats: Sequence[str], folder: Path | None = Non
                 write_text(path, text)
                 made.files.append((name, path))
         asked = [name for name in wanted if name in ("csv", "parquet")]
-        known = curve_tables(curves, cube, _unit(study, cube)) if asked else ()
+        known = curve_tables(curves, answers, _unit(study, cube)) if asked else ()
         for name in asked:
             tables = (
                 *known,
@@ -121,19 +124,18 @@ def export_study(study: Study, formats: Sequence[str], folder: Path | None = Non
                 *(facts_table(cube, d) for d in ("record", "arch")),
             )
             made.files += _write_tables(curves, tables, made.folder, name)
-    made.notes = [*curves.cautions, *_notes(curves, wanted)]
+    made.notes = [*notes, *curves.cautions, *_notes(curves, wanted)]
     return made
 
 
-def study_curves(study: Study, cube: xr.Dataset) -> CurveSet:
-    """Curves of a finished study; so far of one limit state, collapse.
+def study_curves(
+    study: Study, cube: xr.Dataset, answers: Mapping[str, Answer]
+) -> tuple[CurveSet, list[str]]:
+    """Curves of a finished study, and sentences on limit states that were left out.
 
-    Raises
-    ------
-    InputError
-        If the fits are missing or damaged.
+    A limit state short of collapse is exported where every arch with a curve of collapse has one
+    of it too, with medians in order: receivers want the same states of all arches.
     """
-    fits = load_fits(study.folder / FITS)
     levels = cube["intensity"].values
     made = Made(
         study=study.id,
@@ -143,12 +145,49 @@ def study_curves(study: Study, cube: xr.Dataset) -> CurveSet:
         cube_commit=str(cube.attrs.get("archfrag_commit", "unknown")),
         cube_sha256=sha256_of(study.folder / CUBE),
     )
-    return CurveSet(
-        {arch: {"collapse": fit} for arch, fit in fits.items()},
+    states, notes = _limit_states(answers)
+    curves = CurveSet(
+        {arch: states.get(arch, {}) | {"collapse": a.curve} for arch, a in answers.items()},
         study.intensity.measure,
         (float(np.nanmin(levels)), float(np.nanmax(levels))),
         made,
     )
+    return curves, notes
+
+
+def _limit_states(
+    answers: Mapping[str, Answer],
+) -> tuple[dict[str, dict[str, Fragility | str]], list[str]]:
+    """Curves of the limit states that all arches have, mildest first, and why not of others."""
+    own = {
+        arch: {
+            state["name"].replace(" ", "_"): curve_of_dict(state["curve"])
+            for state in answer.more.get("limit_states", {}).get("states", ())
+        }
+        for arch, answer in answers.items()
+    }
+    needed = [arch for arch, a in answers.items() if isinstance(a.curve, Fragility)]
+    kept: list[str] = []
+    notes = []
+    for name in reversed(list(dict.fromkeys(state for each in own.values() for state in each))):
+        if name == "collapse":
+            continue
+        after = [own[arch][kept[0]] if kept else answers[arch].curve for arch in needed]
+        curves = [own[arch].get(name, "") for arch in needed]
+        if any(isinstance(curve, str) for curve in curves):
+            notes.append(f"limit state {name!r} is left out: not every arch has a curve of it")
+        elif any(_theta(mild) > _theta(worse) for mild, worse in zip(curves, after)):
+            notes.append(
+                f"limit state {name!r} is left out: its median is above that of a severer one"
+            )
+        else:
+            kept.insert(0, name)
+    none = "there is no curve of this limit state"
+    return {arch: {k: own[arch].get(k, none) for k in kept} for arch in answers}, notes
+
+
+def _theta(curve: Fragility | str) -> float:
+    return np.nan if isinstance(curve, str) else curve.theta
 
 
 def _unit(study: Study, cube: xr.Dataset) -> Unit:

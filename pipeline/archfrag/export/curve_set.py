@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -113,6 +113,12 @@ class CurveSet:
     def limit_states(self) -> tuple[str, ...]:
         """Names from the mildest to the severest."""
         return tuple(next(iter(self.curves.values())))
+
+    def severest(self, count: int) -> "CurveSet":
+        """The same with no more than so many limit states, the severest."""
+        kept = self.limit_states[-count:]
+        curves = {arch: {k: states[k] for k in kept} for arch, states in self.curves.items()}
+        return replace(self, curves=curves)
 
     @property
     def complete(self) -> dict[str, dict[str, Fragility]]:

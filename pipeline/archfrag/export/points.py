@@ -1,26 +1,19 @@
 """Curves with their bands as tables: points, and parameters."""
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 from numpy.typing import NDArray
 
 from archfrag.export.curve_set import CurveSet
 from archfrag.export.tables import Described, Table
-from archfrag.fragility.bands import (
-    Band,
-    RecordBand,
-    beta_interval,
-    confidence_band,
-    record_bootstrap_band,
-    theta_interval,
-)
-from archfrag.fragility.fit import Fragility
-from archfrag.fragility.runs import Resampling
+from archfrag.fragility.bands import beta_interval, confidence_band, theta_interval
+from archfrag.fragility.curve import Fragility
+from archfrag.study.curves import Answer
 
-_RESAMPLES, _SEED = 1000, 1  # the report's
+_COVARIANCE = "covariance of the fit"
 _POINTS = 211
 
 
@@ -33,21 +26,19 @@ class Unit(NamedTuple):
 
 
 def curve_tables(
-    curves: CurveSet, cube: xr.Dataset, unit: Unit, confidence: float = 0.9
+    curves: CurveSet, answers: Mapping[str, Answer], unit: Unit
 ) -> tuple[Table, Table]:
     """Points and parameters of all curves.
 
-    Bands of collapse resample whole records where the same records serve at all levels, as in the
-    report; those of other limit states and designs are from the covariance of the fit.
+    Bands of collapse are those that the report quotes; those of other limit states are from the
+    covariance of the fit.
 
     Parameters
     ----------
     curves : CurveSet
-    cube : xarray.Dataset
-        Of the study, for the bands.
+    answers : mapping of str to Answer
+        Of all its arches.
     unit : Unit
-    confidence : float
-        Two-sided, of bands and intervals.
 
     Returns
     -------
@@ -62,13 +53,14 @@ def curve_tables(
             if not isinstance(fit, Fragility):
                 continue
             labels = {"arch": arch, "limit_state": state, "measure": curves.measure}
-            band, kind = _band(fit, cube, arch, state, levels, confidence)
+            lower, upper = _band(fit, answers[arch], state, levels)
             values = {
                 "im": levels * unit.factor, "unit": unit.given, "intensity": levels,
-                "probability": fit.probability(levels), "lower": band.lower, "upper": band.upper,
+                "probability": fit.probability(levels), "lower": lower, "upper": upper,
             }  # fmt: skip
             points.append(pd.DataFrame(labels | values))
-            parameters.append(labels | _parameters(fit, band, kind, unit))
+            parameters.append(labels | _parameters(fit, answers[arch], state, unit))
+    confidence = next(iter(answers.values())).confidence
     about, stated = _point_columns(unit, confidence), _parameter_columns(unit, confidence)
     return (
         Table("curves", about, points or [pd.DataFrame(columns=list(about))]),
@@ -77,37 +69,34 @@ def curve_tables(
 
 
 def _band(
-    fit: Fragility,
-    cube: xr.Dataset,
-    arch: str,
-    state: str,
-    im: NDArray[np.float64],
-    confidence: float,
-) -> tuple[Band, str]:
-    """Band of a curve, and the name of its kind."""
-    gridded = cube["intensity"].dims == ("level",)
-    if state == "collapse" and gridded and cube.sizes["record"] > 1 and cube.sizes["level"] > 1:
-        verdict = cube["verdict"].sel(arch=arch).transpose("record", "level").values
-        band = record_bootstrap_band(
-            verdict, cube["intensity"].values, im, Resampling(_SEED, _RESAMPLES, confidence),
-        )  # fmt: skip
-        return band, f"{_RESAMPLES} resamples of whole records, seed {_SEED}"
-    return confidence_band(fit, im, confidence), "covariance of the fit"
+    fit: Fragility, answer: Answer, state: str, im: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Band of a curve."""
+    if state == "collapse":
+        ends = (np.interp(im, answer.im, side) for side in (answer.lower, answer.upper))
+        lower, upper = ends
+        return lower, upper
+    band = confidence_band(fit, im, answer.confidence)
+    return band.lower, band.upper
 
 
-def _parameters(fit: Fragility, band: Band, kind: str, unit: Unit) -> dict[str, object]:
-    if isinstance(band, RecordBand):
-        theta, beta = band.theta, band.beta
-    else:
-        theta, beta = theta_interval(fit, band.confidence), beta_interval(fit, band.confidence)
+def _parameters(fit: Fragility, answer: Answer, state: str, unit: Unit) -> dict[str, object]:
+    theta, beta = answer.theta, answer.beta
+    if state != "collapse":
+        theta = theta_interval(fit, answer.confidence)
+        beta = beta_interval(fit, answer.confidence)
+    known = answer.likelihood if state == "collapse" else fit
+    likelihood = (np.nan, np.nan) if isinstance(known, str) else (known.theta, known.beta)
     return {
         "theta": fit.theta * unit.factor, "theta_lower": theta[0] * unit.factor,
         "theta_upper": theta[1] * unit.factor, "unit": unit.given, "theta_si": fit.theta,
         "beta": fit.beta, "beta_lower": beta[0], "beta_upper": beta[1],
+        "theta_maximum_likelihood": likelihood[0] * unit.factor,
+        "beta_maximum_likelihood": likelihood[1],
         "standard_error_ln_theta": fit.standard_errors[0],
         "standard_error_beta": fit.standard_errors[1],
         "correlation_ln_theta_beta": fit.correlation, "runs": fit.n_total, "kind": fit.kind,
-        "band": kind,
+        "band": answer.method if state == "collapse" else _COVARIANCE,
     }  # fmt: skip
 
 
@@ -141,6 +130,8 @@ def _parameter_columns(unit: Unit, confidence: float) -> dict[str, Described]:
         "beta": Described("standard deviation of the logarithm of capacity", "1"),
         "beta_lower": Described(f"lower end {ends} beta", "1"),
         "beta_upper": Described(f"upper end {ends} beta", "1"),
+        "theta_maximum_likelihood": Described("by maximum likelihood", unit.given),
+        "beta_maximum_likelihood": Described("by maximum likelihood", "1"),
         "standard_error_ln_theta": Described("from the covariance of the fit", "1"),
         "standard_error_beta": Described("from the covariance of the fit", "1"),
         "correlation_ln_theta_beta": Described("of the two estimates", "1"),

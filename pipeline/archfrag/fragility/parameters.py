@@ -23,6 +23,8 @@ def parameter_draws(
     Parameters
     ----------
     fit : Fragility
+        Of kind ``"posterior"``: its covariance is that of the posterior, which already knows what
+        the data are worth, and nothing is widened.
     seed : int
         Of numpy's default generator.
     n_record : int, optional
@@ -40,6 +42,8 @@ def parameter_draws(
     """
     generator = np.random.default_rng(seed)
     count = fit.n_total if fit.kind == "ida" else n_record
+    if fit.kind == "posterior":
+        count = None
     variances = np.diag(fit.covariance)
     if count is not None and count > 1:
         of_sample = fit.beta**2 * np.array([1.0 / count, 0.5 / (count - 1)])

@@ -208,11 +208,10 @@ def _runs(cube: "xr.Dataset") -> Iterator[tuple[str, dict[str, Any]]]:
     """Counts and mechanisms of each arch, by its name."""
     names = ("verdict", "collapse_mode", "collapse_joint", "lost_contact_time")
     tables = [
-        cube[name].transpose("arch", "record", "level").values if name in cube else None
-        for name in names
+        cube[name].transpose("arch", "record", "level").values for name in names if name in cube
     ]
     for place, arch in enumerate(cube["arch"].values):
-        verdict, mode, joint, lost = (None if t is None else t[place] for t in tables)
+        verdict, mode, joint, *lost = (table[place] for table in tables)
         fell, stood = verdict == Verdict.COLLAPSED, verdict == Verdict.STANDING
         modes, joints = mode[fell], joint[fell]
         counts = {
@@ -222,9 +221,7 @@ def _runs(cube: "xr.Dataset") -> Iterator[tuple[str, dict[str, Any]]]:
             "unfinished": int((verdict == Verdict.UNFINISHED).sum()),
             "solver_failures": int((verdict == Verdict.SOLVER_FAILURE).sum()),
             "not_simulated": int((verdict == NOT_SIMULATED).sum()),
-            "lost_contact_and_stand": None
-            if lost is None
-            else int((stood & np.isfinite(lost)).sum()),
+            "lost_contact_and_stand": int((stood & np.isfinite(lost[0])).sum()) if lost else None,
         }
         mechanisms = {
             "mode": {CollapseMode(m).name.lower(): _part(modes == m) for m in np.unique(modes)},

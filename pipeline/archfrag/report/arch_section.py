@@ -69,6 +69,7 @@ def arch_section(
             "stood_after_loss": results.stood_after_loss,
         },
         "cautions": cautions_of(inputs.cautions, name),
+        "grouped": results.grouped,
         "design": design_sentence(cube, name),
         "curve": curve_figures.curve(results, answer),
         "test_of_fit": answer.more.get("free", {}).get("test_of_fit", {}).get("message", ""),

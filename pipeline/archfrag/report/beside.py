@@ -208,7 +208,7 @@ def _figures(side: _Side, first: _Side) -> dict[str, str]:
 
 
 def _differences(
-    names: Sequence[str], cubes: Sequence[xr.Dataset], arches: Sequence[str]
+    names: Sequence[str], cubes: "Sequence[xr.Dataset]", arches: Sequence[str]
 ) -> tables.Table | None:
     """Arches, levels and method in which the studies differ; None if they do not."""
     one, other = (_settings(cube, arches) for cube in cubes)

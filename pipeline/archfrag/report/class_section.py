@@ -241,7 +241,7 @@ def _rank_correlation(one: FloatArray, other: FloatArray) -> float:
     if there.sum() < 3 or np.ptp(one[there]) == 0.0 or np.ptp(other[there]) == 0.0:
         return float("nan")
     ranks = [_ranks(values[there]) for values in (one, other)]
-    return float(np.corrcoef(*ranks)[0, 1])
+    return float(np.asarray(np.corrcoef(np.stack(ranks)))[0, 1])
 
 
 def _ranks(values: FloatArray) -> FloatArray:

@@ -45,10 +45,16 @@ def draw_answer(panel: Panel, answer: "Answer", scale: Scale, colour: str, dash:
     im = scale.factor * np.array(answer.im)
     if isinstance(answer.curve, Fragility):
         seen = im <= panel.x[1]
-        band = (np.array(side)[seen] for side in (answer.lower, answer.upper))
-        panel.band(im[seen], *band, look.SKY if colour == look.BLUE else colour, 0.25)
-        reach = np.linspace(0.0, panel.x[1], 100)
-        panel.line(reach, answer.curve.probability(reach / scale.factor), colour, 1.8, dash)
+        low, high = (np.array(side)[seen] for side in (answer.lower, answer.upper))
+        panel.band(im[seen], low, high, look.SKY if colour == look.BLUE else colour, 0.25)
+        draw_curve(panel, answer, scale, colour, dash)
+
+
+def draw_curve(panel: Panel, answer: "Answer", scale: Scale, colour: str, dash: str = "") -> None:
+    """The curve that is quoted, without its band."""
+    if isinstance(answer.curve, Fragility):
+        im = np.linspace(0.0, panel.x[1], 100)
+        panel.line(im, answer.curve.probability(im / scale.factor), colour, 1.8, dash)
 
 
 def curve(results: ArchResults, answer: "Answer") -> Picture:
@@ -213,17 +219,20 @@ def all_curves(
             panel.line([at, at], [0.0, 1.0], look.GREY, 0.9, "2 2")
         for i, rows in thin:
             draw_thin(panel, rows, scale, _stroke(i)[0] if i < len(classes) else look.GREY)
-        im = np.linspace(0.0, panel.x[1], 100)
         for i, answer in enumerate(named.values()):
             colour, _, dash = _stroke(i)
             if shaded:
                 draw_answer(panel, answer, scale, colour, dash)
             else:
-                panel.line(im, answer.curve.probability(im / scale.factor), colour, 1.8, dash)
+                draw_curve(panel, answer, scale, colour, dash)
         return sheet
 
     shown = dict([*named.items(), *list(known.items())[:40]])
-    medians = "; ".join(f"{k} {scale.text(a.curve.theta)}" for k, a in shown.items())
+    medians = "; ".join(
+        f"{name} {scale.text(a.curve.theta)}"
+        for name, a in shown.items()
+        if isinstance(a.curve, Fragility)
+    )
     return picture(
         draw,
         alternative=f"Fragility curves of {len(known)} arches against {scale.label}. "

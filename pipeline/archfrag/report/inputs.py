@@ -8,9 +8,9 @@ import numpy as np
 from archfrag.report.page import ReportInputs
 from archfrag.report.summary import reading_scale
 from archfrag.simulate import onset
-from archfrag.study.cautions import study_cautions
+from archfrag.study.cautions import cautions_of_cube
 from archfrag.study.config import Study
-from archfrag.study.cube import CUBE, read_timings
+from archfrag.study.cube import CUBE, read_cube, read_timings, refuse_foreign_cube
 from archfrag.study.curves import Answer
 from archfrag.study.fits import FITS, load_answers, load_fits, open_cube
 from archfrag.study.members import members, shown
@@ -37,18 +37,20 @@ def report_inputs(study: Study, beside: Path | None = None) -> ReportInputs:
     require(study, "cube")
     require(study, "fit")
     prepared = load_prepared(study)
+    refuse_foreign_cube(study)
+    cube = read_cube(study.folder / CUBE)
     answers = load_answers(study.folder / FITS)
     entries = {entry.id: entry for entry in members(study, len(prepared)).entries}
     names = list(answers)
     arches = [(names[i], entries[names[i]].build()) for i in shown(_medians(answers))]
     return ReportInputs(
-        cube=study.folder / CUBE,
+        cube=cube,  # type: ignore[arg-type]  # has the names that the report uses
         measure=study.intensity.measure,
         motions=[load_record(study, record) for record in prepared],
         arches=[(name, arch, onset(arch)) for name, arch in arches],
         answers=answers,
         classes=load_answers(study.folder / FITS, "classes"),
-        cautions=study_cautions(study),
+        cautions=cautions_of_cube(study, cube),  # type: ignore[arg-type]
         timings=read_timings(study),
         title=study.title,
         confidence=study.report.confidence,

@@ -1,13 +1,18 @@
 """What the page says of risk, by the names that its template uses."""
 
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from archfrag.fragility.contributions import Contributions
 from archfrag.report import canvas, tables
+from archfrag.report.picture import Picture
 from archfrag.report.risk_figures import deaggregation, hazard_and_fragility
 from archfrag.report.summary import Scale, digits
 from archfrag.study.risk import ArchRisk, StudyRisk
 from archfrag.study.risk_output import ASSUMPTIONS
+
+_NARROW = 3.7  # [inch]
 
 
 def risk_section(
@@ -60,11 +65,26 @@ def _arch(
         "name": arch.arch,
         "none": None,
         "cautions": arch.cautions,
-        "picture": hazard_and_fragility(arch, risk.hazard, scale, f"{name}-curves", width),
-        "shares": deaggregation(arch, scale, f"{name}-shares", width),
+        "picture": _both(
+            lambda size, end: hazard_and_fragility(
+                arch, risk.hazard, scale, f"{name}-curves{end}", size
+            ),
+            width,
+        ),
+        "shares": _both(
+            lambda size, end: deaggregation(arch, scale, f"{name}-shares{end}", size), width
+        ),
         "levels": _levels(arch, scale),
         "contributions": _contributions(arch),
     }
+
+
+def _both(draw: Callable[[float, str], Picture | None], width: float) -> Any:
+    """A figure for the page's column, and drawn anew for a narrow screen."""
+    wide, narrow = draw(width, ""), draw(_NARROW, "-narrow")
+    if wide is None or narrow is None:
+        return wide
+    return replace(wide, narrow=narrow.svg)
 
 
 def _answers(risk: StudyRisk) -> tables.Table:

@@ -212,11 +212,15 @@ def arch_results(cube: "xr.Dataset", arch: str, scale: Scale) -> ArchResults:
     part = cube.isel(arch=names.index(arch))
     levels, own, place = _levels(part, scale)
 
-    def table(name: str, kind: type) -> NDArray:
-        values: NDArray = part[name].transpose("record", "level", ...).values.astype(kind)
-        return values if place is None else _spread(values, place, levels.size)
+    run = part["verdict"].transpose("record", "level").values != NOT_SIMULATED
 
-    verdict = table("verdict", np.int64)
+    def table(name: str, kind: type, missing: int = 0) -> NDArray:
+        """Values of the runs, and `missing` where there is none."""
+        values: NDArray = part[name].transpose("record", "level", ...).values
+        values = np.where(run.reshape(run.shape + (1,) * (values.ndim - 2)), values, missing)
+        return (values if place is None else _spread(values, place, levels.size)).astype(kind)
+
+    verdict = table("verdict", np.int64, NOT_SIMULATED)
     if place is not None:
         verdict[place[:, None] != np.arange(levels.size)] = NOT_SIMULATED
     factors = part["scale_factor"].transpose("record", "level").values
@@ -234,7 +238,7 @@ def arch_results(cube: "xr.Dataset", arch: str, scale: Scale) -> ArchResults:
         counts=_counted(verdict),
         verdict=verdict,
         collapse_time=table("collapse_time", float),
-        collapse_joint=table("collapse_joint", np.int64),
+        collapse_joint=table("collapse_joint", np.int64, -1),
         collapse_mode=table("collapse_mode", np.int64),
         peak_displacement=table("peak_displacement", float),
         energy_error=table("energy_error", float),

@@ -111,6 +111,7 @@ def motions(
     for motion in items:
         place = names.index(motion.id)
         factor = cube["scale_factor"].isel(record=place).values
+        factor = factor[np.isfinite(factor)]
         values = measures[motion.id]
         rows.append(
             [
@@ -124,7 +125,7 @@ def motions(
                 f"{values['Arias']:#.3g}",
                 f"{values['D5_95']:.1f}",
                 "yes" if motion.vertical is not None else "no",
-                f"{np.nanmin(factor):.2f} – {np.nanmax(factor):.2f}",
+                f"{factor.min():.2f} – {factor.max():.2f}" if factor.size else "not run",
             ]
         )
     heads = [

@@ -2,14 +2,16 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
 from archfrag.study.config import Study
 from archfrag.study.fits import open_cube
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 MOST_UNDECIDED = 0.05  # fraction of the runs at a level
 MOST_SCALING = 10.0
@@ -29,21 +31,26 @@ def study_cautions(study: Study) -> list[str]:
     InputError, OutputError
         See `archfrag.study.fits.open_cube`.
     """
-    levels = [f"{level:.4g} {study.intensity.unit}" for level in study.intensity.given]
     with open_cube(study) as cube:
-        if cube["intensity"].ndim > 1:
-            levels = ["levels of their own"]
-        names = cube["arch"].values.astype(str).tolist()
-        found = [
-            f"{name}: {sentence}"
-            for number, name in enumerate(names)
-            if (sentence := undecided(_counts(cube, number), levels))
-        ]
-        found += design_cautions(json.loads(cube.attrs.get("archfrag_design", "{}")))
-        return found + [each for each in (scaled_far(cube), one_event(cube)) if each]
+        return cautions_of_cube(study, cube)
 
 
-def one_event(cube: xr.Dataset) -> str:
+def cautions_of_cube(study: Study, cube: "xr.Dataset") -> list[str]:
+    """`study_cautions` of a cube that is at hand."""
+    levels = [f"{level:.4g} {study.intensity.unit}" for level in study.intensity.given]
+    if cube["intensity"].ndim > 1:
+        levels = ["levels of their own"]
+    names = cube["arch"].values.astype(str).tolist()
+    found = [
+        f"{name}: {sentence}"
+        for number, name in enumerate(names)
+        if (sentence := undecided(_counts(cube, number), levels))
+    ]
+    found += design_cautions(json.loads(cube.attrs.get("archfrag_design", "{}")))
+    return found + [each for each in (scaled_far(cube), one_event(cube)) if each]
+
+
+def one_event(cube: "xr.Dataset") -> str:
     """Sentence on records that are all of one earthquake; empty if they are not."""
     events = cube["event"].values.astype(str) if "event" in cube else np.array([""])
     if len(events) < 2 or (events != events[0]).any() or not events[0]:
@@ -83,7 +90,7 @@ def design_cautions(design: Mapping[str, Any]) -> list[str]:
     return found
 
 
-def _counts(cube: xr.Dataset, arch: int) -> VerdictCounts:
+def _counts(cube: "xr.Dataset", arch: int) -> VerdictCounts:
     return count_verdicts(cube["verdict"].isel(arch=arch).transpose("record", "level").values)
 
 
@@ -110,7 +117,7 @@ def undecided(counts: VerdictCounts, levels: Sequence[str]) -> str:
     )
 
 
-def scaled_far(cube: xr.Dataset) -> str:
+def scaled_far(cube: "xr.Dataset") -> str:
     """Sentence on motions that are scaled too far; empty if there is none.
 
     Parameters
@@ -131,7 +138,7 @@ def scaled_far(cube: xr.Dataset) -> str:
     )
 
 
-def accepted_records(cube: xr.Dataset) -> str:
+def accepted_records(cube: "xr.Dataset") -> str:
     """Sentence on records that the study accepts against a doubt; empty if there is none."""
     if "accepted" not in cube:
         return ""

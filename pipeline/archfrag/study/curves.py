@@ -2,10 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from archfrag.errors import FitError, InputError
@@ -16,6 +15,9 @@ from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.fragility.fit import fit_stripes
 from archfrag.fragility.quoted import quoted_band, shared_events
 from archfrag.study.design import GRIDS
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 POINTS = 120  # of a band
 _SEED = 1
@@ -135,7 +137,7 @@ def curve_of_dict(plain: Mapping[str, Any]) -> Fragility | str:
     return str(plain["none"]) if "none" in plain else Fragility.from_dict(dict(plain))
 
 
-def runs_of_cube(cube: xr.Dataset) -> list[Runs]:
+def runs_of_cube(cube: "xr.Dataset") -> list[Runs]:
     """Runs of each arch of a cube."""
     design = str(cube.attrs["archfrag_design_kind"])
     verdict = cube["verdict"].transpose("arch", "record", "level").values.astype(np.int64)
@@ -154,7 +156,7 @@ def runs_of_cube(cube: xr.Dataset) -> list[Runs]:
     return found
 
 
-def classes_of_cube(cube: xr.Dataset, runs: Sequence[Runs]) -> dict[str, Runs]:
+def classes_of_cube(cube: "xr.Dataset", runs: Sequence[Runs]) -> dict[str, Runs]:
     """Runs of the arches of each class together; only classes of several arches."""
     names = cube["arch_class"].values.astype(str)
     record = cube["record"].values.astype(str)
@@ -261,18 +263,19 @@ def _as_given(runs: Runs) -> FloatArray:
     return runs.level if runs.design in GRIDS else runs.level.ravel()
 
 
-def measures_compared(cube: xr.Dataset, runs: Runs) -> dict[str, Any]:
+def measures_compared(cube: "xr.Dataset", runs: Runs) -> dict[str, Any]:
     """The study's measure beside others in which its motions are known."""
     from archfrag.fragility.measures import Motions, compare_measures
     from archfrag.fragility.runs import Resampling
 
     exponent = cube["measure_exponent"].values.astype(float)
-    value = cube["record_measure"].transpose("record", "measure").values
+    rows = (cube["verdict"].values != Verdict.NOT_SIMULATED).any(axis=1)
+    value = cube["record_measure"].transpose("record", "measure").values[rows]
     known = (exponent > 0.0) & (value > 0.0).all(axis=0)
     names = cube["measure"].values.astype(str)
     motions = Motions(
         tuple(names[known].tolist()), value[:, known], exponent[known],
-        cube["magnitude"].values, cube["distance"].values, runs.group,
+        cube["magnitude"].values[rows], cube["distance"].values[rows], runs.group,
     )  # fmt: skip
     own = str(cube["intensity"].attrs["measure"])
     try:
@@ -280,12 +283,12 @@ def measures_compared(cube: xr.Dataset, runs: Runs) -> dict[str, Any]:
     except (FitError, InputError) as error:
         return {"none": str(error)}
     units = dict(zip(names.tolist(), cube["measure_unit"].values.astype(str).tolist()))
-    rows = [{**asdict(row), "unit": units[row.measure]} for row in table.rows]
+    listed = [{**asdict(row), "unit": units[row.measure]} for row in table.rows]
     plain = {name: getattr(table, name) for name in ("own", "best", "p_value", "ratio", "message")}
-    return {**plain, "rows": rows}
+    return {**plain, "rows": listed}
 
 
-def limit_states(cube: xr.Dataset, runs: Runs, keys: Mapping[str, float]) -> dict[str, Any]:
+def limit_states(cube: "xr.Dataset", runs: Runs, keys: Mapping[str, float]) -> dict[str, Any]:
     """Curves of damage short of collapse, from the same runs, ordered.
 
     Parameters
@@ -372,7 +375,7 @@ def class_mixture(found: Sequence[Answer]) -> dict[str, Any]:
     if len(known) < 2:
         return {"none": f"{len(known)} of {len(found)} arches have a curve; two are needed"}
     curve = class_curve([each.theta for each in known], [each.beta for each in known])
-    names = ("theta", "beta", "beta_record", "beta_arch", "median", "misfit")
+    names = ("theta", "beta", "beta_record_to_record", "beta_model", "median", "misfit")
     return {**{name: getattr(curve, name) for name in names}, "n_arch": len(known)}
 
 

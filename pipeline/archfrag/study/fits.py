@@ -5,10 +5,9 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-import xarray as xr
 
 from archfrag.errors import InputError
 from archfrag.fragility.curve import Fragility
@@ -19,11 +18,14 @@ from archfrag.study.curves import Answer
 from archfrag.study.files import write_text
 from archfrag.study.members import shown
 
+if TYPE_CHECKING:
+    import xarray as xr
+
 FITS = "fits.json"
 T = TypeVar("T")
 
 
-def open_cube(study: Study) -> xr.Dataset:
+def open_cube(study: Study) -> "xr.Dataset":
     """The cube of a study.
 
     Raises
@@ -33,6 +35,8 @@ def open_cube(study: Study) -> xr.Dataset:
     OutputError
         If it is another study's.
     """
+    import xarray as xr
+
     path = study.folder / CUBE
     if not path.is_file():
         raise InputError(f"{path}: there is no cube yet; `archfrag cube` on the study makes it")
