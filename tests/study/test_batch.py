@@ -13,7 +13,6 @@ from dataclasses import replace
 import numpy as np
 import psutil
 import pytest
-from archfrag.study.parts import read_part
 
 from archfrag.errors import InputError, StabilityError, WorkerError
 from archfrag.study import batch as batch_module

@@ -74,7 +74,8 @@ class Here:
 @contextlib.contextmanager
 def here():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(batch, "_started", lambda *_: contextlib.nullcontext(Here()))
+        patch.setattr(batch._Hands, "_started", lambda hands: Here())
+        patch.setattr(batch, "HERE", 0.0)
         yield
 
 

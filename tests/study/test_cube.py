@@ -8,7 +8,6 @@ import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
-from archfrag.study.parts import read_part, write_part
 
 from archfrag.errors import InputError, OutputError
 from archfrag.fragility.counts import Verdict
