@@ -12,6 +12,7 @@ from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import Fragility
 from archfrag.study import batch
 from archfrag.study.batch import BatchLog, run_batch
+from archfrag.study.cautions import study_cautions
 from archfrag.study.checks import check_study
 from archfrag.study.config import Study, load_study
 from archfrag.study.cube import write_cube
@@ -174,17 +175,16 @@ class TestCurves:
         found = class_mixture(answers)
         assert found["n_arch"] == 3
         assert found["theta"] == pytest.approx(np.exp(np.log(thetas).mean()))
-        assert found["beta_arch"] == pytest.approx(np.log(thetas).std())
-        assert found["beta_record"] == pytest.approx(np.sqrt(np.mean(np.square(betas))))
+        assert found["beta_model"] == pytest.approx(np.log(thetas).std())
+        assert found["beta_record_to_record"] == pytest.approx(np.sqrt(np.mean(np.square(betas))))
         for curve in (own[0], "none"):
             in_si = _in_si(Answer(curve, curve, more={"mixture": found}), classes.study)
             assert in_si.more["mixture"]["theta"] == pytest.approx(9.80665 * found["theta"])
         assert "two are needed" in class_mixture(answers[2:])["none"]
 
-    def test_records_of_one_event_give_a_band_that_says_so(self, classes):
+    def test_records_of_one_event_are_told_of(self, classes):
         assert set(classes.cube["event"].values.astype(str)) == {"Test"}
-        text = classes.fits["arches"]["slab-0001"]["assumptions"]
-        assert text.endswith("All are of Test: how others differ is in no band.")
+        assert any("of one earthquake (Test)" in text for text in study_cautions(classes.study))
 
 
 def test_a_check_of_the_study_shows_what_it_amounts_to(classes):

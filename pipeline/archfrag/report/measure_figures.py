@@ -69,8 +69,13 @@ def measures_figure(rows: Sequence[Row], arch: str, best: str) -> Picture | None
 
 
 def _efficiency(row: Row) -> float:
-    return float(row["efficiency"])
+    return _number(row["efficiency"])
+
+
+def _number(value: Any) -> float:
+    """A stored number; null where it is not known."""
+    return np.nan if value is None else float(value)
 
 
 def _digits(value: Any) -> str:
-    return f"{float(value):#.3g}" if np.isfinite(float(value)) else "–"
+    return f"{_number(value):#.3g}" if np.isfinite(_number(value)) else "–"
