@@ -136,6 +136,19 @@ class TestHistory:
         assert largest == pytest.approx(response.peak_displacement, rel=1e-3)
         assert np.abs(history.rotation).max() == pytest.approx(response.peak_rotation, rel=1e-3)
 
+    @pytest.mark.parametrize("method", ["auto", "event_driven"])
+    def test_what_is_left_is_where_the_history_ends(self, method):
+        arch = af.Arch.circular(10.0, 1.5, 157.5, 7, friction=0.35)
+        time = np.arange(0.0, 3.0, 0.01)
+        shaken = 6.0 * np.sin(3.0 * np.pi * time) * np.sin(np.pi * time / 3.0)
+        response = af.simulate(arch, af.Motion(shaken, 0.01), method=method, history=True)
+        last = response.history.isel(time=-1)
+        moved = np.hypot(*last["displacement"].values.T).max()
+        assert 0.1 < response.residual_displacement == pytest.approx(moved, rel=1e-9)
+        turned = np.abs(last["rotation"].values).max()
+        assert response.residual_rotation == pytest.approx(turned, rel=1e-9)
+        assert response.residual_rotation < response.peak_rotation
+
     def test_contact_modes_have_meanings(self):
         mode = af.simulate(ARCH, PUSH, history=True).history.contact_mode
         meanings = mode.attrs["flag_meanings"].split()
