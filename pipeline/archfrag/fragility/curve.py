@@ -90,7 +90,8 @@ class Fragility:
                 theta=float(values["theta"]),
                 beta=float(values["beta"]),
                 covariance=np.array(values["covariance_ln_theta_beta"], dtype=float),
-                log_likelihood=float(values["log_likelihood"]),
+                # JSON has no nan: of what is no maximum of a likelihood it holds null.
+                log_likelihood=float("nan" if (v := values["log_likelihood"]) is None else v),
                 n_levels=int(values["n_levels"]),
                 n_total=int(values["n_total"]),
                 kind=str(values["kind"]),

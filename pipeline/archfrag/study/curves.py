@@ -1,15 +1,17 @@
 """What the runs of a cube say of each arch and of each class: curves, bands, comparisons."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.errors import FitError, InputError
+from archfrag.fragility.bands import beta_interval, confidence_band, theta_interval
 from archfrag.fragility.brackets import fill_verdicts, find_brackets
 from archfrag.fragility.capacities import fit_brackets
+from archfrag.fragility.control_variates import estimate_two_fidelity
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, Fragility
 from archfrag.fragility.fit import fit_stripes
@@ -40,6 +42,10 @@ class Runs:
         What rows share: an earthquake, or for a class the record.
     unit : str
         Which of the two.
+    coarse : ndarray of int, (n_record, n_level), or None
+        Verdicts by the coarse method of a design in two stages.
+    rows : ndarray of int, (n_record,)
+        Numbers of the records in the cube.
     """
 
     name: str
@@ -49,6 +55,8 @@ class Runs:
     factor: FloatArray
     group: NDArray[np.str_] | None = None
     unit: str = "event"
+    coarse: NDArray[np.int64] | None = None
+    rows: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, int))
 
     @property
     def decided(self) -> NDArray[np.bool_]:
@@ -142,16 +150,21 @@ def runs_of_cube(cube: "xr.Dataset") -> list[Runs]:
     design = str(cube.attrs["archfrag_design_kind"])
     verdict = cube["verdict"].transpose("arch", "record", "level").values.astype(np.int64)
     group = shared_events(cube["event"].values)
+    both = "coarse_verdict" in cube
+    coarse = cube["coarse_verdict" if both else "verdict"].transpose("arch", "record", "level")
     found = []
     for i, name in enumerate(cube["arch"].values.astype(str)):
         one = cube.isel(arch=i)
         level, factor = one["intensity"].values, one["scale_factor"].values
-        rows = (verdict[i] != Verdict.NOT_SIMULATED).any(axis=1)
+        other = coarse.values[i].astype(np.int64)
+        made = (verdict[i] != Verdict.NOT_SIMULATED) | (other != Verdict.NOT_SIMULATED)
+        rows = np.flatnonzero(made.any(axis=1))
         if level.ndim == 2:
             level = level[rows]
         found.append(
             Runs(str(name), design, verdict[i][rows], level, factor[rows],
-                 None if group is None else group[rows])
+                 None if group is None else group[rows],
+                 coarse=other[rows] if both else None, rows=rows)
         )  # fmt: skip
     return found
 
@@ -160,14 +173,13 @@ def classes_of_cube(cube: "xr.Dataset", runs: Sequence[Runs]) -> dict[str, Runs]
     """Runs of the arches of each class together; only classes of several arches."""
     names = cube["arch_class"].values.astype(str)
     record = cube["record"].values.astype(str)
-    verdict = cube["verdict"].transpose("arch", "record", "level").values
     found = {}
     for name in dict.fromkeys(names.tolist()):
         members = np.flatnonzero(names == name).tolist()
         if len(members) < 2:
             continue
         own = [runs[int(i)] for i in members]
-        group = [record[(verdict[i] != Verdict.NOT_SIMULATED).any(axis=1)] for i in members]
+        group = [record[each.rows] for each in own]
         level = own[0].level
         if level.ndim == 2:
             level = np.concatenate([each.level for each in own])
@@ -196,6 +208,9 @@ def answer(runs: Runs, confidence: float) -> Answer:
             quoted = quoted_band(
                 "scattered", runs.verdict[decided], runs.level[decided], im, confidence=confidence
             )
+        helped = two_fidelities(runs, im, confidence)
+        if helped is not None:
+            return replace(helped, likelihood=likelihood)
     except FitError as error:
         return Answer(str(error), likelihood, confidence=confidence)
     return Answer(
@@ -212,6 +227,37 @@ def answer(runs: Runs, confidence: float) -> Answer:
         n_independent=quoted.n_independent,
         n_islands=quoted.n_islands,
     )
+
+
+def two_fidelities(runs: Runs, im: FloatArray, confidence: float) -> Answer | None:
+    """Curve from coarse capacities of all records, corrected by the fine ones of some.
+
+    None where all records have fine ones, or some capacity does not lie between two levels:
+    leaving such records out would bias both.
+    """
+    if runs.coarse is None or runs.decided.any(axis=1).all():
+        return None
+    coarse = find_brackets(runs.coarse, runs.level, "first")
+    fine = find_brackets(runs.verdict, runs.level, "first")
+    both = runs.decided.any(axis=1)
+    if not coarse.bracketed.all() or not fine.bracketed[both].all() or both.sum() < 5:
+        return None
+    found = estimate_two_fidelity(coarse.middle, np.where(both, fine.middle, np.nan))
+    curve = Fragility(
+        theta=found.theta, beta=found.beta,
+        covariance=np.diag(np.square(found.standard_errors)), log_likelihood=np.nan,
+        n_levels=runs.verdict.shape[1], n_total=found.n_coarse, kind="two_fidelities",
+    )  # fmt: skip
+    band = confidence_band(curve, im, confidence)
+    return Answer(
+        curve, curve, theta_interval(curve, confidence), beta_interval(curve, confidence),
+        im.tolist(), band.lower.tolist(), band.upper.tolist(), confidence,
+        method="control variate, jackknife",
+        assumptions=f"Capacity is lognormal; ln capacities by the two methods are correlated by "
+        f"{found.correlation:.2f} over {found.n_fine} of {found.n_coarse} records; the bias of ln "
+        f"theta, estimated as {found.bias[0]:+.3f}, is taken out.",
+        n_independent=float(found.n_coarse),
+    )  # fmt: skip
 
 
 def likeliest(runs: Runs) -> Fragility:
@@ -269,7 +315,7 @@ def measures_compared(cube: "xr.Dataset", runs: Runs) -> dict[str, Any]:
     from archfrag.fragility.runs import Resampling
 
     exponent = cube["measure_exponent"].values.astype(float)
-    rows = (cube["verdict"].values != Verdict.NOT_SIMULATED).any(axis=1)
+    rows = runs.rows
     value = cube["record_measure"].transpose("record", "measure").values[rows]
     known = (exponent > 0.0) & (value > 0.0).all(axis=0)
     names = cube["measure"].values.astype(str)
@@ -303,7 +349,7 @@ def limit_states(cube: "xr.Dataset", runs: Runs, keys: Mapping[str, float]) -> d
 
     def values(name: str) -> NDArray:
         table: NDArray = cube[name].transpose("record", "level").values
-        return table[(cube["verdict"].values != Verdict.NOT_SIMULATED).any(axis=1)]
+        return table[runs.rows]
 
     limit, length = float(cube["static_limit"]), float(cube["joint_length"])
     moved = values("openings") + values("slides") + values("impacts") > 0

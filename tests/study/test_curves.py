@@ -1,0 +1,56 @@
+"""Curves of a cube's runs that no other test of studies makes."""
+
+import numpy as np
+import pytest
+
+from archfrag.fragility.counts import Verdict
+from archfrag.study.curves import POINTS, Runs, answer
+
+LEVELS = np.geomspace(0.1, 10.0, 60)
+
+
+def bracketed(capacity, made):
+    """Verdicts on both sides of each capacity, of those records that were run."""
+    verdict = np.full((capacity.size, LEVELS.size), int(Verdict.NOT_SIMULATED))
+    above = np.searchsorted(LEVELS, capacity)
+    rows = np.flatnonzero(made)
+    verdict[rows, above[rows]] = Verdict.COLLAPSED
+    verdict[rows, above[rows] - 1] = Verdict.STANDING
+    return verdict
+
+
+def two_stage(n_fine, n=40, bias=0.2, shift=0.0):
+    generator = np.random.default_rng(3)
+    fine = np.exp(generator.normal(shift, 0.4, n))
+    coarse = fine * np.exp(generator.normal(bias, 0.05, n))
+    made = np.arange(n) < n_fine
+    whole = np.ones(n, bool)
+    runs = Runs(
+        "arch", "two_stage", bracketed(fine, made), LEVELS, np.ones((n, LEVELS.size)),
+        coarse=bracketed(coarse, whole), rows=np.arange(n),
+    )  # fmt: skip
+    return runs, fine
+
+
+class TestTwoFidelities:
+    def test_coarse_capacities_sharpen_what_few_fine_ones_say(self):
+        runs, fine = two_stage(n_fine=12)
+        found = answer(runs, 0.9)
+        alone = answer(two_stage(n_fine=40)[0], 0.9)
+        assert found.method == "control variate, jackknife"
+        assert found.curve.theta == pytest.approx(np.exp(np.log(fine).mean()), rel=0.04)
+        assert found.curve.beta == pytest.approx(np.log(fine).std(ddof=1), rel=0.1)
+        few = Runs("arch", "ida", runs.verdict, LEVELS, runs.factor)
+        width = [
+            np.log(each.theta[1] / each.theta[0]) for each in (found, alone, answer(few, 0.9))
+        ]
+        assert width[0] < 1.2 * width[1] < 0.8 * width[2]
+        assert len(found.im) == len(found.lower) == POINTS
+
+    def test_where_all_records_have_fine_ones_these_decide(self):
+        assert "posterior" in answer(two_stage(n_fine=40)[0], 0.9).method
+
+    def test_a_capacity_beyond_the_levels_leaves_it_to_the_fine_ones(self):
+        runs, _ = two_stage(n_fine=20)
+        runs.coarse[5] = np.where(np.arange(LEVELS.size) == 0, Verdict.STANDING, 4)
+        assert "posterior" in answer(runs, 0.9).method
