@@ -17,11 +17,10 @@ import pandas as pd
 from archfrag.fragility.counts import Verdict
 from archfrag.motions.measures import measure_all
 from archfrag.study import curves
-from archfrag.study.case import simulate_cases
+from archfrag.study.case import tabulate_cases
 from archfrag.study.config import load_study
 from archfrag.study.design import Ida, Scattered, TwoStage
 from archfrag.study.grids import Grid, ida, stripes
-from archfrag.study.outcome import table_of
 from archfrag.study.records import COMPARED, read_sources
 from archfrag.study.rounds import Rounds
 from archfrag.study.scattered import scattered
@@ -69,13 +68,13 @@ class Bench:
                     continue
                 started = time.process_time()
                 factors = self.at_one[cases["record"][rows]] * cases["level"][rows]
-                responses = simulate_cases(
+                table, _ = tabulate_cases(
                     self.methods[stage], self.arch,
                     [self.motions[r] for r in cases["record"][rows]], factors.tolist(),
                 )  # fmt: skip
                 spent[stage] += time.process_time() - started
                 runs[stage] += rows.size
-                answers[rows] = table_of(responses)["verdict"]
+                answers[rows] = table["verdict"]
             fine = cases["stage"] == 0
             verdict[cases["record"][fine], cases["place"][fine]] = answers[fine]
             level[cases["record"][fine], cases["place"][fine]] = cases["level"][fine]

@@ -14,9 +14,10 @@ from archfrag.study import batch
 from archfrag.study.batch import BatchLog, run_batch
 from archfrag.study.cautions import study_cautions
 from archfrag.study.checks import check_study
+from archfrag.study.comparisons import class_mixture
 from archfrag.study.config import Study, load_study
 from archfrag.study.cube import write_cube
-from archfrag.study.curves import Answer, class_mixture
+from archfrag.study.curves import Answer
 from archfrag.study.fits import _in_si, fit_cube, load_answers
 from archfrag.study.members import members
 from archfrag.study.plan import make_plan

@@ -11,7 +11,7 @@ import numpy as np
 
 from archfrag.errors import InputError
 from archfrag.fragility.curve import Fragility
-from archfrag.study import curves
+from archfrag.study import comparisons, curves
 from archfrag.study.config import Study
 from archfrag.study.cube import CUBE, refuse_foreign_cube
 from archfrag.study.curves import Answer
@@ -75,16 +75,18 @@ def fit_cube(study: Study) -> dict[str, Answer]:
         for number in shown(medians):
             each, one = runs[number], cube.isel(arch=number)
             answers[each.name].more.update(
-                free=curves.free_shapes(each, confidence),
-                measures=curves.measures_compared(one, each),
-                limit_states=curves.limit_states(one, each, keys),
+                free=comparisons.free_shapes(each, confidence),
+                measures=comparisons.measures_compared(one, each),
+                limit_states=comparisons.limit_states(one, each, keys),
             )
         classes = {name: curves.answer(each, confidence) for name, each in grouped.items()}
         names = cube["arch_class"].values.astype(str)
         for name, found in classes.items():
             members = [each for each, own in zip(runs, names) if own == name]
-            found.more["dispersion"] = curves.dispersion_split(members)
-            found.more["mixture"] = curves.class_mixture([answers[each.name] for each in members])
+            found.more["dispersion"] = comparisons.dispersion_split(members)
+            found.more["mixture"] = comparisons.class_mixture(
+                [answers[each.name] for each in members]
+            )
         unit = cube["intensity"].attrs["units"]
         design = json.loads(cube.attrs["archfrag_design"])
     answers = {name: _in_si(each, study) for name, each in answers.items()}

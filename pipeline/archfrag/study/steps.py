@@ -22,6 +22,7 @@ from archfrag.study.store import Store
 from archfrag.study.written import remember
 
 STEPS = "steps"
+FITTING = ("study/fits.py", "study/curves.py", "study/comparisons.py")
 REPORT_FILES = ("report.html", "summary.json")
 ALL_CURVES = "curves.svg"  # of many arches, in the place of a figure of each
 _COMMAND = {"cube": "archfrag cube", "fit": "archfrag fit"}
@@ -203,7 +204,7 @@ def _made_from(study: Study, step: str, plan: Plan | None = None) -> str:
         decides.append(sha256_if_there(study.work / MANIFEST))
     if step in ("fit", "report"):
         decides += [sha256_if_there(path) for path in products(study, "cube")]
-        decides.append(source_hash("fragility", "study/fits.py", "study/curves.py"))
+        decides.append(source_hash("fragility", *FITTING))
         decides += [study.report.confidence, study.limit_states.model_dump()]
     if step == "report":
         decides += [sha256_if_there(path) for path in products(study, "fit")]

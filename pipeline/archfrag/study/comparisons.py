@@ -1,0 +1,167 @@
+"""What else runs say: other shapes, measures, limit states, parts of the dispersion."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from archfrag.errors import FitError, InputError
+from archfrag.fragility.brackets import fill_verdicts, find_brackets
+from archfrag.fragility.counts import Verdict
+from archfrag.fragility.curve import FloatArray, Fragility
+from archfrag.study.curves import Answer, Runs, curve_to_dict
+from archfrag.study.design import GRIDS
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_SEED = 1
+
+
+def free_shapes(runs: Runs, confidence: float) -> dict[str, Any]:
+    """Curves without a shape given beforehand, and whether the lognormal one fits the runs."""
+    from archfrag.fragility.goodness import check_lognormal
+    from archfrag.fragility.runs import Resampling, gather_runs
+    from archfrag.fragility.shapes import isotonic_curve, kernel_curve
+
+    verdict = runs.verdict
+    if runs.design in GRIDS:
+        verdict = fill_verdicts(verdict, "first" if runs.design != "stripes" else "fewest")
+    resampling = Resampling(_SEED, 300, confidence)
+    shaped: dict[str, Any] = {}
+    try:
+        grid = runs.design in GRIDS
+        own = gather_runs(verdict if grid else verdict.ravel(), _as_given(runs), event=runs.group)
+        for curve in (isotonic_curve(own, resampling), kernel_curve(own, resampling)):
+            band = curve.band(curve.im)
+            shaped[curve.kind] = {
+                "im": curve.im.tolist(), "probability": curve.value.tolist(),
+                "lower": band.lower.tolist(), "upper": band.upper.tolist(),
+            }  # fmt: skip
+        test = check_lognormal(own, resampling)
+        shaped["test_of_fit"] = {"p_value": test.p_value, "message": test.message}
+    except FitError as error:
+        shaped["none"] = str(error)
+    return shaped
+
+
+def _as_given(runs: Runs) -> FloatArray:
+    return runs.level if runs.design in GRIDS else runs.level.ravel()
+
+
+def measures_compared(cube: "xr.Dataset", runs: Runs) -> dict[str, Any]:
+    """The study's measure beside others in which its motions are known."""
+    from archfrag.fragility.measures import Motions, compare_measures
+    from archfrag.fragility.runs import Resampling
+
+    exponent = cube["measure_exponent"].values.astype(float)
+    rows = runs.rows
+    value = cube["record_measure"].transpose("record", "measure").values[rows]
+    known = (exponent > 0.0) & (value > 0.0).all(axis=0)
+    names = cube["measure"].values.astype(str)
+    motions = Motions(
+        tuple(names[known].tolist()), value[:, known], exponent[known],
+        cube["magnitude"].values[rows], cube["distance"].values[rows], runs.group,
+    )  # fmt: skip
+    own = str(cube["intensity"].attrs["measure"])
+    try:
+        table = compare_measures(runs.verdict, runs.factor, motions, own, Resampling(_SEED, 300))
+    except (FitError, InputError) as error:
+        return {"none": str(error)}
+    units = dict(zip(names.tolist(), cube["measure_unit"].values.astype(str).tolist()))
+    listed = [{**asdict(row), "unit": units[row.measure]} for row in table.rows]
+    plain = {name: getattr(table, name) for name in ("own", "best", "p_value", "ratio", "message")}
+    return {**plain, "rows": listed}
+
+
+def limit_states(cube: "xr.Dataset", runs: Runs, keys: Mapping[str, float]) -> dict[str, Any]:
+    """Curves of damage short of collapse, from the same runs, ordered.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        Of one arch, as `runs`.
+    runs : Runs
+    keys : mapping
+        The study's `limit_states`.
+    """
+    from archfrag.fragility.limit_states import fit_limit_states
+
+    def values(name: str) -> NDArray:
+        table: NDArray = cube[name].transpose("record", "level").values
+        return table[runs.rows]
+
+    limit, length = float(cube["static_limit"]), float(cube["joint_length"])
+    moved = values("openings") + values("slides") + values("impacts") > 0
+    states = [
+        ("motion", "a joint opens or slides", moved),
+        ("impact", "a joint closes by an impact", values("impacts") > 0),
+        ("residual", f"a displacement of {keys['residual']:g} of a joint's length is left",
+         values("residual_displacement") >= keys["residual"] * length),
+        ("rotation", f"rotation by {keys['rotation']:g} of the static limit, {limit:.3g} rad",
+         values("peak_rotation") >= keys["rotation"] * limit),
+        ("contact lost", "a joint opens at both corners, regained or not",
+         np.isfinite(values("lost_contact_time"))),
+        ("collapse", "a loss of contact that cannot be regained",
+         runs.verdict == Verdict.COLLAPSED),
+    ]  # fmt: skip
+    if not np.isfinite(limit):
+        states = [state for state in states if state[0] != "rotation"]
+    decided = runs.decided
+    exceeded = np.stack(
+        [np.where(decided, reached, -1).astype(np.int64) for _, _, reached in states], axis=-1
+    )
+    if runs.design in ("ida", "two_stage"):
+        exceeded = _filled(exceeded, states)
+    names, meanings = [state[0] for state in states], [state[1] for state in states]
+    found = fit_limit_states(exceeded, runs.level, names, meanings)
+    return {
+        "message": found.message,
+        "states": [
+            {"name": each.name, "meaning": each.meaning, "note": each.none,
+             "curve": curve_to_dict(each.fit or each.none)} for each in found.states
+        ],
+    }  # fmt: skip
+
+
+def _filled(exceeded: NDArray[np.int64], states: Sequence[Any]) -> NDArray[np.int64]:
+    """Cells that were not simulated, where the runs of the record imply them."""
+    filled = exceeded.copy()
+    for place in range(len(states)):
+        codes = np.where(exceeded[..., place] < 0, Verdict.NOT_SIMULATED, exceeded[..., place])
+        done = fill_verdicts(codes, "first")
+        filled[..., place] = np.where(done == Verdict.NOT_SIMULATED, -1, done)
+    return filled
+
+
+def dispersion_split(members: Sequence[Runs]) -> dict[str, Any]:
+    """Dispersion of a class: from record to record, and between its arches."""
+    from archfrag.fragility.dispersion import split_capacities
+
+    if members[0].design not in GRIDS or len({len(each.verdict) for each in members}) > 1:
+        return {}
+    rule = "fewest" if members[0].design == "stripes" else "first"
+    capacity = np.stack([find_brackets(each.verdict, each.level, rule).middle for each in members])
+    try:
+        split = split_capacities(capacity)
+    except (FitError, InputError) as error:
+        return {"none": str(error)}
+    message = split.message
+    if np.isnan(capacity).any():
+        # Those that withstand the largest level are the mildest: what is left differs less.
+        message += " Records that some arch withstands are left out; quote the mixture instead."
+    return {**asdict(split), "combined": split.combined(), "message": message}
+
+
+def class_mixture(found: Sequence[Answer]) -> dict[str, Any]:
+    """Dispersion of a class by the likeliest curves of its arches, which use all their runs."""
+    from archfrag.fragility.classes import class_curve
+
+    known = [each.likelihood for each in found if isinstance(each.likelihood, Fragility)]
+    if len(known) < 2:
+        return {"none": f"{len(known)} of {len(found)} arches have a curve; two are needed"}
+    curve = class_curve([each.theta for each in known], [each.beta for each in known])
+    names = ("theta", "beta", "beta_record_to_record", "beta_model", "median", "misfit")
+    return {**{name: getattr(curve, name) for name in names}, "n_arch": len(known)}
