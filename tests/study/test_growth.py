@@ -11,6 +11,7 @@ import archfrag as af
 from archfrag.study.batch import run_batch
 from archfrag.study.config import load_study
 from archfrag.study.cube import write_cube, write_timings
+from archfrag.study.fits import fit_cube
 from archfrag.study.records import load_record, prepare_motions
 from tests.study.small import TEXT, small_study, write_at2
 
@@ -114,6 +115,9 @@ def test_cube_of_each_design(tmp_path, here, design):
         )  # fmt: skip
         assert cube["peak_displacement"].isel(place).item() == response.peak_displacement
         assert cube["status"].isel(place).item() == response.status
+    if design == "cloud":
+        regressions = fit_cube(study)["ring"].more["cloud"]
+        assert set(regressions) == {"logistic", "modified"}
     # The two layouts; the checker takes seconds.
     if design in ("two_stage", "scattered"):
         checked(path, tmp_path)

@@ -19,7 +19,7 @@ from archfrag.report import (
     tables,
     timeline,
 )
-from archfrag.report.summary import ArchResults, digits
+from archfrag.report.summary import ArchResults, Scale, digits
 from archfrag.study.curves import curve_of_dict
 
 if TYPE_CHECKING:
@@ -84,6 +84,7 @@ def arch_section(
         "geometry": tables.geometry(arch.parameters),
         **_mechanisms(inputs, results, arch),
         **_runs(cube, inputs, results, place, animated),
+        "cloud": _cloud(answer, results.scale),
         "limit_states": _limit_states(answer, results),
         "measures": _measures(answer, name),
         "ran": ladder_figures.what_ran(results),
@@ -166,6 +167,20 @@ def _runs(
                 moving = animation.animation(run, f"{key}{place}", title)
                 found["animations"] += [] if moving is None else [moving]
     return found
+
+
+def _cloud(answer: "Answer", scale: Scale) -> tables.Table | None:
+    """Curves of a cloud by regression, beside the one that is quoted."""
+    rows = []
+    for name, found in answer.more.get("cloud", {}).items():
+        if "theta" not in found:
+            rows.append([name, found["none"], "–"])
+            continue
+        low, high = (digits(scale.factor * end) for end in found["theta_interval"])
+        ends = "–".join(f"{end:.2f}" for end in found["beta_interval"])
+        theta = digits(scale.factor * found["theta"])
+        rows.append([name, f"{theta} ({low}–{high})", f"{found['beta']:.2f} ({ends})"])
+    return tables.Table(["regression", f"θ [{scale.unit}]", "β"], rows) if rows else None
 
 
 def _limit_states(answer: "Answer", results: ArchResults) -> dict[str, Any] | None:

@@ -51,6 +51,49 @@ def _as_given(runs: Runs) -> FloatArray:
     return runs.level if runs.design in GRIDS else runs.level.ravel()
 
 
+def cloud_curves(cube: "xr.Dataset", runs: Runs, confidence: float) -> dict[str, Any]:
+    """Curves of a cloud by logistic regression and by the modified method, on peak rotation.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        Of one arch, as `runs`.
+    runs : Runs
+    confidence : float
+    """
+    from archfrag.fragility.cloud import cloud_binary, cloud_modified
+    from archfrag.fragility.runs import Resampling
+
+    decided = runs.decided.ravel()
+    level = runs.level.ravel()[decided]
+    fell = (runs.verdict.ravel()[decided] == Verdict.COLLAPSED).astype(int)
+    response = cube["peak_rotation"].transpose("record", "level").values[runs.rows]
+    response = response.ravel()[decided]
+    event = None if runs.group is None else runs.group[decided]
+    limit, resampling = float(cube["static_limit"]), Resampling(_SEED, 300, confidence)
+    # A run without motion has no response to regress.
+    moved = (response > 0.0) | (fell == 1)
+    some = None if event is None else event[moved]
+    made = {
+        "logistic": lambda: cloud_binary(level, fell, resampling, event=event),
+        "modified": lambda: cloud_modified(
+            level[moved], response[moved], fell[moved], limit, resampling, event=some
+        ),
+    }
+    found: dict[str, Any] = {}
+    for name, make in made.items():
+        try:
+            curve = make()
+        except (FitError, InputError) as error:
+            found[name] = {"none": str(error)}
+            continue
+        found[name] = {
+            "theta": curve.theta, "beta": curve.beta, "theta_interval": curve.theta_interval,
+            "beta_interval": curve.beta_interval, "notes": list(curve.notes),
+        }  # fmt: skip
+    return found
+
+
 def measures_compared(cube: "xr.Dataset", runs: Runs) -> dict[str, Any]:
     """The study's measure beside others in which its motions are known."""
     from archfrag.fragility.measures import Motions, compare_measures

@@ -79,6 +79,9 @@ def fit_cube(study: Study) -> dict[str, Answer]:
                 measures=comparisons.measures_compared(one, each),
                 limit_states=comparisons.limit_states(one, each, keys),
             )
+            if each.design == "cloud":
+                own = comparisons.cloud_curves(one, each, confidence)
+                answers[each.name].more["cloud"] = own
         classes = {name: curves.answer(each, confidence) for name, each in grouped.items()}
         names = cube["arch_class"].values.astype(str)
         for name, found in classes.items():
@@ -135,6 +138,10 @@ def _in_si(found: Answer, study: Study) -> Answer:
         if key in more:
             medians = {n: more[key][n] * factor for n in ("theta", "median") if n in more[key]}
             more[key] = {**more[key], **medians}
+    for cloud in more.get("cloud", {}).values():
+        if "theta" in cloud:
+            cloud["theta"] *= factor
+            cloud["theta_interval"] = [end * factor for end in cloud["theta_interval"]]
     for shape in more.get("free", {}).values():
         if isinstance(shape, dict) and "im" in shape:
             shape["im"] = [value * factor for value in shape["im"]]
