@@ -32,7 +32,6 @@ localrules:
     motions,
     results,
     method_figures,
-    evidence,
 
 
 rule all:
@@ -44,4 +43,3 @@ include: "pipeline/rules/motions.smk"
 include: "pipeline/rules/simulations.smk"
 include: "pipeline/rules/results.smk"
 include: "pipeline/rules/method.smk"
-include: "pipeline/rules/evidence.smk"
