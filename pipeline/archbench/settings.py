@@ -40,7 +40,7 @@ class Setting:
     method: str
     parameter: str
     value: float
-    settings: Mapping[str, float] = field(default_factory=dict)
+    settings: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     @property
     def ours(self) -> bool:
