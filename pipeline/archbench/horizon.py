@@ -27,7 +27,7 @@ def slope_interval(x: Array, y: Array) -> tuple[float, float, float]:
     Examples
     --------
     >>> import numpy as np
-    >>> from archbench.reference import slope_interval
+    >>> from archbench.horizon import slope_interval
     >>> slope, low, high = slope_interval(np.arange(4.0), np.array([0.0, 1.1, 1.9, 3.0]))
     >>> round(slope, 2), low < 1.0 < high
     (0.98, True)

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures import TimeoutError as OutOfTime
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from multiprocessing import get_context
@@ -259,11 +260,9 @@ class _Slot:
         """End the process and those that it started."""
         if self.pool is None:
             return
-        if psutil.pid_exists(self.pid):
-            for each in (
-                *psutil.Process(self.pid).children(recursive=True),
-                psutil.Process(self.pid),
-            ):
+        with suppress(psutil.NoSuchProcess):
+            process = psutil.Process(self.pid)
+            for each in (*process.children(recursive=True), process):
                 each.kill()
         self.pool.shutdown(wait=False, cancel_futures=True)
         self.pool = None
