@@ -30,18 +30,25 @@ _EXIT = re.compile(
 _MOST_LINES = 8
 
 
-def snakefile() -> Path:
-    """The Snakefile: of the checkout, or the one inside the installed package.
+def shipped_folder() -> Path:
+    """Folder with the Snakefile, its rules and the shipped records.
+
+    The checkout, or a folder of the installed package.
 
     Raises
     ------
     OutputError
         If there is neither.
     """
-    for path in (PACKAGE.parents[1] / "Snakefile", PACKAGE / "workflow" / "Snakefile"):
-        if path.is_file() and (path.parent / "pipeline" / "rules").is_dir():
-            return path
+    for folder in (PACKAGE.parents[1], PACKAGE / "workflow"):
+        if (folder / "Snakefile").is_file() and (folder / "pipeline" / "rules").is_dir():
+            return folder
     raise OutputError(f"{PACKAGE}: this installation has no Snakefile; install archfrag again")
+
+
+def snakefile() -> Path:
+    """The Snakefile of the checkout or of the installed package."""
+    return shipped_folder() / "Snakefile"
 
 
 @contextlib.contextmanager
