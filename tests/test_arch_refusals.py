@@ -115,11 +115,7 @@ NUMBERS = [
         [0, 30, 30, 90, 100, 120, 140, 157.5],
         f"joints[2] = 30 does not exceed the one before it (30); they {ANGLES}",
     ),
-    (
-        "joints",
-        [0, 30, 60, 90, 100, 120, 140, 150],
-        f"joints run from 0 to 150; they {ANGLES}",
-    ),
+    ("joints", [0, 30, 60, 90, 100, 120, 140, 150], f"joints run from 0 to 150; they {ANGLES}"),
     (
         "joints",
         [5, 30, 60, 90, 100, 120, 140, 157.5],
@@ -368,12 +364,7 @@ TABLES = [
     ),
     ([[0, 0], [1]], ABOVE, {}, f"intrados has rows of unequal length; {TABLE}"),
     ("joints.csv", ABOVE, {}, f"intrados = 'joints.csv' is not numeric; {TABLE}"),
-    (
-        SQUARE,
-        ABOVE,
-        {"free_end": 1},
-        "free_end = 1 is not a choice; it must be True or False",
-    ),
+    (SQUARE, ABOVE, {"free_end": 1}, "free_end = 1 is not a choice; it must be True or False"),
     (
         SQUARE,
         ABOVE,

@@ -10,12 +10,7 @@ from archfrag.errors import STATUS_SENTENCE, InputError
 from archfrag.mechanics.status import Cause, Model, Status
 from archfrag.methods.registry import OWN_STEP, resolve
 from archfrag.simulation.checks import own_time
-from archfrag.simulation.mechanism import (
-    CAUSE_WORDS,
-    MODEL_WORDS,
-    MechanismChange,
-    summary,
-)
+from archfrag.simulation.mechanism import CAUSE_WORDS, MODEL_WORDS, MechanismChange, summary
 
 ARCH = af.Arch.circular(10.0, 1.5, 157.5, 5, 0.7)
 PUSH = af.Motion(np.where(np.arange(800) < 250, 6.0, 0.0), 1e-3)

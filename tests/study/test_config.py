@@ -31,10 +31,7 @@ BAD = {
         ("radius:", "radus:"),
         "arches[0].radus is no known key; did you mean radius?",
     ),
-    "typo at the top": (
-        ("method:", "metod:"),
-        "metod is no known key; did you mean method?",
-    ),
+    "typo at the top": (("method:", "metod:"), "metod is no known key; did you mean method?"),
     "key from elsewhere": (
         ("dt: 2.0e-3", "colour: 1"),
         "method.colour is no known key; allowed are name, dt, rtol, follow, loss_limit, settings",
@@ -55,10 +52,7 @@ BAD = {
         ("[0.1, 0.6", "[0.7, 0.6"),
         "intensity.levels = [0.7, 0.6, 1.2] must increase, but 0.6 follows 0.7",
     ),
-    "no levels": (
-        ("[0.1, 0.6, 1.2]", "[]"),
-        "intensity.levels = [] must have at least one entry",
-    ),
+    "no levels": (("[0.1, 0.6, 1.2]", "[]"), "intensity.levels = [] must have at least one entry"),
     "range upside down": (
         ("[0.1, 0.6, 1.2]", "{start: 1.0, stop: 0.5, count: 3}"),
         "intensity.levels must have stop above start = 1, not 0.5",

@@ -80,8 +80,7 @@ def test_shipped_records_are_selected_in_the_order_asked_for(tmp_path):
 
 def test_index_and_files_together_can_be_selected_from(tmp_path):
     study = study_with(
-        tmp_path,
-        f'{{index: {INDEX}, files: ["records/*.AT2"], select: [wave1, syn-m55-r010]}}',
+        tmp_path, f'{{index: {INDEX}, files: ["records/*.AT2"], select: [wave1, syn-m55-r010]}}'
     )
     assert [record.id for record in prepare_motions(study)] == ["wave1", "syn-m55-r010"]
 

@@ -28,26 +28,7 @@ STUDY_FILE = "study.yaml"
 
 
 def check_arches(study: Study, n_record: int = 1) -> Members:
-    """See that all arches of a study can exist and stand under their own weight.
-
-    Parameters
-    ----------
-    study : Study
-    n_record : int
-        Its records, where each meets arches of its own.
-
-    Returns
-    -------
-    Members
-        The arches.
-
-    Raises
-    ------
-    StudyError
-        Naming the first that cannot exist.
-    StabilityError
-        Naming the first that does not stand, and how many samples of its class do not.
-    """
+    """See that all arches of a study can exist and stand under their own weight."""
     found = members(study, n_record)
     check_buildable(found)
     check_standing(found)
@@ -94,29 +75,16 @@ def _check_writable(folder: Path) -> None:
 
 @dataclass(frozen=True)
 class Summary:
-    """What a study amounts to.
-
-    Attributes
-    ----------
-    study : str
-    arches, records, levels : int
-    design : str
-        Its kind.
-    runs : int
-        By the study's own method.
-    extent : str
-        What is meant by `runs`: exactly, about, or at most so many.
-    coarse_runs : int
-        About so many runs by the coarse method come before, for a design in two stages.
-    """
+    """What a study amounts to."""
 
     study: str
     arches: int
     records: int
     levels: int
-    design: str
-    runs: int
-    extent: str = "exactly"
+    design: str  # its kind
+    runs: int  # by the study's own method
+    extent: str = "exactly"  # what is meant by `runs`: exactly, about, or at most so many
+    # About so many runs by the coarse method come before, for a design in two stages.
     coarse_runs: int = 0
     classes: tuple[ClassSummary, ...] = ()  # of arches that were drawn or come from a table
 

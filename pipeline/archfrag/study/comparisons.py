@@ -52,15 +52,7 @@ def _as_given(runs: Runs) -> FloatArray:
 
 
 def cloud_curves(cube: "xr.Dataset", runs: Runs, confidence: float) -> dict[str, Any]:
-    """Curves of a cloud by logistic regression and by the modified method, on peak rotation.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        Of one arch, as `runs`.
-    runs : Runs
-    confidence : float
-    """
+    """Curves of a cloud by logistic regression and by the modified method, on peak rotation."""
     from archfrag.fragility.cloud import cloud_binary, cloud_modified
     from archfrag.fragility.runs import Resampling
 
@@ -120,16 +112,7 @@ def measures_compared(cube: "xr.Dataset", runs: Runs) -> dict[str, Any]:
 
 
 def limit_states(cube: "xr.Dataset", runs: Runs, keys: Mapping[str, float]) -> dict[str, Any]:
-    """Curves of damage short of collapse, from the same runs, ordered.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        Of one arch, as `runs`.
-    runs : Runs
-    keys : mapping
-        The study's `limit_states`.
-    """
+    """Curves of damage short of collapse, from the same runs, ordered."""
     from archfrag.fragility.limit_states import fit_limit_states
 
     def values(name: str) -> NDArray:

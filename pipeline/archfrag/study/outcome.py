@@ -23,25 +23,14 @@ _VERDICTS = {
 
 @dataclass(frozen=True)
 class Column:
-    """One value of each run.
+    """One value of each run."""
 
-    Attributes
-    ----------
-    name, dtype, units, long_name : str
-        As in the cube; no units for a code.
-    fill : int or float or None
-        What stands where a run has no such value.
-    flags : sequence of (int, str)
-        Codes with their meanings.
-    comment : str
-    """
-
-    name: str
-    dtype: str
-    units: str
-    long_name: str
-    fill: float | None = None
-    flags: Sequence[tuple[int, str]] = ()
+    name: str  # as in the cube; no units for a code
+    dtype: str  # as in the cube; no units for a code
+    units: str  # as in the cube; no units for a code
+    long_name: str  # as in the cube; no units for a code
+    fill: float | None = None  # what stands where a run has no such value
+    flags: Sequence[tuple[int, str]] = ()  # codes with their meanings
     comment: str = ""
 
     @property

@@ -105,13 +105,7 @@ def require(study: Study, step: str) -> None:
 
 
 def stale_steps(study: Study) -> tuple[list[str], list[str]]:
-    """Steps to be done, and what has changed since they were done last.
-
-    Raises
-    ------
-    StudyError, RecordError
-        If records are missing.
-    """
+    """Steps to be done, and what has changed since they were done last."""
     names = step_names(study)
     changed = _changed_motions(study)
     if changed is not None:

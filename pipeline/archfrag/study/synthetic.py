@@ -118,20 +118,7 @@ def made_motions(wanted: Synthetic) -> Iterator["Motion"]:
 
 
 def motion_of(recipe: str, digest: str) -> "Motion":
-    """The motion that a recipe gives.
-
-    Parameters
-    ----------
-    recipe : str
-        JSON, as in the metadata that `made_motions` gives.
-    digest : str
-        Of the samples that it gave when the study was prepared.
-
-    Raises
-    ------
-    InputError
-        If it gives others now.
-    """
+    """The motion that a recipe gives."""
     from archfrag.motions.synthetic import Options, Recipe, Seeds
 
     given = json.loads(recipe)

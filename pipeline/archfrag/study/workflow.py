@@ -31,13 +31,7 @@ _MOST_LINES = 8
 
 
 def snakefile() -> Path:
-    """The Snakefile: of the checkout, or the one inside the installed package.
-
-    Raises
-    ------
-    OutputError
-        If there is neither.
-    """
+    """The Snakefile: of the checkout, or the one inside the installed package."""
     for path in (PACKAGE.parents[1] / "Snakefile", PACKAGE / "workflow" / "Snakefile"):
         if path.is_file() and (path.parent / "pipeline" / "rules").is_dir():
             return path

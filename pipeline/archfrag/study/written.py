@@ -17,21 +17,7 @@ _MOST_BLOCKS, _SMALLEST_BLOCK = 64, 4096
 
 
 def remember(study: Study, names: Iterable[str], group: str) -> None:
-    """Remember files of the results, and remove older ones of the same group that we wrote.
-
-    Parameters
-    ----------
-    study : Study
-    names : iterable of str
-        In the study's folder.
-    group : str
-        The step that wrote them.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written down.
-    """
+    """Remember files of the results, and remove older ones of the same group that we wrote."""
     written, kept = _load(study), set(names)
     for name in [n for n, entry in written.items() if entry["group"] == group]:
         path = study.folder / name

@@ -124,13 +124,7 @@ def _read(path: Path) -> bytes:
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """Mapping in a YAML file.
-
-    Raises
-    ------
-    StudyError
-        If it cannot be read, is too large, is no YAML (with the line), or holds no mapping.
-    """
+    """Mapping in a YAML file."""
     try:
         content = _read(path)
         text = content.decode("utf-8")
@@ -149,13 +143,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 
 def parse_value(text: str, place: str) -> Any:
-    """A value in YAML.
-
-    Raises
-    ------
-    StudyError
-        Naming `place`.
-    """
+    """A value in YAML."""
     return _parse(text, place)
 
 
