@@ -423,18 +423,18 @@ def _cube(study: Any, say: Callable[[str], None]) -> None:
 
 def _fit(study: Any, say: Callable[[str], None]) -> None:
     from archfrag.study.cautions import study_cautions
-    from archfrag.study.fits import FITS, fit_cube, fit_sentence, load_answers
+    from archfrag.study.fits import FITS, fit_cube, fit_text, load_answers
     from archfrag.study.members import SHOWN
     from archfrag.study.steps import require
 
     require(study, "cube")
     found = fit_cube(study)
     for name, curve in list(found.items())[:SHOWN]:
-        say(f"fit: {fit_sentence(study, name, curve)}")
+        say(f"fit: {fit_text(study, name, curve)}")
     if len(found) > SHOWN:
         say(f"fit: {len(found) - SHOWN} more arches in {study.folder / FITS}")
     for name, curve in load_answers(study.folder / FITS, "classes").items():
-        say(f"fit: class {fit_sentence(study, name, curve)}")
+        say(f"fit: class {fit_text(study, name, curve)}")
     for caution in study_cautions(study):
         say(f"caution: {caution}")
 

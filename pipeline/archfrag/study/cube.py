@@ -25,7 +25,6 @@ from archfrag.study.replay import Gathered, Results, replay
 from archfrag.study.rounds import CASE, COARSE, FINE, Cases
 from archfrag.study.store import Store
 from archfrag.study.vary import VARIABLE
-from archfrag.study.view import Variable, View
 from archfrag.study.written import is_ours_damaged
 
 CUBE = "cube.nc"
@@ -137,25 +136,6 @@ def write_timings(study: Study) -> Path:
         if old != plan.path:
             old.unlink(missing_ok=True)
     return path
-
-
-def read_cube(path: Path) -> View:
-    """All of a cube, in memory.
-
-    Raises
-    ------
-    OSError
-        If the file is missing or damaged.
-    """
-    with netCDF4.Dataset(path) as file:
-        file.set_auto_mask(False)
-        found = {}
-        for name, each in file.variables.items():
-            values = np.asarray(each[...])
-            # The last dimension of a text is that of its letters.
-            dims = each.dimensions[: values.ndim]
-            found[name] = Variable(dims, values, {k: each.getncattr(k) for k in each.ncattrs()})
-        return View(found, {key: file.getncattr(key) for key in file.ncattrs()})
 
 
 def read_timings(study: Study) -> dict[str, list[float]] | None:

@@ -91,8 +91,3 @@ class Gathered:
             for number, name in enumerate(self.models):
                 table["model_time"][rows, number] = part["model_time"][name]
         return Results(self.cases[own], self._factors[own], table)
-
-
-def gather(plan: Plan) -> Results:
-    """Results of all runs that the design of a plan asks for; errors as of `Gathered`."""
-    return Gathered(plan).read_all()
