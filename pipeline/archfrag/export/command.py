@@ -22,8 +22,7 @@ from archfrag.fragility.curve import Fragility
 from archfrag.study.config import Study
 from archfrag.study.cube import CUBE
 from archfrag.study.curves import Answer, curve_of_dict
-from archfrag.study.digests import sha256_of
-from archfrag.study.files import make_folder, write_text
+from archfrag.study.files import make_folder, sha256_of, write_text
 from archfrag.study.fits import FITS, load_answers, open_cube
 from archfrag.study.provenance import commit
 from archfrag.study.steps import require

@@ -19,18 +19,7 @@ MOST_NAMED = 12  # arches; of more only their number
 
 
 def study_cautions(study: Study) -> list[str]:
-    """All that a study's cube gives reason to say, levels in the study's unit.
-
-    Returns
-    -------
-    list of str
-        Sentences; none for a cube in order.
-
-    Raises
-    ------
-    InputError, OutputError
-        See `archfrag.study.fits.open_cube`.
-    """
+    """All that a study's cube gives reason to say, levels in the study's unit."""
     with open_cube(study) as cube:
         return cautions_of_cube(study, cube)
 

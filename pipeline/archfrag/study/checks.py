@@ -36,13 +36,7 @@ def check_arches(study: Study, n_record: int = 1) -> Members:
 
 
 def check_output(study: Study) -> None:
-    """See that the output folder can be written and is no other study's; nothing is created.
-
-    Raises
-    ------
-    OutputError
-        Naming the folder, and the other study.
-    """
+    """See that the output folder can be written and is no other study's; nothing is created."""
     _check_writable(study.folder)
     refuse_foreign_cube(study)
     resolved = study.work / STUDY_FILE
@@ -100,13 +94,7 @@ class Summary:
 
 
 def check_study(study: Study) -> Summary:
-    """Check all of a study without running it: arches stand, records are read and scaled.
-
-    Raises
-    ------
-    StudyError, RecordError, StabilityError, OutputError
-        With the first thing that is wrong.
-    """
+    """Check all of a study without running it: arches stand, records are read and scaled."""
     found = check_arches(study)
     study_inputs(study)
     records = 0

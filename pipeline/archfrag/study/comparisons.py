@@ -167,13 +167,6 @@ def dispersion_split(members: Sequence[Runs], answers: Sequence[Answer]) -> dict
 
     By the capacities of all runs; by the likeliest curve of each arch where records withstand the
     largest level, since without these, the mildest, what is left would differ less.
-
-    Parameters
-    ----------
-    members : sequence of Runs
-        Of the arches of the class.
-    answers : sequence of Answer
-        To them, in the same unit.
     """
     from archfrag.fragility.dispersion import split_capacities, split_curves
 

@@ -15,7 +15,7 @@ from archfrag.errors import OutputError
 from archfrag.fragility.counts import Verdict
 from archfrag.study.config import Study
 from archfrag.study.design import GRIDS
-from archfrag.study.files import make_folder, replacing
+from archfrag.study.files import is_ours_damaged, make_folder, replacing
 from archfrag.study.members import Members, members
 from archfrag.study.outcome import COLUMNS, Column
 from archfrag.study.plan import Plan, make_plan
@@ -25,7 +25,6 @@ from archfrag.study.replay import Gathered, Results, replay
 from archfrag.study.rounds import CASE, COARSE, FINE, Cases
 from archfrag.study.store import Store
 from archfrag.study.vary import VARIABLE
-from archfrag.study.written import is_ours_damaged
 
 CUBE = "cube.nc"
 TIMINGS = "timings.csv"
@@ -39,13 +38,7 @@ _UDUNITS = {"m/s2": "m s-2", "m/s": "m s-1", "m": "m", "s": "s"}
 
 
 def refuse_foreign_cube(study: Study) -> None:
-    """See that no other study's cube stands where this study's is to be; ours may be damaged.
-
-    Raises
-    ------
-    OutputError
-        Naming both studies.
-    """
+    """See that no other study's cube stands where this study's is to be; ours may be damaged."""
     path = study.folder / CUBE
     if not path.exists():
         return
@@ -69,20 +62,6 @@ def write_cube(study: Study) -> Path:
 
     The same parts give the same bytes. It is written arch by arch: memory grows by about 150 bytes
     a run, whatever the results hold.
-
-    Returns
-    -------
-    Path
-        ``cube.nc`` in the study's folder.
-
-    Raises
-    ------
-    InputError
-        If the motions are not prepared or parts are missing.
-    StabilityError
-        If an arch does not stand.
-    OutputError
-        If another study's cube is in the way, or the file cannot be written.
     """
     refuse_foreign_cube(study)
     plan = make_plan(study)
@@ -101,13 +80,6 @@ def write_timings(study: Study) -> Path:
     """Gather the wall times of all runs into ``timings.csv``; not part of the cube.
 
     Parts that hold no run of the study any more are removed.
-
-    Raises
-    ------
-    InputError
-        If the motions are not prepared.
-    OutputError
-        If the file cannot be written.
     """
     import pandas as pd
 

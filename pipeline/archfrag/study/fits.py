@@ -46,18 +46,7 @@ def open_cube(study: Study) -> "xr.Dataset":
 
 
 def fit_cube(study: Study) -> dict[str, Answer]:
-    """Find the curve of each arch and class of the cube and store all in ``fits.json``.
-
-    Returns
-    -------
-    dict
-        By arch; theta in the SI unit of the measure; sentences with levels in the study's unit.
-
-    Raises
-    ------
-    InputError, OutputError
-        See `open_cube`.
-    """
+    """Find the curve of each arch and class of the cube and store all in ``fits.json``."""
     confidence, keys = study.report.confidence, study.limit_states.model_dump()
     factor = _si_factor(study)
     with open_cube(study) as cube:

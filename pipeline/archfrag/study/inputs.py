@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from archfrag.motions.index import INDEX_NAME
-from archfrag.study.digests import sha256_if_there
+from archfrag.study.files import sha256_if_there
 
 if TYPE_CHECKING:
     from archfrag.study.records import Source

@@ -18,8 +18,7 @@ from archfrag.fragility.quoted import shared_events
 from archfrag.kernel_cache import kernel_hash
 from archfrag.study.config import Study
 from archfrag.study.design import Cloud, Design, Ida, Scattered
-from archfrag.study.digests import canonical_json, digest_of, source_hash
-from archfrag.study.files import write_text
+from archfrag.study.files import canonical_json, digest_of, source_hash, write_text
 from archfrag.study.grids import Grid, ida, stripes
 from archfrag.study.members import check_buildable, members, needs_records
 from archfrag.study.records import PreparedRecord, load_prepared

@@ -14,8 +14,7 @@ from typing import Any
 import archfrag
 from archfrag.study.arches import Table
 from archfrag.study.config import Study
-from archfrag.study.digests import PACKAGE
-from archfrag.study.files import write_text
+from archfrag.study.files import PACKAGE, write_text
 from archfrag.study.inputs import by_name
 from archfrag.study.plan import Plan
 from archfrag.study.processing import described

@@ -18,8 +18,15 @@ from archfrag.motions.index import IndexEntry, find_entry, load_index
 from archfrag.motions.plausible import check_name
 from archfrag.study.components import Components, with_partners, without_verticals
 from archfrag.study.config import FileSet, Study
-from archfrag.study.digests import canonical_json, digest_of, sha256_if_there, sha256_of
-from archfrag.study.files import cannot_write, make_folder, write_text
+from archfrag.study.files import (
+    cannot_write,
+    canonical_json,
+    digest_of,
+    make_folder,
+    sha256_if_there,
+    sha256_of,
+    write_text,
+)
 from archfrag.study.inputs import Inputs, read_inputs
 from archfrag.study.synthetic import made_motions, motion_of
 
@@ -235,19 +242,6 @@ def prepare_motions(study: Study, progress: Any = None) -> list[PreparedRecord]:
     """Store the motions of a study, one file each, with a manifest.
 
     They take the place of older ones together, when the last is stored, or not at all.
-
-    Parameters
-    ----------
-    study : Study
-    progress : callable, optional
-        Called with the number of motions stored so far.
-
-    Raises
-    ------
-    StudyError, RecordError
-        See `read_sources` and `measured`.
-    OutputError
-        If the output folder cannot be written.
     """
     inputs = study_inputs(study)
     folder = make_folder(study.work / "motions")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from archfrag.errors import InputError
-from archfrag.study.digests import canonical_json
+from archfrag.study.files import canonical_json
 from archfrag.study.section import Section, refuse
 
 if TYPE_CHECKING:
