@@ -14,13 +14,7 @@ from archfrag.mechanics.contact.path import new_path
 from archfrag.mechanics.contact.placing import move_faces, place_contacts
 from archfrag.mechanics.contact.problem import solve_anyhow
 from archfrag.mechanics.model import Model, State, Work, model_of, new_state, new_work
-from archfrag.mechanics.onset import (
-    HINGE_EXTRADOS,
-    HINGE_INTRADOS,
-    SLIDING,
-    RestLimit,
-    rest_limit,
-)
+from archfrag.mechanics.onset import HINGE_EXTRADOS, HINGE_INTRADOS, SLIDING, RestLimit, rest_limit
 from archfrag.mechanics.status import Status
 from archfrag.simulation.checks import check_arch
 

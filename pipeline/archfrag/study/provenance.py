@@ -14,8 +14,7 @@ from typing import Any
 import archfrag
 from archfrag.study.arches import Table
 from archfrag.study.config import Study
-from archfrag.study.digests import PACKAGE
-from archfrag.study.files import write_text
+from archfrag.study.files import PACKAGE, write_text
 from archfrag.study.inputs import by_name
 from archfrag.study.plan import Plan
 from archfrag.study.processing import described
@@ -82,13 +81,7 @@ def commit() -> str:
 
 
 def attributes(study: Study, plan: Plan) -> dict[str, str]:
-    """Global attributes of the cube: the same on every run of the same study with this code.
-
-    Returns
-    -------
-    dict
-        Mappings as strict JSON texts.
-    """
+    """Global attributes of the cube: the same on every run of the same study with this code."""
     inputs = read_manifest(study)["inputs"]
     return {
         "archfrag_study": study.id,
@@ -137,13 +130,7 @@ def machine() -> dict[str, Any]:
 
 
 def add_to_log(folder: Path, entry: dict[str, Any]) -> None:
-    """Add an entry to ``run_log.json`` in a folder.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-    """
+    """Add an entry to ``run_log.json`` in a folder."""
     path = folder / "run_log.json"
     entries: list[Any] = []
     with contextlib.suppress(OSError, ValueError):
