@@ -83,7 +83,7 @@ BAD = {
     "unknown profile": (
         ("profile: block", "profile: blok"),
         "arches[1].profile = blok must be one of circular, segmental, pointed, elliptic, "
-        "catenary, from_joints, block",
+        "catenary, from_joints, block, polygons",
     ),
     "no profile": (("profile: block, ", ""), "arches[1].profile is missing"),
     "same id twice": (

@@ -68,7 +68,7 @@ def note_finished(study: "Study", request: dict[str, Any]) -> None:
     OutputError
         If it cannot be written.
     """
-    from archfrag.study.arches import Table
+    from archfrag.study.arches import file_of
     from archfrag.study.files import write_text
     from archfrag.study.records import MANIFEST, read_manifest
     from archfrag.study.steps import products, stamp_file, step_names
@@ -76,8 +76,7 @@ def note_finished(study: "Study", request: dict[str, Any]) -> None:
     manifest = read_manifest(study)
     files = {path: digest for kind in manifest["inputs"].values() for path, digest in kind.items()}
     files |= {str(study.work / r["file"]): r["prepared"] for r in manifest["records"] if r["file"]}
-    files |= {entry.table: sha256_if_there(entry.table)
-              for entry in study.arches if isinstance(entry, Table)}  # fmt: skip
+    files |= {str(path): sha256_if_there(path) for path in map(file_of, study.arches) if path}
     made = [study.work / MANIFEST]
     for step in step_names(study):
         made += [stamp_file(study, step), *products(study, step)]
