@@ -280,8 +280,8 @@ def _refuse_gap(given: _Polygons, order: list[int]) -> NoReturn:
     one, other = min(gaps, key=lambda pair: gaps[pair])
     given.refuse(
         one,
-        f"has no edge in common with {given.names[other]}, {gaps[one, other]:.3g} m away; all must "
-        f"form one chain, and edges of neighbours agree to {given.tolerance:.3g} m",
+        f"has no edge in common with {given.names[other]}, {gaps[one, other]:.3g} m away; all "
+        f"must form one chain, and edges of neighbours agree to {given.tolerance:.3g} m",
     )
 
 
