@@ -165,4 +165,6 @@ def checked_corners(rows: Any, name: str, least: int, widest: int) -> FloatArray
     full = np.zeros((len(corners), 3))
     full[:, : corners.shape[1]] = corners
     apart = np.hypot(*(np.roll(full[:, :2], -1, axis=0) - full[:, :2]).T) > 0.0
+    if apart.sum() < least:
+        raise GeometryError(f"{name} has no length: all its points coincide")
     return full[apart]

@@ -83,6 +83,10 @@ def polygon_ring(
     GeometryError
         Naming the block that is no simple polygon, overlaps, or does not fit into one chain.
     """
+    if not 0 < len(outlines) <= checks.MOST_VOUSSOIRS:
+        raise GeometryError(
+            f"{len(outlines)} outlines make no chain; there must be 1 to {checks.MOST_VOUSSOIRS}"
+        )
     every = np.concatenate([outline[:, :2] for outline in outlines])
     size = float(np.hypot(*np.ptp(every, axis=0)))
     given = _Polygons(
@@ -290,9 +294,8 @@ def _opposite(given: _Polygons, block: int, joint: _Segment) -> _Segment:
     outline = given.outlines[block]
     sides = sides_of(outline)
     along, _ = perimeter(outline)
-    here = (
-        int(np.searchsorted(along, place_along(outline, along, joint.mean(axis=0)), "right")) - 1
-    )
+    middle = place_along(outline, along, joint.mean(axis=0))
+    here = int(np.searchsorted(along, middle, "right")) - 1
     if len(sides) == 4:
         own = next(i for i, side in enumerate(sides) if here in side)
         edges = sides[(own + 2) % 4]
@@ -330,11 +333,6 @@ def polygon_fields(
     """Attributes of an Arch of polygons; `matter` is friction, density, depth and dead_load."""
     given = [checked_corners(rows, f"outlines[{i}]", 2, 3) for i, rows in enumerate(outlines)]
     lines = [checked_corners(rows, f"ground[{i}]", 2, 2)[:, :2] for i, rows in enumerate(ground)]
-    if not 0 < len(given) <= checks.MOST_VOUSSOIRS or len(lines) > 2:
-        raise GeometryError(
-            f"outlines has {len(given)} entries and ground {len(lines)}; there must be 1 to "
-            f"{checks.MOST_VOUSSOIRS} and at most 2"
-        )
     factor = checks.number("thickness_factor", thickness_factor, "")
     if tolerance is not None:
         tolerance = checks.number("tolerance", tolerance)
