@@ -8,7 +8,7 @@ from pathlib import Path
 from archfrag.errors import OutputError
 from archfrag.files import cannot_write, make_folder
 from archfrag.study.config import study_schema
-from archfrag.study.digests import PACKAGE
+from archfrag.study.files import PACKAGE
 from archfrag.study.workflow import shipped_folder
 
 STUDY = "study.yaml"
