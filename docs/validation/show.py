@@ -4,7 +4,15 @@ import csv
 from html import escape
 from pathlib import Path
 
-from IPython.display import HTML
+
+class HTML(str):
+    """What a notebook shows as it is."""
+
+    __slots__ = ()
+
+    def _repr_html_(self) -> str:
+        return str(self)
+
 
 ROWS = Path(__file__).with_name("values.csv")
 HEAD = ("case", "quantity", "reference", "ours", "difference", "allowed", "source")
@@ -41,7 +49,10 @@ def lines(chosen: list[dict[str, str]]) -> str:
     text = ""
     for row in chosen:
         style = "" if row["holds"] == "yes" else ' style="background:#b3261e;color:#fff"'
-        text += f"<tr{style}>" + "".join(f"<td>{escape(c)}</td>" for c in cells(row)) + "</tr>"
+        case, quantity, *numbers, source = (escape(cell) for cell in cells(row))
+        text += f'<tr{style}><td style="min-width:11em">{case}</td><td>{quantity}</td>'
+        text += "".join(f'<td style="white-space:nowrap">{number}</td>' for number in numbers)
+        text += f'<td style="min-width:9em">{source}</td></tr>'
     return text
 
 

@@ -50,6 +50,16 @@ class TestTwoParts:
                     short=SHORT.get((duration, code), ""),
                 )  # fmt: skip
 
+    def test_one_degree_of_freedom_is_too_strong(self, validated):
+        """Mirrored hinges after an impact lose the energy of the other mega-voussoirs."""
+        found = first_collapse(
+            lambda a: falls(oppenheim(), pulse(a, 0.3), method="four_link"), 0.8, 2.0, 0.05
+        )
+        validated(
+            SWING.format(0.3, 0.6), "least a that collapses, four links", found, 1.6,
+            "own prototype", rel=0.05, unit="g",
+        )  # fmt: skip
+
     def test_keystone_before_the_first_impact(self, validated):
         history = af.simulate(
             oppenheim(sector=False), pulse(0.5, 0.3), history=True, **FINE
