@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import matplotlib
 import numpy as np
@@ -17,7 +17,6 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from archbench.growth import medians
 from archbench.quantities import QUANTITIES
-from archbench.reference import MARGIN
 from archbench.speed import kept_errors
 
 INK, GREY, PALE = "#1f2933", "#7b8794", "#d3dae2"
@@ -98,14 +97,20 @@ def _decade(value: float, _: int) -> str:
     return f"{value:g}" if 1e-3 < value < 1e4 else f"1e{round(np.log10(value))}"
 
 
-def _legend(figure: Figure, methods: Iterable[str]) -> None:
+def _legend(figure: Figure, methods: Iterable[str], floor: bool = True) -> None:
     handles = [
         Line2D([], [], color=colour, marker=marker, linestyle=stroke, lw=1.0, ms=4.0, label=label)
         for label, colour, marker, stroke in map(style_of, methods)
     ]
-    handles.append(
-        Line2D([], [], color=GREY, marker="o", mfc="white", lw=0.0, ms=4.0, label="at most")
-    )
+    if floor:
+        marks: dict[str, Any] = {
+            "color": GREY,
+            "marker": "o",
+            "mfc": "white",
+            "lw": 0.0,
+            "ms": 4.0,
+        }
+        handles.append(Line2D([], [], label="at most", **marks))
     figure.legend(handles=handles, loc="outside upper left", ncols=5, handlelength=2.0)
 
 
@@ -122,14 +127,7 @@ def _marked(axes: Axes, x, y, hollow, style: Style) -> None:
 
 
 def cost_chart(points: pd.DataFrame, quantity: str) -> Figure | None:
-    """Cost against error of one quantity, a panel for each scene; None if no scene has it.
-
-    Parameters
-    ----------
-    points : DataFrame
-        Of `archbench.speed.measure`.
-    quantity : str
-    """
+    """Cost against error of one quantity, a panel for each scene; None if no scene has it."""
     shown = points[(points["quantity"] == quantity) & points["drawn"].astype(bool)]
     if shown.empty:
         return None
@@ -177,40 +175,34 @@ def overview_chart(points: pd.DataFrame, quantity: str = "amplitude") -> Figure:
 
 
 def fragility_chart(curves: pd.DataFrame) -> Figure:
-    """Error of theta and of beta against the cost of one study; bars are sampling scatter.
-
-    Parameters
-    ----------
-    curves : DataFrame
-        Of one study of `archbench.fragility.measure`.
-    """
+    """Difference of theta and beta from the reference against cost; bars: all repetitions."""
     figure = new_figure(3.9)
     panels = figure.subplots(1, 2, sharex=True)
     methods = _ordered(curves["method"])
     for axes, name in zip(panels, ("theta", "beta"), strict=True):
-        floor = 100.0 * MARGIN * float(curves[f"{name}_known_to"].iloc[0])
-        sampling = 100.0 * float(curves[f"{name}_sampling"].iloc[0])
+        known, sampling = (
+            100.0 * float(curves[f"{name}_{kind}"].iloc[0]) for kind in ("known_to", "sampling")
+        )
         for method in methods:
             style = style_of(method)
             group = curves[curves["method"] == method].sort_values("seconds")
-            error, low, high = (
-                100.0 * group[f"{name}_{kind}"].to_numpy() for kind in ("error", "low", "high")
+            middle, low, high = (
+                100.0 * group[f"{name}_{kind}"] for kind in ("difference", "low", "high")
             )
-            seconds = group["seconds"].to_numpy()
-            axes.vlines(seconds, np.maximum(low, floor), np.maximum(high, floor),
-                        color=style.colour, lw=1.2, alpha=0.5)  # fmt: skip
-            _marked(axes, seconds, np.maximum(error, floor), error <= floor, style)
-        axes.axhline(sampling, color=INK, ls=(0, (5, 3)), lw=1.0)
-        axes.annotate("these records as a sample", (1.0, sampling), (0, 3), fontsize=7.0,
-                      xycoords=("axes fraction", "data"), textcoords="offset points",
-                      ha="right")  # fmt: skip
-        axes.set(xscale="log", yscale="log", title=f"Error of {name} (%)",
-                 xlabel="CPU seconds of one study")  # fmt: skip
-        bottom = 0.6 * min(floor, sampling)
-        axes.axhspan(bottom, floor, color=PALE, alpha=0.6, lw=0.0)
-        axes.set_ylim(bottom=bottom)
-        _log(axes)
-    _legend(figure, methods)
+            axes.vlines(group["seconds"], low, high, color=style.colour, lw=1.5, alpha=0.5)
+            _marked(axes, group["seconds"], middle, [False] * len(group), style)
+        axes.axhspan(-known, known, color=PALE, alpha=0.7, lw=0.0)
+        for sign in (-1.0, 1.0):
+            axes.axhline(sign * sampling, color=INK, ls=(0, (5, 3)), lw=0.8)
+        axes.annotate("standard error of the sample of records", (1.0, sampling), (0, 3),
+                      fontsize=7.0, xycoords=("axes fraction", "data"),
+                      textcoords="offset points", ha="right")  # fmt: skip
+        axes.set_xscale("log")
+        axes.set_yscale("symlog", linthresh=20.0)
+        axes.set(title=f"{name} less the reference's (%)", xlabel="CPU seconds of one study")
+        _log(axes, both=False)
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    _legend(figure, methods, floor=False)
     return figure
 
 

@@ -75,22 +75,7 @@ class Rocking:
         return self.frequency**2 * (np.cos(tilt) + push * np.sin(tilt))
 
     def grazing(self, start: float, push: float) -> tuple[float, float]:
-        """Speed at `start` that brings the corner back to the ground without any speed.
-
-        Parameters
-        ----------
-        start : float
-            Rotation about the corner towards which the inertia force points [rad].
-        push : float
-            Steady ground acceleration, above tan(alpha) [g].
-
-        Returns
-        -------
-        speed : float
-            Towards the ground [rad/s].
-        time : float
-            Until it touches [s].
-        """
+        """Speed at `start` that brings the corner back to the ground without any speed."""
         drop = self.potential(0.0, push) - self.potential(start * _NODE**2, push)
         time = float(np.sum(_WEIGHT * 2.0 * start * _NODE / np.sqrt(2.0 * drop)))
         full_drop = self.potential(0.0, push) - self.potential(start, push)

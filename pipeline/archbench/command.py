@@ -25,7 +25,7 @@ def gather(
     real: Path | None = None,
     solvers: Sequence[str] = (),
     workers: int | None = None,
-    say: Callable[[str], None] = print,
+    report: Callable[[str], None] = print,
 ) -> Path:
     """Measure parts one after the other, save each as soon as it is there, write the page.
 
@@ -46,7 +46,7 @@ def gather(
         Other solvers of `OTHERS`, or "all" of those that are installed.
     workers : int, optional
         Processes; the cores that are available if not given.
-    say : callable
+    report : callable
         Takes a line for the user.
 
     Returns
@@ -65,7 +65,7 @@ def gather(
     for name in solvers:
         if name not in (*OTHERS, "all"):
             raise InputError(f"--solvers: {name!r}; allowed are all, {', '.join(OTHERS)}")
-    installed = _installed(solvers, say)
+    installed = _installed(solvers, report)
     checkout = Path(__file__).parents[2] / "records"
     bench = Bench(
         output,
@@ -74,16 +74,16 @@ def gather(
         real=None if real is None else real.resolve(),
         solvers=installed,
         workers=workers or available_cores(),
-        say=say,
+        report=report,
     )
     for part in parts or PARTS:
         began = time.perf_counter()
         bench.save(part, import_module(f"archbench.{part}").measure(bench))
-        say(f"{part}: {time.perf_counter() - began:.0f} s")
+        report(f"{part}: {time.perf_counter() - began:.0f} s")
     return write_page(output)
 
 
-def _installed(solvers: Sequence[str], say: Callable[[str], None]) -> tuple[str, ...]:
+def _installed(solvers: Sequence[str], report: Callable[[str], None]) -> tuple[str, ...]:
     """Those of the named solvers that are installed; if one asked for by name is not, refuse."""
     asked = OTHERS if "all" in solvers else tuple(dict.fromkeys(solvers))
     versions = solver_versions(asked)
@@ -91,5 +91,5 @@ def _installed(solvers: Sequence[str], say: Callable[[str], None]) -> tuple[str,
     if missing and "all" not in solvers:
         raise InputError(f"--solvers: {'; '.join(f'{k} {v}' for k, v in missing.items())}")
     for name, text in versions.items():
-        say(f"{name}: {text}")
+        report(f"{name}: {text}")
     return tuple(name for name in asked if name not in missing)

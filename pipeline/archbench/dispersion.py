@@ -45,15 +45,7 @@ def both_below(first: Array, second: Array, correlation: float) -> Array:
 
 
 def correlation_of(first: Array, second: Array, counts: tuple[Array, ...]) -> float:
-    """Likeliest correlation of pairs of runs, from 0 to 1: 1 where no pair disagrees.
-
-    Parameters
-    ----------
-    first, second : ndarray, (n_pair,)
-        Bounds of the two: (ln level - ln theta) / beta.
-    counts : four of ndarray, (n_pair,)
-        Pairs of which both collapsed, only the first, only the second, none.
-    """
+    """Likeliest correlation of pairs of runs, from 0 to 1: 1 where no pair disagrees."""
     _, one, other, _ = counts
     apart = ((one > 0.0) & (first <= second)) | ((other > 0.0) & (second <= first))
     if not np.any(apart):
@@ -83,15 +75,7 @@ class Parts(NamedTuple):
 
 
 def parts_of(bound: Array, collapsed: Array, stood: Array) -> Parts:
-    """Fractions of beta squared of one study made several times.
-
-    Parameters
-    ----------
-    bound : ndarray, (n_level,)
-        Levels on the scale of the curve: (ln level - ln theta) / beta.
-    collapsed, stood : ndarray, (n_record, n_level)
-        Repetitions of each run by their outcome.
-    """
+    """Fractions of beta squared of one study made several times."""
     mixed = 0.5 * np.sum(collapsed * stood, axis=0)
     same = correlation_of(
         bound, bound,

@@ -123,7 +123,7 @@ def comes_to_rest(run: Run, within: float) -> Finding:
 
 
 def rest_limit(run: Run, tolerance: float) -> Finding:
-    """`archfrag.onset` agrees with the linear programme of the static theorem, both ways."""
+    """`archfrag.onset` agrees with the linear programme of the static theorem, to both sides."""
     start = onset(arch_of(run.scene))
     pairs = ((start.plus, largest_load(run.scene)), (start.minus, largest_load(run.scene, -1.0)))
     worst = max(0.0 if a == b else abs(a - b) / b for a, b in pairs)
@@ -247,20 +247,7 @@ LAWS: dict[str, Callable[..., Finding]] = {
 
 
 def judge_run(run: Run, expect: Mapping[str, Any]) -> dict[str, Finding]:
-    """Findings of the laws, which hold in every case, and of the facts that a case expects.
-
-    Parameters
-    ----------
-    run : Run
-        With a history, unless its scene is judged without.
-    expect : mapping of fact to its arguments
-        A single number or word is the first argument. A number may depend on how the method is
-        set: {"dt": for steps, "rtol": for those that control their error}.
-
-    Returns
-    -------
-    dict of str to Finding
-    """
+    """Findings of the laws, which hold in every case, and of the facts that a case expects."""
     laws = LAWS if run.response.history is not None else {"answers": answers}
     findings = {name: law(run) for name, law in laws.items()}
     for name, given in expect.items():

@@ -22,16 +22,7 @@ _FITTED = 24
 
 
 def slope_interval(x: Array, y: Array) -> tuple[float, float, float]:
-    """Least-squares slope and its interval at 90 % by Student's t; nan where points are missing.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from archbench.horizon import slope_interval
-    >>> slope, low, high = slope_interval(np.arange(4.0), np.array([0.0, 1.1, 1.9, 3.0]))
-    >>> round(slope, 2), low < 1.0 < high
-    (0.98, True)
-    """
+    """Least-squares slope and its interval at 90 % (Student's t); nan if points are missing."""
     if np.unique(x).size < 2:
         return math.nan, math.nan, math.nan
     fit = stats.linregress(x, y)
@@ -42,24 +33,7 @@ def slope_interval(x: Array, y: Array) -> tuple[float, float, float]:
 
 
 def growth_of(time: Array, distance: Array, thickness: float, onset: float) -> dict[str, float]:
-    """Largest Lyapunov exponent over the motion, and when prediction ends.
-
-    Parameters
-    ----------
-    time : ndarray, (n_time,) [s]
-    distance : ndarray, (n_pair, n_time) [m]
-        Of neighbouring runs, scaled to an initial difference of 1e-9.
-    thickness : float [m]
-    onset : float
-        When motion begins [s].
-
-    Returns
-    -------
-    dict
-        `exponent` with its 90 % interval `low`, `high` [1/s], and `horizon`: when a difference of
-        1e-9 reaches 1e-2 of the thickness [s], infinite if not in the run. The fit is of the mean
-        logarithm on time at 24 instants, so that neighbours are little correlated.
-    """
+    """Largest Lyapunov exponent over the motion, and when prediction ends."""
     with np.errstate(divide="ignore"):
         logarithm = np.mean(np.log(distance / thickness), axis=0)
     above = np.flatnonzero(logarithm >= math.log(REACHED))

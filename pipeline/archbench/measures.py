@@ -52,7 +52,7 @@ def overlap_depth(before: Array, after: Array) -> Array:
     """How deep the bodies on both sides of a joint are inside each other.
 
     The deepest point of one face behind the other, of those that lie between the other's ends,
-    or the same the other way round where that is less: a vertex that has sunk into a face, and
+    or the same with faces exchanged where that is less: a vertex that has sunk into a face, and
     the edge of a wedge where one body is rotated into the other about a corner. At most the width
     in which the faces face each other, across which the bodies may part as well.
 

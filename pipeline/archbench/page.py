@@ -8,65 +8,36 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import jinja2
-import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
 from archbench import charts
 from archbench.quantities import QUANTITIES
-from archbench.reference import MARGIN
 from archbench.runner import load_tables
 from archfrag.files import replacing
 
 PARTS = {
-    "fragility": "Fragility: error of the curve against cost of the study",
     "speed": "Speed against accuracy",
+    "fragility": "Fragility: error of the curve against cost of the study",
     "growth": "Growth with the number of voussoirs",
     "stability": "Stability: where methods fail",
     "corner_cases": "Corner cases",
 }
 LINES = 10
-Tables = dict[str, dict[str, pd.DataFrame]]
+_NUMBER = "{:.3g}".format
 
 
-def summary_table(tables: Tables) -> pd.DataFrame:
-    """Which setting at which error: those that none is both cheaper and more accurate than.
-
-    Of the fragility study where it was measured, else of the collapse amplitude; at most ten
-    lines, the cheapest first.
-    """
-    if "fragility" in tables:
-        curves = tables["fragility"]["curves"]
-        curves = curves[curves["study"] == curves["study"].iloc[0]]
-        error = np.maximum(curves["theta_error"], MARGIN * curves["theta_known_to"])
-        best = _undominated(curves.assign(error=error))
-        return pd.DataFrame({
-            "method": best["method"], "parameter": best["parameter"], "value": best["value"],
-            "error of theta (%)": (100.0 * best["theta_error"]).round(2),
-            "error of beta (%)": (100.0 * best["beta_error"]).round(2),
-            "CPU s for the study": best["seconds"].round(1),
-        })  # fmt: skip
-    levels = tables["speed"]["levels"]
-    best = levels.loc[levels.groupby("error", sort=False)["over_cheapest"].idxmin()]
-    columns = ["error", "method", "parameter", "value", "scenes", "seconds"]
-    return best[columns].head(LINES)
-
-
-def _undominated(frame: pd.DataFrame) -> pd.DataFrame:
-    frame = frame.sort_values(["seconds", "error"])
-    better = frame["error"] < frame["error"].cummin().shift(fill_value=np.inf)
-    return frame[better].head(LINES)
+def summary_table(levels: pd.DataFrame) -> pd.DataFrame:
+    """Which method at which error: the one that reaches it in most scenes, then the cheapest."""
+    order = levels.sort_values(
+        ["error", "scenes", "over_cheapest"], ascending=[False, False, True]
+    )
+    columns = ["error", "method", "parameter", "value", "scenes", "seconds", "over_cheapest"]
+    return order.groupby("error", sort=False).head(1)[columns].head(LINES)
 
 
 def figures_of(part: str, tables: dict[str, pd.DataFrame]) -> Iterator[tuple[str, Figure]]:
-    """Name and figure of each chart of a part.
-
-    Parameters
-    ----------
-    part : str
-        A key of `PARTS`.
-    tables : dict of str to DataFrame
-    """
+    """Name and figure of each chart of a part."""
     if part == "fragility":
         for study, curves in tables["curves"].groupby("study", sort=False):
             yield f"fragility_{study}", charts.fragility_chart(curves)
@@ -97,16 +68,7 @@ def svg_of(figure: Figure) -> str:
 
 
 def write_page(folder: Path) -> Path:
-    """Write `index.html` and the charts as SVG files from all tables of a folder.
-
-    Parameters
-    ----------
-    folder : Path
-
-    Returns
-    -------
-    Path
-    """
+    """Write `index.html` and the charts as SVG files from all tables of a folder."""
     tables = {part: load_tables(folder, part) for part in PARTS}
     tables = {part: found for part, found in tables.items() if found}
     sections = []
@@ -118,15 +80,16 @@ def write_page(folder: Path) -> Path:
                 temporary.write_text(svg, encoding="utf-8")
             drawn.append((name, svg))
         small = {
-            name: table.to_html(index=False, na_rep="", float_format="{:.4g}".format, border=0)
+            name: table.to_html(index=False, na_rep="", float_format=_NUMBER, border=0)
             for name, table in found.items()
             if len(table) <= 60
         }
         about = (folder / f"{part}_about.json").read_text(encoding="utf-8")
         sections.append((PARTS[part], drawn, small, about))
     summary = ""
-    if "fragility" in tables or "speed" in tables:
-        summary = summary_table(tables).to_html(index=False, border=0)
+    if "speed" in tables:
+        levels = tables["speed"]["levels"]
+        summary = summary_table(levels).to_html(index=False, border=0, float_format=_NUMBER)
     template = Path(__file__).with_name("page.html.j2").read_text(encoding="utf-8")
     page = jinja2.Environment(autoescape=False).from_string(template)
     with replacing(folder / "index.html") as temporary:

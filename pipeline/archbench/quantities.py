@@ -196,12 +196,6 @@ def errors_of(seen: Observed, true: Observed, thickness: float) -> dict[str, flo
     """Errors of one run against another by `OF_A_RUN`; nan where there is nothing to compare.
 
     A run that collapses, or whose reference does, has no peak displacement to be compared.
-
-    Parameters
-    ----------
-    seen, true : Observed
-        Of the same scene and marks.
-    thickness : float [m]
     """
     if seen.collapsed is None:
         return dict.fromkeys(OF_A_RUN, math.nan)

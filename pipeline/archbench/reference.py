@@ -119,19 +119,7 @@ class Reference:
 
 
 def find_reference(scene: Scene, quick: bool) -> Reference:
-    """Reference of a scene with samples, as tight as pays.
-
-    Parameters
-    ----------
-    scene : Scene
-    quick : bool
-        Less time for each run.
-
-    Raises
-    ------
-    ArchfragError
-        If no reference run comes to an end.
-    """
+    """Reference of a scene with samples, as tight as pays."""
     base, tight = _tightest(scene, quick)
     loose = tight.finer(10.0)
     coarser = solve(scene, loose, history=True)
@@ -244,16 +232,7 @@ def _outcomes(
 
 
 def compare_with_steps(reference: Reference, scene: Scene, quick: bool) -> None:
-    """Distance of time stepping's limit; beyond its own uncertainty it is the reference's error.
-
-    Parameters
-    ----------
-    reference : Reference
-        Its `second` is filled and its `error` raised where need be.
-    scene : Scene
-    quick : bool
-        Steps are halved until a run takes 0.5 s, or else 2 s; a third as long for amplitudes.
-    """
+    """Distance of time stepping's limit: the error where beyond its own uncertainty."""
     limit = 0.5 if quick else 2.0
     runs: list[Solution] = []
     for step in STEPS:
@@ -297,20 +276,7 @@ def _note(reference: Reference, quantity: str, away: float, doubt: float) -> Non
 
 
 def limit_of(values: Sequence[Array]) -> tuple[Array, float]:
-    """Limit of four values at steps halved each time, and its uncertainty.
-
-    Parameters
-    ----------
-    values : sequence of ndarray
-        At least four of the same shape, the last one at the finest step.
-
-    Returns
-    -------
-    limit : ndarray
-    doubt : float
-        The largest of the last correction, the last difference, and what the last step changed
-        of the limit: the first alone would be too small before errors decrease regularly.
-    """
+    """Limit of four values at steps halved each time, and its uncertainty."""
     limit, correction, _ = richardson(values[-3:])
     before, _, _ = richardson(values[-4:-1])
     last = float(np.max(np.abs(values[-1] - values[-2])))
@@ -319,19 +285,6 @@ def limit_of(values: Sequence[Array]) -> tuple[Array, float]:
 
 def richardson(values: Sequence[Array]) -> tuple[Array, float, float]:
     """Limit of values at steps halved twice, its uncertainty, and the order they show.
-
-    Parameters
-    ----------
-    values : sequence of ndarray
-        At least three of the same shape, the last one at the finest step.
-
-    Returns
-    -------
-    limit : ndarray
-    uncertainty : float
-        Largest difference between the limit and the finest value: the size of the correction.
-    order : float
-        Of the last three; between 0.5 and 4, and 0.5 where differences do not shrink.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Tasks in processes, each with a time limit, kept as they finish; tables, whole or not at all."""
+"""Tasks in processes, each with a time limit, kept as they finish; tables, complete or not at all."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Bench:
     solvers : tuple of str
         Other solvers, by the names of `archbench.adapters.client`.
     workers : int
-    say : callable
+    report : callable
         Takes a line for the user.
     """
 
@@ -57,7 +57,7 @@ class Bench:
     real: Path | None = None
     solvers: tuple[str, ...] = ()
     workers: int = 1
-    say: Callable[[str], None] = field(default=print, repr=False)
+    report: Callable[[str], None] = field(default=print, repr=False)
 
     @property
     def folders(self) -> tuple[Path | None, ...]:
@@ -70,27 +70,12 @@ class Bench:
         """Results of ``function(*task)`` by key, in the order of tasks.
 
         What an earlier run of the same sources has finished is not done again.
-
-        Parameters
-        ----------
-        name : str
-            Of the file of finished tasks.
-        function : callable
-            At the top level of a module; what it returns goes through JSON.
-        tasks : mapping of tuple to tuple
-        limit : float
-            Longest time for one task [s].
-
-        Returns
-        -------
-        dict
-            A message (str) where a task took too long or ended its process.
         """
         path = make_folder(self.output / "finished") / f"{name}-{sources()}.jsonl"
         done = _finished(path)
         todo = {key: task for key, task in tasks.items() if json.dumps(key) not in done}
-        self.say(f"{name}: {len(todo)} of {len(tasks)} tasks to do")
-        began, told = time.perf_counter(), 0.0
+        self.report(f"{name}: {len(todo)} of {len(tasks)} tasks to do")
+        began, shown = time.perf_counter(), 0.0
         with path.open("a", encoding="utf-8") as file:
             for count, (key, result) in enumerate(
                 in_processes(function, todo, self.workers, limit), 1
@@ -99,19 +84,13 @@ class Bench:
                 file.write(json.dumps([key, result]) + "\n")
                 file.flush()
                 spent = time.perf_counter() - began
-                if spent > told + 20.0 or count == len(todo):
-                    told = spent
-                    self.say(f"{name}: {count} of {len(todo)} done in {spent:.0f} s")
+                if spent > shown + 20.0 or count == len(todo):
+                    shown = spent
+                    self.report(f"{name}: {count} of {len(todo)} done in {spent:.0f} s")
         return {key: done[json.dumps(key)] for key in tasks}
 
     def save(self, part: str, tables: Mapping[str, pd.DataFrame]) -> None:
-        """Write a part's tables as CSV, with what they were made by beside them.
-
-        Raises
-        ------
-        OutputError
-            If the folder cannot be written.
-        """
+        """Write a part's tables as CSV, with what they were made by beside them."""
         folder = make_folder(self.output)
         for name, table in tables.items():
             with replacing(folder / f"{part}_{name}.csv") as temporary:
@@ -126,13 +105,7 @@ class Bench:
 
 
 def load_tables(folder: Path, part: str) -> dict[str, pd.DataFrame]:
-    """A part's tables by their names; none if it was not measured.
-
-    Raises
-    ------
-    InputError
-        If a table cannot be read.
-    """
+    """A part's tables by their names; none if it was not measured."""
     tables = {}
     for path in sorted(folder.glob(f"{part}_*.csv")):
         try:
@@ -179,20 +152,6 @@ def in_processes(
     """Results of ``function(*task)`` as they come, with their keys; a message for those that fail.
 
     Each worker is a process of its own, which is ended and replaced when a task takes too long.
-
-    Parameters
-    ----------
-    function : callable
-    tasks : mapping of tuple to sequence
-    workers : int
-    limit : float
-        Longest time for one task [s].
-    prepare : callable
-        Called in each process before its first task, outside the limit.
-
-    Yields
-    ------
-    (key, result)
 
     Examples
     --------

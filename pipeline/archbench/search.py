@@ -41,19 +41,6 @@ def nearest_change(
     larger ones if it stands, until outcomes differ; what lies between is bisected on the log
     scale.
 
-    Parameters
-    ----------
-    collapses : callable
-        Takes an amplitude; True, False, or None for a failed run.
-    centre : float
-        Of the change that is expected.
-    floor : float
-        Smallest relative distance of interest.
-    reach : float
-        Largest relative distance tried.
-    fraction : float
-        The bracket ends at this fraction of the distance, or at `floor`.
-
     Examples
     --------
     >>> from archbench.search import nearest_change
@@ -88,20 +75,6 @@ def least_collapsing(
     collapses: Collapses, low: float, high: float, width: float = 1e-4, grid: int = 12
 ) -> float:
     """First collapse on a grid, because outcomes are not monotone, then bisected.
-
-    Parameters
-    ----------
-    collapses : callable
-        As of `nearest_change`; a failed run does not count as a collapse.
-    low, high : float
-    width : float
-        Relative width at which the bisection ends.
-    grid : int
-
-    Returns
-    -------
-    float
-        nan if nothing up to `high` collapses.
 
     Examples
     --------

@@ -68,21 +68,7 @@ class Setting:
 
 
 def ladders(quick: bool, solvers: Sequence[str] = ()) -> dict[str, list[Setting]]:
-    """Settings of each method that can run here, and of other solvers, from coarse to fine.
-
-    Parameters
-    ----------
-    quick : bool
-        The reduced set.
-    solvers : sequence of str
-        Other solvers.
-
-    Examples
-    --------
-    >>> from archbench.settings import ladders
-    >>> [setting.value for setting in ladders(quick=True)["four_link"]]
-    [0.01, 0.0001]
-    """
+    """Settings of each method that can run here, and of other solvers, from coarse to fine."""
     table = json.loads(_FILE.read_text(encoding="utf-8"))
     names = [name for name in table if name in available_methods()]
     rows = {name: table[name] for name in names}

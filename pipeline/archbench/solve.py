@@ -81,19 +81,7 @@ class Solution:
 
 
 def arch_of(scene: Scene) -> Arch:
-    """The scene's chain.
-
-    Parameters
-    ----------
-    scene : Scene
-
-    Examples
-    --------
-    >>> from archbench.scene import load_scene
-    >>> from archbench.solve import arch_of
-    >>> arch_of(load_scene("arch7_pulse")).n_voussoir
-    7
-    """
+    """The scene's chain."""
     inner, outer = scene.joint_lines()
     own = {
         key: scene.chain[key] for key in ("density", "depth", "dead_load") if key in scene.chain
@@ -113,19 +101,7 @@ def peak_acceleration(scene: Scene) -> float:
 
 
 def with_samples(scene: Scene, folders: Sequence[Path | None]) -> Scene:
-    """The same scene with a record's samples in it, in units of its peak.
-
-    Parameters
-    ----------
-    scene : Scene
-    folders : sequence of Path or None
-        Where records are sought, in this order.
-
-    Raises
-    ------
-    InputError
-        If the record is in none of them.
-    """
+    """The same scene with a record's samples in it, in units of its peak."""
     if scene.motion["kind"] != "record":
         return scene
     places = [folder / scene.motion["file"] for folder in folders if folder is not None]
@@ -153,23 +129,6 @@ def solve(
     scene: Scene, setting: Setting, *, history: bool = False, limit: float = 120.0, **options: Any
 ) -> Solution:
     """Run a scene.
-
-    Parameters
-    ----------
-    scene : Scene
-        Without a record that is still to be read.
-    setting : Setting
-    history : bool
-        Keep frames.
-    limit : float
-        Longest that another solver may take [s].
-    **options
-        Of `archfrag.simulate`; ours only.
-
-    Raises
-    ------
-    archfrag.errors.ArchfragError
-        If the method refuses the scene.
 
     Examples
     --------
@@ -202,19 +161,7 @@ def collapses(scene: Scene, setting: Setting) -> Callable[[float], bool | None]:
 
 
 def solve_many(scene: Scene, setting: Setting, factors: Sequence[float]) -> list[Solution]:
-    """Run a scene with its motion scaled by several factors, in one call where a study does so.
-
-    Parameters
-    ----------
-    scene : Scene
-    setting : Setting
-    factors : sequence of float
-
-    Returns
-    -------
-    list of Solution
-        The CPU time of them all is divided equally.
-    """
+    """Run a scene with its motion scaled by several factors, in one call where a study does so."""
     if setting.ours and scene.initial is None and scene.motion["kind"] != "none":
         motion = motion_of(scene)
         given = {"follow": _follow(scene, motion), **setting.options}

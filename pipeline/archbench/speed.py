@@ -48,18 +48,7 @@ def chart_scenes(quick: bool) -> list[str]:
 
 
 def measure(bench: Bench) -> dict[str, pd.DataFrame]:
-    """Cost and errors of all methods, and of other solvers, on all scenes.
-
-    Parameters
-    ----------
-    bench : Bench
-
-    Returns
-    -------
-    dict of str to DataFrame
-        "points": a row for each scene, quantity and setting; "references" with their own errors;
-        "levels" as of `levels_table`; "left_out".
-    """
+    """Cost and errors of all methods, and of other solvers, on all scenes."""
     left_out: list[tuple[str, str, str]] = []
     names = chart_scenes(bench.quick)
     limit = LIMIT[bench.quick]
@@ -112,23 +101,7 @@ def reference_of(name: str, quick: bool, folders: Sequence[Path | None]) -> dict
 def points_of(
     reference: Reference, settings: Sequence[Setting], quick: bool, folders: Sequence[Path | None]
 ) -> dict[str, Any]:
-    """Rows of a ladder of settings on a scene, and what was left out of it.
-
-    Parameters
-    ----------
-    reference : Reference
-    settings : sequence of Setting
-        From coarse to fine.
-    quick : bool
-        At least 3 instead of 5 runs for each time.
-    folders : sequence of Path or None
-        Of records.
-
-    Returns
-    -------
-    dict
-        `points`, a list of rows, and `left_out`, a list of messages.
-    """
+    """Rows of a ladder of settings on a scene, and what was left out of it."""
     scene = with_samples(load_scene(reference.scene), folders)
     ours = settings[0].ours
     if not ours:  # which go on where ours stop at rest
@@ -232,15 +205,6 @@ def kept_errors(points: pd.DataFrame) -> pd.DataFrame:
 
     A coarse setting that is right by chance, where its error changes sign, does not count as
     accurate. Errors below the floor stand at the floor.
-
-    Parameters
-    ----------
-    points : DataFrame
-
-    Returns
-    -------
-    DataFrame
-        With a column `kept`.
     """
     frame = points[points["drawn"].astype(bool)].reset_index(drop=True)
     frame = frame.assign(kept=np.maximum(frame["error"], frame["floor"]))
@@ -249,20 +213,7 @@ def kept_errors(points: pd.DataFrame) -> pd.DataFrame:
 
 
 def levels_table(points: pd.DataFrame, quantity: str = "amplitude") -> pd.DataFrame:
-    """The cheapest method at each error, over the scenes that reach it.
-
-    Parameters
-    ----------
-    points : DataFrame
-    quantity : str
-
-    Returns
-    -------
-    DataFrame
-        A row for each error and method: `scenes` in which it stays at or below that error,
-        `cheapest_in` of them, and the medians of its `seconds`, of that over the cheapest of all
-        (`over_cheapest`) and of its parameter (`value`).
-    """
+    """The cheapest method at each error, over the scenes that reach it."""
     kept = kept_errors(points)
     kept = kept[kept["quantity"] == quantity]
     rows = []

@@ -128,23 +128,7 @@ def reference_of(scene: Scene, quick: bool) -> bool | None:
 
 
 def judge_cell(scene: Scene, setting: Setting, expected: bool | None, must_rest: bool) -> Row:
-    """One run, and all that is wrong with it.
-
-    Parameters
-    ----------
-    scene : Scene
-    setting : Setting
-    expected : bool or None
-        As of `reference_of`.
-    must_rest : bool
-        Whether the motion stays inside the rest range.
-
-    Returns
-    -------
-    dict
-        `kind`: the first of `FAILURES` that is found, or "right", "undecided" or "does not
-        apply"; and the figures.
-    """
+    """One run, and all that is wrong with it."""
     try:
         run = solve(scene, setting, history=setting.ours)
     except ArchfragError:
@@ -179,13 +163,7 @@ def judge_cell(scene: Scene, setting: Setting, expected: bool | None, must_rest:
 
 
 def measure(bench: Bench) -> dict[str, pd.DataFrame]:
-    """All planes by all methods and other solvers.
-
-    Returns
-    -------
-    dict
-        `cells`: a row for each run; `counts`: how often each method fails in which way.
-    """
+    """All planes by all methods and other solvers."""
     chosen = planes(bench.quick)
     limit = LIMIT[bench.quick]
     expected = bench.run(

@@ -16,19 +16,6 @@ _LARGEST_FRICTION = 10.0
 def largest_load(scene: Scene, sense: float = 1.0) -> float:
     """Largest steady ground acceleration for which admissible reactions exist.
 
-    Parameters
-    ----------
-    scene : Scene
-    sense : float
-        1: towards +x; -1: towards -x.
-
-    Returns
-    -------
-    float
-        In standard gravity; nan if no load of any size leaves it at rest, inf if none moves it.
-
-    Notes
-    -----
     Two normal forces at the ends of each joint and one shear force, in balance with the weights
     and the inertia forces, within Coulomb's cone (Livesley 1978, *Int. J. Numer. Meth. Eng.* 12;
     with friction the bound is that of the static theorem).
@@ -47,19 +34,7 @@ def largest_load(scene: Scene, sense: float = 1.0) -> float:
 
 
 def least_friction(scene: Scene, width: float = 1e-9) -> float:
-    """Least Coulomb coefficient at which the scene's chain bears its own weight.
-
-    Parameters
-    ----------
-    scene : Scene
-    width : float
-        To which it is bisected.
-
-    Returns
-    -------
-    float
-        nan if no friction holds it.
-    """
+    """Least Coulomb coefficient at which the scene's chain bears its own weight."""
     low, high = 0.0, _LARGEST_FRICTION
     if not _bears(scene, high):
         return math.nan

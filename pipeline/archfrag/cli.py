@@ -274,7 +274,7 @@ def evidence(parts: tuple[str, ...], output: Path, **options: Any) -> None:
             "archfrag evidence needs archbench, which is not in the wheel; allowed is an "
             "installation from the repository: pip install -e .[bench]"
         ) from None
-    click.echo(gather(parts, output, say=functools.partial(click.echo, err=True), **options))
+    click.echo(gather(parts, output, report=functools.partial(click.echo, err=True), **options))
 
 
 @main.command()

@@ -35,7 +35,7 @@ def rotated(angle, about, face=FACE):
 
 
 def least_translation(one, other):
-    """Shortest way out of each other of two convex outlines; 0 if apart. Separating axes."""
+    """Shortest translation that parts two convex outlines; 0 if apart. Separating axes."""
     least = np.inf
     for outline in (one, other):
         sides = np.roll(outline, -1, axis=0) - outline

@@ -49,7 +49,7 @@ def test_finished_tasks_are_not_done_again_and_a_cut_line_is(tmp_path, monkeypat
         return [(key, function(*task)) for key, task in tasks.items()]
 
     monkeypatch.setattr(runner, "in_processes", pretend)
-    bench = Bench(tmp_path, say=lambda _: None)
+    bench = Bench(tmp_path, report=lambda _: None)
     tasks = {("a", 1): (3, 4), ("b", 2): (5, 6)}
     assert bench.run("sums", math.hypot, tasks, 1.0) == {
         ("a", 1): 5.0, ("b", 2): pytest.approx(61**0.5)
@@ -64,7 +64,7 @@ def test_finished_tasks_are_not_done_again_and_a_cut_line_is(tmp_path, monkeypat
 
 def test_tables_come_back_as_they_were_saved(tmp_path):
     table = pd.DataFrame({"method": ["auto"], "seconds": [0.25]})
-    Bench(tmp_path, say=lambda _: None).save("growth", {"runs": table})
+    Bench(tmp_path, report=lambda _: None).save("growth", {"runs": table})
     pd.testing.assert_frame_equal(load_tables(tmp_path, "growth")["runs"], table)
     (tmp_path / "growth_runs.csv").write_bytes(b"")
     with pytest.raises(InputError, match=r"growth_runs\.csv"):

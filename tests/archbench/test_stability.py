@@ -1,4 +1,4 @@
-"""Maps of failures: a run made wrong in one way is found wrong in that way only."""
+"""Maps of failures: a run made wrong in one thing is found wrong in that only."""
 
 from dataclasses import replace
 
