@@ -1,4 +1,4 @@
-"""Tasks in processes, each with a time limit, kept as they finish; tables, complete or not at all."""
+"""Tasks in processes with a time limit, kept as they finish; tables, complete or not at all."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ def test_tables_come_back_as_they_were_saved(tmp_path):
 @pytest.mark.parametrize(
     ("parts", "solvers", "words"),
     [
-        (["sped"], [], "no part 'sped'; allowed are fragility"),
+        (["sped"], [], "no part 'sped'; allowed are speed, frag"),
         ([], ["mujuco"], "'mujuco'; allowed"),
     ],
 )
