@@ -85,7 +85,7 @@ class TestTerms:
 
 
 class TestSpectra:
-    """The rows of tests/benchmarks/run_scatter.py, with fewer seeds."""
+    """Scatter about the models, as records/README.md gives it for 1,000 seeds."""
 
     def test_scatter_is_the_published_total(self):
         # Mean total of four models at M 6.5 and PERIODS; 0.1, and 0.06 for 300 seeds.

@@ -170,7 +170,7 @@ def median_adjustment(
     """Factor on the amplitude that brings the median Sa to ground-motion models.
 
     The models are Chiou and Youngs (2014) and Abrahamson, Silva and Kamai (2014), their geometric
-    mean for a vertical strike-slip fault; ``tests/benchmarks/run_median.py`` made the table, by
+    mean for a vertical strike-slip fault; ``archbench.median_adjustment`` made the table, by
     multiplying the amplitude at 1 / T by what Sa(T) of many simulations lacks and repeating
     (spectra brought back to Fourier amplitudes as by inverse random vibration theory: Al Atik et
     al. 2014, BSSA 104(1), 336-346). Linear in magnitude, ln distance and ln frequency; constant
