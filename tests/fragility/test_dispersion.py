@@ -55,6 +55,13 @@ class TestCapacities:
         assert split_capacities(np.exp(logs)).combined() == pytest.approx(logs.std(), rel=0.01)
         assert combine(0.3, 0.4, 1.2) == pytest.approx(1.3)
 
+    def test_numerical_part_is_taken_from_record_to_record(self):
+        capacity = np.exp(study(np.random.default_rng(5)))
+        whole, less = split_capacities(capacity), split_capacities(capacity, numerical=0.2)
+        square = whole.beta_record_to_record**2 - 0.04
+        assert less.beta_record_to_record**2 == pytest.approx(square)
+        assert (less.beta_model, less.beta_numerical) == (whole.beta_model, 0.2)
+
     def test_unequal_numbers_of_records(self):
         generator, squares = np.random.default_rng(6), []
         for _ in range(STUDIES):
@@ -183,6 +190,13 @@ COARSE, FINE = pair(np.random.default_rng(4))
         (split_capacities, ([[1.0, 2.0]],), {}, FitError, "1 arches"),
         (split_capacities, ([[1.0, np.nan], [1.0, 2.0]],), {}, FitError, "1 records"),
         (split_capacities, ([[1.0, np.inf], [1.0, 2.0]],), {}, InputError, "inf"),
+        (
+            split_capacities,
+            (np.eye(2) + 1.0,),
+            {"numerical": -1.0},
+            InputError,
+            "dispersion is -1",
+        ),
         (split_curves, ([1, 2], [0.4] * 2, [0.1] * 2), {"shared": 1.0}, InputError, "shared is 1"),
         (split_curves, ([1, 2], [0.4, 0.4], [0.1]), {}, InputError, "standard_error"),
         (split_curves, ([1, np.nan], [0.4] * 2, [0.1] * 2), {}, InputError, "theta holds nan"),

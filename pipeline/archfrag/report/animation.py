@@ -132,16 +132,7 @@ class _Stage:
 
 
 def animation(example: Example, name: str, title: str) -> Picture | None:
-    """A run in motion, with its still frames and a box to stop it; None if nothing moves.
-
-    Parameters
-    ----------
-    example : Example
-    name : str
-        Unique on the page.
-    title : str
-        What is shown, such as "A collapse".
-    """
+    """A run in motion, with its still frames and a box to stop it; None if nothing moves."""
     frames = key_frames(example)
     if frames is None:
         return None

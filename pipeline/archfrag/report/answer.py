@@ -25,16 +25,7 @@ Answers = Mapping[str, "Answer"]
 
 
 def headline(answers: Answers, scale: Scale, at: float | None) -> str:
-    """The answer of the study in one sentence, without its full stop.
-
-    Parameters
-    ----------
-    answers : mapping of str to Answer
-        By arch or class.
-    scale : Scale
-    at : float or None
-        Level in the reader's unit at which the probability is asked for.
-    """
+    """The answer of the study in one sentence, without its full stop."""
     known = {name: a for name, a in answers.items() if isinstance(a.curve, Fragility)}
     if not known:
         name, first = next(iter(answers.items()))

@@ -42,15 +42,7 @@ class _View:
 
 
 def arch_at_onset(arch: Arch, onset: "Onset", identifier: str) -> Picture:
-    """Draw the chain twice: ground accelerating towards +x, and towards -x.
-
-    Parameters
-    ----------
-    arch : Arch
-    onset : Onset
-    identifier : str
-        The arch's name in the study.
-    """
+    """Draw the chain twice: ground accelerating towards +x, and towards -x."""
     ways = (("+x", 1.0), ("−x", -1.0)) if onset.stands else (("", 0.0),)
 
     def draw(width: float) -> Sheet:

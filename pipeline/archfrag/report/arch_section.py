@@ -41,18 +41,7 @@ _ENTRIES = 60  # of the log, in words
 def arch_section(
     inputs: "ReportInputs", cube: "xr.Dataset", results: ArchResults, place: int, animated: bool
 ) -> dict[str, Any]:
-    """Figures, tables and numbers of an arch, by the names that the page's template uses.
-
-    Parameters
-    ----------
-    inputs : ReportInputs
-    cube : xarray.Dataset
-    results : ArchResults
-    place : int
-        Of the arch in `inputs.arches`.
-    animated : bool
-        Whether to show runs in motion.
-    """
+    """Figures, tables and numbers of an arch, by the names that the page's template uses."""
     prefix, (name, arch, onset) = f"arch{place}", inputs.arches[place]
     answer, counts = inputs.answers[name], results.counts
     wall = None if inputs.timings is None else inputs.timings.get(name)

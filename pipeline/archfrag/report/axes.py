@@ -105,26 +105,7 @@ def log_ticks(low: float, high: float, subs: Sequence[float] = (1.0, 2.0, 5.0)) 
 def panes(
     sheet: Sheet, count: int, top: float, height: float, gap: float = 10.0, left: float = BESIDE
 ) -> tuple[list[tuple[float, float, float, float]], float]:
-    """Boxes of panels, beside each other on a wide sheet and below each other on a narrow one.
-
-    Parameters
-    ----------
-    sheet : Sheet
-    count : int
-    top : float
-        Of the first panel, its heading included [px].
-    height : float
-        Of each panel without heading, labels and title [px].
-    gap : float
-        Between panels [px].
-    left : float
-        Pixels left of each panel for its axis.
-
-    Returns
-    -------
-    (list of (left, top, right, bottom), float)
-        Boxes, and where what comes below may begin.
-    """
+    """Boxes of panels, beside each other on a wide sheet and below each other on a narrow one."""
     start = top + LINE + 3.0
     if sheet.narrow:
         step = height + BELOW + LINE + gap

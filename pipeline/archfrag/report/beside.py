@@ -46,16 +46,7 @@ class _Side(NamedTuple):
 
 
 def load_beside(study: Study, other: Study) -> Beside:
-    """Results of a study that is to be shown beside the report's own.
-
-    Raises
-    ------
-    InputError
-        If both have the same id, or the results of `other` are missing or not those of the study
-        as it is.
-    OutputError
-        If a third study's cube is in the folder of `other`.
-    """
+    """Results of a study that is to be shown beside the report's own."""
     refused = f"study {other.id!r} cannot be shown beside {study.id!r}"
     if study.id == other.id:
         raise InputError(f"{refused}: each study needs its own id")
@@ -71,26 +62,7 @@ def load_beside(study: Study, other: Study) -> Beside:
 def beside_section(
     inputs: "ReportInputs", cube: "xr.Dataset", scale: Scale
 ) -> dict[str, Any] | None:
-    """What the page says of another study, by the names that its template uses.
-
-    Parameters
-    ----------
-    inputs : ReportInputs
-    cube : xarray.Dataset
-        Of the report's own study.
-    scale : Scale
-        Of the report; levels of the other study are shown in its unit too.
-
-    Returns
-    -------
-    dict or None
-        None if there is no other study.
-
-    Raises
-    ------
-    InputError
-        If the studies differ in measure or SI unit, or have no arch in common.
-    """
+    """What the page says of another study, by the names that its template uses."""
     if inputs.beside is None:
         return None
     cubes = (cube, inputs.beside.cube)

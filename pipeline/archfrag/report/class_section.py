@@ -53,18 +53,7 @@ _PARTS = {
 def class_section(
     inputs: "ReportInputs", cube: "xr.Dataset", name: str, number: int, scale: Scale
 ) -> dict[str, Any]:
-    """Figures, tables and numbers of a class, by the names that the page's template uses.
-
-    Parameters
-    ----------
-    inputs : ReportInputs
-    cube : xarray.Dataset
-    name : str
-        Of the class.
-    number : int
-        Of the class on the page.
-    scale : Scale
-    """
+    """Figures, tables and numbers of a class, by the names that the page's template uses."""
     places = np.flatnonzero(cube["arch_class"].values.astype(str) == name)
     names = cube["arch"].values.astype(str)[places]
     members = [inputs.answers[str(each)] for each in names]

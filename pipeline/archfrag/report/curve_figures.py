@@ -63,11 +63,6 @@ def curve(results: ArchResults, answer: "Answer") -> Picture:
     Observed fractions with exact intervals where every record was run at every level or the runs
     have levels of their own; the distribution of the records' capacities where the levels were
     bisected.
-
-    Parameters
-    ----------
-    results : ArchResults
-    answer : Answer
     """
     scale, percent = results.scale, f"{100 * answer.confidence:.0f} %"
     reach = 1.05 * results.levels.max()
@@ -180,20 +175,7 @@ def all_curves(
     scale: Scale,
     marks: tuple[float, float | None],
 ) -> Picture | None:
-    """Curves of all arches in one figure; None if there are fewer than two.
-
-    Parameters
-    ----------
-    answers : mapping of str to Answer
-        Of arches; by name if they are few, otherwise those that are of no class thinly.
-    classes : mapping of str to Answer
-        Drawn with their bands.
-    members : mapping of str to sequence of Answer
-        Arches of each class, drawn thinly.
-    scale : Scale
-    marks : (float, float or None)
-        Level to which the curves are drawn, and one that is marked, in the reader's unit.
-    """
+    """Curves of all arches in one figure; None if there are fewer than two."""
     known = {k: a for k, a in answers.items() if isinstance(a.curve, Fragility)}
     if len(known) < 2:
         return None

@@ -52,14 +52,7 @@ def by_impacts(results: ArchResults, confidence: float) -> Deaggregation:
 
 
 def shares(groups: Sequence[Deaggregation], results: ArchResults) -> Picture | None:
-    """Observed fraction of collapses at each level, split three ways; None if none collapsed.
-
-    Parameters
-    ----------
-    groups : sequence of Deaggregation
-        By mode, by joint and by impacts.
-    results : ArchResults
-    """
+    """Observed fraction of collapses at each level, split three ways; None if none collapsed."""
     if not groups[0].collapsed.any():
         return None
     keys = [_key(group) for group in groups]

@@ -52,18 +52,7 @@ def hatch_definitions() -> str:
 def picture(
     draw: Callable[[float], "Sheet"], *, alternative: str, caption: str, narrow: bool = True
 ) -> Picture:
-    """Draw a figure for the page's column and for a narrow screen.
-
-    Parameters
-    ----------
-    draw : callable
-        Takes the width [px].
-    alternative : str
-        What the figure shows, for those who cannot see it.
-    caption : str
-    narrow : bool
-        Whether to draw it for narrow screens too.
-    """
+    """Draw a figure for the page's column and for a narrow screen."""
     return Picture(
         draw(WIDE).svg(alternative), caption, draw(NARROW).svg(alternative) if narrow else ""
     )

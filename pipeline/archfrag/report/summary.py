@@ -168,13 +168,7 @@ class ArchResults:
 
 
 def reading_scale(cube: "xr.Dataset", measure: str) -> Scale:
-    """Unit in which the intensities of a cube are shown: the study's, or else g or as stored.
-
-    Raises
-    ------
-    InputError
-        If the cube's intensity carries no unit.
-    """
+    """Unit in which the intensities of a cube are shown: the study's, or else g or as stored."""
     units = cube["intensity"].attrs.get("units")
     if not units:
         raise InputError("the cube's variable intensity has no attribute units")
@@ -194,13 +188,7 @@ def study_config(cube: "xr.Dataset") -> Mapping[str, Any]:
 
 
 def arch_results(cube: "xr.Dataset", arch: str, scale: Scale) -> ArchResults:
-    """Everything the report needs of one arch of a cube.
-
-    Raises
-    ------
-    InputError
-        If a variable or the arch is missing.
-    """
+    """Everything the report needs of one arch of a cube."""
     missing = [name for name in NEEDED if name not in cube]
     if missing:
         raise InputError(

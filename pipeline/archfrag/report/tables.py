@@ -97,14 +97,7 @@ def levels(results: ArchResults, given: "Answer") -> Table:
 def motions(
     cube: "xr.Dataset", items: Sequence["Motion"], measures: Mapping[str, Mapping[str, float]]
 ) -> Table:
-    """One row for each record: origin, length, measures as recorded, range of scale factors.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-    items : sequence of Motion
-    measures : mapping of record to mapping of measure to value in SI
-    """
+    """One row for each record: origin, length, measures as recorded, range of scale factors."""
     names = [str(name) for name in cube["record"].values]
     rows = []
     for motion in items:
@@ -135,14 +128,7 @@ def motions(
 
 
 def quality(results: ArchResults, wall: Sequence[float] | None) -> Table:
-    """Speed and energy figures of one arch.
-
-    Parameters
-    ----------
-    results : ArchResults
-    wall : sequence of float, optional
-        Wall time of each of its runs, or of groups of them [s].
-    """
+    """Speed and energy figures of one arch."""
     simulated = float(np.nansum(results.end_time))
     runs = int(results.counts.runs.sum())
     rows = [["simulated time", f"{simulated:,.0f} s in {runs:,} runs"]]

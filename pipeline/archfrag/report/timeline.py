@@ -103,22 +103,7 @@ def window(changes: Sequence[MechanismChange], end_time: float) -> tuple[float, 
 def sampled(
     changes: Sequence[MechanismChange], n_joint: int, edges: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """What lasted longest in each bin of time.
-
-    Parameters
-    ----------
-    changes : sequence of MechanismChange
-    n_joint : int
-    edges : ndarray, (n_bin + 1,)
-        Of the bins [s].
-
-    Returns
-    -------
-    joints : ndarray of int, (n_bin, n_joint)
-        0 for a closed joint, else 1 plus the position in `LOOK`.
-    models : ndarray of int, (n_bin,)
-        Codes of `Model`.
-    """
+    """What lasted longest in each bin of time."""
     states = np.zeros((len(changes), n_joint), dtype=np.int64)
     for i, change in enumerate(changes):
         for joint, text in change.joints.items():
