@@ -12,10 +12,9 @@ from archfrag.fragility.curve import Fragility
 from archfrag.mechanics.collapse import NOTED_GAP
 from archfrag.report import picture as look
 from archfrag.report import tables
-from archfrag.report.axes import BESIDE
-from archfrag.report.curve_figures import PROBABILITY, curve_axes, draw_answer
+from archfrag.report.curve_figures import curve_picture, draw_answer
 from archfrag.report.picture import Picture
-from archfrag.report.plot import Entry, Sheet, picture
+from archfrag.report.plot import Entry, Panel
 from archfrag.report.summary import ArchResults, Scale, arch_results, study_config
 from archfrag.study.config import Study
 from archfrag.study.curves import Answer
@@ -111,17 +110,13 @@ def _curves(sides: Sequence[_Side]) -> Picture:
         for side, (colour, dash, _) in zip(sides, looks)
     ]
 
-    def draw(width: float) -> Sheet:
-        sheet = Sheet(width)
-        top = sheet.legend(BESIDE, 0.0, entries, width - BESIDE - 10.0) + 6.0
-        panel = curve_axes(sheet, top, reach, scale.label, PROBABILITY)
+    def draw(panel: Panel) -> None:
         for side, (colour, dash, mark) in zip(sides, looks):
             draw_answer(panel, side.answer, scale, colour, dash)
             known = side.results.known
             used = known.n > 0
             fraction = known.collapsed[used] / known.n[used]
             panel.dots(side.results.levels[used], fraction, colour, mark)
-        return sheet
 
     medians = (
         f"{side.study} median {scale.text(side.answer.curve.theta)}"
@@ -129,15 +124,14 @@ def _curves(sides: Sequence[_Side]) -> Picture:
         else f"{side.study} no curve"
         for side in sides
     )
-    return picture(
-        draw,
+    return curve_picture(
+        draw, entries, (reach, scale.label),
         alternative=f"Probability of collapse of {sides[0].results.arch} against {scale.label} in "
         f"two studies: {', '.join(medians)}",
-        caption="Points: fraction of the records that collapse at each level. Shaded: "
-        f"{100 * sides[0].answer.confidence:.0f} % bands, of each study by itself. Where "
-        "both have the same records the change is known better than the bands, which hold the "
-        "variation between records, suggest.",
-    )
+        caption="Points: fraction of the records that collapse at each level. Shaded: bands, of "
+        "each study by itself. Where both have the same records the change is known better than "
+        "the bands, which hold the variation between records, suggest.",
+    )  # fmt: skip
 
 
 def _table(sides: Sequence[_Side]) -> tables.Table:

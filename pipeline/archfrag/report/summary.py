@@ -23,27 +23,28 @@ _MOST_GROUPS = 10
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-NEEDED = (
-    "verdict",
-    "collapse_time",
-    "collapse_joint",
-    "collapse_mode",
-    "peak_displacement",
-    "energy_error",
-    "model_time",
-    "end_time",
-    "steps",
-    "impacts",
-    "events",
-    "hand_overs",
-    "levels",
-    "level_iterations",
-    "general",
-    "contact_residual",
-    "fallbacks",
-    "scale_factor",
-    "intensity",
-)
+# Field of `ArchResults`: variable of the cube, kind, and the value where no run was made.
+_TABLES: dict[str, tuple[str, type, int]] = {
+    "verdict": ("verdict", int, NOT_SIMULATED),
+    "status": ("status", int, 0),
+    "collapse_time": ("collapse_time", float, 0),
+    "collapse_joint": ("collapse_joint", int, -1),
+    "collapse_mode": ("collapse_mode", int, 0),
+    "peak_displacement": ("peak_displacement", float, 0),
+    "energy_error": ("energy_error", float, 0),
+    "residual": ("contact_residual", float, 0),
+    "fallbacks": ("fallbacks", int, 0),
+    "steps": ("steps", int, 0),
+    "impacts": ("impacts", int, 0),
+    "events": ("events", int, 0),
+    "hand_overs": ("hand_overs", int, 0),
+    "two_level": ("levels", int, 0),
+    "level_iterations": ("level_iterations", int, 0),
+    "general": ("general", int, 0),
+    "end_time": ("end_time", float, 0),
+    "model_time": ("model_time", float, 0),
+}
+_OPTIONAL = {"lost_contact_time": float, "peak_rotation": float, "contact_losses": int}
 
 
 @dataclass(frozen=True)
@@ -189,7 +190,8 @@ def study_config(cube: "xr.Dataset") -> Mapping[str, Any]:
 
 def arch_results(cube: "xr.Dataset", arch: str, scale: Scale) -> ArchResults:
     """Everything the report needs of one arch of a cube."""
-    missing = [name for name in NEEDED if name not in cube]
+    needed = [variable for variable, _, _ in _TABLES.values()]
+    missing = [name for name in (*needed, "scale_factor", "intensity") if name not in cube]
     if missing:
         raise InputError(
             f"the cube lacks {', '.join(missing)}; is it of this version of archfrag?"
@@ -208,45 +210,23 @@ def arch_results(cube: "xr.Dataset", arch: str, scale: Scale) -> ArchResults:
         values = np.where(run.reshape(run.shape + (1,) * (values.ndim - 2)), values, missing)
         return (values if place is None else _spread(values, place, levels.size)).astype(kind)
 
-    verdict = table("verdict", np.int64, NOT_SIMULATED)
+    tables = {field: table(*given) for field, given in _TABLES.items()}
+    verdict = tables["verdict"]
     if place is not None:
         verdict[place[:, None] != np.arange(levels.size)] = NOT_SIMULATED
     factors = part["scale_factor"].transpose("record", "level").values
-    optional = {
-        name: table(name, kind) if name in part else None
-        for name, kind in (
-            ("lost_contact_time", float), ("peak_rotation", float), ("contact_losses", np.int64),
-        )
-    }  # fmt: skip
     return ArchResults(
         arch=arch,
         records=[str(name) for name in cube["record"].values],
         levels=levels,
         scale=scale,
         counts=_counted(verdict),
-        verdict=verdict,
-        collapse_time=table("collapse_time", float),
-        collapse_joint=table("collapse_joint", np.int64, -1),
-        collapse_mode=table("collapse_mode", np.int64),
-        peak_displacement=table("peak_displacement", float),
-        energy_error=table("energy_error", float),
-        residual=table("contact_residual", float),
-        fallbacks=table("fallbacks", np.int64),
-        steps=table("steps", np.int64),
-        impacts=table("impacts", np.int64),
-        events=table("events", np.int64),
-        hand_overs=table("hand_overs", np.int64),
-        two_level=table("levels", np.int64),
-        level_iterations=table("level_iterations", np.int64),
-        general=table("general", np.int64),
-        end_time=table("end_time", float),
-        model_time=table("model_time", float),
         models=[str(name) for name in part["model"].values],
         factors=factors if place is None else _spread(factors, place, levels.size),
-        status=table("status", np.int64),
         own_levels=own,
         design=str(cube.attrs.get("archfrag_design_kind", "stripes")),
-        **optional,
+        **tables,
+        **{name: table(name, kind) for name, kind in _OPTIONAL.items() if name in part},
     )
 
 
