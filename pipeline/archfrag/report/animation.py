@@ -11,10 +11,10 @@ import numpy as np
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.report import picture as look
 from archfrag.report.arch_figure import EDGE, STONE
-from archfrag.report.axes import axis_x, even_ticks
+from archfrag.report.axes import even_ticks
 from archfrag.report.example import Example
-from archfrag.report.picture import Picture
-from archfrag.report.plot import NARROW, FloatArray, Panel, Sheet, number, trace
+from archfrag.report.picture import NARROW, FloatArray, Picture, number, trace
+from archfrag.report.plot import Panel, Sheet
 
 LONGEST = 8.0  # [s] of a run, shown in real time
 _MOST_FRAMES = 40
@@ -216,7 +216,7 @@ def _strip(example: Example, frames: Frames, height: float) -> tuple[str, float]
     box = (12.0, height + 2.0, NARROW - 12.0, height + 2.0 + _STRIP)
     panel = Panel(sheet, box, (start, end), (-reach, reach))
     panel.line(time, values, look.GREY, 0.8)
-    axis_x(panel, even_ticks(start, end, 6), "time [s], with the ground acceleration")
+    panel.axis_x(even_ticks(start, end, 6), "time [s], with the ground acceleration")
     return "".join(sheet.parts), box[2] - box[0]
 
 

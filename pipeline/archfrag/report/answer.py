@@ -8,7 +8,8 @@ import numpy as np
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import Fragility
 from archfrag.mechanics.status import CollapseMode
-from archfrag.report.summary import NOT_SIMULATED, Scale, digits, study_config
+from archfrag.report.axes import digits
+from archfrag.report.summary import NOT_SIMULATED, Scale, study_config
 from archfrag.report.tables import Table
 
 if TYPE_CHECKING:

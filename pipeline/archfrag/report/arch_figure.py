@@ -6,8 +6,8 @@ import numpy as np
 
 from archfrag.arch import Arch
 from archfrag.report import picture as look
-from archfrag.report.picture import Picture
-from archfrag.report.plot import Entry, FloatArray, Sheet, picture, symbol, trace
+from archfrag.report.picture import FloatArray, Picture, symbol, trace
+from archfrag.report.plot import Entry, Sheet, picture
 
 if TYPE_CHECKING:
     from archfrag.simulate import Onset

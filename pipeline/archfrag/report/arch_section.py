@@ -19,7 +19,8 @@ from archfrag.report import (
     tables,
     timeline,
 )
-from archfrag.report.summary import ArchResults, Scale, digits
+from archfrag.report.axes import digits
+from archfrag.report.summary import ArchResults, Scale
 from archfrag.study.curves import curve_of_dict
 
 if TYPE_CHECKING:

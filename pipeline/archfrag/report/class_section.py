@@ -11,7 +11,7 @@ from archfrag.fragility.curve import Fragility
 from archfrag.fragility.dispersion import sensitivities
 from archfrag.report import picture as look
 from archfrag.report import tables
-from archfrag.report.axes import BELOW, BESIDE, axis_x, axis_y, even_ticks, heading
+from archfrag.report.axes import digits, even_ticks
 from archfrag.report.curve_figures import (
     band_entries,
     band_words,
@@ -20,9 +20,17 @@ from archfrag.report.curve_figures import (
     draw_thin,
     thinned,
 )
-from archfrag.report.picture import Picture
-from archfrag.report.plot import LINE, SMALL, Entry, FloatArray, Panel, Sheet, picture, shortened
-from archfrag.report.summary import Scale, digits
+from archfrag.report.picture import (
+    BELOW,
+    BESIDE,
+    LINE,
+    SMALL,
+    FloatArray,
+    Picture,
+    shortened,
+)
+from archfrag.report.plot import Entry, Panel, Sheet, picture
+from archfrag.report.summary import Scale
 from archfrag.report.tables import Table
 
 if TYPE_CHECKING:
@@ -150,8 +158,8 @@ def theta_panels(
             box = (column * each + BESIDE, top, (column + 1) * each - 8.0, top + _HIGH)
             panel = Panel(sheet, box, (0.0, 1.0), ends)
             (_texts if values.dtype.kind == "U" else _numbers)(panel, values[known], theta)
-            axis_y(panel, even_ticks(*ends), f"θ [{scale.unit}]", grid=True)
-            heading(panel, shortened(title, each - BESIDE - 8.0))
+            panel.axis_y(even_ticks(*ends), f"θ [{scale.unit}]", grid=True)
+            panel.heading(shortened(title, each - BESIDE - 8.0))
         sheet.height = -(-len(shown) // columns) * (_HIGH + BELOW + LINE) + 4.0
         return sheet
 
@@ -171,7 +179,7 @@ def _numbers(panel: Panel, values: NDArray, theta: FloatArray) -> None:
     panel.x = (low - margin, high + margin)
     ticks = even_ticks(*panel.x, 4)
     labels = [f"{tick:g}" if abs(tick) < 1e6 else digits(tick) for tick in ticks]
-    axis_x(panel, ticks, "", labels)
+    panel.axis_x(ticks, "", labels)
     panel.dots(values[there], theta[there], look.BLUE, radius=2.4)
 
 
@@ -183,7 +191,7 @@ def _texts(panel: Panel, texts: NDArray, theta: FloatArray) -> None:
     panel.x = (-0.5, len(labels) - 0.5)
     width = (panel.box[2] - panel.box[0]) / len(labels)
     words = [shortened(label or "not stated", width - 6.0, SMALL) for label in labels]
-    axis_x(panel, np.arange(len(labels)), "", words)
+    panel.axis_x(np.arange(len(labels)), "", words)
     for i in range(len(labels)):
         own = np.flatnonzero(place == i)
         middle = float(np.median(theta[own]))

@@ -8,9 +8,9 @@ import numpy as np
 from archfrag.fragility.counts import clopper_pearson
 from archfrag.fragility.curve import Fragility
 from archfrag.report import picture as look
-from archfrag.report.axes import BELOW, BESIDE, axis_x, axis_y, even_ticks
-from archfrag.report.picture import Picture
-from archfrag.report.plot import Entry, FloatArray, Panel, Sheet, picture
+from archfrag.report.axes import even_ticks
+from archfrag.report.picture import BELOW, BESIDE, FloatArray, Picture
+from archfrag.report.plot import Entry, Panel, Sheet, picture
 from archfrag.report.summary import ArchResults, Scale
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def curve_picture(
     alternative: str,
     caption: str,
 ) -> Picture:
-    """A figure of probabilities over levels from 0 to the first of `x`, whose title is the other."""
+    """A figure of probabilities over levels from 0; `x` is where they end, and their title."""
     reach, title = x
 
     def drawn(width: float) -> Sheet:
@@ -53,8 +53,8 @@ def curve_picture(
         bottom = top + (250.0 if sheet.narrow else 300.0)
         panel = Panel(sheet, (BESIDE, top, width - 10.0, bottom), (0.0, reach), (0.0, 1.0))
         ticks = np.linspace(0.0, 1.0, 6)
-        axis_y(panel, ticks, words, [f"{p:.1f}" for p in ticks])
-        axis_x(panel, even_ticks(0.0, reach, 6 if sheet.narrow else 9), title, grid=True)
+        panel.axis_y(ticks, words, [f"{p:.1f}" for p in ticks])
+        panel.axis_x(even_ticks(0.0, reach, 6 if sheet.narrow else 9), title, grid=True)
         draw(panel)
         sheet.height = bottom + BELOW
         return sheet

@@ -4,14 +4,9 @@ import numpy as np
 
 from archfrag.mechanics.status import Model
 from archfrag.report import picture as look
-from archfrag.report.axes import (
-    axis_y,
-    level_axis,
-    log_ticks,
-    panes,
-)
-from archfrag.report.picture import Picture
-from archfrag.report.plot import LINE, Entry, Panel, Sheet, picture
+from archfrag.report.axes import log_ticks
+from archfrag.report.picture import LINE, Picture
+from archfrag.report.plot import Box, Entry, Panel, Sheet, picture
 from archfrag.report.summary import ArchResults
 from archfrag.report.tables import Table
 from archfrag.simulation.mechanism import MODEL_WORDS
@@ -22,7 +17,6 @@ MODEL_LOOK = {
     Model.MEGA_VOUSSOIRS: (look.GREEN, "dots"),
     Model.ALL_VOUSSOIRS: (look.PURPLE, "slash"),
 }
-_Box = tuple[float, float, float, float]
 
 
 def what_ran(results: ArchResults) -> Picture:
@@ -30,7 +24,7 @@ def what_ran(results: ArchResults) -> Picture:
 
     def draw(width: float) -> Sheet:
         sheet = Sheet(width)
-        boxes, sheet.height = panes(sheet, 2, 20.0, 150.0, gap=26.0)
+        boxes, sheet.height = sheet.panes(2, 20.0, 150.0, gap=26.0)
         _shares(sheet, boxes[0], results)
         _rates(sheet, boxes[1], results)
         return sheet
@@ -82,11 +76,11 @@ def table(results: ArchResults) -> Table:
     return Table(["figure", "value"], rows)
 
 
-def _shares(sheet: Sheet, box: _Box, results: ArchResults) -> None:
+def _shares(sheet: Sheet, box: Box, results: ArchResults) -> None:
     time = results.model_time.sum(axis=0)
     total = np.maximum(time.sum(axis=1), np.finfo(float).tiny)
     panel = Panel(sheet, box, (-0.5, results.levels.size - 0.5), (0.0, 100.0))
-    axis_y(panel, [0.0, 25.0, 50.0, 75.0, 100.0], "simulated time [%]")
+    panel.axis_y([0.0, 25.0, 50.0, 75.0, 100.0], "simulated time [%]")
     base, entries = np.zeros(results.levels.size), []
     for i, model in enumerate(results.models):
         colour, hatch = MODEL_LOOK[Model[model.upper()]]
@@ -98,10 +92,10 @@ def _shares(sheet: Sheet, box: _Box, results: ArchResults) -> None:
             entries.append(Entry(_words(model), colour, hatch or "area"))
         base += share
     _key(sheet, panel, entries)
-    level_axis(panel, results.levels, results.scale.label)
+    panel.level_axis(results.levels, results.scale.label)
 
 
-def _rates(sheet: Sheet, box: _Box, results: ArchResults) -> None:
+def _rates(sheet: Sheet, box: Box, results: ArchResults) -> None:
     moving = _moving(results).sum(axis=0)
     rates, entries = [], []
     for label, counts, colour, mark in (
@@ -117,18 +111,18 @@ def _rates(sheet: Sheet, box: _Box, results: ArchResults) -> None:
             entries.append(Entry(label, colour, mark))
     x = (-0.5, results.levels.size - 0.5)
     if not rates:
-        level_axis(Panel(sheet, box, x, (0.0, 1.0)), results.levels, results.scale.label)
+        Panel(sheet, box, x, (0.0, 1.0)).level_axis(results.levels, results.scale.label)
         sheet.text(0.5 * (box[0] + box[2]), 0.5 * (box[1] + box[3]), "no events", "m q")
         return
     logs = np.log10(np.concatenate([rate[np.isfinite(rate)] for rate, _, _ in rates]))
     low, high = 10.0 ** np.floor(logs.min()), 10.0 ** np.ceil(logs.max() + 1e-9)
     panel = Panel(sheet, box, x, (low, high), log_y=True)
-    axis_y(panel, log_ticks(low, high, (1.0,)), "in a second of motion")
+    panel.axis_y(log_ticks(low, high, (1.0,)), "in a second of motion")
     for rate, colour, mark in rates:
         panel.line(np.arange(rate.size), rate, colour, 1.0)
         panel.dots(np.arange(rate.size), rate, colour, mark, 2.6)
     _key(sheet, panel, entries)
-    level_axis(panel, results.levels, results.scale.label)
+    panel.level_axis(results.levels, results.scale.label)
 
 
 def _key(sheet: Sheet, panel: Panel, entries: list[Entry]) -> None:

@@ -7,11 +7,11 @@ import numpy as np
 from archfrag.fragility.contributions import Deaggregation, deaggregate
 from archfrag.mechanics.status import CollapseMode
 from archfrag.report import picture as look
-from archfrag.report.axes import axis_y, heading, level_axis, panes
+from archfrag.report.axes import digits
 from archfrag.report.figures import MODE_LOOK
-from archfrag.report.picture import Picture
-from archfrag.report.plot import LINE, Entry, Panel, Sheet, picture
-from archfrag.report.summary import ArchResults, digits
+from archfrag.report.picture import LINE, Picture
+from archfrag.report.plot import Entry, Panel, Sheet, picture
+from archfrag.report.summary import ArchResults
 from archfrag.report.tables import Table
 
 IMPACTS = ("no impact", "1 impact", "2 to 9 impacts", "10 to 99 impacts", "100 or more impacts")
@@ -59,17 +59,17 @@ def shares(groups: Sequence[Deaggregation], results: ArchResults) -> Picture | N
 
     def draw(width: float) -> Sheet:
         sheet = Sheet(width)
-        room = panes(sheet, len(groups), 0.0, 150.0)[0][0]
+        room = sheet.panes(len(groups), 0.0, 150.0)[0][0]
         rows = max(sheet.legend_rows(key, room[2] - room[0]) for key in keys)
         gap = 10.0 + rows * LINE if sheet.narrow else 10.0
-        boxes, end = panes(sheet, len(groups), 0.0, 150.0, gap)
+        boxes, end = sheet.panes(len(groups), 0.0, 150.0, gap)
         sheet.height = end + rows * LINE
         for box, group, key, title in zip(boxes, groups, keys, _TITLES, strict=True):
             panel = Panel(sheet, box, (-0.5, group.n.size - 0.5), (0.0, 1.0))
-            axis_y(panel, [0.0, 0.25, 0.5, 0.75, 1.0], "share of the runs")
+            panel.axis_y([0.0, 0.25, 0.5, 0.75, 1.0], "share of the runs")
             _stack(panel, group)
-            level_axis(panel, results.levels, results.scale.label)
-            heading(panel, title)
+            panel.level_axis(results.levels, results.scale.label)
+            panel.heading(title)
             sheet.legend(box[0], box[3] + 35.0, key, box[2] - box[0])
         return sheet
 

@@ -6,18 +6,16 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.report import picture as look
-from archfrag.report.axes import BELOW, BESIDE, axis_x, axis_y, log_ticks
-from archfrag.report.picture import Picture
-from archfrag.report.plot import Entry, Panel, Sheet, number, picture
+from archfrag.report.axes import log_ticks
+from archfrag.report.picture import BELOW, BESIDE, FloatArray, Picture, number
+from archfrag.report.plot import Entry, Panel, Sheet, picture
 
 if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
 
-FloatArray = NDArray[np.float64]
 Spectrum = tuple[FloatArray, FloatArray]
 
 PERIODS = np.geomspace(0.02, 5.0, 80)
@@ -102,8 +100,8 @@ def spectral_panel(
     """Axes of spectra between two ordinates [g], the last of its sheet."""
     box = (BESIDE, top, sheet.width - 10.0, top + 240.0)
     panel = Panel(sheet, box, (float(periods[0]), float(periods[-1])), ends, True, True)
-    axis_x(panel, log_ticks(*panel.x), "period [s]", grid=True)
-    axis_y(panel, log_ticks(*panel.y), "Sa, 5 % damping [g]")
+    panel.axis_x(log_ticks(*panel.x), "period [s]", grid=True)
+    panel.axis_y(log_ticks(*panel.y), "Sa, 5 % damping [g]")
     sheet.height = box[3] + BELOW
     return panel
 

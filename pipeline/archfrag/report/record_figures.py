@@ -11,10 +11,10 @@ from archfrag.motions.measures import spectral_acceleration
 from archfrag.motions.motion import Motion
 from archfrag.motions.process import velocity
 from archfrag.report import picture as look
-from archfrag.report.axes import BESIDE, axis_x, axis_y, even_ticks, heading
+from archfrag.report.axes import even_ticks
 from archfrag.report.motion_figures import PERIODS, envelope, spectra, spectral_panel
-from archfrag.report.picture import Picture
-from archfrag.report.plot import Entry, Panel, Sheet, picture, shortened
+from archfrag.report.picture import BESIDE, Picture, shortened
+from archfrag.report.plot import Entry, Panel, Sheet, picture
 
 MOST = 24
 _COLOURS = (
@@ -49,7 +49,7 @@ def inspected(traces: Sequence[tuple[str, Motion]]) -> Picture:
             for i, (series, factor, title) in enumerate(quantities):
                 box = (i * half + BESIDE, start, (i + 1) * half - 10.0, start + _HIGH)
                 _history(Panel(sheet, box, (0.0, series.duration), (-1.0, 1.0)), series, factor)
-                heading(sheet.panels[-1], shortened(title, half - BESIDE - 10.0))
+                sheet.panels[-1].heading(shortened(title, half - BESIDE - 10.0))
             start += _HIGH + 42.0
         entries = [
             Entry(label, colour, "dash" if dash else "line")
@@ -65,8 +65,8 @@ def inspected(traces: Sequence[tuple[str, Motion]]) -> Picture:
         draw,
         narrow=False,
         alternative=f"Acceleration, velocity and response spectra of {len(rows)} channels",
-        caption="Each channel as it is read, without filter; velocity, by trapezia, drifts where it "
-        "needs one. Spectra: pseudo-acceleration at 5 % damping.",
+        caption="Each channel as it is read, without filter; velocity, by trapezia, drifts where "
+        "it needs one. Spectra: pseudo-acceleration at 5 % damping.",
     )
 
 
@@ -85,8 +85,8 @@ def _history(panel: Panel, series: Motion, factor: float) -> None:
     peak = float(np.abs(series.acceleration).max()) * factor
     reach = 1.1 * peak if peak > 0.0 else 1.0
     panel.y = (-reach, reach)
-    axis_y(panel, even_ticks(-reach, reach, 4))
-    axis_x(panel, even_ticks(*panel.x, 5), "")
+    panel.axis_y(even_ticks(-reach, reach, 4))
+    panel.axis_x(even_ticks(*panel.x, 5), "")
     panel.band(time, low * peak, high * peak, look.BLUE, 1.0)
     words = f"{peak:.3g}"
     panel.sheet.text(panel.box[2], panel.box[1] + 8.0, words, "s e")

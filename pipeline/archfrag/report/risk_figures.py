@@ -4,12 +4,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from archfrag.fragility.contributions import NOT_KNOWN, Contributions
-from archfrag.fragility.curve import FloatArray
 from archfrag.report import picture as look
-from archfrag.report.axes import BELOW, axis_x, axis_y, even_ticks, heading, log_ticks, panes
-from archfrag.report.picture import Picture
-from archfrag.report.plot import Entry, Panel, Sheet, picture
-from archfrag.report.summary import Scale, digits
+from archfrag.report.axes import digits, even_ticks, log_ticks
+from archfrag.report.picture import BELOW, FloatArray, Picture
+from archfrag.report.plot import Box, Entry, Panel, Sheet, picture
+from archfrag.report.summary import Scale
 from archfrag.study.hazard import Hazard
 from archfrag.study.risk import OTHER, ArchRisk
 
@@ -48,14 +47,14 @@ def hazard_and_fragility(arch: ArchRisk, hazard: Hazard, scale: Scale) -> Pictur
         third.band(shown, np.zeros(im.size), density, look.SKY, 0.5)
         third.line(shown, density, look.BLUE)
         _rates(first, log_ticks(low, high, (1.0,)), "exceeded [1/year]")
-        axis_y(second, [0.0, 0.5, 1.0], "P(collapse) [1]")
+        second.axis_y([0.0, 0.5, 1.0], "P(collapse) [1]")
         _rates(third, even_ticks(0.0, third.y[1], 4), "rate per ln im [1/year]")
         for panel in panels:
             for end in points[[0, -1]]:
                 if ends[0] < end < ends[1]:
                     panel.line([end, end], panel.y, look.GREY, 0.9, "2 2")
             labels = None if panel is third else [""] * log_ticks(*ends).size
-            axis_x(panel, log_ticks(*ends), scale.label if panel is third else "", labels, True)
+            panel.axis_x(log_ticks(*ends), scale.label if panel is third else "", labels, True)
         sheet.height = third.box[3] + BELOW
         return sheet
 
@@ -95,17 +94,17 @@ def deaggregation(arch: ArchRisk, scale: Scale) -> Picture | None:
     def draw(width: float) -> Sheet:
         sheet = Sheet(width)
         top = sheet.legend(_BESIDE, 0.0, entries, width - _BESIDE - 10.0)
-        boxes, sheet.height = panes(sheet, 1 + len(beside), top, 170.0, left=84.0)
+        boxes, sheet.height = sheet.panes(1 + len(beside), top, 170.0, left=84.0)
         _stack(Panel(sheet, boxes[0], (-0.5, arch.levels.size - 0.5), (0.0, 1.0)), parts)
         panel = sheet.panels[-1]
         step = max(1, -(-arch.levels.size // 6))
         places = np.arange(0, arch.levels.size, step)
         labels = [digits(level * scale.factor) for level in arch.levels[::step]]
-        axis_x(panel, places, scale.label, labels)
-        heading(panel, "by level and mechanism")
+        panel.axis_x(places, scale.label, labels)
+        panel.heading("by level and mechanism")
         for box, (title, part) in zip(boxes[1:], beside):
             _bars(sheet, box, part)
-            heading(sheet.panels[-1], f"by {title}")
+            sheet.panels[-1].heading(f"by {title}")
         return sheet
 
     return picture(
@@ -137,7 +136,7 @@ def _density(arch: ArchRisk, hazard: Hazard, im: FloatArray) -> FloatArray:
 
 
 def _rates(panel: Panel, ticks: ArrayLike, title: str) -> None:
-    axis_y(panel, ticks, title, [f"{tick:.2g}" for tick in np.atleast_1d(ticks)])
+    panel.axis_y(ticks, title, [f"{tick:.2g}" for tick in np.atleast_1d(ticks)])
 
 
 def _stack(panel: Panel, parts: list[tuple[str, FloatArray, tuple[str, str]]]) -> None:
@@ -151,13 +150,13 @@ def _stack(panel: Panel, parts: list[tuple[str, FloatArray, tuple[str, str]]]) -
         base = base + rate
 
 
-def _bars(sheet: Sheet, box: tuple[float, float, float, float], found: Contributions) -> None:
+def _bars(sheet: Sheet, box: Box, found: Contributions) -> None:
     """Fractions of the rate by category, with their bands."""
     kept = np.flatnonzero(found.rate.any(axis=1))
     place = np.arange(kept.size)
     panel = Panel(sheet, box, (0.0, 1.0), (-0.5, kept.size - 0.5))
-    axis_x(panel, [0.0, 0.25, 0.5, 0.75, 1.0], "fraction of the rate [1]", grid=True)
+    panel.axis_x([0.0, 0.25, 0.5, 0.75, 1.0], "fraction of the rate [1]", grid=True)
     panel.boxes(0.0, found.fraction[kept], place - 0.35, place + 0.35, look.SKY)
     for at, i in zip(place, kept):
         panel.line([found.lower[i], found.upper[i]], [at, at], look.INK, 1.0)
-    axis_y(panel, place, "", [found.categories[i] for i in kept], grid=False)
+    panel.axis_y(place, "", [found.categories[i] for i in kept], grid=False)

@@ -4,8 +4,9 @@ from typing import Any
 
 from archfrag.fragility.contributions import Contributions
 from archfrag.report import tables
+from archfrag.report.axes import digits
 from archfrag.report.risk_figures import deaggregation, hazard_and_fragility
-from archfrag.report.summary import Scale, digits
+from archfrag.report.summary import Scale
 from archfrag.study.risk import ArchRisk, StudyRisk
 from archfrag.study.risk_output import ASSUMPTIONS
 

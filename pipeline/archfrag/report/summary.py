@@ -12,6 +12,7 @@ from archfrag.errors import InputError
 from archfrag.fragility.brackets import Brackets, fill_verdicts, find_brackets
 from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
 from archfrag.mechanics.status import CollapseMode
+from archfrag.report.axes import digits
 from archfrag.study.config import LEVEL_UNITS
 
 if TYPE_CHECKING:
@@ -63,11 +64,6 @@ class Scale:
     def text(self, value_si: float) -> str:
         """Value with its unit, three digits."""
         return f"{digits(value_si * self.factor)} {self.unit}"
-
-
-def digits(value: float) -> str:
-    """A level with three digits, or all before the point: 0.500, 12.0, 1250."""
-    return f"{value:.0f}" if 99.95 <= abs(value) < 1e6 else f"{value:#.3g}"
 
 
 @dataclass(frozen=True)

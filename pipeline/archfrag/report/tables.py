@@ -9,7 +9,8 @@ import numpy as np
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.fragility.counts import Verdict, clopper_pearson
 from archfrag.fragility.curve import Fragility
-from archfrag.report.summary import ArchResults, Scale, digits
+from archfrag.report.axes import digits
+from archfrag.report.summary import ArchResults, Scale
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.mechanics.status import Model
 from archfrag.report import picture as look
-from archfrag.report.axes import BELOW, BESIDE, axis_x, axis_y, even_ticks
+from archfrag.report.axes import even_ticks
 from archfrag.report.example import Example
 from archfrag.report.ladder_figures import MODEL_LOOK
-from archfrag.report.picture import Picture
-from archfrag.report.plot import LINE, Entry, Panel, Sheet, picture
+from archfrag.report.picture import BELOW, BESIDE, LINE, Picture
+from archfrag.report.plot import Box, Entry, Panel, Sheet, picture
 from archfrag.simulation.mechanism import MODEL_WORDS, MechanismChange
 
 # What a joint may be seen doing; a sliding hinge is drawn as a hinge, hatched.
@@ -59,7 +59,7 @@ def timeline(example: Example) -> Picture | None:
             (-0.6, n_joint - 0.4),
         )  # fmt: skip
         step = max(1, -(-n_joint // int(height / 13.0)))
-        axis_y(middle, np.arange(0, n_joint, step), "joint")
+        middle.axis_y(np.arange(0, n_joint, step), "joint")
         stretches = [
             (k, edges[low], edges[high], joint)
             for joint in range(n_joint)
@@ -74,7 +74,7 @@ def timeline(example: Example) -> Picture | None:
             colour, hatch = MODEL_LOOK[Model(code)]
             last.boxes(edges[low], edges[high], -0.5, 0.5, colour, hatch)
         sheet.text(BESIDE - 5.0, bottom + 11.0, "model", "s e")
-        axis_x(last, even_ticks(start, end, 5 if sheet.narrow else 9), "time [s]")
+        last.axis_x(even_ticks(start, end, 5 if sheet.narrow else 9), "time [s]")
         if example.response.collapsed:
             time = float(last.at_x(example.response.collapse_time))
             sheet.path(
@@ -147,7 +147,7 @@ def _longest(samples: NDArray[np.int64], n_state: int) -> NDArray[np.int64]:
 
 def _ground(
     sheet: Sheet,
-    box: tuple[float, float, float, float],
+    box: Box,
     example: Example,
     edges: NDArray[np.float64],
 ) -> None:
@@ -166,7 +166,7 @@ def _ground(
         edges = edges[:: (edges.size - 1) // _TRACE]
     reach = 1.05 * max(float(np.abs([low, high]).max()), 1e-9)
     panel = Panel(sheet, box, (float(edges[0]), float(edges[-1])), (-reach, reach))
-    axis_y(panel, even_ticks(-reach, reach, 4), "ground [g]")
+    panel.axis_y(even_ticks(-reach, reach, 4), "ground [g]")
     panel.band(0.5 * (edges[:-1] + edges[1:]), low, high, look.GREY, 1.0)
 
 
