@@ -273,16 +273,13 @@ class TestTimeline:
         assert animation.animation(example, "a", "A near miss") is None
 
 
+@pytest.fixture(scope="module")
+def fallen():
+    motion, response = pulse()
+    return Example(ARCH, motion, 1.0, "PGA = 0.69 g", response, "chosen", True)
+
+
 class TestAnimation:
-    @pytest.fixture(scope="class")
-    def fallen(self):
-        motion, response = pulse()
-        return Example(ARCH, motion, 1.0, "PGA = 0.69 g", response, "chosen", True)
-
-    @pytest.fixture(scope="class")
-    def shown(self, fallen):
-        return animation.animation(fallen, "fall0", "A collapse")
-
     def test_linear_motion_between_key_frames_is_close_to_the_run(self, fallen):
         frames, history = animation.key_frames(fallen), fallen.response.history
         time = history["time"].values
@@ -294,7 +291,8 @@ class TestAnimation:
         assert 12 <= frames.time.size <= 40
         assert frames.time[-1] == time[-1]
 
-    def test_no_script_small_and_all_names_defined(self, fallen, shown):
+    def test_no_script_small_and_all_names_defined(self, fallen):
+        shown = animation.animation(fallen, "fall0", "A collapse")
         assert len(shown.svg) < 150_000
         assert "<script" not in shown.svg
         assert not re.search(r"\son\w+=", shown.svg)
@@ -305,8 +303,9 @@ class TestAnimation:
         assert names == set(re.findall(r"@keyframes ([\w-]+)", shown.svg))
         assert f"to {fallen.response.end_time:.2f} s" in shown.caption
 
-    def test_key_frames_end_where_the_run_ends(self, fallen, shown):
+    def test_key_frames_end_where_the_run_ends(self, fallen):
         """Rotation of each voussoir in the last key frame, clockwise in the drawing [deg]."""
+        shown = animation.animation(fallen, "fall0", "A collapse")
         last = np.rad2deg(fallen.response.history["rotation"].values[-1])
         for body in range(ARCH.n_voussoir):
             rule = re.search(rf"@keyframes fall0-k{body}\{{(.*?)\}}\}}", shown.svg)[1]
