@@ -25,9 +25,8 @@ from archfrag.fragility.bands import (
     theta_interval,
 )
 from archfrag.fragility.brackets import find_brackets
-from archfrag.fragility.capacities import fit_brackets
-from archfrag.fragility.fit import fit_stripes
-from archfrag.fragility.intervals import Band
+from archfrag.fragility.curve import Band
+from archfrag.fragility.fit import fit_brackets, fit_stripes
 from archfrag.fragility.quoted import quoted_band
 from archfrag.fragility.runs import Resampling
 
