@@ -49,7 +49,7 @@ class TestCapacities:
         assert np.sqrt(np.mean(wrong)) < 0.97 * MODEL
 
     def test_law_of_total_variance(self):
-        """Of a whole population, the parts sum to the variance of all its values."""
+        """Of a population, the parts sum to the variance of all its values."""
         logs = np.random.default_rng(3).normal(size=(200, 1)) * 0.3
         logs = logs + np.random.default_rng(4).normal(0.0, 0.4, (1, 300))
         assert split_capacities(np.exp(logs)).combined() == pytest.approx(logs.std(), rel=0.01)
@@ -57,10 +57,10 @@ class TestCapacities:
 
     def test_numerical_part_is_taken_from_record_to_record(self):
         capacity = np.exp(study(np.random.default_rng(5)))
-        whole, less = split_capacities(capacity), split_capacities(capacity, numerical=0.2)
-        square = whole.beta_record_to_record**2 - 0.04
+        before, less = split_capacities(capacity), split_capacities(capacity, numerical=0.2)
+        square = before.beta_record_to_record**2 - 0.04
         assert less.beta_record_to_record**2 == pytest.approx(square)
-        assert (less.beta_model, less.beta_numerical) == (whole.beta_model, 0.2)
+        assert (less.beta_model, less.beta_numerical) == (before.beta_model, 0.2)
 
     def test_unequal_numbers_of_records(self):
         generator, squares = np.random.default_rng(6), []
@@ -89,7 +89,7 @@ class TestCurves:
             squares.append([parts.beta_record_to_record**2, parts.beta_model**2])
         assert np.sqrt(np.mean(squares, axis=0)) == pytest.approx([RECORD, MODEL], rel=0.05)
 
-    def test_shared_records_share_their_error(self):
+    def test_shared_records_have_their_error_in_common(self):
         given = np.exp([0.0, 0.2, 0.4]), np.full(3, 0.4), np.full(3, 0.1)
         own, shared = (split_curves(*given, n_record=16, shared=s) for s in (0.0, 0.75))
         assert own.beta_model**2 == pytest.approx(0.04 - 0.01)
@@ -171,7 +171,7 @@ class TestTwoFidelities:
         beta = np.sqrt(np.mean(residual**2) + slope**2 * x.var())
         assert raw == pytest.approx((intercept + slope * x.mean(), beta), rel=1e-9)
 
-    def test_same_settings_give_the_whole_sample(self):
+    def test_same_settings_give_the_full_sample(self):
         coarse, _ = pair(np.random.default_rng(3))
         found = estimate_two_fidelity(coarse, np.where(np.arange(100) < 20, coarse, np.nan))
         logs = np.log(coarse)

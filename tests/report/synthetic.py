@@ -152,9 +152,9 @@ def answers_of(data):
     return found
 
 
-def none(sentence):
+def none(why):
     """Answer of an arch without a curve."""
-    return Answer(sentence, sentence)
+    return Answer(why, why)
 
 
 def curve_of(theta, beta=0.4):

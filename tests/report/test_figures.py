@@ -88,7 +88,7 @@ class TestLabelsKeepClear:
         figures.collapses(data, 8)
         figures.numerics(data)
         curve_figures.curve(data, synthetic.none("no run collapsed"))
-        mechanism_figures.shares(groups_of(data), data)
+        mechanism_figures.fractions(groups_of(data), data)
         ladder_figures.what_ran(data)
         assert [sheet.width for sheet in drawn] == 6 * [WIDE, NARROW]
         assert [overlaps(sheet) for sheet in drawn] == 12 * [[]]
@@ -162,7 +162,7 @@ class TestLabelsKeepClear:
 class TestArchFigure:
     @pytest.mark.parametrize("voussoirs", [7, 27, 81])
     def test_hinges_are_drawn_at_their_corners(self, voussoirs, drawn):
-        """Pixels of the hinges lie as the corners do, up to one scale and shift for each way."""
+        """Pixels of the hinges lie as the corners do, but for a scale and shift a direction."""
         arch, start = synthetic.arch_and_onset(voussoirs)
         arch_figure.arch_at_onset(arch, start, "ring")
         for sheet in drawn:
@@ -228,7 +228,7 @@ class TestVerdictMap:
         ]
         assert shown == sorted(int(n) for n in fell.sum(axis=1) if n)
 
-    def test_what_was_not_simulated_is_blank_and_said(self):
+    def test_what_was_not_simulated_is_blank_and_named(self):
         data = results()
         data.verdict[:, 3] = NOT_SIMULATED
         assert "not simulated" in figures.verdict_map(data).svg
@@ -267,9 +267,9 @@ class TestSummary:
 
     def test_order_of_dimensions_does_not_matter(self):
         data = synthetic.cube()
-        turned = data.transpose("model", "level", "record", "arch")
+        transposed = data.transpose("model", "level", "record", "arch")
         scale = reading_scale(data, "PGA")
-        a, b = arch_results(data, "ring", scale), arch_results(turned, "ring", scale)
+        a, b = arch_results(data, "ring", scale), arch_results(transposed, "ring", scale)
         assert np.array_equal(a.verdict, b.verdict)
         assert np.array_equal(a.model_time, b.model_time)
         assert a.counts.collapsed.tolist() == b.counts.collapsed.tolist()

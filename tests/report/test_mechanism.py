@@ -1,4 +1,4 @@
-"""Mechanisms on the page: shares of collapses, one run done again, its log over time."""
+"""Mechanisms on the page: fractions of collapses, one run done again, its log over time."""
 
 import json
 import re
@@ -30,14 +30,14 @@ def pulse(scale=1.0):
     return motion, af.simulate(ARCH, motion, scale=scale, history=True)
 
 
-class TestShares:
-    def test_every_grouping_shares_out_the_same_collapses(self):
+class TestFractions:
+    def test_every_grouping_has_the_same_collapses(self):
         data = results()
         fell = (data.verdict == Verdict.COLLAPSED).sum(axis=0)
         for group in groups_of(data):
             np.testing.assert_array_equal(group.counts.sum(axis=0), fell)
 
-    def test_categories_are_what_the_cube_says(self):
+    def test_categories_are_what_the_cube_holds(self):
         data = results()
         fell = data.verdict == Verdict.COLLAPSED
         mode, joint, impacts = groups_of(data)
@@ -67,12 +67,12 @@ class TestShares:
         assert [int(cell) for cell in shown["all"][3:]] == fell.tolist()
         assert int(shown["all"][0]) == fell.sum()
         hinging = groups_of(data)[0]
-        assert shown["hinging"][heads.index("share") - 1] == f"{hinging.overall[1]:.2f}"
+        assert shown["hinging"][heads.index("fraction") - 1] == f"{hinging.overall[1]:.2f}"
         assert "lift-off" not in shown
 
     def test_columns_are_as_high_as_the_fraction_of_collapses(self, drawn):
         data = results()
-        mechanism_figures.shares(groups_of(data), data)
+        mechanism_figures.fractions(groups_of(data), data)
         expected = data.counts.collapsed / data.counts.n
         for sheet in drawn:
             assert len(sheet.panels) == 3
@@ -94,18 +94,18 @@ class TestWhatRan:
         assert rows["simulated time, mega-voussoirs"] == (
             f"{mega:,.1f} s ({100 * mega / total:.1f} %)"
         )
-        assert rows["share of the time in motion on all voussoirs"] == "10.0 %"
+        assert rows["fraction of the time in motion on all voussoirs"] == "10.0 %"
         assert rows["hand-overs to time stepping"].startswith(f"{data.hand_overs.sum():,} (")
         assert rows["contact problems left to the general solver"] == f"{data.general.sum():,}"
         again = data.level_iterations.sum()
-        share = 100 * again / data.two_level.sum()
-        assert rows["of these, with more than one round"] == f"{again:,} ({share:.2g} %)"
+        part = 100 * again / data.two_level.sum()
+        assert rows["of these, with more than one round"] == f"{again:,} ({part:.2g} %)"
 
     def test_arch_that_never_moved(self, drawn):
         data = results()
         data.model_time[..., 0] = data.model_time.sum(axis=2)
         data.model_time[..., 1:] = 0.0
-        assert "share of the time in motion on all voussoirs" not in dict(
+        assert "fraction of the time in motion on all voussoirs" not in dict(
             ladder_figures.table(data).rows
         )
         ladder_figures.what_ran(data)
@@ -174,7 +174,7 @@ class TestRepetition:
         if settings:
             assert fallen.steps != pulse()[1].steps
 
-    def test_another_end_is_told(self, drawn):
+    def test_another_end_is_stated(self, drawn):
         data, motion, _ = study_of_pulses()
         data["steps"][0, 0, 1] += 1
         results_ = arch_results(data, "ring", reading_scale(data, "PGA"))
@@ -182,7 +182,7 @@ class TestRepetition:
         assert not again.same
         assert "did not end as the run in the cube did" in timeline.timeline(again).caption
 
-    def test_a_cube_that_does_not_tell_its_method(self):
+    def test_a_cube_without_its_method(self):
         data = results()
         assert (
             repeat(synthetic.cube(), data, ARCH, synthetic.motions(), choose(data, None)) is None
@@ -229,7 +229,7 @@ class TestTimeline:
         fine, _ = timeline.sampled(log, 3, np.linspace(0.98, 1.12, 15))
         assert [names[k] for k in fine[:, 1]] == ["closed"] + ["open"] * 11 + ["closed"] * 2
 
-    def test_bars_stand_where_the_log_says(self, drawn):
+    def test_bars_stand_where_the_log_has_them(self, drawn):
         """Coloured length of each joint in the figure against its time in the log."""
         motion, response = pulse()
         example = Example(ARCH, motion, 1.0, "PGA = 0.69 g", response, "chosen", True)
@@ -285,9 +285,11 @@ class TestAnimation:
         time = history["time"].values
         inside = (time >= frames.time[0]) & (time <= frames.time[-1])
         for body in range(ARCH.n_voussoir):
-            turned = np.interp(time[inside], frames.time, frames.rotation[:, body])
+            interpolated = np.interp(time[inside], frames.time, frames.rotation[:, body])
             true = history["rotation"].values[inside, body]
-            assert np.abs(turned - true).max() < 0.02 * np.abs(history["rotation"].values).max()
+            assert (
+                np.abs(interpolated - true).max() < 0.02 * np.abs(history["rotation"].values).max()
+            )
         assert 12 <= frames.time.size <= 40
         assert frames.time[-1] == time[-1]
 

@@ -1,4 +1,4 @@
-"""The page says what the cube holds, needs nothing but itself, and is written whole."""
+"""The page shows what the cube holds, needs nothing but itself, and is written or not."""
 
 import json
 import os
@@ -137,9 +137,9 @@ class TestAnswer:
 
     def test_where_there_is_no_curve(self, study):
         why = "no run collapsed at any level: theta lies above 0.816 (levels in g)"
-        calm = study.cube.copy(deep=True)
-        calm["verdict"][:] = Verdict.STANDING
-        page = read(replace(study, cube=calm, answers={"ring": synthetic.none(why)}))
+        quiet = study.cube.copy(deep=True)
+        quiet["verdict"][:] = Verdict.STANDING
+        page = read(replace(study, cube=quiet, answers={"ring": synthetic.none(why)}))
         (card,) = page.xpath('//div[@id="arch0-answer"]')
         assert f"No fragility curve: {why}." in text(card)
         # What the arch bears is known without a curve.
@@ -279,14 +279,14 @@ def test_risk(drawn):
 
 class TestCautions:
     def test_a_study_in_order_has_none(self, study):
-        calm = study.cube.copy(deep=True)
-        calm["verdict"] = calm["verdict"].where(calm["verdict"] < Verdict.UNFINISHED, 0)
-        page = read(replace(study, cube=calm))
+        quiet = study.cube.copy(deep=True)
+        quiet["verdict"] = quiet["verdict"].where(quiet["verdict"] < Verdict.UNFINISHED, 0)
+        page = read(replace(study, cube=quiet))
         assert not page.xpath('//*[@class="caution"]')
 
-    def test_what_concerns_an_arch_is_said_beside_its_curve(self, study):
-        said = ["ring: runs are unfinished", "motions are scaled by more than 10"]
-        page = read(replace(study, cautions=said))
+    def test_what_concerns_an_arch_is_shown_beside_its_curve(self, study):
+        given = ["ring: runs are unfinished", "motions are scaled by more than 10"]
+        page = read(replace(study, cautions=given))
         (card,) = page.xpath('//div[@id="arch0-answer"]/p[@class="caution"]')
         assert text(card) == "Caution: runs are unfinished."
         (head,) = page.xpath('//header/p[@class="caution"]')
@@ -306,7 +306,7 @@ class TestCautions:
         assert shown["runs that lost all contact at a joint and stand"] == "4"
         assert "passed 50 % of the joint's length" in text(page)
 
-    def test_cubes_that_do_not_say_who_lost_contact_are_shown_without(self, page):
+    def test_cubes_without_losses_of_contact_are_shown_without(self, page):
         assert "lost contact and stand" not in text(page)
         assert "of the joint's length" not in text(page)
 
@@ -315,8 +315,8 @@ class TestCautions:
         data = study.cube.assign(accepted=("record", doubts))
         first, second = (study.motions[i].id for i in (1, 4))
         page = read(replace(study, cube=data))
-        (said,) = page.xpath('//section[@id="motions"]/p[@class="caution"]')
-        assert text(said).endswith(f": {first} (PGA 7 g), {second} (dt 0.2 s).")
+        (given,) = page.xpath('//section[@id="motions"]/p[@class="caution"]')
+        assert text(given).endswith(f": {first} (PGA 7 g), {second} (dt 0.2 s).")
 
 
 class TestUnits:
@@ -414,7 +414,7 @@ class TestNumbers:
         largest = float(study.cube["energy_error"].where(kept).max())
         assert shown["energy error, median and largest"].endswith(f", {largest:.1e}")
 
-    def test_residuals_of_failures_are_told_apart(self, study):
+    def test_residuals_of_failures_are_apart(self, study):
         data = study.cube.copy(deep=True)
         failed = data["verdict"] == Verdict.SOLVER_FAILURE
         data["contact_residual"] = data["contact_residual"].where(~failed, 0.7)
@@ -422,8 +422,8 @@ class TestNumbers:
         shown = dict(table(page, "Speed and energy figures of ring")[1])
         kept = float(data["contact_residual"].where(~failed).max())
         assert shown["contact residual, median and largest"].endswith(f", {kept:.1e}")
-        told = shown["contact residual of solver failures, median and largest"]
-        assert told == "7.0e-01, 7.0e-01"
+        found = shown["contact residual of solver failures, median and largest"]
+        assert found == "7.0e-01, 7.0e-01"
 
     def test_motions(self, study, page):
         heads, rows = table(page, "Ground motions as recorded, and their scale factors")
@@ -446,7 +446,7 @@ class TestNumbers:
         assert "CF-1.11" in text(bare.xpath('//section[@id="provenance"]')[0])
 
 
-class TestWrittenWhole:
+class TestWritten:
     def test_written_and_readable(self, study, html, tmp_path):
         out = write_report(study, tmp_path / "report.html")
         assert out.read_text(encoding="utf-8") == html

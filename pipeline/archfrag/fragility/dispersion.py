@@ -61,8 +61,8 @@ def split_capacities(
     """Divide the dispersion of capacities of sampled arches under records.
 
     Analysis of variance by moments (Searle, Casella and McCulloch 1992, *Variance Components*,
-    chapters 3 and 4): of two ways if all arches meet the same records, for then the means of the
-    arches share the scatter of the records; of one way if each arch has records of its own.
+    chapters 3 and 4): with two factors if all arches meet the same records, for then the means of
+    the arches all have the scatter of the records; with one if each arch has its own records.
 
     Parameters
     ----------
@@ -103,9 +103,9 @@ def split_capacities(
     if len(logs) < 2 or logs.shape[1] < 2:
         raise FitError(
             f"{len(logs)} arches with {logs.shape[1]} records of known capacity remain; two of "
-            "each are needed to tell modelling from records"
+            "each are needed to separate modelling from records"
         )
-    *squares, n_record = _two_way(logs) if same_records else _one_way(logs)
+    *squares, n_record = _two_factors(logs) if same_records else _one_factor(logs)
     theta = float(np.exp(np.nanmean(np.nanmean(logs, axis=1))))
     return _dispersion(theta, squares, (len(logs), n_record), notes, numerical)
 
@@ -177,7 +177,7 @@ def split_curves(
     return _dispersion(float(np.exp(logs.mean())), squares, sizes, [], numerical)
 
 
-def _two_way(logs: FloatArray) -> tuple[float, ...]:
+def _two_factors(logs: FloatArray) -> tuple[float, ...]:
     """Variances within and between arches that meet the same records, and their variances."""
     a, r = logs.shape
     arch, record, overall = logs.mean(axis=1), logs.mean(axis=0), logs.mean()
@@ -192,7 +192,7 @@ def _two_way(logs: FloatArray) -> tuple[float, ...]:
     return within, (of_arch - interaction) / r, within_variance, model_variance, float(r)
 
 
-def _one_way(logs: FloatArray) -> tuple[float, ...]:
+def _one_factor(logs: FloatArray) -> tuple[float, ...]:
     """The same for arches with records of their own, whose number may differ."""
     known = ~np.isnan(logs)
     count = np.count_nonzero(known, axis=1).astype(float)

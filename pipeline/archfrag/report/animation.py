@@ -93,8 +93,8 @@ def _most_telling(time: FloatArray, state: FloatArray, most: int) -> np.ndarray:
     while kept.size < min(most, len(time)):
         right = np.clip(np.searchsorted(kept, np.arange(len(time)), side="left"), 1, None)
         a, b = kept[right - 1], kept[right]
-        share = ((time - time[a]) / np.maximum(time[b] - time[a], 1e-12))[:, None]
-        error = np.abs(state - (1.0 - share) * state[a] - share * state[b]).max(axis=1)
+        part = ((time - time[a]) / np.maximum(time[b] - time[a], 1e-12))[:, None]
+        error = np.abs(state - (1.0 - part) * state[a] - part * state[b]).max(axis=1)
         error[kept] = -1.0
         kept = np.sort(np.append(kept, int(error.argmax())))
     return kept
@@ -153,7 +153,7 @@ def animation(example: Example, name: str, title: str) -> Picture | None:
         f'role="img" aria-label="{label}, four frames from {window}">{still}</svg></div>',
         f"{what}, {example.reason}. Motion relative to the ground, true to scale and in real "
         f"time, {window}; {frames.time.size} key frames, linear between them. Outlined: at rest. "
-        "Still frames: on the way to the largest rotation.",
+        "Still frames: before the largest rotation.",
     )
 
 
@@ -221,7 +221,7 @@ def _strip(example: Example, frames: Frames, height: float) -> tuple[str, float]
 
 
 def _still(frames: Frames, stage: _Stage, name: str, height: float) -> str:
-    """Four frames on the way to the largest rotation, two in a row."""
+    """Four frames up to the largest rotation, two in a row."""
     sheet = Sheet(NARROW)
     reach = np.abs(frames.rotation).max(axis=1)
     chosen = [int(np.argmax(reach >= part * reach.max())) for part in (0.0, 0.33, 0.67, 1.0)]
@@ -243,7 +243,7 @@ def _still(frames: Frames, stage: _Stage, name: str, height: float) -> str:
 
 
 def _transform(place: FloatArray, rotation: float, kind: str) -> str:
-    x, y, turn = number(place[0]), number(place[1]), number(-float(np.rad2deg(rotation)))
+    x, y, angle = number(place[0]), number(place[1]), number(-float(np.rad2deg(rotation)))
     if kind == "css":
-        return f"translate({x}px,{y}px)rotate({turn}deg)"
-    return f"translate({x} {y})rotate({turn})"
+        return f"translate({x}px,{y}px)rotate({angle}deg)"
+    return f"translate({x} {y})rotate({angle})"

@@ -113,7 +113,7 @@ def summary(
 
 
 def classes(cube: "xr.Dataset") -> dict[str, str]:
-    """Class of each arch of a cube; its own name where the cube does not say."""
+    """Class of each arch of a cube; its own name where the cube holds none."""
     names = [str(name) for name in cube["arch"].values]
     own = [str(name) for name in cube["arch_class"].values] if "arch_class" in cube else names
     return dict(zip(names, own, strict=True))

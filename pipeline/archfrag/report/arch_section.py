@@ -1,4 +1,4 @@
-"""What the page says of one arch."""
+"""What the page shows of one arch."""
 
 import json
 from collections.abc import Sequence
@@ -91,7 +91,7 @@ def cautions_of(cautions: Sequence[str], name: str) -> list[str]:
 
 
 def design_table(cube: "xr.Dataset", name: str) -> tables.Table | None:
-    """How the runs of an arch were chosen; None where the cube does not say."""
+    """How the runs of an arch were chosen; None where the cube does not hold it."""
     design = json.loads(cube.attrs.get("archfrag_design", "{}"))
     note = design.get("arches", {}).get(name)
     if note is None:
@@ -124,8 +124,8 @@ def _mechanisms(inputs: "ReportInputs", results: ArchResults, arch: Arch) -> dic
     ]
     return {
         "collapses": figures.collapses(results, arch.n_joint),
-        "shares": mechanism_figures.shares(groups, results),
-        "shares_table": mechanism_figures.table(groups, results),
+        "fractions": mechanism_figures.fractions(groups, results),
+        "fractions_table": mechanism_figures.table(groups, results),
         "n_effective": f"{groups[0].n_effective:.1f}",
     }
 

@@ -23,8 +23,8 @@ def even_ticks(low: float, high: float, most: int = 6) -> FloatArray:
     return np.asarray(ticks + 0.0, dtype=float)  # no -0
 
 
-def whole_ticks(high: float, most: int = 5) -> FloatArray:
-    """Whole numbers from 0 to high."""
+def integer_ticks(high: float, most: int = 5) -> FloatArray:
+    """Integers from 0 to high."""
     ticks = even_ticks(0.0, max(high, 1.0), most)
     return np.unique(np.round(ticks))
 

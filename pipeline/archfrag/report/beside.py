@@ -61,11 +61,11 @@ def load_beside(study: Study, other: Study) -> Beside:
 def beside_section(
     inputs: "ReportInputs", cube: "xr.Dataset", scale: Scale
 ) -> dict[str, Any] | None:
-    """What the page says of another study, by the names that its template uses."""
+    """What the page shows of another study, by the names that its template uses."""
     if inputs.beside is None:
         return None
     cubes = (cube, inputs.beside.cube)
-    names = [str(each.attrs.get("archfrag_study", "not told")) for each in cubes]
+    names = [str(each.attrs.get("archfrag_study", "not stated")) for each in cubes]
     refused = f"study {names[1]!r} cannot be shown beside {names[0]!r}"
     kinds = [_measure(each) for each in cubes]
     if kinds[0] != kinds[1]:
@@ -96,7 +96,7 @@ def _measure(cube: "xr.Dataset") -> str:
 
 
 def _side(study: str, cube: "xr.Dataset", answer: Answer, arch: str, scale: Scale) -> _Side:
-    vertical = str(cube.attrs.get("vertical_component", "not told"))
+    vertical = str(cube.attrs.get("vertical_component", "not stated"))
     return _Side(study, vertical, arch_results(cube, arch, scale), answer)
 
 
@@ -169,7 +169,7 @@ def _figures(side: _Side, first: _Side) -> dict[str, str]:
         "dispersion β": answer.get("beta", "no curve"),
         f"{percent} of β": answer.get("beta_interval", "–"),
         "β by maximum likelihood": answer.get("beta_likelihood", "–"),
-        **{key: "not told" if n is None else f"{n:,}" for key, n in numbers.items()},
+        **{key: "not stated" if n is None else f"{n:,}" for key, n in numbers.items()},
     }
 
 

@@ -172,8 +172,8 @@ def all_curves(
     """Curves of all arches in one figure; None if there are fewer than two.
 
     Classes are drawn with their bands, their arches (`members`) thinly; other arches by name if
-    they are few. `marks` are the level to which the curves are drawn, and one that is marked, in
-    the reader's unit.
+    they are not many. `marks` are the level to which the curves are drawn, and one that is
+    marked, in the reader's unit.
     """
     known = {k: a for k, a in answers.items() if isinstance(a.curve, Fragility)}
     if len(known) < 2:
@@ -208,7 +208,7 @@ def all_curves(
         draw, entries, (1.05 * highest, scale.label),
         alternative=f"Fragility curves of {len(known)} arches against {scale.label}. "
         f"Medians: {_medians(fits, scale)}",
-        caption="Lognormal curves. Shaded, where the curves are few: their bands. Of classes: "
+        caption="Lognormal curves. Shaded, where they are not many: their bands. Of classes: "
         "bold, of an arch of the class that is drawn at random; thin, arches of it. Dotted: the "
         "level that the probability is asked for.",
     )  # fmt: skip

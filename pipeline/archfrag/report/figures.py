@@ -5,7 +5,7 @@ import numpy as np
 from archfrag.fragility.counts import Verdict
 from archfrag.mechanics.status import CollapseMode
 from archfrag.report import picture as look
-from archfrag.report.axes import log_ticks, whole_ticks
+from archfrag.report.axes import integer_ticks, log_ticks
 from archfrag.report.picture import (
     BELOW,
     BESIDE,
@@ -173,7 +173,7 @@ def collapses(results: ArchResults, n_joint: int) -> Picture | None:
         y = (-0.5, n_joint - 0.5)
         joints = np.arange(0, n_joint, max(1, -(-n_joint // int(height / 13.0))))
         left = Panel(sheet, first, (0.0, 1.02 * float(by_mode.sum(axis=1).max())), y)
-        left.axis_x(whole_ticks(left.x[1]), "collapses [runs]", grid=True)
+        left.axis_x(integer_ticks(left.x[1]), "collapses [runs]", grid=True)
         base = np.zeros(n_joint)
         for mode, (_, colour, hatch) in MODE_LOOK.items():
             if by_mode[:, mode].any():
@@ -264,7 +264,7 @@ def _log_histogram(
     panel = Panel(
         sheet, box, (10.0**low, 10.0 ** float(edges[-1])), (0.0, 1.04 * counts.max()), log_x=True
     )
-    panel.axis_y(whole_ticks(panel.y[1]), "runs")
+    panel.axis_y(integer_ticks(panel.y[1]), "runs")
     bars = 10.0 ** edges[there], 10.0 ** edges[there + 1]
     panel.boxes(*bars, np.zeros(there.size), counts[there], colour)
     ticks = log_ticks(*panel.x, subs=(1.0,))

@@ -1,4 +1,4 @@
-"""What ran: shares of the models of the ladder, events, hand-overs, general contact problems."""
+"""What ran: models of the ladder, events, hand-overs, general contact problems."""
 
 import numpy as np
 
@@ -20,18 +20,18 @@ MODEL_LOOK = {
 
 
 def what_ran(results: ArchResults) -> Picture:
-    """Share of simulated time of each model, and what happened in a second of motion, by level."""
+    """Fraction of simulated time of each model, and events in a second of motion, by level."""
 
     def draw(width: float) -> Sheet:
         sheet = Sheet(width)
         boxes, sheet.height = sheet.panes(2, 20.0, 150.0, gap=26.0)
-        _shares(sheet, boxes[0], results)
+        _fractions(sheet, boxes[0], results)
         _rates(sheet, boxes[1], results)
         return sheet
 
     return picture(
         draw,
-        alternative=f"Shares of simulated time of {results.arch} by model of the ladder, and "
+        alternative=f"Fractions of simulated time of {results.arch} by model of the ladder, and "
         "numbers of events in a second of motion, by level",
         caption="Simulated time that each model of the ladder had; and means over the time in "
         "motion, where what did not occur is not drawn. Impacts are joints that closed; an event "
@@ -56,7 +56,7 @@ def table(results: ArchResults) -> Table:
     by_steps = results.model_time[..., results.models.index("all_voussoirs")].sum()
     if moving > 0.0:
         rows.append(
-            ["share of the time in motion on all voussoirs", f"{100 * by_steps / moving:.1f} %"]
+            ["fraction of the time in motion on all voussoirs", f"{100 * by_steps / moving:.1f} %"]
         )
     for label, counts in (
         ("events located", results.events),
@@ -67,16 +67,16 @@ def table(results: ArchResults) -> Table:
         rows.append([label, f"{counts.sum():,}{rate}"])
     solved = int(results.two_level.sum())
     again = int(results.level_iterations.sum())
-    share = f" ({100 * again / solved:.2g} %)" if solved else ""
+    part = f" ({100 * again / solved:.2g} %)" if solved else ""
     rows += [
         ["contact problems solved by the two levels", f"{solved:,}"],
-        ["of these, with more than one round", f"{again:,}{share}"],
+        ["of these, with more than one round", f"{again:,}{part}"],
         ["contact problems left to the general solver", f"{results.general.sum():,}"],
     ]
     return Table(["figure", "value"], rows)
 
 
-def _shares(sheet: Sheet, box: Box, results: ArchResults) -> None:
+def _fractions(sheet: Sheet, box: Box, results: ArchResults) -> None:
     time = results.model_time.sum(axis=0)
     total = np.maximum(time.sum(axis=1), np.finfo(float).tiny)
     panel = Panel(sheet, box, (-0.5, results.levels.size - 0.5), (0.0, 100.0))
@@ -84,13 +84,13 @@ def _shares(sheet: Sheet, box: Box, results: ArchResults) -> None:
     base, entries = np.zeros(results.levels.size), []
     for i, model in enumerate(results.models):
         colour, hatch = MODEL_LOOK[Model[model.upper()]]
-        share = 100.0 * time[:, i] / total
-        here = np.flatnonzero(share)
+        part = 100.0 * time[:, i] / total
+        here = np.flatnonzero(part)
         if here.size:
-            top = base[here] + share[here]
+            top = base[here] + part[here]
             panel.boxes(here - 0.42, here + 0.42, base[here], top, colour, hatch)
             entries.append(Entry(_words(model), colour, hatch or "area"))
-        base += share
+        base += part
     _key(sheet, panel, entries)
     panel.level_axis(results.levels, results.scale.label)
 

@@ -51,22 +51,22 @@ def by_impacts(results: ArchResults, confidence: float) -> Deaggregation:
     return deaggregate(results.decided_or_neither, category, IMPACTS, confidence=confidence)
 
 
-def shares(groups: Sequence[Deaggregation], results: ArchResults) -> Picture | None:
-    """Observed fraction of collapses at each level, split three ways; None if none collapsed."""
+def fractions(groups: Sequence[Deaggregation], results: ArchResults) -> Picture | None:
+    """Fraction of collapses at each level, split by three criteria; None if none collapsed."""
     if not groups[0].collapsed.any():
         return None
     keys = [_key(group) for group in groups]
 
     def draw(width: float) -> Sheet:
         sheet = Sheet(width)
-        room = sheet.panes(len(groups), 0.0, 150.0)[0][0]
-        rows = max(sheet.legend_rows(key, room[2] - room[0]) for key in keys)
+        first = sheet.panes(len(groups), 0.0, 150.0)[0][0]
+        rows = max(sheet.legend_rows(key, first[2] - first[0]) for key in keys)
         gap = 10.0 + rows * LINE if sheet.narrow else 10.0
         boxes, end = sheet.panes(len(groups), 0.0, 150.0, gap)
         sheet.height = end + rows * LINE
         for box, group, key, title in zip(boxes, groups, keys, _TITLES, strict=True):
             panel = Panel(sheet, box, (-0.5, group.n.size - 0.5), (0.0, 1.0))
-            panel.axis_y([0.0, 0.25, 0.5, 0.75, 1.0], "share of the runs")
+            panel.axis_y([0.0, 0.25, 0.5, 0.75, 1.0], "fraction of the runs")
             _stack(panel, group)
             panel.level_axis(results.levels, results.scale.label)
             panel.heading(title)
@@ -85,18 +85,18 @@ def shares(groups: Sequence[Deaggregation], results: ArchResults) -> Picture | N
 
 
 def table(groups: Sequence[Deaggregation], results: ArchResults) -> Table:
-    """Collapses of each category at each level, and their share of all with its interval."""
+    """Collapses of each category at each level, and their fraction of all with its interval."""
     percent = f"{100 * groups[0].confidence:.0f} %"
     levels = map(digits, results.levels)
-    heads = ["collapses", "all levels", "share", f"{percent} interval", *levels]
+    heads = ["collapses", "all levels", "fraction", f"{percent} interval", *levels]
     everything = groups[0].collapsed
     rows = [["all", str(everything.sum()), "", "", *map(str, everything)]]
     for group in groups:
         for i, category in enumerate(group.categories):
             if group.counts[i].any():
                 ends = f"{group.overall_lower[i]:.2f} – {group.overall_upper[i]:.2f}"
-                total, share = str(group.counts[i].sum()), f"{group.overall[i]:.2f}"
-                rows.append([category, total, share, ends, *map(str, group.counts[i])])
+                total, fraction = str(group.counts[i].sum()), f"{group.overall[i]:.2f}"
+                rows.append([category, total, fraction, ends, *map(str, group.counts[i])])
     return Table(heads, rows)
 
 

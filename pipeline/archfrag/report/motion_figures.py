@@ -43,7 +43,7 @@ def thumbnails(motions: Sequence["Motion"]) -> Picture:
     )
     return Picture(
         f'<div class="thumbnails" role="img" aria-label="{label}">{"".join(pieces)}</div>',
-        "Horizontal acceleration of each record divided by its own PGA, whole duration."
+        "Horizontal acceleration of each record divided by its own PGA, entire duration."
         + left_out,
     )
 

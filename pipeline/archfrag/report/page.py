@@ -96,9 +96,9 @@ class ReportInputs:
 
 
 def write_report(study_results: ReportInputs, out: Path) -> Path:
-    """Write the report, and beside it its numbers and curves; each file whole.
+    """Write the report, and beside it its numbers and curves; each file complete or not at all.
 
-    ``summary.json`` holds what `archfrag.report.answer.summary` says, ``curve-<arch>.svg`` the
+    ``summary.json`` is by `archfrag.report.answer.summary`, ``curve-<arch>.svg`` the
     curve of each arch; of many arches ``curves.svg`` holds all.
 
     Parameters
@@ -261,7 +261,7 @@ def _beside(inputs: ReportInputs, cube: "xr.Dataset", scale: Scale) -> dict[str,
 
 
 def _loss_limit(cube: "xr.Dataset") -> str | None:
-    """Gap over joint length from which a loss of contact is a collapse; None if not told."""
+    """Gap over joint length from which a loss of contact is a collapse; None if not known."""
     limit = cube.attrs.get("loss_limit", cube.get("loss_limit"))
     return None if limit is None else f"{100.0 * float(limit):g} %"
 

@@ -1,4 +1,4 @@
-"""What a figure is once it is drawn; the colours, sizes and pieces of SVG that all share."""
+"""What a figure is once it is drawn; the colours, sizes and pieces of SVG of all."""
 
 import re
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ WIDE, NARROW = 760.0, 358.0  # widths that figures are drawn for [px]
 SIZE, SMALL = 11.5, 10.0  # of texts [px]
 LINE = 15.0  # [px]
 BELOW, BESIDE = 36.0, 48.0  # pixels that labels and title need below a panel and left of it
-# Okabe and Ito's palette: told apart with any kind of colour vision.
+# Okabe and Ito's palette: distinct with any kind of colour vision.
 BLUE = "#0072B2"
 SKY = "#56B4E9"
 GREEN = "#009E73"
@@ -45,7 +45,7 @@ class Picture:
     svg : str
         Inline SVG, or HTML that holds several.
     caption : str
-        The sentence that stands under it.
+        What stands under it.
     narrow : str
         The same drawn anew for narrow screens; empty where `svg` serves all widths.
     """

@@ -96,10 +96,10 @@ class Sheet:
             self.boxes.append((words, x - 0.8 * size, y - 0.5 * width, x, y + 0.5 * width))
         else:
             self.boxes.append((words, left, y - 0.75 * size, left + width, y + 0.2 * size))
-        turned = f' transform="rotate({angle} {number(x)} {number(y)})"' if angle else ""
+        rotated = f' transform="rotate({angle} {number(x)} {number(y)})"' if angle else ""
         named = f' class="{kind}"' if kind else ""
         self.parts.append(
-            f'<text x="{number(x)}" y="{number(y)}"{named}{turned}>{escape(words)}</text>'
+            f'<text x="{number(x)}" y="{number(y)}"{named}{rotated}>{escape(words)}</text>'
         )
 
     def path(self, d: str, **attributes: object) -> None:
@@ -171,7 +171,7 @@ class Sheet:
         return boxes, boxes[-1][3] + BELOW
 
     def svg(self, alternative: str) -> str:
-        """The whole as an <svg> element with a name."""
+        """All of it as an <svg> element with a name."""
         return (
             f'<svg viewBox="0 0 {number(self.width)} {number(self.height)}" role="img" '
             f'aria-label="{escape(alternative, quote=True)}">{"".join(self.parts)}</svg>'

@@ -1,4 +1,4 @@
-"""What the page says of risk, by the names that its template uses."""
+"""What the page shows of risk, by the names that its template uses."""
 
 from typing import Any
 
@@ -41,7 +41,7 @@ def _arch(arch: ArchRisk, risk: StudyRisk, scale: Scale) -> dict[str, Any]:
         "none": None,
         "cautions": arch.cautions,
         "picture": hazard_and_fragility(arch, risk.hazard, scale),
-        "shares": deaggregation(arch, scale),
+        "fractions": deaggregation(arch, scale),
         "levels": _levels(arch, scale),
         "contributions": _contributions(arch),
     }

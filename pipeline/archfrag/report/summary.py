@@ -1,4 +1,4 @@
-"""What a cube says, as plain arrays in the units that people read."""
+"""What a cube holds, as plain arrays in the units that people read."""
 
 import json
 from collections.abc import Mapping
@@ -68,7 +68,7 @@ class Scale:
 
 @dataclass(frozen=True)
 class ArchResults:
-    """All runs of one arch; arrays (n_record, n_level) unless said otherwise."""
+    """All runs of one arch; arrays (n_record, n_level) unless stated otherwise."""
 
     arch: str
     records: list[str]
@@ -95,7 +95,7 @@ class ArchResults:
     models: list[str]
     factors: FloatArray  # on the motion
     status: IntArray
-    peak_rotation: FloatArray | None = None  # [rad]; None in cubes that do not say
+    peak_rotation: FloatArray | None = None  # [rad]; None in cubes without it
     lost_contact_time: FloatArray | None = None  # [s]; likewise
     contact_losses: IntArray | None = None  # times that a joint was without contact
     own_levels: FloatArray | None = None  # (n_record,), where each run has one of its own
@@ -140,7 +140,7 @@ class ArchResults:
 
     @property
     def stood_after_loss(self) -> int | None:
-        """Runs that lost all contact at a joint and stand; None if the cube does not say."""
+        """Runs that lost all contact at a joint and stand; None if the cube does not hold it."""
         if self.lost_contact_time is None:
             return None
         stands = self.verdict == Verdict.STANDING
@@ -179,7 +179,7 @@ def reading_scale(cube: "xr.Dataset", measure: str) -> Scale:
 
 
 def study_config(cube: "xr.Dataset") -> Mapping[str, Any]:
-    """What a cube says of the study that made it; empty if it says nothing."""
+    """What a cube holds of the study that made it; may be empty."""
     found: Mapping[str, Any] = json.loads(cube.attrs.get("archfrag_config", "{}"))
     return found
 
@@ -204,7 +204,7 @@ def arch_results(cube: "xr.Dataset", arch: str, scale: Scale) -> ArchResults:
         """Values of the runs, and `missing` where there is none."""
         values: NDArray = part[name].transpose("record", "level", ...).values
         values = np.where(run.reshape(run.shape + (1,) * (values.ndim - 2)), values, missing)
-        return (values if place is None else _spread(values, place, levels.size)).astype(kind)
+        return (values if place is None else _placed(values, place, levels.size)).astype(kind)
 
     tables = {field: table(*given) for field, given in _TABLES.items()}
     verdict = tables["verdict"]
@@ -218,7 +218,7 @@ def arch_results(cube: "xr.Dataset", arch: str, scale: Scale) -> ArchResults:
         scale=scale,
         counts=_counted(verdict),
         models=[str(name) for name in part["model"].values],
-        factors=factors if place is None else _spread(factors, place, levels.size),
+        factors=factors if place is None else _placed(factors, place, levels.size),
         own_levels=own,
         design=str(cube.attrs.get("archfrag_design_kind", "stripes")),
         **tables,
@@ -248,7 +248,7 @@ def _levels(
     return levels, own, place
 
 
-def _spread(values: NDArray, place: IntArray, n_level: int) -> NDArray:
+def _placed(values: NDArray, place: IntArray, n_level: int) -> NDArray:
     """Values (n_record, 1, ...) put into the columns of their groups, zero elsewhere."""
     wide = np.zeros((values.shape[0], n_level, *values.shape[2:]), dtype=values.dtype)
     run = np.flatnonzero(place >= 0)
