@@ -81,17 +81,11 @@ def verdict_map(results: ArchResults) -> Picture:
         sheet.height = bottom + BELOW
         return sheet
 
-    again, total = results.resurrections, len(names)
     return picture(
         draw,
-        alternative=f"Verdicts of {results.arch} for {total} records at {rows.shape[1]} levels",
-        caption="Every run, records ordered by the number of collapses. "
-        + (
-            f"{again} of {total} records bring the arch down at a level and leave it standing "
-            "at a higher one."
-            if again
-            else "No record leaves the arch standing above a level at which it collapsed."
-        ),
+        alternative=f"Verdicts of {results.arch} for {len(names)} records at {rows.shape[1]} "
+        "levels",
+        caption="Every run, records ordered by the number of collapses.",
     )
 
 

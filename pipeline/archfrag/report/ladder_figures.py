@@ -42,38 +42,30 @@ def what_ran(results: ArchResults) -> Picture:
 
 def table(results: ArchResults) -> Table:
     """Simulated time of each model, and totals of events and contact problems."""
-    total = max(float(results.model_time.sum()), np.finfo(float).tiny)
-    moving = _moving(results).sum()
-    rows = []
+    time, moving = results.model_time, _moving(results).sum()
+    total = max(float(time.sum()), np.finfo(float).tiny)
+    rows = {}
     for i, model in enumerate(results.models):
-        seconds = float(results.model_time[..., i].sum())
-        rows.append(
-            [
-                f"simulated time, {_words(model)}",
-                f"{seconds:,.1f} s ({100 * seconds / total:.1f} %)",
-            ]
+        seconds = float(time[..., i].sum())
+        rows[f"simulated time, {_words(model)}"] = (
+            f"{seconds:,.1f} s ({100 * seconds / total:.1f} %)"
         )
-    by_steps = results.model_time[..., results.models.index("all_voussoirs")].sum()
     if moving > 0.0:
-        rows.append(
-            ["fraction of the time in motion on all voussoirs", f"{100 * by_steps / moving:.1f} %"]
-        )
+        by_steps = time[..., results.models.index("all_voussoirs")].sum() / moving
+        rows["fraction of the time in motion on all voussoirs"] = f"{100 * by_steps:.1f} %"
     for label, counts in (
         ("events located", results.events),
         ("impacts", results.impacts),
         ("hand-overs to time stepping", results.hand_overs),
     ):
         rate = f" ({counts.sum() / moving:.3g} in a second of motion)" if moving > 0.0 else ""
-        rows.append([label, f"{counts.sum():,}{rate}"])
-    solved = int(results.two_level.sum())
-    again = int(results.level_iterations.sum())
+        rows[label] = f"{counts.sum():,}{rate}"
+    solved, again = int(results.two_level.sum()), int(results.level_iterations.sum())
     part = f" ({100 * again / solved:.2g} %)" if solved else ""
-    rows += [
-        ["contact problems solved by the two levels", f"{solved:,}"],
-        ["of these, with more than one round", f"{again:,}{part}"],
-        ["contact problems left to the general solver", f"{results.general.sum():,}"],
-    ]
-    return Table(["figure", "value"], rows)
+    rows["contact problems solved by the two levels"] = f"{solved:,}"
+    rows["of these, with more than one round"] = f"{again:,}{part}"
+    rows["contact problems left to the general solver"] = f"{results.general.sum():,}"
+    return Table(["figure", "value"], list(rows.items()))
 
 
 def _fractions(sheet: Sheet, box: Box, results: ArchResults) -> None:
