@@ -33,7 +33,7 @@ def column(**more):
     return Arch.from_joints(right, left, math.inf, density=2620.0, free_end=True, **more)
 
 
-def reversed_way(arch):
+def reversed_order(arch):
     """The same straight-sided ring, travelled from the other end."""
     return Arch.from_joints(arch.intrados[::-1], arch.extrados[::-1], 0.7)
 
@@ -50,7 +50,7 @@ def every_chain():
         **arches,
         "column": column(),
         "block": Block(0.2, 1.0, 0.8),
-        "reversed": reversed_way(straight),
+        "reversed": reversed_order(straight),
         "swapped": swapped_names(straight),
     }
 
@@ -73,7 +73,7 @@ class TestChainIsConsistent:
             np.testing.assert_allclose(after, wanted, rtol=0, atol=1e-12)
 
     def test_normals_point_along_the_chain(self, arch):
-        """The tangent is the normal turned by +90 degrees, the normal from j - 1 into j."""
+        """The tangent is the normal rotated by +90 degrees, the normal from j - 1 into j."""
         chain, n = arch.chain, arch.n_voussoir
         for joint in range(arch.n_joint):
             if joint < n:
@@ -149,12 +149,12 @@ class TestSymmetry:
 
 class TestCircular:
     @pytest.mark.parametrize("n", [2, 7, 28])
-    def test_mass_of_the_whole_ring(self, n):
+    def test_mass_of_the_full_ring(self, n):
         arch = Arch.circular(10.0, 1.5, 157.5, n, 0.7, density=2300.0, depth=0.8)
         ring = 0.5 * math.radians(157.5) * (10.75**2 - 9.25**2)
         assert arch.chain.mass.sum() == pytest.approx(2300.0 * 0.8 * ring, rel=1e-14)
 
-    def test_straight_voussoirs_are_lighter_and_share_the_joints(self):
+    def test_straight_voussoirs_are_lighter_with_the_same_joints(self):
         exact, straight = MAKERS["sector"](7), MAKERS["straight"](7)
         sweep = math.radians(157.5 / 7)
         ratio = math.sin(sweep) / sweep
@@ -300,7 +300,7 @@ class TestCurvedCentreLines:
         ]
         np.testing.assert_allclose(length, length[0], rtol=1e-9)
 
-    def test_springings_are_where_span_and_rise_say(self, name, n):
+    def test_springings_are_at_the_span_and_the_rise(self, name, n):
         arch = MAKERS[name](n)
         span = arch.parameters["span"]
         middle = 0.5 * (arch.extrados + arch.intrados)
@@ -316,7 +316,7 @@ class TestCentreLineLimits:
         np.testing.assert_allclose(ours.intrados, circle.intrados, atol=1e-12)
         np.testing.assert_allclose(ours.chain.inertia, circle.chain.inertia, rtol=1e-11)
 
-    def test_catenary_carries_itself_along_its_line(self):
+    def test_thrust_of_a_catenary_is_along_its_line(self):
         """Slope times constant thrust is the weight of the line from the crown: a chain's law."""
         arch = Arch.catenary(10.0, 7.0, 0.5, 20, 0.6)
         across = arch.extrados - arch.intrados
@@ -345,16 +345,18 @@ class TestFromJoints:
         for ours, theirs in zip(again.chain, arch.chain):
             np.testing.assert_array_equal(ours, theirs)
 
-    @pytest.mark.parametrize("other", [reversed_way, swapped_names])
+    @pytest.mark.parametrize("other", [reversed_order, swapped_names])
     def test_flipping_swaps_the_corners_and_keeps_the_names(self, other):
         arch = MAKERS["straight"](7)
-        turned = other(arch)
-        assert turned.flipped
-        assert (turned.corner_name(0), turned.corner_name(1)) == ("extrados", "intrados")
-        order = -1 if other is reversed_way else 1
-        np.testing.assert_allclose(turned.chain.mass, arch.chain.mass[::order], rtol=1e-14)
-        np.testing.assert_allclose(turned.chain.inertia, arch.chain.inertia[::order], rtol=1e-13)
-        np.testing.assert_allclose(turned.chain.centroid, arch.chain.centroid[::order], atol=1e-13)
+        flipped = other(arch)
+        assert flipped.flipped
+        assert (flipped.corner_name(0), flipped.corner_name(1)) == ("extrados", "intrados")
+        order = -1 if other is reversed_order else 1
+        np.testing.assert_allclose(flipped.chain.mass, arch.chain.mass[::order], rtol=1e-14)
+        np.testing.assert_allclose(flipped.chain.inertia, arch.chain.inertia[::order], rtol=1e-13)
+        np.testing.assert_allclose(
+            flipped.chain.centroid, arch.chain.centroid[::order], atol=1e-13
+        )
 
     def test_dead_load_stays_on_the_users_extrados(self):
         arch = MAKERS["straight"](7)
@@ -491,7 +493,7 @@ def onset_by_equilibrium(arch):
     bounds = [(0, None), (0, None), (None, None)] * arch.n_joint + [(0, None)]
     cost = np.zeros(unknown)
     cost[-1] = -1.0
-    # Forces in units of the whole weight; the last column is the factor itself.
+    # Forces in units of the full weight; the last column is the factor itself.
     balance[:, -1] /= scale
     answer = linprog(cost, A_eq=balance, b_eq=wanted / scale, bounds=bounds)
     assert answer.status == 0
@@ -507,6 +509,6 @@ class TestOnsetOfThePublishedArch:
     def test_straight_voussoirs(self):
         assert onset_by_equilibrium(MAKERS["straight"](7)) == pytest.approx(0.37361, abs=6e-6)
 
-    def test_joints_may_be_named_either_way(self):
+    def test_joints_may_be_named_in_either_order(self):
         flipped = swapped_names(MAKERS["straight"](7))
         assert onset_by_equilibrium(flipped) == pytest.approx(0.37361, abs=6e-6)

@@ -17,10 +17,10 @@ import pandas as pd
 from archfrag.fragility.counts import Verdict
 from archfrag.motions.measures import measure_all
 from archfrag.study import curves
-from archfrag.study.case import tabulate_cases
 from archfrag.study.config import load_study
 from archfrag.study.design import Ida, Scattered, TwoStage
 from archfrag.study.grids import Grid, ida, stripes
+from archfrag.study.outcome import tabulate_cases
 from archfrag.study.records import COMPARED, read_sources
 from archfrag.study.rounds import Rounds
 from archfrag.study.scattered import scattered

@@ -146,7 +146,7 @@ class TestProcessing:
             prepare_motions(study)
 
     @pytest.mark.parametrize(
-        ("steps", "sentence"),
+        ("steps", "message"),
         [
             (
                 "[bandpas]",
@@ -163,8 +163,8 @@ class TestProcessing:
             ("[{taper: {side: top}}]", r"side = top must be"),
         ],
     )
-    def test_bad_steps(self, tmp_path, steps, sentence):
-        with pytest.raises(StudyError, match=sentence):
+    def test_bad_steps(self, tmp_path, steps, message):
+        with pytest.raises(StudyError, match=message):
             study_with(tmp_path, f"{FILES}\n  processing: {steps}")
 
 

@@ -1,4 +1,4 @@
-"""Hazard curves of files: read as they are meant, refused with one sentence otherwise."""
+"""Hazard curves of files: read as they are meant, refused with one message otherwise."""
 
 import numpy as np
 import pytest
@@ -50,9 +50,9 @@ def openquake(kind="mean", imt="PGA", p="1.000000E-01"):
 def refusal(path, measure="PGA", **options):
     with pytest.raises(InputError) as found:
         load_hazard(path, measure, **options)
-    sentence = str(found.value)
-    assert "\n" not in sentence
-    return sentence
+    message = str(found.value)
+    assert "\n" not in message
+    return message
 
 
 class TestPlain:
@@ -98,9 +98,9 @@ class TestPlain:
     )
     def test_refusals(self, write, text, part):
         path = write(text)
-        sentence = refusal(path)
-        assert part in sentence
-        assert sentence.startswith(str(path))
+        message = refusal(path)
+        assert part in message
+        assert message.startswith(str(path))
 
 
 class TestOpenQuakeCsv:
@@ -136,7 +136,7 @@ class TestOpenQuakeCsv:
     @pytest.mark.parametrize(
         ("changes", "options", "part"),
         [
-            ({}, {}, "has 2 sites; say which by longitude and latitude, such as 13.4,42.3"),
+            ({}, {}, "has 2 sites; choose one by longitude and latitude, such as 13.4,42.3"),
             ({}, {"site": (12.0, 42.3)}, "no site within 10 km of 12,42.3; the nearest is 13.4"),
             ({}, {"site": (42.3, 113.4)}, "longitude comes first"),
             ({}, {"site": (13.4, 42.3), "unit": "m/s2"}, "gives PGA in g, not in m/s2"),

@@ -85,7 +85,7 @@ def ids(study):
     return [record.id for record in prepare_motions(study)]
 
 
-def test_two_records_of_one_name_are_told_apart_by_their_folders(tmp_path):
+def test_two_records_of_one_name_are_distinguished_by_their_folders(tmp_path):
     study = study_with(tmp_path, 'files: ["records/*.AT2", "more/*.AT2", "H.AT2"]')
     for name in ("more/wave1.AT2", "H.AT2", "more/H.AT2", "more/other.AT2"):
         made(tmp_path / name)

@@ -78,7 +78,7 @@ class TestGrid:
         assert any("above the last point of the hazard curve" in each for each in found.cautions)
         assert not risk_of(*grid, HAZARD).arches["ring"].rate.outside > 0.05
 
-    def test_arch_without_a_curve_keeps_its_sentence(self, grid):
+    def test_arch_without_a_curve_keeps_its_message(self, grid):
         assert risk_of(grid[0], {"ring": "no run collapsed"}, HAZARD).arches == {
             "ring": "no run collapsed"
         }
@@ -97,22 +97,22 @@ class TestGrid:
 
 
 class TestDesigns:
-    def test_bisected_records_give_the_shares_of_the_whole_grid(self):
-        """A study of monotone records: what the bisection leaves out follows from the rest."""
+    def test_bisected_records_give_the_fractions_of_the_full_grid(self):
+        """A study of monotone records: what the bisection leaves out follows from the others."""
         generator = np.random.default_rng(5)
         data = cube(items=motions(30))
         levels = data["intensity"].values
         capacity = 4.0 * np.exp(0.4 * generator.standard_normal((30, 1)))
-        whole = (capacity < levels).astype(np.int8)
-        joint = np.where(whole == 1, generator.integers(0, 8, (30, 1)), -1)
-        first = np.argmax(whole, axis=1)[:, None]
+        full = (capacity < levels).astype(np.int8)
+        joint = np.where(full == 1, generator.integers(0, 8, (30, 1)), -1)
+        first = np.argmax(full, axis=1)[:, None]
         place = np.arange(levels.size)
         bisected = np.where(
-            (place == first) | (place == first - 1) | ((whole == 0) & (place % 3 == 0)), whole, 4
+            (place == first) | (place == first - 1) | ((full == 0) & (place % 3 == 0)), full, 4
         )
         fit = Fragility(4.0, 0.4, np.diag([0.005, 0.003]), 0.0, 9, 270, "stripes")
         found = []
-        for verdict in (whole, bisected):
+        for verdict in (full, bisected):
             seen = np.where(verdict == 1, joint, -1)
             made = data.assign(
                 verdict=(data["verdict"].dims, verdict[None].astype(np.int8)),

@@ -35,7 +35,7 @@ class Arch:
     Made by one of the class methods: `circular`, `segmental`, `pointed`, `elliptic`, `catenary`
     for ready-made profiles, `from_joints` for any other.
 
-    Arguments that they share
+    Arguments that they have in common
     -------------------------
     thickness : float
         Of the ring, measured along its joints [m].
@@ -43,8 +43,8 @@ class Arch:
         Number of bodies, at least 2.
     friction : float or (n_joint,) array_like
         Coulomb coefficient of all joints or of each; inf: the limit of large friction. A joint
-        that presses does not slide then; one that slides has no normal force, which happens at
-        impacts (about one in twelve of a closed ring), as it does with a coefficient of 1e6.
+        under compression does not slide then; one that slides has no normal force, which happens
+        at impacts (about one in twelve of a closed ring), as with a coefficient of 1e6.
     density : float
         Of the masonry [kg/m3].
     depth : float
@@ -58,7 +58,7 @@ class Arch:
         the voussoir's extrados. It has weight and inertia, so that equilibrium depends only on
         the direction of the body force.
 
-    All raise `GeometryError`, in a sentence that names the parameter, its value and what is
+    All raise `GeometryError`, in a message that names the parameter, its value and what is
     allowed, for anything of which no ring can be built.
 
     Attributes
@@ -327,7 +327,7 @@ class Arch:
         joints: ArrayLike | None = None,
         dead_load: ArrayLike | None = None,
     ) -> Arch:
-        """Hanging chain turned upside down; straight-sided.
+        """Hanging chain upside down; straight-sided.
 
         Parameters
         ----------

@@ -73,7 +73,7 @@ def ellipse(span: float, rise: float, fraction: NDArray[np.float64]) -> CentreLi
 
 
 def catenary(span: float, rise: float, fraction: NDArray[np.float64]) -> CentreLine:
-    """Hanging chain turned upside down.
+    """Hanging chain upside down.
 
     y = rise − c (cosh(x/c) − 1) with c = span/(2 w) from (cosh w − 1)/w = 2 rise/span; the
     length from the crown is c sinh(x/c).
@@ -114,10 +114,10 @@ def normal_lines(
             "stand too unevenly round its crown for a straight-sided voussoir between them; there "
             "must be a joint nearer to the crown, or equal voussoirs"
         )
-    turn = cross(here, there)
+    bend = cross(here, there)
     # Distance along each of two neighbouring joints to where their lines meet.
     with np.errstate(divide="ignore"):
-        meeting = np.minimum(np.abs(cross(step, there) / turn), np.abs(cross(step, here) / turn))
+        meeting = np.minimum(np.abs(cross(step, there) / bend), np.abs(cross(step, here) / bend))
     _refuse_crossing(thickness, 2.0 * meeting, profile, span, rise)
     offset = 0.5 * thickness * line.outward
     return JointLines(line.point - offset, line.point + offset)

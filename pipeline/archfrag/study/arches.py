@@ -1,4 +1,4 @@
-"""Arches as a study file gives them: one model for each profile, told apart by `profile`."""
+"""Arches as a study file gives them: one model for each profile, distinguished by `profile`."""
 
 import math
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
@@ -48,7 +48,7 @@ def _one_or_each(given: Any) -> str:
     return "each" if isinstance(given, list | tuple) else "one"
 
 
-# Bounds that `arch` checks, with sentences of its own, are here for the schema only.
+# Bounds that `arch` checks, with messages of its own, are here for the schema only.
 Length = Annotated[float, Field(json_schema_extra={"minimum": SMALLEST, "maximum": LARGEST})]
 Angle = Annotated[float, Field(json_schema_extra={"exclusiveMinimum": 0, "maximum": 360})]
 Count = Annotated[int, Field(json_schema_extra={"minimum": 2, "maximum": MOST_VOUSSOIRS})]
@@ -92,7 +92,7 @@ class Recess(Section):
 
 
 class Chain(Section):
-    """What all profiles share."""
+    """What all profiles have in common."""
 
     id: Identifier
     """Name of the arch in results: letters, digits and _ . + - only."""
@@ -149,7 +149,7 @@ class Chain(Section):
 
 
 class Ring(Chain):
-    """What the ready-made profiles share."""
+    """What the ready-made profiles have in common."""
 
     thickness: Length
     """Of the ring, measured along its joints [m]."""
@@ -206,7 +206,7 @@ class Elliptic(Ring):
 
 
 class Catenary(Ring):
-    """Hanging chain turned upside down."""
+    """Hanging chain upside down."""
 
     profile: Literal["catenary"]
     span: Length
@@ -267,7 +267,7 @@ class Table(Section):
     """What of each arch is not known exactly, drawn independently from row to row."""
 
     def defaults(self) -> dict[str, Any]:
-        """What rows have that do not say otherwise, as a study file gives it."""
+        """What rows have that do not state otherwise, as a study file gives it."""
         return self.model_dump(exclude={"id", "table"}, exclude_none=True, exclude_unset=True)
 
     def build(self) -> "Arch":

@@ -34,7 +34,7 @@ def sweep(folder: Path) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file whole or not at all, and leave one that holds the text already alone.
+    """Write a text file completely or not at all, and leave one that holds the text already alone.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def remember(study: "Study", names: Iterable[str], group: str) -> None:
 def is_ours_damaged(study: "Study", name: str) -> bool:
     """Whether a netCDF file of the results that cannot be read is what is left of one of ours.
 
-    It is if we wrote one of its name and it is empty, begins as such files do, or shares a
+    It is if we wrote one of its name and it is empty, begins as such files do, or has a
     block with it.
     """
     entry = _load(study).get(name)

@@ -123,7 +123,7 @@ def members(study: "Study", n_record: int | None = None) -> Members:
 def shown(theta: Sequence[float]) -> list[int]:
     """Places of the arches that a report shows one by one.
 
-    All if they are few; of many the weakest, the middle and the strongest.
+    All of up to `SHOWN`; of many the weakest, the middle and the strongest.
 
     Parameters
     ----------
@@ -235,7 +235,7 @@ def _text(entries: Sequence[Any]) -> str:
 
 
 def _state_of_tables(entries: Sequence[Any]) -> tuple[tuple[int, int], ...]:
-    """What tells an edited table from the one that was read."""
+    """What distinguishes an edited table from the one that was read."""
     found = []
     for entry in entries:
         path = Path(entry.table) if isinstance(entry, Table) else None

@@ -24,7 +24,7 @@ _PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "obspy", "netCDF4")
 
 
 def portable_config(study: Study) -> dict[str, Any]:
-    """What a study says of its results: without folders and without how it is executed."""
+    """Settings of a study that its results follow from, without folders and execution."""
     return {
         "id": study.id,
         "title": study.title,

@@ -23,7 +23,7 @@ from archfrag.mechanics.status import CollapseMode
 from archfrag.study.hazard import Hazard
 
 SEED = 15
-NOTED = 0.05  # fraction of a rate from where nothing is known that is worth a sentence
+NOTED = 0.05  # fraction of a rate from where nothing is known that is worth a message
 MOST_CATEGORIES = 8
 MAGNITUDES = (5.5, 6.0, 6.5, 7.0, 7.5)
 DISTANCES = (10.0, 20.0, 40.0, 80.0, 160.0)  # [km]
@@ -74,7 +74,7 @@ class ArchRisk:
 
 @dataclass(frozen=True)
 class StudyRisk:
-    """Rates of collapse of all arches of a study; an arch without a curve has its sentence."""
+    """Rates of collapse of all arches of a study; an arch without a curve has its message."""
 
     study: str
     hazard: Hazard
@@ -239,7 +239,7 @@ def _fact(part: xr.Dataset, name: str) -> FloatArray:
 
 def _cautions(rate: CollapseRate, outer: FloatArray, mechanism: Contributions) -> tuple[str, ...]:
     found = []
-    for share, where in (
+    for fraction, where in (
         (rate.below, "below the first point of the hazard curve, whose first slope goes on there"),
         (rate.above, "above the last point of the hazard curve, whose last slope goes on there"),
         (outer[0], "below the least level that was simulated, where the fragility curve is "
@@ -249,6 +249,6 @@ def _cautions(rate: CollapseRate, outer: FloatArray, mechanism: Contributions) -
         (mechanism.unassigned.sum() / (rate.rate or 1.0),
          "at which no run collapsed, so that it is of no known mechanism"),
     ):  # fmt: skip
-        if share > NOTED:
-            found.append(f"{100 * share:.0f} % of the rate is from intensities {where}")
+        if fraction > NOTED:
+            found.append(f"{100 * fraction:.0f} % of the rate is from intensities {where}")
     return tuple(found)

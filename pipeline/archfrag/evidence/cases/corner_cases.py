@@ -16,7 +16,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
-from archfrag.errors import STATUS_SENTENCE, ArchfragError
+from archfrag.errors import STATUS_MESSAGE, ArchfragError
 from archfrag.evidence.cases.closed_forms import Rocking
 from archfrag.evidence.cases.facts import Finding, Run, judge_run
 from archfrag.evidence.cases.statics import least_friction
@@ -162,7 +162,7 @@ def run_case(case: CornerCase, method: str) -> list[dict[str, Any]]:
             row |= _row(NOT_FOR_IT, str(reason), "", "refused", 0.0)
             continue
         if response.status is Status.NOT_APPLICABLE:
-            sentence = STATUS_SENTENCE[response.status]
+            sentence = STATUS_MESSAGE[response.status]
             row |= _row(NOT_FOR_IT, sentence, "", "not_applicable", response.wall_time)
             continue
         run = done[variant] = Run(scene, response, done, way.knob)
