@@ -55,20 +55,30 @@ class _Group(click.Group):
 def _version(ctx: click.Context, parameter: click.Parameter, wanted: bool) -> None:
     if wanted and not ctx.resilient_parsing:
         import archfrag
+        from archfrag.study.provenance import commit
 
-        click.echo(f"archfrag {archfrag.__version__}")
+        click.echo(f"archfrag {archfrag.__version__} (commit {commit()})")
         ctx.exit()
 
 
 @click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--version", is_flag=True, is_eager=True, expose_value=False, callback=_version,
-              help="Show the version and end.")  # fmt: skip
+              help="Show version and commit, and end.")  # fmt: skip
 def main() -> None:
     """From earthquake records to collapse probabilities of masonry arches.
 
     A study file states which arches, which records and which levels; `archfrag run STUDY` does
     everything up to the report. The other commands are its steps, and answers for one arch.
     """
+
+
+@main.command()
+@click.argument("folder", type=click.Path(path_type=Path), default=".")
+def init(folder: Path) -> None:
+    """Write a commented study to start from, with the shipped motions, into FOLDER (.)."""
+    from archfrag.study.starter import write_starter
+
+    click.echo(f"run it with: archfrag run {shlex.quote(str(write_starter(folder)))}")
 
 
 main.add_command(records)

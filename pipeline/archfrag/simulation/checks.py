@@ -180,7 +180,7 @@ def _check_overlap(shift: NDArray, arch: Arch) -> None:
     work, place = new_work(model), new_state(model).position
     place[:, :2] = model.centroid
     place[1:-1] += shift
-    move_faces(model, place, work.turned, work.face, work.tangent)
+    move_faces(model, place, work.rotated, work.face, work.tangent)
     for j in range(arch.n_joint):
         for corner in range(2):
             gap = clearance(j, corner, work.face, work.tangent) / model.length[j]

@@ -145,7 +145,7 @@ def _placed_at_rest(arch: Arch) -> tuple[Model, State, Work]:
     model = model_of(arch.chain)
     state, work = new_state(model), new_work(model)
     state.position[:, :2] = model.centroid
-    move_faces(model, state.position, work.turned, work.face, work.tangent)
+    move_faces(model, state.position, work.rotated, work.face, work.tangent)
     place_contacts(model, state.slip, work.face, work.tangent, work)
     work.candidate[:], state.touch[:] = 1.0, 1.0
     return model, state, work

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.bands import beta_interval, confidence_band, theta_interval
 from archfrag.fragility.brackets import find_brackets
-from archfrag.fragility.capacities import fit_brackets
 from archfrag.fragility.control_variates import estimate_two_fidelity
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, Fragility
-from archfrag.fragility.fit import fit_stripes
+from archfrag.fragility.fit import fit_brackets, fit_stripes
 from archfrag.fragility.quoted import quoted_band, shared_events
 from archfrag.study.design import GRIDS
 

@@ -176,7 +176,7 @@ _HELD: dict[str, tuple[str, int]] = {
     "contact_losses": ("count", Count.LOSSES),
     "rests": ("count", Count.RESTS),
     "events": ("count", Count.EVENTS),
-    "hand_overs": ("count", Count.HAND_OVERS),
+    "hand_overs": ("count", Count.SWITCHES),
     "steps": ("count", Count.STEPS),
     "levels": ("count", Count.LEVELS),
     "level_iterations": ("count", Count.LEVEL_ITERATIONS),
@@ -198,7 +198,7 @@ def columns_of(results: "Results") -> dict[str, NDArray]:
     values: dict[str, NDArray] = {
         "verdict": verdict,
         "energy_error": np.divide(
-            energy[:, Energy.STRAY_PEAK], largest, out=np.zeros(len(largest)), where=moved
+            energy[:, Energy.BALANCE_ERROR_PEAK], largest, out=np.zeros(len(largest)), where=moved
         ),
         **{name: getattr(results, name) for name in _OWN},
         **{name: getattr(results, array)[:, entry] for name, (array, entry) in _HELD.items()},

@@ -57,8 +57,8 @@ def versions() -> dict[str, str]:
 def commit() -> str:
     """Git commit of the checkout that this package runs from, "-dirty" if it has changes.
 
-    Without a checkout ARCHFRAG_COMMIT of the environment, which those who install from an
-    archive may set, or else "unknown".
+    Without a checkout the commit that the wheel was built from, then ARCHFRAG_COMMIT of the
+    environment, which those who install from an archive may set, or else "unknown".
     """
     checkout = PACKAGE.parents[1]
     if (checkout / ".git").exists():
@@ -74,6 +74,9 @@ def commit() -> str:
             return "unknown"
         if found.returncode == 0:
             return found.stdout.strip()
+    built_from = PACKAGE / "commit.txt"
+    if built_from.is_file():
+        return built_from.read_text().strip()
     return os.environ.get("ARCHFRAG_COMMIT", "unknown")
 
 

@@ -27,12 +27,17 @@ _EXIT = re.compile(r"^archfrag: error: (?P<message>.*?) \[exit code (?P<code>\d+
 _MOST_LINES = 8
 
 
-def snakefile() -> Path:
-    """The Snakefile: of the checkout, or the one inside the installed package."""
-    for path in (PACKAGE.parents[1] / "Snakefile", PACKAGE / "workflow" / "Snakefile"):
-        if path.is_file() and (path.parent / "pipeline" / "rules").is_dir():
-            return path
+def shipped_folder() -> Path:
+    """Folder with Snakefile, rules and records: the checkout, or one of the installed package."""
+    for folder in (PACKAGE.parents[1], PACKAGE / "workflow"):
+        if (folder / "Snakefile").is_file() and (folder / "pipeline" / "rules").is_dir():
+            return folder
     raise OutputError(f"{PACKAGE}: this installation has no Snakefile; install archfrag again")
+
+
+def snakefile() -> Path:
+    """The Snakefile of the checkout or of the installed package."""
+    return shipped_folder() / "Snakefile"
 
 
 @contextlib.contextmanager
