@@ -263,15 +263,6 @@ class TestPrivate:
         assert stat.S_IMODE(folder.stat().st_mode) == 0o700
         assert list(folder.iterdir())
 
-    def test_children_use_the_temporary_folder_of_their_parent(self, shared):
-        (shared / f"archfrag-{os.getuid()}").write_text("occupied")
-        ask = "from archfrag.kernel_cache import use_kernel_cache as f; print(f(), flush=True)"
-        code = f"{ask}; import subprocess, sys; subprocess.run([sys.executable, '-c', {ask!r}])"
-        parent, child = python(code, **HOMELESS, TMPDIR=shared).split()
-        assert parent == child
-        assert Path(parent).is_relative_to(shared)
-        assert not Path(parent).parent.exists()
-
 
 class TestFiles:
     def test_damaged_ones_count_as_missing(self, compiled, tmp_path):

@@ -125,6 +125,12 @@ _GEOMETRY = (
     ("height", "of a block [m]"),
     ("density", "of the masonry [kg/m3]"),
     ("depth", "across the plane [m]"),
+    ("thickness_factor", "of a drawing: its joints are longer by it"),
+)
+_DRAWING = (
+    ("drawing", "take the blocks from a DXF file: closed polylines, and lines on the ground"),
+    ("layer", "of the drawing; the only one with polylines if not given"),
+    ("drawing_unit", "m, dm, cm, mm, in or ft; what the drawing states if not given"),
 )
 _PROFILES = ("circular", "segmental", "pointed", "elliptic", "catenary", "block")
 
@@ -134,7 +140,8 @@ def _takes_arch(command: Callable) -> Callable:
 
     @functools.wraps(command)
     def wrapped(study: Path | None, arch_id: str | None, **options: Any) -> None:
-        names = ["profile", "voussoirs", "friction", "straight", *(n for n, _ in _GEOMETRY)]
+        names = ["profile", "voussoirs", "friction", "straight"]
+        names += [name for name, _ in (*_GEOMETRY, *_DRAWING)]
         given = {name: options.pop(name) for name in names}
         from archfrag.study.single import arch_by_numbers, arch_of_study
 
@@ -145,7 +152,9 @@ def _takes_arch(command: Callable) -> Callable:
         command(arch, **options)
 
     for name, text in reversed(_GEOMETRY):
-        wrapped = click.option(f"--{name}", type=float, help=text)(wrapped)
+        wrapped = click.option(f"--{name.replace('_', '-')}", type=float, help=text)(wrapped)
+    for name, text in reversed(_DRAWING):
+        wrapped = click.option(f"--{name.replace('_', '-')}", help=text)(wrapped)
     for option in (
         click.option("--straight", is_flag=True, help="straight-sided voussoirs"),
         click.option("--friction", type=float, help="Coulomb coefficient; inf: its limit"),
@@ -170,6 +179,17 @@ def onset(arch: Any, as_json: bool) -> None:
 
     start = find_onset(arch)
     click.echo(json.dumps(onset_facts(start)) if as_json else onset_text(start))
+
+
+@main.command()
+@_takes_arch
+@click.option("--output", type=click.Path(path_type=Path), required=True, metavar="FILE",
+              help="DXF file to write.")  # fmt: skip
+@click.option("--output-unit", default="m", show_default=True, help="m, dm, cm, mm, in or ft")
+def draw(arch: Any, output: Path, output_unit: str) -> None:
+    """Draw an arch as DXF: blocks as closed polylines, what they stand on as lines."""
+    arch.to_dxf(output, output_unit)
+    click.echo(f"drawing: {output}")
 
 
 @main.command()
@@ -205,23 +225,6 @@ def simulate(
     response = run_simulation(arch, motion, scale=scale, **options)
     facts = response_facts(response, scale)
     click.echo(json.dumps(facts) if as_json else response_text(response, scale))
-
-
-@main.group()
-def figures() -> None:
-    """Draw figures that need no study."""
-
-
-@figures.command()
-@click.argument("folder", metavar="OUT_DIR", type=click.Path(path_type=Path, file_okay=False))
-@click.option("--slenderness", type=float, default=0.4, show_default=True,
-              help="base over height of the block whose regions are drawn")  # fmt: skip
-def method(folder: Path, slenderness: float) -> None:
-    """The method on a single block: starting motion, reactions within Coulomb's cone."""
-    from archfrag.report.block_figures import write_method_figures
-
-    for path in write_method_figures(folder, slenderness):
-        click.echo(path)
 
 
 @main.command()

@@ -11,11 +11,10 @@ import xarray as xr
 
 from archfrag.errors import InputError, OutputError
 from archfrag.fragility.counts import Verdict
-from archfrag.study import cube as cube_module
 from archfrag.study.cube import _write, write_cube, write_timings
 from archfrag.study.fits import fit_cube, fit_text, load_answers, load_fits, null
 from archfrag.study.outcome import COLUMNS
-from archfrag.study.store import Gathered, Store, new_table, read_part, table_type, write_part
+from archfrag.study.store import Gathered, Store, read_part, table_type, write_part
 
 
 def sha256(path):
@@ -66,14 +65,6 @@ class TestContent:
             _write(cube, done.study, done.plan, gathered)
             assert cube["lost_contact_and_stand"][:].tolist() == [[0, 0, 0], [0, 2, 1]]
             assert cube.loss_limit == "0.5"
-
-    def test_a_chunk_is_one_arch_or_some_of_its_records(self, done, tmp_path, monkeypatch):
-        for most, expected in ((100, [1, 2, 3]), (4, [1, 1, 3]), (1, [1, 1, 3])):
-            monkeypatch.setattr(cube_module, "LARGEST_CHUNK", most)
-            with netCDF4.Dataset(str(tmp_path / f"{most}.nc"), "w") as cube:
-                _write(cube, done.study, done.plan, Gathered(done.plan))
-                assert cube["verdict"].chunking() == expected
-                assert cube["model_time"].chunking()[-1] == 4
 
     def test_axes_can_be_selected_by_name(self, done, cube):
         assert cube.sizes == {"arch": 2, "record": 2, "level": 3, "model": 4, "measure": 17}
@@ -158,20 +149,6 @@ class TestFile:
             write_cube(copied.study)
         assert path.read_bytes() == before
         assert not list(copied.study.folder.glob(".cube.nc*"))
-
-    def test_parts_of_different_ladders_are_not_mixed(self, copied):
-        path = next(copied.plan.parts.glob("*.npy"))
-        table = read_part(path)
-        path.unlink()
-        columns = {name: table[name] for name in table.dtype.names}
-        names = table["model_time"].dtype.names
-        columns["model"] = np.array(names[::-1])
-        columns["model_time"] = np.array(
-            [[row[name] for name in names[::-1]] for row in table["model_time"]]
-        )
-        write_part(copied.plan.parts, new_table(table["key"], columns))
-        with pytest.raises(InputError, match="is of other models than the parts before"):
-            write_cube(copied.study)
 
     def test_wall_times_are_beside_the_cube(self, done, cube_file):
         import pandas as pd

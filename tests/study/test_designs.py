@@ -198,22 +198,6 @@ class TestIda:
         assert found / 12 == pytest.approx(checked / 12, abs=0.02)
         assert 0.05 < found / 12 < 0.2
 
-    def test_no_check_is_made_where_none_is_wanted_and_failures_are_not_counted(self):
-        table, _ = lognormal(2)
-        note, _ = driven(ida(grid_of(30), Ida(kind="ida", checks=0)), table)
-        assert (note["checked"], note["contradictions"]) == (0, 0)
-        failed = np.full((30, 15), Verdict.SOLVER_FAILURE, np.int8)
-        note, asked = driven(ida(grid_of(30), Ida(kind="ida")), failed)
-        assert len(asked[FINE]) == 450
-        assert note["checked"] == 0
-
-    def test_the_seed_decides_the_checks_and_nothing_else(self):
-        table, _ = lognormal(3)
-        runs = [set(driven(ida(grid_of(30), Ida(kind="ida", seed=s)), table)[1][FINE])
-                for s in (1, 1, 2)]  # fmt: skip
-        assert runs[0] == runs[1] != runs[2]
-        assert len(runs[0] ^ runs[2]) <= 20
-
 
 class TestTwoStage:
     @pytest.mark.parametrize("coarse", ["same", "off", "standing", "collapsed", "failed", "noise"])
@@ -306,16 +290,6 @@ class TestScattered:
         assert np.median(later[later < 0]) == pytest.approx(-1.036, abs=0.35)
         assert np.median(later[later > 0]) == pytest.approx(1.036, abs=0.35)
         assert (later < 0).sum() == (later > 0).sum() == 50
-
-    def test_the_same_again_and_another_by_another_seed_or_arch(self, capacity):
-        def levels(arch=0, **changes):
-            design = Scattered(kind="scattered", runs=80, **changes)
-            made = reported(scattered(arch, np.arange(1000), LEVELS, design), capacity)[1]
-            return np.concatenate(made)["level"].tolist()
-
-        assert levels() == levels()
-        assert levels() != levels(seed=2)
-        assert levels() != levels(arch=1)
 
     @pytest.mark.parametrize("verdict", list(Verdict)[:4])
     @pytest.mark.parametrize("n_level", [1, 15])

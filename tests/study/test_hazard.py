@@ -116,19 +116,6 @@ class TestOpenQuakeCsv:
         assert list(found.curves) == ["mean", "quantile-0.84"]
         assert found.curves["quantile-0.84"].rate[1] > found.main.rate[1]
 
-    def test_old_header_and_site_names(self, write):
-        text = (
-            '# quantile-0.1, investigation_time=1.0,imt="SA(0.1)"\n'
-            "custom_site_id,lon,lat,depth,poe-0.1,poe-0.4\nab,0.0,0.0,0.0,5.5E-03,4.2E-04\n"
-        )
-        found = load_hazard(write(text), "Sa(0.1)")
-        assert found.main_name == "quantile-0.1"
-        assert found.main.rate[0] == pytest.approx(-np.log1p(-5.5e-3))
-
-    def test_velocities_are_in_centimetres(self, write):
-        found = load_hazard(write(openquake(imt="PGV")), "PGV", site=(14.0, 42.3))
-        np.testing.assert_allclose(found.main.im, [5e-5, 1e-3, 4e-3, 1e-2])
-
     def test_component_that_it_cannot_name(self, write):
         found = load_hazard(write(openquake()), "RotD50(PGA)", site=(14.0, 42.3))
         assert "no component" in found.notes[0]

@@ -8,10 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 from archfrag.cli import main
-from archfrag.errors import InputError
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.hazard_curve import HazardCurve
-from archfrag.mechanics.status import CollapseMode
 from archfrag.study.config import load_study
 from archfrag.study.cube import write_cube
 from archfrag.study.files import write_text
@@ -58,19 +56,6 @@ class TestGrid:
         found = risk_of(data, fits, HAZARD).arches["ring"].by_magnitude
         assert found.fraction[found.categories.index("6 to 6.5")] == pytest.approx(1.0)
 
-    def test_names_of_mechanisms(self, grid):
-        data, fits = grid
-        verdict = data["verdict"].values
-        data = data.assign(
-            collapse_joint=(data["verdict"].dims, np.where(verdict == 1, 3, -1)),
-            collapse_mode=(
-                data["verdict"].dims, np.where(verdict == 1, int(CollapseMode.LIFT_OFF), 0),
-            ),
-        )  # fmt: skip
-        found = risk_of(data, fits, HAZARD).arches["ring"].by_mechanism
-        assert found.categories == ("joint 3, lift-off", "others")
-        assert found.fraction[0] == pytest.approx(1.0)
-
     def test_short_hazard_curve_is_cautioned(self, grid):
         short = Hazard("PGA", "made up", {"mean": HazardCurve([0.2, 1.0], [0.05, 2e-3])})
         found = risk_of(*grid, short).arches["ring"]
@@ -82,18 +67,6 @@ class TestGrid:
         assert risk_of(grid[0], {"ring": "no run collapsed"}, HAZARD).arches == {
             "ring": "no run collapsed"
         }
-
-    def test_other_measure_and_time(self, grid):
-        data, fits = grid
-        other = Hazard("PGV", "made up", HAZARD.curves)
-        data = data.copy()
-        data["intensity"].attrs["measure"] = "PGA"
-        with pytest.raises(
-            InputError, match="hazard for levels of PGV, but the cube's are of PGA"
-        ):
-            risk_of(data, fits, other)
-        with pytest.raises(InputError, match="years is -1"):
-            risk_of(data, fits, HAZARD, years=-1.0)
 
 
 class TestDesigns:

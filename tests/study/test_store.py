@@ -1,6 +1,5 @@
 """Plans, identities of runs, and the parts that hold their results."""
 
-import errno
 import subprocess
 import sys
 from dataclasses import replace
@@ -9,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from archfrag.errors import InputError, OutputError
+from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict
 from archfrag.study.config import load_study
 from archfrag.study.files import PACKAGE
@@ -25,8 +24,7 @@ from archfrag.study.store import (
     write_part,
     write_timing,
 )  # fmt: skip
-from archfrag.study.worker import run_chunks
-from tests.study.small import files, make_runs
+from tests.study.small import make_runs
 
 
 def runs_of(plan):
@@ -146,29 +144,6 @@ class TestParts:
         names = [name for name in table.dtype.names if name != "hand_overs"]
         assert read_part(write_part(copied.plan.parts, table[names].copy())) is None
         assert read_part(write_part(copied.plan.parts, table["steps"].copy())) is None
-
-    def test_disk_full_in_a_part_keeps_the_finished_ones(self, copied, monkeypatch):
-        plan = copied.plan
-        plan.save()
-        for path in plan.parts.glob("*.npy"):
-            path.unlink()
-        cases, factors, _ = runs_of(plan)
-        written, full = [], Path.write_bytes
-
-        def write_bytes(path, content):
-            written.append(path)
-            if len(written) == 3:
-                full(path, content[:10])
-                raise OSError(errno.ENOSPC, "No space left on device")
-            return full(path, content)
-
-        monkeypatch.setattr(Path, "write_bytes", write_bytes)
-        chunks = [(cases[i : i + 2], factors[i : i + 2]) for i in range(0, 12, 2)]
-        with pytest.raises(OutputError, match=r"cannot be written \(No space left on device"):
-            run_chunks(str(plan.path), chunks)
-        left = {name for name in files(plan.parts) if not name.startswith("plan")}
-        assert len(left) == 2
-        assert all(read_part(plan.parts / name) is not None for name in left)
 
 
 def part_of(folder, keys, verdicts):

@@ -372,6 +372,7 @@ def study_schema() -> str:
 _PATHS = {
     ("output",),
     ("arches", "*", "table"),
+    ("arches", "*", "drawing"),
     ("motions", "index"),
     ("motions", "files", "*"),
     ("motions", "files", "*", "path"),

@@ -5,7 +5,6 @@ import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from archfrag.errors import GeometryError, InputError, StabilityError, StudyError
-from archfrag.study.arches import Chain, StudyArch, Table
+from archfrag.study.arches import Chain, FromDrawing, StudyArch, Table, file_of
 from archfrag.study.fleet import read_fleet
 from archfrag.study.sampling import draw, listed
 
@@ -238,7 +237,7 @@ def _state_of_tables(entries: Sequence[Any]) -> tuple[tuple[int, int], ...]:
     """What distinguishes an edited table from the one that was read."""
     found = []
     for entry in entries:
-        path = Path(entry.table) if isinstance(entry, Table) else None
+        path = file_of(entry)
         if path is not None and path.is_file():
             state = path.stat()
             found.append((state.st_mtime_ns, state.st_size))
@@ -255,6 +254,11 @@ def _expanded(
     seen: dict[str, str] = {}
     for i, entry in enumerate(entries):
         where = f"arches[{i}] ({entry.id})"
+        if isinstance(entry, FromDrawing):
+            try:
+                entry = entry.read()
+            except GeometryError as error:
+                raise StudyError(f"{where}: {error}") from None
         new = _of_table(entry, where, n_record) if isinstance(entry, Table) else _of_entry(
             entry, entry.id, where, n_record
         )  # fmt: skip

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import archfrag
-from archfrag.study.arches import Table
+from archfrag.study.arches import FromDrawing, Table
 from archfrag.study.config import Study
-from archfrag.study.files import PACKAGE, write_text
+from archfrag.study.files import PACKAGE, sha256_if_there, write_text
 from archfrag.study.inputs import by_name
 from archfrag.study.plan import Plan
 from archfrag.study.processing import described
@@ -40,6 +40,8 @@ def _portable_arch(entry: Any) -> dict[str, Any]:
     if isinstance(entry, Table):
         return {**entry.model_dump(exclude_none=True), "table": Path(entry.table).name}
     facts = {"id": entry.id, **entry.build().parameters}
+    if isinstance(entry, FromDrawing):
+        facts |= {"drawing": Path(entry.drawing).name, "sha256": sha256_if_there(entry.drawing)}
     if entry.vary is not None:
         facts["vary"] = entry.vary.model_dump(exclude_none=True)
     return facts

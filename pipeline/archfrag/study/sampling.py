@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from archfrag.errors import InputError
-from archfrag.study.arches import Chain, FromJoints, Recess, Ring
+from archfrag.study.arches import Chain, FromJoints, Polygons, Recess, Ring
 from archfrag.study.section import first_message
 from archfrag.study.vary import JointScatter
 
@@ -134,4 +134,6 @@ def _joints(entry: Chain) -> int:
         return entry.voussoirs + 1
     if isinstance(entry, FromJoints):
         return len(entry.intrados) - entry.free_end
+    if isinstance(entry, Polygons):
+        return entry.build().n_joint
     return 1

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import TypeAdapter, ValidationError
 
 from archfrag.errors import InputError, StudyError
-from archfrag.study.arches import ArchEntry
+from archfrag.study.arches import StudyArch
 from archfrag.study.config import load_study
 from archfrag.study.members import members
 from archfrag.study.provenance import finite
@@ -46,8 +46,11 @@ def arch_by_numbers(options: dict[str, Any]) -> "Arch":
     if given.pop("straight"):
         given["sector"] = False
     given["id"] = "arch"
+    if "drawing" in given:
+        given["profile"] = "drawing"
+        given["unit"] = given.pop("drawing_unit", None)
     try:
-        entry = TypeAdapter(ArchEntry).validate_python(given)
+        entry: Any = TypeAdapter(StudyArch).validate_python(given)
     except ValidationError as error:
         raise InputError(
             f"--profile {given['profile']}: {first_message(error, given)}; give the arch by "

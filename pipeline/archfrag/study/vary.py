@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 # Keys of an arch that may vary, of all profiles.
 VARIABLE = (
     "radius", "thickness", "embrace", "span", "rise", "width", "height", "density", "depth",
-    "friction", "dead_load",
+    "friction", "dead_load", "thickness_factor",
 )  # fmt: skip
 MOST_SAMPLES = 8192
 Value = Annotated[float, Field(ge=-1e12, le=1e12)]
