@@ -10,7 +10,7 @@ import time
 import psutil
 import pytest
 
-from archfrag.simulate import expected_compile_time, kernels_are_compiled, warmup
+from archfrag.simulate import kernels_are_compiled, warmup
 from archfrag.simulation import warm
 
 # Kernels of `auto` that other kernels call with several sets of argument types, and how many:
@@ -80,7 +80,7 @@ class TestOnce:
 
     def test_it_is_known(self, second):
         assert kernels_are_compiled("auto")
-        assert 0.0 < expected_compile_time("auto") < 3600.0
+        assert 0.0 < warm.expected_time(["auto"]) < 3600.0
 
 
 @pytest.fixture

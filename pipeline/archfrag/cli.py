@@ -19,7 +19,8 @@ from archfrag.cli_records import (
     records,
     set_option,
     study_argument,
-)  # fmt: skip
+    takes,
+)
 from archfrag.cli_risk import risk
 
 
@@ -151,22 +152,19 @@ def _takes_arch(command: Callable) -> Callable:
             arch = arch_by_numbers(given)
         command(arch, **options)
 
-    for name, text in reversed(_GEOMETRY):
-        wrapped = click.option(f"--{name.replace('_', '-')}", type=float, help=text)(wrapped)
-    for name, text in reversed(_DRAWING):
-        wrapped = click.option(f"--{name.replace('_', '-')}", help=text)(wrapped)
-    for option in (
-        click.option("--straight", is_flag=True, help="straight-sided voussoirs"),
-        click.option("--friction", type=float, help="Coulomb coefficient; inf: its limit"),
-        click.option("--voussoirs", type=int, help="number of voussoirs"),
-        click.option("--profile", type=click.Choice(_PROFILES), default="circular",
-                     show_default=True),
-        click.option("--arch", "arch_id", metavar="ID", help="which arch of the study"),
+    return takes(
         click.option("--study", type=click.Path(path_type=Path), metavar="STUDY",
                      help="take the arch from a study file"),
-    ):  # fmt: skip
-        wrapped = option(wrapped)
-    return wrapped
+        click.option("--arch", "arch_id", metavar="ID", help="which arch of the study"),
+        click.option("--profile", type=click.Choice(_PROFILES), default="circular",
+                     show_default=True),
+        click.option("--voussoirs", type=int, help="number of voussoirs"),
+        click.option("--friction", type=float, help="Coulomb coefficient; inf: its limit"),
+        click.option("--straight", is_flag=True, help="straight-sided voussoirs"),
+        *(click.option(f"--{name.replace('_', '-')}", help=text) for name, text in _DRAWING),
+        *(click.option(f"--{name.replace('_', '-')}", type=float, help=text)
+          for name, text in _GEOMETRY),
+    )(wrapped)  # fmt: skip
 
 
 @main.command()

@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     import xarray
 
 __all__ = [
-    "Hinge", "MechanismChange", "Onset", "Response", "expected_compile_time",
-    "kernels_are_compiled", "onset", "simulate", "simulate_many", "warmup",
+    "Hinge", "MechanismChange", "Onset", "Response", "kernels_are_compiled", "onset", "simulate",
+    "simulate_many", "warmup",
 ]  # fmt: skip
 
 _NAMES = (
@@ -304,36 +304,8 @@ def kernels_are_compiled(method: str | None = None) -> bool:
     return warm.are_compiled(_methods_of(method))
 
 
-def expected_compile_time(method: str | None = None) -> float:
-    """How long `warmup` takes if it has to compile.
-
-    Parameters
-    ----------
-    method : str, optional
-        As for `warmup`.
-
-    Returns
-    -------
-    float
-        As long as the last time on this machine, or a usual time if there was none [s].
-
-    Examples
-    --------
-    >>> from archfrag.simulate import expected_compile_time
-    >>> expected_compile_time("auto") > 0.0
-    True
-    """
-    return warm.expected_time(_methods_of(method))
-
-
 def compile_beside(methods: Sequence[str]) -> None:
-    """What the second process of a warm-up compiles: what the first needs late.
-
-    Parameters
-    ----------
-    methods : sequence of str
-        Those that the first process compiles, in its order.
-    """
+    """What the second process of a warm-up compiles: what the first, in its order, needs late."""
     warm.end_with_parent()
     check_stands(_smallest_arch())
     if len(methods) == 1:

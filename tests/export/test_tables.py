@@ -9,8 +9,9 @@ import pytest
 import xarray as xr
 
 from archfrag.export.points import Unit, curve_tables
-from archfrag.export.runs import NOT_SIMULATED, facts_table, runs_table
+from archfrag.export.runs import facts_table, runs_table
 from archfrag.export.tables import Table, write_csv, write_parquet
+from archfrag.fragility.counts import Verdict
 from tests.export.made import curve_set, lognormal
 from tests.report import synthetic
 
@@ -21,8 +22,8 @@ G = 9.80665
 def cube_file(tmp_path_factory):
     """Two arches, six records, nine levels; some cells were not simulated; text of records."""
     cube = synthetic.cube(("ring-7", "wall+2"))
-    cube["verdict"][1, 2, 3:6] = NOT_SIMULATED
-    cube["verdict"][0, :, 8] = NOT_SIMULATED
+    cube["verdict"][1, 2, 3:6] = Verdict.NOT_SIMULATED
+    cube["verdict"][0, :, 8] = Verdict.NOT_SIMULATED
     cube["verdict"].attrs["flag_meanings"] = "standing collapsed unfinished solver_failure"
     cube["event"] = ("record", [f"quake, {n // 2}" for n in range(6)])
     cube["record_file"] = ("record", [f"{n}.AT2" for n in range(6)])
@@ -52,7 +53,7 @@ class TestRuns:
         assert list(frame)[:4] == ["arch", "record", "level", "intensity"]
         for row in frame.to_dict("records"):
             cell = cube.sel(arch=row["arch"], record=row["record"]).isel(level=row["level"])
-            assert cell["verdict"] != NOT_SIMULATED
+            assert cell["verdict"] != Verdict.NOT_SIMULATED
             for name in ("verdict", "scale_factor", "magnitude", "intensity", "collapse_time"):
                 np.testing.assert_equal(row[name], cell[name].item())
             assert row["model_time_rest"] == cell["model_time"].sel(model="rest")

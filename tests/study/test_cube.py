@@ -12,8 +12,9 @@ import xarray as xr
 from archfrag.errors import InputError, OutputError
 from archfrag.fragility.counts import Verdict
 from archfrag.study.cube import _write, write_cube, write_timings
-from archfrag.study.fits import fit_cube, fit_text, load_answers, load_fits, null
+from archfrag.study.fits import fit_cube, fit_text, load_answers, load_fits
 from archfrag.study.outcome import COLUMNS
+from archfrag.study.provenance import finite
 from archfrag.study.store import Gathered, Store, read_part, table_type, write_part
 
 
@@ -203,7 +204,7 @@ class TestFits:
         again = load_fits(copied.study.folder / "fits.json")
         answers = load_answers(copied.study.folder / "fits.json")
         for name, fit in fits.items():
-            assert null(answers[name].to_dict()) == null(fit.to_dict())
+            assert finite(answers[name].to_dict()) == finite(fit.to_dict())
             if isinstance(fit.curve, str):
                 assert again[name] == fit.curve
                 assert fit.curve in fit_text(copied.study, name, fit)

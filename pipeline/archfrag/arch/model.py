@@ -200,22 +200,15 @@ class Arch:
         >>> af.onset(bridge).stands
         True
         """
-        span = checks.number("span", span)
-        rise = checks.number(
-            "rise",
-            rise,
-            at_least=_FLATTEST * span,
-            at_most=0.5 * span,
-            note="1e-6 x span and half the span",
+        note = "1e-6 x span and half the span"
+        shape, position = _spanned(
+            (span, rise, thickness, voussoirs), joints, (_FLATTEST, 0.5), note
         )
+        span, rise, thickness = shape.values()
         radius = (0.25 * span**2 + rise**2) / (2.0 * rise)
-        thickness = checks.number(
-            "thickness", thickness, below=2.0 * radius, note="2 x radius of the centre line"
-        )
-        voussoirs = checks.count("voussoirs", voussoirs)
-        position = checks.joint_positions(joints, voussoirs, 1.0, _LENGTH)
+        note = "2 x radius of the centre line"
+        checks.number("thickness", thickness, below=2.0 * radius, note=note)
         angle = 4.0 * math.atan2(2.0 * rise, span) * position
-        shape = {"span": span, "rise": rise, "thickness": thickness}
         centre = np.array([0.0, rise - radius])
         ring = _circular_ring(centre, radius, thickness, angle, sector)
         return cls._ready_made(
@@ -259,14 +252,11 @@ class Arch:
         >>> gothic
         <Arch pointed: 12 voussoirs, 13 joints>
         """
-        span = checks.number("span", span)
-        rise = checks.number("rise", rise, at_least=0.5 * span, note="half the span")
-        thickness = checks.number("thickness", thickness)
-        voussoirs = checks.count("voussoirs", voussoirs)
-        position = checks.joint_positions(joints, voussoirs, 1.0, _LENGTH)
-        lines = pointed_lines(span, rise, thickness, position)
-        shape = {"span": span, "rise": rise, "thickness": thickness}
-        ring = straight_ring(lines)
+        shape, position = _spanned(
+            (span, rise, thickness, voussoirs), joints, (0.5, math.inf), "half the span"
+        )
+        span, rise, thickness = shape.values()
+        ring = straight_ring(pointed_lines(span, rise, thickness, position))
         return cls._ready_made("pointed", shape, ring, friction, density, depth, joints, dead_load)
 
     @classmethod
@@ -303,14 +293,11 @@ class Arch:
         >>> arch.n_joint
         12
         """
-        span = checks.number("span", span)
-        rise = checks.number("rise", rise, at_least=_FLATTEST * span, note="1e-6 x span")
-        thickness = checks.number("thickness", thickness)
-        voussoirs = checks.count("voussoirs", voussoirs)
-        position = checks.joint_positions(joints, voussoirs, 1.0, _LENGTH)
-        line = ellipse(span, rise, position)
-        ring = straight_ring(normal_lines(line, thickness, "ellipse", span, rise))
-        shape = {"span": span, "rise": rise, "thickness": thickness}
+        shape, position = _spanned(
+            (span, rise, thickness, voussoirs), joints, (_FLATTEST, math.inf), "1e-6 x span"
+        )
+        line = ellipse(shape["span"], shape["rise"], position)
+        ring = straight_ring(normal_lines(line, shape, "ellipse"))
         return cls._ready_made(
             "elliptic", shape, ring, friction, density, depth, joints, dead_load
         )
@@ -349,14 +336,11 @@ class Arch:
         >>> af.onset(arch).stands
         True
         """
-        span = checks.number("span", span)
-        rise = checks.number("rise", rise, at_least=_FLATTEST * span, note="1e-6 x span")
-        thickness = checks.number("thickness", thickness)
-        voussoirs = checks.count("voussoirs", voussoirs)
-        position = checks.joint_positions(joints, voussoirs, 1.0, _LENGTH)
-        line = catenary(span, rise, position)
-        ring = straight_ring(normal_lines(line, thickness, "catenary", span, rise))
-        shape = {"span": span, "rise": rise, "thickness": thickness}
+        shape, position = _spanned(
+            (span, rise, thickness, voussoirs), joints, (_FLATTEST, math.inf), "1e-6 x span"
+        )
+        line = catenary(shape["span"], shape["rise"], position)
+        ring = straight_ring(normal_lines(line, shape, "catenary"))
         return cls._ready_made(
             "catenary", shape, ring, friction, density, depth, joints, dead_load
         )
@@ -593,3 +577,22 @@ def _circular_ring(
     if checks.flag("sector", sector):
         return sector_ring(lines, centre, radius, thickness, angle)
     return straight_ring(lines)
+
+
+def _spanned(
+    given: tuple[float, float, float, int],
+    joints: ArrayLike | None,
+    ends: tuple[float, float],
+    note: str,
+) -> tuple[dict[str, float], NDArray[np.float64]]:
+    """Checked span, rise and thickness, and positions of the joints in parts of the length.
+
+    The rise must be within `ends`, in parts of the span; `note` is their name.
+    """
+    span = checks.number("span", given[0])
+    least, most = (end * span for end in ends)
+    rise = checks.number("rise", given[1], at_least=least, at_most=most, note=note)
+    thickness = checks.number("thickness", given[2])
+    count = checks.count("voussoirs", given[3])
+    position = checks.joint_positions(joints, count, 1.0, _LENGTH)
+    return {"span": span, "rise": rise, "thickness": thickness}, position

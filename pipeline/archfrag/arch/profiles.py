@@ -100,10 +100,9 @@ def catenary(span: float, rise: float, fraction: NDArray[np.float64]) -> CentreL
     return CentreLine(np.column_stack([x, y]), outward)
 
 
-def normal_lines(
-    line: CentreLine, thickness: float, profile: str, span: float, rise: float
-) -> JointLines:
-    """Joint lines perpendicular to a centre line."""
+def normal_lines(line: CentreLine, shape: dict[str, float], profile: str) -> JointLines:
+    """Joint lines perpendicular to a centre line of some span, rise and thickness."""
+    span, rise, thickness = shape.values()
     step = np.diff(line.point, axis=0)
     here, there = line.outward[:-1], line.outward[1:]
     behind = np.minimum(-cross(here, step), -cross(there, step)) <= 0.0

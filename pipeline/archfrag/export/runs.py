@@ -8,8 +8,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from archfrag.export.tables import Described, Table
+from archfrag.fragility.counts import Verdict
 
-NOT_SIMULATED = 4  # verdict of a cell that the study's design left out
 PIECE = 20_000  # runs held at a time: some ten megabytes
 _RUN = ("arch", "record", "level")
 # Text of records and arches that groups runs; other text would be repeated in every row.
@@ -115,7 +115,7 @@ def _steps(cube: xr.Dataset, piece: int) -> tuple[int, int]:
 
 def _rows(block: xr.Dataset, names: list[str]) -> pd.DataFrame:
     shape = tuple(block.sizes[d] for d in _RUN)
-    simulated = (block["verdict"].transpose(*_RUN).values != NOT_SIMULATED).reshape(-1)
+    simulated = (block["verdict"].transpose(*_RUN).values != Verdict.NOT_SIMULATED).reshape(-1)
     values: dict[str, NDArray] = {}
     for name in names:
         variable = block.variables[name]

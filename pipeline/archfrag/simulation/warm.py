@@ -92,18 +92,26 @@ def _reported(progress: Callable[[str], Any], expected: float | None) -> Iterato
         progress("loading kernels")
         yield
         return
-    ended = threading.Event()
     started = time.perf_counter()
 
     def report() -> None:
         passed = time.perf_counter() - started
         progress(f"compiling kernels, once: {passed:.0f} s of about {expected:.0f} s")
 
-    def tick() -> None:
-        while not ended.wait(TICK):
-            report()
-
     report()
+    with every(TICK, report):
+        yield
+
+
+@contextlib.contextmanager
+def every(seconds: float, call: Callable[[], Any]) -> Iterator[None]:
+    """Call something again and again, from another thread, as long as the block lasts."""
+    ended = threading.Event()
+
+    def tick() -> None:
+        while not ended.wait(seconds):
+            call()
+
     ticker = threading.Thread(target=tick, daemon=True)
     ticker.start()
     try:

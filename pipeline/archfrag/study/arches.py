@@ -184,46 +184,39 @@ class Circular(Ring):
     """Exact annular sectors; false: straight-sided voussoirs."""
 
 
-class Segmental(Ring):
-    """Circular arch of at most a semicircle by span and rise."""
+class Spanned(Ring):
+    """What profiles by span and rise have in common."""
 
-    profile: Literal["segmental"]
     span: Length
     """Of the centre line [m]."""
     rise: Length
-    """Of the centre line [m]; at most half the span."""
+    """Of the centre line [m]; segmental: at most half the span, pointed: at least."""
+
+
+class Segmental(Spanned):
+    """Circular arch of at most a semicircle by span and rise."""
+
+    profile: Literal["segmental"]
     sector: bool = True
     """Exact annular sectors; false: straight-sided voussoirs."""
 
 
-class Pointed(Ring):
+class Pointed(Spanned):
     """Two circular arcs that meet at the crown."""
 
     profile: Literal["pointed"]
-    span: Length
-    """Of the centre line [m]."""
-    rise: Length
-    """Of the centre line [m]; at least half the span."""
 
 
-class Elliptic(Ring):
+class Elliptic(Spanned):
     """Upper half of an ellipse."""
 
     profile: Literal["elliptic"]
-    span: Length
-    """Of the centre line [m]."""
-    rise: Length
-    """Of the centre line [m]."""
 
 
-class Catenary(Ring):
+class Catenary(Spanned):
     """Hanging chain upside down."""
 
     profile: Literal["catenary"]
-    span: Length
-    """Of the centre line [m]."""
-    rise: Length
-    """Of the centre line [m]."""
 
 
 class FromJoints(Chain):
@@ -251,7 +244,7 @@ class Block(Chain):
 
 
 class Drawn(Chain):
-    """What blocks of any shape share, whether a file or the study has them."""
+    """What blocks of any shape have in common, from a file or from the study."""
 
     dead_load: LoadOrEach | None = None
     """Weight on the back of all voussoirs, or a list with one for each from the left [N]."""
@@ -262,7 +255,7 @@ class Drawn(Chain):
 
 
 class Polygons(Drawn):
-    """Blocks of any shape, which form a chain by the edges that they share."""
+    """Blocks of any shape, which form a chain by their common edges."""
 
     profile: Literal["polygons"]
     outlines: Annotated[
@@ -278,7 +271,7 @@ class Polygons(Drawn):
 
 
 class FromDrawing(Drawn):
-    """Blocks of a DXF drawing, which form a chain by the edges that they share."""
+    """Blocks of a DXF drawing, which form a chain by their common edges."""
 
     profile: Literal["drawing"] = "drawing"
     drawing: PathText

@@ -4,7 +4,6 @@ import contextlib
 import inspect
 import logging
 import sys
-import threading
 import time
 from collections import deque
 from collections.abc import Iterator
@@ -244,24 +243,11 @@ def _count(bar: tqdm, asked: int, missing: int) -> None:
         bar.refresh()
 
 
-@contextlib.contextmanager
-def _ticking(bar: tqdm) -> Iterator[None]:
+def _ticking(bar: tqdm) -> contextlib.AbstractContextManager[None]:
     """Show the time that passes while nothing is done that the bar counts."""
-    over = threading.Event()
+    from archfrag.simulation.warm import every
 
-    def tick() -> None:
-        while not over.wait(bar.mininterval):
-            bar.refresh()
-
-    ticker = threading.Thread(target=tick, daemon=True)
-    if not bar.disable:
-        ticker.start()
-    try:
-        yield
-    finally:
-        over.set()
-        if ticker.is_alive():
-            ticker.join()
+    return contextlib.nullcontext() if bar.disable else every(bar.mininterval, bar.refresh)
 
 
 def _start_clock(bar: tqdm) -> None:

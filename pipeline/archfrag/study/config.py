@@ -244,6 +244,11 @@ class Intensity(Section):
         factor = LEVEL_UNITS[measure_unit(self.measure)][self.unit]
         return tuple(level * factor for level in self.given)
 
+    @property
+    def factor(self) -> float:
+        """SI unit of the measure over the unit of the levels, by the first of them."""
+        return self.si[0] / self.given[0]
+
 
 class Execution(Section):
     """Where and in what portions it runs; never changes a result."""

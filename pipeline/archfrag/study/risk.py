@@ -27,7 +27,6 @@ MOST_CATEGORIES = 8
 MAGNITUDES = (5.5, 6.0, 6.5, 7.0, 7.5)
 DISTANCES = (10.0, 20.0, 40.0, 80.0, 160.0)  # [km]
 OTHER = "others"
-_NOT_SIMULATED = 4  # a cell that the design of the study left out
 _SCATTERED_BINS = 10
 
 
@@ -192,7 +191,7 @@ def _runs_of(part: xr.Dataset) -> _Runs:
     intensity = part["intensity"]
     if intensity.dims == ("level",):
         levels = intensity.values.astype(float)
-        simulated = verdict != _NOT_SIMULATED
+        simulated = verdict != Verdict.NOT_SIMULATED
         if not simulated.all():
             code = joint * len(CollapseMode) + mode
             fell, code = implied_collapses(fell, simulated, code)
@@ -200,7 +199,7 @@ def _runs_of(part: xr.Dataset) -> _Runs:
         shared = levels.size > 1
         return _Runs(levels, fell, joint, mode, levels[0], levels[-1], shared)
     at = intensity.transpose("record", "level").values.astype(float)
-    done = (verdict != _NOT_SIMULATED) & (at > 0.0)
+    done = (verdict != Verdict.NOT_SIMULATED) & (at > 0.0)
     least, greatest = float(at[done].min()), float(at[done].max())
     count = _SCATTERED_BINS if greatest > least else 1
     edges = np.geomspace(least, greatest, count + 1)
