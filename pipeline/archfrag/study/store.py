@@ -114,13 +114,12 @@ class Store:
         return True
 
     def _index(self) -> tuple[NDArray, NDArray, NDArray]:
-        """Sorted keys as text, their places among all rows, and all verdicts."""
+        """Sorted keys, their places among all rows, and all verdicts."""
         if self._sorted is None:
-            keys = np.concatenate([np.empty(0, f"V{KEY}"), *self._key])
-            text = np.ascontiguousarray(keys).view(">u8").reshape(-1, 2)
-            order = np.lexsort((text[:, 1], text[:, 0]))
+            keys = np.concatenate([np.empty(0, f"V{KEY}"), *self._key]).view(f"S{KEY}")
+            order = np.argsort(keys, kind="stable")
             verdict = np.concatenate([np.empty(0, np.int8), *self._verdict])
-            self._sorted = (text[order], order, verdict)
+            self._sorted = (keys[order], order, verdict)
         return self._sorted
 
     def places(self, keys: NDArray[np.void]) -> NDArray[np.int64]:
@@ -128,22 +127,9 @@ class Store:
         known, order, _ = self._index()
         if not len(known):
             return np.full(len(keys), -1)
-        wanted = np.ascontiguousarray(keys).view(">u8").reshape(-1, 2)
-        # The first eight bytes distinguish nearly all keys; the second column the others.
-        low = np.searchsorted(known[:, 0], wanted[:, 0])
-        place = np.full(len(wanted), -1)
-        left = np.arange(len(wanted))
-        while left.size:
-            at = low[left]
-            inside = at < len(known)
-            left, at = left[inside], at[inside]
-            same = known[at, 0] == wanted[left, 0]
-            left, at = left[same], at[same]
-            found = known[at, 1] == wanted[left, 1]
-            place[left[found]] = order[at[found]]
-            left = left[~found]
-            low[left] += 1
-        return place
+        wanted = np.ascontiguousarray(keys).view(f"S{KEY}")
+        at = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
+        return np.where(known[at] == wanted, order[at], -1)
 
     def verdicts(self, keys: NDArray[np.void]) -> NDArray[np.int8]:
         """Verdict of each key, -1 where there is no result, (n,)."""
