@@ -10,9 +10,10 @@ from unittest import mock
 
 import numpy as np
 
-from archfrag.motions.compare import predicted_spectrum
 from archfrag.motions.measures import spectral_acceleration
+from archfrag.motions.selection import Rupture, predict
 from archfrag.motions.synthetic import VS30, Options, make_motion, motion
+from archfrag.motions.units import STANDARD_GRAVITY
 
 MAGNITUDES = (4.5, 5.0, 5.5, 6.0, 6.5, 7.0, 7.5, 8.0)
 DISTANCES = (5.0, 10.0, 20.0, 50.0, 100.0, 200.0)  # nearer, the top of small ruptures is not
@@ -30,9 +31,9 @@ HEAD = """\
 def adjusted(scenario):
     magnitude, distance = scenario
     periods = 1.0 / np.array(FREQUENCIES)
-    wanted = np.mean(
-        [np.log(predicted_spectrum(m, magnitude, distance, VS30, periods)) for m in MODELS], axis=0
-    )
+    rupture = Rupture(magnitude, distance, VS30, region="california")
+    wanted = np.mean([predict(rupture, m, periods).ln_median for m in MODELS], axis=0)
+    wanted += np.log(STANDARD_GRAVITY)
     logarithm = np.zeros(len(FREQUENCIES))
     for _ in range(ROUNDS):
 

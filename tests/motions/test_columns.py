@@ -82,7 +82,7 @@ class TestLayouts:
         assert np.array_equal(motion.vertical, -motion.acceleration)
 
     def test_the_unit_is_demanded(self, tmp_path):
-        with pytest.raises(RecordError, match="does not say the unit of its samples; give `unit`"):
+        with pytest.raises(RecordError, match="does not state the unit of its samples"):
             read_motion(write(tmp_path, rows()), columns=TIMED)
 
 

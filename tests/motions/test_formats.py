@@ -74,7 +74,7 @@ class TestOneMotionInEveryFormat:
             read_all(tmp_path, text, unit="g")
 
     def test_counts_without_them_need_a_unit(self, tmp_path):
-        with pytest.raises(RecordError, match="does not say the unit of its samples"):
+        with pytest.raises(RecordError, match="does not state the unit of its samples"):
             read_all(tmp_path, cosmos(0, 50, factor=5e6))
 
 

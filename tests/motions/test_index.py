@@ -40,6 +40,6 @@ def test_an_empty_unit_is_never_guessed(tmp_path, name):
     (tmp_path / "two.AT2").write_text(at2_text(np.hanning(50)))
     (tmp_path / name).write_text("id,file,unit\na,one.mseed,\nb,two.AT2,\n")
     silent, stated = load_index(tmp_path / name)
-    with pytest.raises(RecordError, match=r"the file does not say the unit of its samples"):
+    with pytest.raises(RecordError, match=r"the file does not state the unit of its samples"):
         load_motion(silent)
     assert load_motion(stated).acceleration.max() == pytest.approx(9.8, rel=1e-2)

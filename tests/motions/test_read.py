@@ -346,11 +346,11 @@ def _changed(folder):
                          r"holds only 200; to use it as it is give `accept` with samples \("),
         (_not_finite, r"nan\.mseed: channel XX\.AB\.\.HNE has 1 sample\(s\) .* at index 17$"),
         (_gap, r"gap\.mseed: channel XX\.AB\.\.HNE has a gap of [\d.]+ s after .* without gaps$"),
-        (_no_unit, r"counts\.mseed: the file does not say the unit of its samples; give `unit`, "
+        (_no_unit, r"counts\.mseed: the file does not state the unit of its samples; give `unit`, "
                    r"one of m/s2, cm/s2, gal, mm/s2, g \(--unit .* counts\.xml beside it or by "
                    r"`inventory` \(--inventory on the command line\)$"),
         (_unknown_unit, r"unknown unit 'furlong' of acceleration; allowed are m/s2, cm/s2, gal"),
-        (_contradicting_unit, r"unit 'm/s2' was asked for but the AT2 header says 'g'"),
+        (_contradicting_unit, r"unit 'm/s2' was asked for but the AT2 header states 'g'"),
         (_contradicting_knet, r"unit 'gal' was asked for but a K-NET file has its own scale"),
         (_fewer_at2, r"few\.AT2: the header announces 500 samples of channel 180, the file "
                      r"holds only 400;"),

@@ -289,7 +289,7 @@ class TestOutput:
 
     def test_nothing_half_written(self, thousand, tmp_path):
         found = select_records(thousand, TARGET, 5, 1)
-        with pytest.raises(OutputError, match=r"the selection cannot be written there"):
+        with pytest.raises(OutputError, match=r"cannot be written"):
             found.write(tmp_path / "none" / "selected.csv")
         del found.table["file"]
         with pytest.raises(RecordError, match=r"column 'file' is missing$"):

@@ -46,14 +46,14 @@ def test_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(store.np, "savez", full)
-    with pytest.raises(OutputError, match=r"cannot be written there \(No space left on device\)"):
+    with pytest.raises(OutputError, match=r"cannot be written \(No space left on device\)"):
         save_motions(target, MOTIONS)
     assert target.read_bytes() == before
     assert [path.name for path in tmp_path.iterdir()] == ["motions.npz"]
 
 
 def test_folder_that_is_not_there(tmp_path):
-    with pytest.raises(OutputError, match=r"motions\.npz: the motions cannot be written there"):
+    with pytest.raises(OutputError, match=r"motions\.npz: cannot be written"):
         save_motions(tmp_path / "none" / "motions.npz", MOTIONS)
 
 

@@ -10,9 +10,16 @@ from archfrag.motions.process import displacement, velocity
 from archfrag.motions.synthetic import Options, Plan, Seeds, make_motion, plan_motions
 from archfrag.motions.synthetic import pulse as pulses
 from archfrag.motions.synthetic import vertical as verticals
-from archfrag.motions.synthetic.motion import _amplitude
+from archfrag.motions.synthetic.motion import _amplitude, _generator
 from archfrag.motions.synthetic.source import table
-from archfrag.motions.synthetic.variation import TERMS, draw_term, frequencies, grid, power_shares
+from archfrag.motions.synthetic.variation import (
+    TERMS,
+    correlation,
+    draw_term,
+    frequencies,
+    grid,
+    power_fractions,
+)
 
 PERIODS = np.array([0.1, 0.2, 0.5, 1.0, 2.0])
 
@@ -40,7 +47,7 @@ class TestTables:
         pygmm = pytest.importorskip("pygmm", reason="pygmm is not installed")
         theirs = pygmm.BaylessAbrahamson2018
         f = np.array([0.15, 0.4, 1.0, 2.5, 6.0, 15.0])
-        assert synthetic.correlation(f) == pytest.approx(theirs.corr(f), abs=0.005)
+        assert correlation(f) == pytest.approx(theirs.corr(f), abs=0.005)
         for ours, name in {"tau": "tau", "phi_s2s": "phi_s2s", "phi_ss": "phi_s"}.items():
             published = np.interp(frequencies(), theirs.FREQS, theirs.COEFF[name])
             assert table()[ours] == pytest.approx(published, abs=1e-6)
@@ -64,7 +71,7 @@ class TestTerms:
         rows = np.array([draw_term(kind, generator) for _ in range(3000)])
         assert rows.std(axis=0) == pytest.approx(table()[TERMS[kind]], rel=0.06)
         found = np.corrcoef(rows.T)
-        assert found == pytest.approx(synthetic.correlation(frequencies()), abs=0.08)
+        assert found == pytest.approx(correlation(frequencies()), abs=0.08)
 
     def test_motions_share_what_their_seeds_share(self):
         def correlated(pairs):
@@ -98,8 +105,7 @@ class TestSpectra:
         varied = spectra(range(300))
         plain = spectra(range(300), Options(vary=False))
         terms = sum(
-            np.mean([draw_term(k, synthetic.motion._generator(k, s)) for s in range(300)], axis=0)
-            for k in TERMS
+            np.mean([draw_term(k, _generator(k, s)) for s in range(300)], axis=0) for k in TERMS
         )
         sample = np.interp(np.log(1.0 / PERIODS), np.log(frequencies()), terms)
         assert np.exp((varied - plain).mean(axis=0) - sample) == pytest.approx(1.0, abs=0.07)
@@ -140,8 +146,7 @@ class TestVertical:
         factor = verticals.vertical_factor(amplitude, 7.0, 10.0, 760.0)
         gain = np.exp(2.0 * np.interp(np.log(grid()), np.log(frequencies()), factor))
         periods = np.array([0.05, 0.075, 0.1, 0.15, 0.2, 0.5])
-        shares = power_shares(amplitude, periods)
-        found = np.sqrt((shares @ gain) / shares.sum(axis=1))
+        found = np.sqrt(power_fractions(amplitude, periods) @ gain)
         rock_pga = verticals._expected_peak(amplitude, 7.0, 10.0) / 9.80665
         wanted = verticals.vertical_ratio(7.0, 10.0, 760.0, rock_pga)
         places = np.interp(periods, verticals.vertical_periods(), wanted)

@@ -130,7 +130,7 @@ class TestInspect:
         ]
         channel = found[1]["channels"][0]
         assert (channel["unit"], channel["PGA"]) == ("", None)
-        assert channel["faults"][0].startswith("the file does not say the unit of its samples")
+        assert channel["faults"][0].startswith("the file does not state the unit of its samples")
         assert "    ! the header announces 500" in done("inspect", wrong).stdout
 
     def test_gaps_and_unequal_channels(self, tmp_path):
@@ -257,7 +257,7 @@ class TestConvert:
             2, "is the source or written twice; name another folder"
         )  # fmt: skip
         assert refused("convert", three, "--out", tmp_path / "o")[1].startswith(
-            f"{three}: the file does not say the unit"
+            f"{three}: the file does not state the unit"
         )
         assert not (tmp_path / "o").exists()
         done("convert", at2, "--out", tmp_path / "o")

@@ -18,7 +18,7 @@ from obspy import Stream, Trace, UTCDateTime
 
 from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing
-from archfrag.motions.channels import Channel, Options, is_vertical, read_channels
+from archfrag.motions.channels import Channel, Options, read_channels
 from archfrag.motions.index import index_table, write_index
 from archfrag.motions.plausible import accept_or_refuse, accepted_words, doubtful_motion
 from archfrag.motions.read import record_name
@@ -123,7 +123,7 @@ def _write_all(
             )
         _write(target, group, source, form, unit)
         written.append(target)
-        if not all(is_vertical(channel) for channel in group):
+        if not all(channel.vertical for channel in group):
             row = _row(target, group, source, unit) | {"accept": " ".join(allowed)}
             rows[row["id"]] = row
     write_index(place, rows.values())
@@ -155,7 +155,7 @@ def _row(target: Path, group: Sequence[Channel], source: _Source, unit: str) -> 
         "channels": " ".join(channel.code for channel in group),
         "source": source.path.name,
         "source_sha256": source.sha256,
-        "steps": _steps(first),
+        "steps": " ".join(first.log),
     }
 
 
@@ -169,7 +169,7 @@ def _write_miniseed(part: Path, group: Sequence[Channel], unit: str) -> None:
 
 
 def _trace(
-    codes: tuple[str, str, str, str], values: NDArray[np.float64], dt: float, start: UTCDateTime
+    codes: Sequence[str], values: NDArray[np.float64], dt: float, start: UTCDateTime
 ) -> Trace:
     names = ("network", "station", "location", "channel")
     header = dict(zip(names, codes, strict=True))
@@ -195,7 +195,7 @@ def _seed_codes(group: Sequence[Channel]) -> list[tuple[str, str, str, str]]:
     codes = []
     for (network, station, _, _), channel in zip(own, group, strict=True):
         place = f"{instruments.index(channel.group):02d}" if len(instruments) > 1 else ""
-        if is_vertical(channel):
+        if channel.vertical:
             code = "HNZ"
         else:
             horizontals[channel.group] += 1
@@ -215,7 +215,7 @@ def _at2_text(channel: Channel, values: NDArray[np.float64], source: _Source, un
     words = [facts["event"] or "unknown event", date, facts["station"] or "unknown station"]
     names = [word.replace(",", " ") for word in (*words, channel.code) if word]
     header = [
-        _line(f"{_made(source)}; {_steps(channel)}"),
+        _line(f"{_made(source)}; {' '.join(channel.log)}"),
         _line(", ".join(names)),
         f"ACCELERATION TIME SERIES IN UNITS OF {unit.upper()}",
         f"NPTS= {values.size:6d}, DT= {channel.dt!r} SEC",
@@ -254,10 +254,6 @@ def _facts(channel: Channel) -> dict[str, str]:
 
 def _made(source: _Source) -> str:
     return f"archfrag {version('archfrag')} from {source.path.name}, sha256 {source.sha256[:16]}"
-
-
-def _steps(channel: Channel) -> str:
-    return " ".join(channel.log)
 
 
 def _line(text: str) -> str:

@@ -220,7 +220,7 @@ def spectrum_intensity(motion: Motion, name: str) -> float:
 def rotated_percentile(motion: Motion, found: Measure, percentile: float) -> float:
     """A percentile over 180 directions of the horizontal plane: 50 for RotD50, 100 for RotD100.
 
-    Boore (2010), BSSA 100(4). Of PGA, PGV or Sa as `found` says, in its SI unit.
+    Boore (2010), BSSA 100(4). Of PGA, PGV or Sa as `found` states, in its SI unit.
 
     Raises
     ------
