@@ -95,11 +95,11 @@ def main(count=1000):
     rows = [
         [f"M {m:g}, {r:g} km", model, *(f"{value:.2f}" for value in ratio)]
         for (m, r), scenario in zip(SCENARIOS, ratios, strict=True)
-        for model, ratio in zip(MODELS, scenario, strict=True)
+        for model, ratio in zip(SIGMA_MODELS[:3], scenario, strict=True)
     ]
     print(markdown("Median over models", ["scenario", "model", *head[2:-2]], rows))
     within = np.mean((ratios[:, :2] > 0.7) & (ratios[:, :2] < 1.3))
-    print(f"{MODELS[0]} and {MODELS[1]}: {ratios[:, :2].min():.2f} to {ratios[:, :2].max():.2f}, "
+    print(f"CY14 and ASK14: {ratios[:, :2].min():.2f} to {ratios[:, :2].max():.2f}, "
           f"{100 * within:.0f} % of cells within 30 %")  # fmt: skip
 
 
