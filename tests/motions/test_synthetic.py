@@ -1,5 +1,7 @@
 """The stochastic model, how its motions vary, the shipped ones, and their index."""
 
+import csv
+import itertools
 import re
 
 import numpy as np
