@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from obspy import Stream, Trace, UTCDateTime
+from obspy import Stream, Trace
 
 from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing
@@ -143,38 +143,23 @@ def _write(target: Path, group: Sequence[Channel], source: _Source, form: str, u
 
 def _row(target: Path, group: Sequence[Channel], source: _Source, unit: str) -> dict[str, Any]:
     first = group[0]
-    facts = _facts(first)
     return {
-        "id": target.stem,
-        "file": target.name,
-        "sha256": _sha256(target),
-        "event": facts["event"],
+        "id": target.stem, "file": target.name, "sha256": _sha256(target),
+        "event": _facts(first)["event"],
         **{key: first.record[key] for key in _HEADER if key in first.record},
-        "dt_s": first.dt,
-        "unit": unit,
-        "channels": " ".join(channel.code for channel in group),
-        "source": source.path.name,
-        "source_sha256": source.sha256,
-        "steps": " ".join(first.log),
-    }
+        "dt_s": first.dt, "unit": unit, "channels": " ".join(channel.code for channel in group),
+        "source": source.path.name, "source_sha256": source.sha256, "steps": " ".join(first.log),
+    }  # fmt: skip
 
 
 def _write_miniseed(part: Path, group: Sequence[Channel], unit: str) -> None:
-    factor = unit_factor(unit, str(part))
-    stream = Stream()
-    for codes, channel in zip(_seed_codes(group), group, strict=True):
-        values = channel.samples / factor
-        stream.append(_trace(codes, values, channel.dt, channel.start))
-    stream.write(str(part), format="MSEED", encoding="FLOAT64", byteorder=">")
-
-
-def _trace(
-    codes: Sequence[str], values: NDArray[np.float64], dt: float, start: UTCDateTime
-) -> Trace:
+    factor, stream = unit_factor(unit, str(part)), Stream()
     names = ("network", "station", "location", "channel")
-    header = dict(zip(names, codes, strict=True))
-    data = np.ascontiguousarray(values, dtype=np.float64)
-    return Trace(data, {**header, "delta": dt, "starttime": start})
+    for codes, channel in zip(_seed_codes(group), group, strict=True):
+        data = np.ascontiguousarray(channel.samples / factor, dtype=np.float64)
+        timing = {"delta": channel.dt, "starttime": channel.start}
+        stream.append(Trace(data, {**dict(zip(names, codes)), **timing}))
+    stream.write(str(part), format="MSEED", encoding="FLOAT64", byteorder=">")
 
 
 def _seed_codes(group: Sequence[Channel]) -> list[tuple[str, str, str, str]]:

@@ -122,15 +122,9 @@ def inspect_record(
         for trace, count in zip(traces, announced, strict=True)
     )
     record = _record(traces[0])
-    return Inspection(
-        path=source,
-        format=content.format,
-        event=str(record.get("event", "")),
-        date=str(record.get("date", "")),
-        magnitude=record.get("magnitude"),
-        channels=channels,
-        faults=tuple(dict.fromkeys(faults)),
-    )
+    event, date = str(record.get("event", "")), str(record.get("date", ""))
+    magnitude, found = record.get("magnitude"), tuple(dict.fromkeys(faults))
+    return Inspection(source, content.format, event, date, magnitude, channels, found)
 
 
 def _channel(
@@ -139,14 +133,14 @@ def _channel(
     stats, record, code = trace.stats, _record(trace), channel_code(trace)
     data = np.ma.compressed(trace.data).astype(np.float64)
     faults = [fact for _, fact in doubtful_count(code or trace.id, announced, data.size)]
-    calibrated = None
+    calibrated, unit, samples = None, "", None
     if data.size == 0 or not np.isfinite(data).all():
         faults.append("there are no samples" if data.size == 0 else "not all samples are finite")
     else:
         calibrated, refused = _calibrated(trace, how)
         faults += [*offset_fault(trace, calibrated[1] if calibrated else "unit unknown"), *refused]
-    unit, samples = ("", None) if calibrated is None else (calibrated[1], calibrated[0])
-    if samples is not None:
+    if calibrated is not None:
+        samples, unit, _ = calibrated
         faults += [fact for _, fact in doubtful_motion(code, samples, float(stats.delta), unit)]
     vertical = record.get("vertical")
     names = [str(stats[key]) for key in ("network", "station", "location") if stats[key]]
@@ -154,15 +148,12 @@ def _channel(
         code=code,
         station=str(record.get("station") or ".".join(names)),
         start=str(stats.starttime) if stats.starttime.timestamp != 0.0 else "",
-        dt=float(stats.delta),
-        announced=announced,
-        count=data.size,
-        unit=unit,
+        dt=float(stats.delta), announced=announced, count=data.size, unit=unit,
         level=str(record.get("level") or ("raw" if unit == "counts" else "")),
         vertical=bool(VERTICAL.fullmatch(code)) if vertical is None else bool(vertical),
         samples=samples,
         faults=tuple(dict.fromkeys((*record.get("faults", ()), *faults))),
-    )
+    )  # fmt: skip
 
 
 def _calibrated(

@@ -17,6 +17,7 @@ from archfrag.motions.channels import (
     refuse_unclear,
 )
 from archfrag.motions.formats.columns import Columns
+from archfrag.motions.formats.facts import known
 from archfrag.motions.formats.waveform import recognise
 from archfrag.motions.index import IndexEntry, check_sha256
 from archfrag.motions.motion import Motion
@@ -186,7 +187,7 @@ def load_motion(entry: IndexEntry) -> Motion:
         raise RecordError(
             f"{entry.path}: the index lists dt_s = {step} s, the file has {motion.dt} s"
         )
-    merged = {**motion.metadata, **_given(entry.metadata)}
+    merged = {**motion.metadata, **known(**entry.metadata)}
     return motion._replaced(id=entry.id, metadata=merged)
 
 
@@ -242,16 +243,11 @@ def _motion(
         accepted += upward.accepted + accept_or_refuse(path, accept, doubts)
     record = channel.record
     metadata: dict[str, Any] = {
-        "file": path.name,
-        "format": stats.get("_format", ""),
-        "unit_in_file": channel.unit_in_file,
-        "event": "",
-        "date": "",
-        "station": stats.station,
+        "file": path.name, "format": stats.get("_format", ""),
+        "unit_in_file": channel.unit_in_file, "event": "", "date": "", "station": stats.station,
         **{key: record[key] for key in HEADER if key in record},
-        "component": channel.code,
-        "vertical_component": upward.code if upward else "",
-    }
+        "component": channel.code, "vertical_component": upward.code if upward else "",
+    }  # fmt: skip
     if stats.network or stats.station:
         metadata["trace"] = channel.trace.id
         metadata["vertical_trace"] = upward.trace.id if upward else ""
@@ -261,8 +257,7 @@ def _motion(
     if stats.starttime.timestamp != 0.0:
         metadata["start_time"] = str(channel.start)
     if entry is not None:
-        listed = {key: value for key, value in entry.metadata.items() if value not in (None, "")}
-        metadata.update(listed)
+        metadata |= known(**entry.metadata)
     if accepted:
         metadata["accepted"] = list(accepted)
     return Motion._owning(horizontal, channel.dt, vertical, name, metadata, log + accepted)
@@ -289,7 +284,3 @@ def _aligned(
             f"{upward.code} ({sizes[1]}).",
         )
     return channel.samples[kept], upward.samples[its_kept], log
-
-
-def _given(metadata: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in metadata.items() if value not in (None, "")}

@@ -118,19 +118,15 @@ class Selection:
     def facts(self) -> dict[str, Any]:
         """What a command prints as JSON: records, factors, target and differences from it."""
         mean, sd = ([None if np.isnan(e) else float(e) for e in each] for each in self.errors)
+        target = self.target
         return {
             "records": self.table["record"].astype(str).tolist(),
-            "scale": self.table["scale"].tolist(),
-            "seed": self.seed,
-            "candidates": self.candidates,
-            "conditioning_s": self.target.conditioning,
-            "period_s": self.target.periods.tolist(),
-            "target_median_g": self.target.median.tolist(),
-            "target_sd": self.target.sd.tolist(),
-            "median_error": mean,
-            "sd_error": sd,
+            "scale": self.table["scale"].tolist(), "seed": self.seed,
+            "candidates": self.candidates, "conditioning_s": target.conditioning,
+            "period_s": target.periods.tolist(), "target_median_g": target.median.tolist(),
+            "target_sd": target.sd.tolist(), "median_error": mean, "sd_error": sd,
             "cautions": list(self.cautions),
-        }
+        }  # fmt: skip
 
     def write(self, path: str | Path, folder: str | Path = ".") -> None:
         """Write the records as an index that a study reads (``motions: index: PATH``).

@@ -124,15 +124,10 @@ def plan_motions(plan: Plan) -> list[Recipe]:
     for number in range(count):
         event, record = divmod(number, plan.records_per_event)
         site = number if plan.sites is None else number % plan.sites
-        recipes.append(
-            Recipe(
-                f"e{event + 1}-r{record + 1}",
-                magnitudes[event],
-                distances[number],
-                Seeds(first + number, first + event, first + site),
-                Options(vs30=plan.vs30, vertical=plan.vertical, pulse=bool(pulses[number])),
-            )
-        )
+        name = f"e{event + 1}-r{record + 1}"
+        seeds = Seeds(first + number, first + event, first + site)
+        options = Options(vs30=plan.vs30, vertical=plan.vertical, pulse=bool(pulses[number]))
+        recipes.append(Recipe(name, magnitudes[event], distances[number], seeds, options))
     return recipes
 
 
