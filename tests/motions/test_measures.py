@@ -13,7 +13,7 @@ from archfrag.motions.motion import Motion
 from archfrag.motions.scale import scale_factor
 from archfrag.motions.spectra import peaks_by_angle, response_spectrum
 
-from .helpers import REAL_RECORDS, needs_real_records, wave
+from .helpers import wave
 
 G = 9.80665
 NAMES = ("PGA", "PGV", "Arias", "D5_95", "Sa(0.5)", "AvgSA(0.2,1.0)")
@@ -181,15 +181,6 @@ class TestMotion:
         with pytest.raises(RecordError, match=f"rec: .*{reason}"):
             Motion(*arguments, **({} if len(arguments) > 2 else {"vertical": None}), id="rec")
 
-    def test_own_copy_in_float64(self):
-        values = np.array([0, 1, 2], dtype=np.int16)
-        motion = Motion(values, 0.5)
-        values[1] = 9
-        assert motion.acceleration.dtype == np.float64
-        assert motion.acceleration[1] == 1.0
-        assert motion.duration == 1.0
-        assert np.array_equal(motion.time, [0.0, 0.5, 1.0])
-
 
 def noise(count=2000, seed=1):
     ramp = np.sin(np.pi * np.arange(count) / (count - 1))
@@ -218,10 +209,6 @@ class TestIntegrals:
 
     def test_duration_to_three_quarters_of_constant_acceleration(self):
         assert measure(Motion(np.full(1001, 2.0), 0.01), "D5_75") == pytest.approx(7.0)
-
-    def test_durations_cross_parts_of_a_long_record(self):
-        motion = Motion(np.full(200_001, 2.0), 0.001)
-        assert measure(motion, "D5_95") == pytest.approx(180.0, rel=1e-6)
 
     def test_intensities_are_integrals_of_the_spectrum(self):
         motion = Motion(wave(), 0.01)
@@ -286,20 +273,3 @@ class TestRecords:
         assert response_spectrum(record, 0.01, periods) == pytest.approx(
             response_spectrum(longer, 0.01, periods), rel=2e-9
         )
-
-    @needs_real_records
-    def test_agrees_with_pyrotd(self):
-        pyrotd = pytest.importorskip("pyrotd", reason="pyrotd is not installed")
-        from scipy.signal import resample_poly
-
-        from archfrag.motions.read import read_motion
-
-        pyrotd.processes = 1
-        motion = read_motion(REAL_RECORDS / "at2" / "RSN6_IMPVALL.I_I-ELC180.AT2")
-        # Without the quiet after the record its transform would wrap around; on a fine step both
-        # ideas of what lies between samples are the same.
-        fine = resample_poly(motion.acceleration, 5, 1)
-        padded = np.concatenate((fine, np.zeros(3 * fine.size)))
-        periods = np.geomspace(0.02, 10.0, 100)
-        theirs = pyrotd.calc_spec_accels(motion.dt / 5, padded, 1.0 / periods, 0.05).spec_accel
-        assert response_spectrum(fine, motion.dt / 5, periods) == pytest.approx(theirs, rel=5e-3)
