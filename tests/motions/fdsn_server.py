@@ -146,7 +146,7 @@ class _Handler(BaseHTTPRequestHandler):
         if callable(answer):
             answer(self)
         elif isinstance(answer, int):
-            self.send(answer, b"" if answer == 204 else b"the server says why\nat length")
+            self.send(answer, b"" if answer == 204 else b"the server explains\nat length")
         else:
             self.send(200, answer)
 

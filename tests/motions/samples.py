@@ -18,7 +18,7 @@ def components(count=400):
     return 0.1 * wave(count), 0.05 * wave(count, frequency=3.0), -0.2 * wave(count)
 
 
-def _volume_1(number, way, count, dt, units, peak, total):
+def _volume_1(number, bearing, count, dt, units, peak, total):
     """Header of a channel of CSMIP volume 1."""
     return [
         "Uncorrected Accelerogram Data             Processed: 01/02/18, CGS  made-up",
@@ -27,7 +27,7 @@ def _volume_1(number, way, count, dt, units, peak, total):
         "99999-L0001-18002.01                 Start time:  1/ 2/18, 16:05:37.4 UTC (GPS)",
         f"Station No. 99999   34.063N, 117.785W    Etna    s/n 1 ({total} Chns of  3 at Sta)",
         "Made-up Town - First & Main               CGS   Data: Acceleration",
-        f"Chan  {number}: {way}",
+        f"Chan  {number}: {bearing}",
         "MADE-UP EARTHQUAKE     JANUARY 2, 2018 08:05 PST",
         "HYPOCENTER(USGS): 34.201N,116.826W, H=7KM.     MS=6.6(NEIC), MW=6.4(CIT)",
         "Instr Period =  .0111 sec,  Damping =  .670,  Sensitivity =  .63 v/g",
@@ -39,17 +39,17 @@ def _volume_1(number, way, count, dt, units, peak, total):
     ]
 
 
-WAYS = ("90 DEG", "UP", "360 DEG")
+BEARINGS = ("90 DEG", "UP", "360 DEG")
 
 
-def dmg_v1(channels=None, ways=WAYS, dt=0.01, unit="g", total=None, peak=None):
+def dmg_v1(channels=None, bearings=BEARINGS, dt=0.01, unit="g", total=None, peak=None):
     """CSMIP volume 1 with equal steps [g]."""
     lines = []
     channels = components() if channels is None else channels
-    for number, (way, values) in enumerate(zip(ways, channels), start=1):
+    for number, (bearing, values) in enumerate(zip(bearings, channels), start=1):
         stated = np.abs(values).max() if peak is None else peak
         lines += [
-            *_volume_1(number, way, len(values), dt, unit, stated, total or len(channels)),
+            *_volume_1(number, bearing, len(values), dt, unit, stated, total or len(channels)),
             f" {len(values)} Accelerogram points at {1 / dt:.0f} pts/sec in units of {unit}.   "
             "Format: (8f9.6)",
             *columns(values, "{:9.6f}", 8),
@@ -62,37 +62,37 @@ def dmg_pairs(channels=None, dt=0.005, jitter=0.001):
     """CSMIP volume 1 of digitised film: pairs of time and acceleration [g/10]."""
     lines = []
     channels = components() if channels is None else channels
-    for number, (way, values) in enumerate(zip(WAYS, channels), start=1):
+    for number, (bearing, values) in enumerate(zip(BEARINGS, channels), start=1):
         times = np.round(dt * np.arange(len(values)), 3)
         times[3::7] += jitter
         pairs = np.column_stack([times, 10.0 * values]).ravel()
         peak = np.abs(values).max()
         lines += [
-            *_volume_1(number, way, len(values), dt, "g/10", peak, len(channels)),
+            *_volume_1(number, bearing, len(values), dt, "g/10", peak, len(channels)),
             *columns(pairs, "{:7.3f}", 10),
             f"/&  ----------  END OF DATA FOR CHANNEL  {number}  ----------",
         ]
     return "\n".join(lines) + "\n"
 
 
-def dmg_v2(channels=None, ways=("90 DEG", "UP", "0 DEG"), dt=0.02, peak=None):
+def dmg_v2(channels=None, bearings=("90 DEG", "UP", "0 DEG"), dt=0.02, peak=None):
     """CSMIP volume 2 [cm/s2], with velocity and displacement."""
     lines = []
-    for number, (way, values) in enumerate(
-        zip(ways, components() if channels is None else channels), start=1
+    for number, (bearing, values) in enumerate(
+        zip(bearings, components() if channels is None else channels), start=1
     ):
         acceleration = G * values
         stated = acceleration[np.abs(acceleration).argmax()] if peak is None else peak
         count = len(values)
         lines += [
-            f"CORRECTED ACCELEROGRAM   99999-S0001-83123.01       CHAN  {number}:  {way}     FROM",
+            f"CORRECTED ACCELEROGRAM   99999-S0001-83123.01       CHAN  {number}:  {bearing}     FROM",
             "UNCORRECTED ACCELEROGRAM DATA              PROCESSED:  6/06/83, CDMG MADE-UP",
             "MADE-UP EARTHQUAKE",
             "MAY 2, 1983 16:42 PDT                   (ORIGIN(BRK): 05/02/83, 23:42:38.5 UTC)",
             "99999-S0001-83123.01               TRIGGER TIME: 05/02/83, 16:42:48.2 PDT",
             "STATION NO. 99999   35.908N, 120.458W     SMA-1  S/N 4384",
             "MADE-UP FAULT ZONE 14",
-            f"CHAN  {number}:  {way}",
+            f"CHAN  {number}:  {bearing}",
             "MADE-UP EARTHQUAKE     MAY 2, 1983 16:42 PDT",
             "HYPOCENTER(BRK): 36.25N,120.28W, H=9KM. PRELIMINARY SOLUTION.  ML=6.5(BRK)",
             "INSTR PERIOD =  .0407 SEC,  DAMPING =  .630,  SENSITIVITY = 1.87 CM/G.",
@@ -108,7 +108,7 @@ def dmg_v2(channels=None, ways=("90 DEG", "UP", "0 DEG"), dt=0.02, peak=None):
             "INITIAL VELOCITY  =     -.052   CM/SEC;   INITIAL DISPLACEMENT =    -.110   CM",
             "MADE-UP EARTHQUAKE     MAY 2, 1983 16:42 PDT",
             "",
-            f"99999-S0001-83123.01      MADE-UP FAULT ZONE 14   CHAN  {number}:  {way}",
+            f"99999-S0001-83123.01      MADE-UP FAULT ZONE 14   CHAN  {number}:  {bearing}",
             "",
             *columns([0] * 100, "{:5d}", 16),
             *columns([0.0] * 100, "{:10.3f}", 8),
@@ -130,11 +130,11 @@ COSMOS_UNITS = {2: "g.     (02)", 4: "cm/sec2(04)", 50: "counts (50)"}
 
 
 def cosmos(stage=1, unit=2, channels=None, dt=0.005, factor=1.0, total=None, scnl=True, **reals):
-    """COSMOS V0, V1 or V2; `factor` turns [g] into the unit of the file."""
+    """COSMOS V0, V1 or V2; `factor` converts \[g\] to the unit of the file."""
     lines = []
     channels = components() if channels is None else channels
     names = (("HNN", "360 deg"), ("HNZ", "Up"), ("HNE", "90 deg"))
-    for number, (values, (code, way)) in enumerate(zip(channels, names), start=1):
+    for number, (values, (code, bearing)) in enumerate(zip(channels, names), start=1):
         data = factor * values
         integers = np.full(100, -999)
         integers[:4] = stage, 1, unit, 120
@@ -155,7 +155,7 @@ def cosmos(stage=1, unit=2, channels=None, dt=0.005, factor=1.0, total=None, scn
             "Coords: 34.063  -117.785   Site geology:",
             f"Recorder: Etna   s/n 1193 ({total or len(channels)} Chns of   3 at Sta) Sensor: FBA",
             "Rcrd start time: 8/28/2018, 19:33: 9.0 UTC (Q=5) RcrdId: 99999-L1193-18241.36",
-            f"Sta Chan  {number}: {way} (Rcrdr Chan  {number})",
+            f"Sta Chan  {number}: {bearing} (Rcrdr Chan  {number})",
             "Raw record length =  67.000 sec, Uncor max =   -.105 g, at   31.575 sec.",
             "Processed:                         CGS . Max =    -.105 g       at   31.575 sec",
             "Record not filtered.",
@@ -181,14 +181,14 @@ def scientific(value):
 
 
 def smc(values=None, dt=0.005, kind="2 CORRECTED ACCELEROGRAM", count=None, times=None, filler=0,
-        peak=None, way="133"):  # fmt: skip
+        peak=None, bearing="133"):  # fmt: skip
     """SMC file [cm/s2]; pairs of time and acceleration where `times` are given."""
     data = G * (components()[0] if values is None else np.asarray(values))
     numbers = data if times is None else np.column_stack([times, data]).ravel()
     integers = np.full(48, -32768)
     integers[[1, 2, 3, 4, 8]] = 1989, 291, 0, 4, 1
-    integers[12] = 0 if way == "up" else 90
-    integers[13] = -32768 if way == "up" else int(way)
+    integers[12] = 0 if bearing == "up" else 90
+    integers[13] = -32768 if bearing == "up" else int(bearing)
     integers[16] = len(numbers) if count is None else count
     reals = np.full(50, 1.7e38)
     reals[[2, 3, 4, 5, 10, 11, 16]] = 37.037, -121.883, 18.0, 6.9, 37.52, -122.25, 63.0
@@ -199,7 +199,7 @@ def smc(values=None, dt=0.005, kind="2 CORRECTED ACCELEROGRAM", count=None, time
     lines = [
         kind, "*", "MADEA", "     1989  10  18    0004 Made-up, CA",
         "Moment Mag=      6.9 Ms=      7.1 Ml=      7.0",
-        f"station = MADE-UP Array #2               component=    {way}",
+        f"station = MADE-UP Array #2               component=    {bearing}",
         "epicentral dist =     63.0       pk     =   -222.5",
         "inst type=SMA-1      data source = USGS", "*", "*", "*",
         *columns(integers, "{:10d}", 8),
@@ -361,7 +361,7 @@ def at2():
     return at2_text(components()[0])
 
 
-# A few small files of each format: what mutations start from, and what nobody else may claim.
+# Small files of each format: what mutations start from, and what nobody else may claim.
 MADE_UP = {
     "AT2": (at2,),
     "COSMOS": (cosmos, lambda: cosmos(2, 4, factor=G), lambda: cosmos(0, 50, factor=1e5)),

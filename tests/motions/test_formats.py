@@ -260,9 +260,9 @@ class TestHeaders:
         assert np.corrcoef(motions[1].acceleration, NORTH)[0, 1] > 0.9999
 
     def test_channels_of_several_places_do_not_mix(self, tmp_path):
-        ways = ("90 DEG  LOCATION: DECK", "DOWN  LOCATION: DECK", "90 DEG  LOCATION: GROUND",
+        bearings = ("90 DEG  LOCATION: DECK", "DOWN  LOCATION: DECK", "90 DEG  LOCATION: GROUND",
                 "UP  LOCATION: GROUND")  # fmt: skip
-        motions = read_all(tmp_path, dmg_v1((EAST, UP, NORTH, 2 * UP), ways))
+        motions = read_all(tmp_path, dmg_v1((EAST, UP, NORTH, 2 * UP), bearings))
         assert [motion.id for motion in motions] == ["record:DECK.90", "record:GROUND.90"]
         assert np.corrcoef(motions[0].vertical, -UP)[0, 1] > 0.9999
         assert np.corrcoef(motions[1].vertical, UP)[0, 1] > 0.9999

@@ -29,7 +29,7 @@ class TestClosedForms:
         # v = A / w (1 - cos w t), from rest.
         assert measures.pgv(sine()) == pytest.approx(2.0 * 3.0 / (4.0 * np.pi), rel=1e-4)
 
-    def test_arias_of_a_sine_of_whole_periods(self):
+    def test_arias_of_a_sine_of_full_periods(self):
         expected = np.pi / (2.0 * G) * 3.0**2 / 2.0 * 5.0
         assert measures.arias(sine()) == pytest.approx(expected, rel=1e-6)
 
@@ -189,7 +189,7 @@ def noise(count=2000, seed=1):
 
 class TestIntegrals:
     def test_displacement_of_a_sine(self):
-        # d = A / w (t - sin(w t) / w), from rest: largest at the end, after whole periods.
+        # d = A / w (t - sin(w t) / w), from rest: largest at the end, after full periods.
         w = 4.0 * np.pi
         assert measure(sine(), "PGD") == pytest.approx(3.0 / w * 5.0, rel=1e-4)
 

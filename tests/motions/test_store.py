@@ -127,6 +127,6 @@ class TestFlatfile:
         with pytest.raises(InputError, match=reason):
             read_flatfile(path)
 
-    def test_periods_that_would_share_a_column(self):
+    def test_two_periods_of_one_column(self):
         with pytest.raises(InputError, match="must differ in their first three decimals"):
             measure_records([], periods=[0.1, 0.1001])

@@ -102,7 +102,7 @@ class TestModel:
 
 
 class TestSuite:
-    def test_every_shipped_file_is_listed_and_whole(self):
+    def test_every_shipped_file_is_listed(self):
         entries = load_index(SHIPPED)
         assert len(entries) >= 24
         files = {path.resolve() for path in (SHIPPED / "synthetic").iterdir()}
@@ -284,7 +284,7 @@ class TestTerms:
         found = np.corrcoef(rows.T)
         assert found == pytest.approx(correlation(frequencies()), abs=0.08)
 
-    def test_motions_share_what_their_seeds_share(self):
+    def test_terms_are_common_where_seeds_are(self):
         def correlated(pairs):
             rows = [[amplitudes(make_motion(6.0, 30.0, s)) for s in pair] for pair in pairs]
             first, second = np.array(rows).transpose(1, 0, 2)
@@ -383,7 +383,7 @@ class TestPulse:
 
 
 class TestPlan:
-    def test_seeds_say_who_shares_an_event_and_a_site(self):
+    def test_seeds_of_events_and_sites(self):
         recipes = plan_motions(Plan(2, 3, [6.0], [10.0, 30.0], seed=4, sites=2))
         assert [r.seeds.event - 4_000_000 for r in recipes] == [0, 0, 0, 1, 1, 1]
         assert [r.seeds.site - 4_000_000 for r in recipes] == [0, 1, 0, 1, 0, 1]
