@@ -23,7 +23,7 @@ from archfrag.errors import InputError
 SAMPLES_PER_PERIOD = 60  # where peaks are looked for: a peak is missed by 0.14 % at worst
 _BLOCK = 16  # samples in one product
 _BLOCKS = 2048  # there at a time
-_PRODUCTS = 200_000  # in one call: fewer than numerical libraries share out to threads
+_PRODUCTS = 200_000  # in one call: fewer than numerical libraries give to threads
 _DIGITS = 10
 _ANGLES = np.deg2rad(np.arange(180.0))
 
@@ -126,7 +126,7 @@ def _windows(record: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
 
 
 class _Oscillator:
-    """What turns blocks of samples into relative displacements of one oscillator."""
+    """Relative displacements of one oscillator, from blocks of samples."""
 
     def __init__(self, dt: float, period: float, damping: float) -> None:
         self.frequency = w = 2.0 * np.pi / period
@@ -149,9 +149,9 @@ class _Oscillator:
         self.end = np.ascontiguousarray(end.view(np.float64).reshape(-1, 2))
         self.rotation = rotation[_BLOCK]
         into = np.zeros((4, _BLOCK + 4, _BLOCK))
-        carried = rotation[:_BLOCK]
-        into[0] = np.vstack((states.real, carried.real, -carried.imag))
-        into[1] = np.vstack((states.imag, carried.imag, carried.real))
+        decay = rotation[:_BLOCK]
+        into[0] = np.vstack((states.real, decay.real, -decay.imag))
+        into[1] = np.vstack((states.imag, decay.imag, decay.real))
         into[2, :-2], into[3, :-2] = at[1], slopes
         fractions = np.arange(points) * dt / points
         free = np.exp(pole * fractions)

@@ -13,7 +13,7 @@ METRES_PER_SECOND_SQUARED = {
 
 
 def unit_factor(unit: str, place: str) -> float:
-    """Factor that turns a value in `unit` into m/s2."""
+    """What a value in `unit` is multiplied by to be in m/s2."""
     try:
         return METRES_PER_SECOND_SQUARED[unit]
     except (KeyError, TypeError):

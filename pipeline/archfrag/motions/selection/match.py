@@ -9,7 +9,7 @@ from archfrag.motions.selection.target import Target
 
 TRIALS = 20  # simulated sets
 STARTS = 5  # the nearest of them to the target: each is matched and improved, the best kept
-MOST_PASSES = 50  # over the set; the improvement ends by itself after a few
+MOST_PASSES = 50  # over the set; the improvement ends by itself sooner
 Array = NDArray[np.float64]
 
 

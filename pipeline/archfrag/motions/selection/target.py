@@ -118,12 +118,12 @@ def conditional_spectrum(
     means, covariances, weights, notes = [], [], [], dict[str, None]()
     for rupture in (ruptures,) if isinstance(ruptures, Rupture) else tuple(ruptures):
         for model, weight in _weighted(models).items():
-            median, sd, said = predict(rupture, model, grid)
+            median, sd, cautions = predict(rupture, model, grid)
             epsilon = (np.log(level) - median[known]) / sd[known]
             means.append(median + rho[known] * epsilon * sd)
             covariances.append(np.outer(sd, sd) * (rho - np.outer(rho[known], rho[known])))
             weights.append(rupture.weight * weight)
-            notes |= dict.fromkeys(said)
+            notes |= dict.fromkeys(cautions)
     if not weights:
         raise InputError("a conditional spectrum needs at least one rupture and one model")
     fraction = np.array(weights) / np.sum(weights)
