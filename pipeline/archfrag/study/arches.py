@@ -57,8 +57,7 @@ Numbers = Annotated[tuple[float, ...], Field(strict=False, max_length=MOST_VOUSS
 _Load = Annotated[float, Field(le=MOST_LOAD, json_schema_extra={"minimum": 0})]
 _Loads = Annotated[tuple[_Load, ...], Field(strict=False, max_length=MOST_VOUSSOIRS)]
 LoadOrEach = Annotated[
-    Annotated[_Load, Tag("one")] | Annotated[_Loads, Tag("each")],
-    Discriminator(_one_or_each),
+    Annotated[_Load, Tag("one")] | Annotated[_Loads, Tag("each")], Discriminator(_one_or_each)
 ]
 _Coefficient = Annotated[
     float,
@@ -84,8 +83,7 @@ Points = Annotated[tuple[_Point, ...], Field(strict=False, max_length=MOST_VOUSS
 _Depth = Annotated[float, Field(ge=0.0, le=LARGEST)]
 _Depths = Annotated[tuple[_Depth, ...], Field(strict=False, max_length=MOST_VOUSSOIRS + 1)]
 DepthOrEach = Annotated[
-    Annotated[_Depth, Tag("one")] | Annotated[_Depths, Tag("each")],
-    Discriminator(_one_or_each),
+    Annotated[_Depth, Tag("one")] | Annotated[_Depths, Tag("each")], Discriminator(_one_or_each)
 ]
 Identifier = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$", max_length=80)]
 
@@ -145,13 +143,7 @@ class Chain(Section):
         return self
 
     def build(self) -> "Arch":
-        """The arch of this entry; of one that varies, that of its own values.
-
-        Raises
-        ------
-        GeometryError
-            If it cannot exist.
-        """
+        """The arch of this entry; of one that varies, that of its own values."""
         from archfrag import arch
 
         given = self.model_dump(exclude={"id", "profile", "recess", "vary"})
@@ -352,12 +344,7 @@ class Table(Section):
         return self.model_dump(exclude={"id", "table"}, exclude_none=True, exclude_unset=True)
 
     def build(self) -> "Arch":
-        """Refuses: a table has no one arch.
-
-        Raises
-        ------
-        StudyError
-        """
+        """Refuses: a table has no one arch."""
         raise StudyError(f"{self.id}: is a table of arches, of which one must be chosen")
 
 

@@ -21,28 +21,6 @@ def draw(
 ) -> list[tuple[Chain, dict[str, float]]]:
     """Arches drawn for an entry with `vary`, and the values of its keys that were drawn.
 
-    Parameters
-    ----------
-    entry : Chain
-    count : int
-        Arches.
-    stream : tuple of int
-        With the seed: entries of different streams are drawn independently.
-
-    Returns
-    -------
-    list of (Chain, dict)
-        Arches with ids such as ``ring-0001``, whether or not they can exist, and what they
-        differ by (what differs from joint to joint is not among it). Of a key with a list, such
-        as ``friction``, it is the factor on it, as ``friction_factor``.
-
-    Raises
-    ------
-    InputError
-        If the id is too long for a number behind it, or a value is beyond what its key allows.
-
-    Notes
-    -----
     Keys are drawn by the scheme of `vary` (`archfrag.arch.uncertain.sample`). What differs from
     joint to joint is drawn by plain random numbers, the same for the n-th sample of a seed
     whatever their number: it has as many coordinates as joints, in which no design of a few

@@ -189,10 +189,6 @@ class TestCircular:
         np.testing.assert_allclose(np.hypot(*(arch.extrados - arch.intrados).T), 1.0, rtol=1e-14)
         np.testing.assert_allclose(np.hypot(*arch.intrados.T), 4.5, rtol=1e-14)
 
-    def test_a_sector_of_more_than_half_a_turn(self):
-        arch = Arch.circular(5.0, 1.0, 300.0, 2, 0.7, joints=[0.0, 200.0, 300.0])
-        assert arch.chain.mass[0] == pytest.approx(2.0 * arch.chain.mass[1], rel=1e-13)
-
 
 class TestSegmental:
     @pytest.mark.parametrize("sector", [True, False])
@@ -360,11 +356,6 @@ class TestFromJoints:
         np.testing.assert_allclose(turned.chain.inertia, arch.chain.inertia[::order], rtol=1e-13)
         np.testing.assert_allclose(turned.chain.centroid, arch.chain.centroid[::order], atol=1e-13)
 
-    def test_names_exchanged_leave_the_chain_as_it_was(self):
-        arch = MAKERS["straight"](7)
-        for ours, theirs in zip(swapped_names(arch).chain, arch.chain):
-            np.testing.assert_allclose(ours, theirs, rtol=1e-13, atol=1e-13)
-
     def test_dead_load_stays_on_the_users_extrados(self):
         arch = MAKERS["straight"](7)
         loaded = Arch.from_joints(
@@ -389,15 +380,6 @@ class TestFromJoints:
         np.testing.assert_allclose(chain.centroid[:, 0], 0.0, atol=1e-14)
         assert chain.mass.sum() == pytest.approx(2620.0 * 5.95 * 1.005, rel=1e-13)
         np.testing.assert_array_equal(chain.face_before[0, :, 1], 0.0)
-
-    def test_column_with_the_names_the_other_way(self):
-        arch = column()
-        turned = Arch.from_joints(
-            arch.extrados, arch.intrados, math.inf, density=2620.0, free_end=True
-        )
-        assert not arch.flipped
-        assert turned.flipped
-        np.testing.assert_allclose(turned.chain.face_after, arch.chain.face_after, atol=1e-14)
 
 
 class TestBlock:
@@ -477,12 +459,6 @@ class TestParameters:
         np.testing.assert_array_equal(joints, [0.0, 30.0, 100.0, 157.5])
         np.testing.assert_array_equal(intrados, [[0.5, 0.0], [0.5, 1.0], [0.5, 2.0]])
         np.testing.assert_array_equal(friction, [0.5, 0.6])
-
-    def test_joint_table_is_apart_from_the_callers(self):
-        intrados = np.array([[0.5, 0.0], [0.5, 1.0], [0.5, 2.0]])
-        arch = Arch.from_joints(intrados, intrados * [-1, 1], 0.5, free_end=True)
-        intrados[:] = 7.0
-        assert arch.intrados.max() == 2.0
 
 
 def onset_by_equilibrium(arch):
