@@ -1,5 +1,6 @@
 """The worked study's committed results are those of its study file, drawing and hazard curve."""
 
+import hashlib
 import json
 import math
 from pathlib import Path
@@ -8,7 +9,6 @@ import pytest
 
 import archfrag as af
 from archfrag.study.config import load_study
-from archfrag.study.files import sha256_of
 
 STUDY = Path(__file__).parents[2] / "docs" / "worked_study"
 RESULTS = STUDY / "results"
@@ -20,8 +20,10 @@ def read(name):
 
 def test_results_belong_to_the_study():
     made = read("provenance")
-    assert made["sha256"] == {name: sha256_of(STUDY / name) for name in made["sha256"]}
-    assert set(made["sha256"]) == {"study.yaml", "bridge.dxf", "hazard.csv"}
+    assert made["sha256"] == {
+        name: hashlib.sha256((STUDY / name).read_bytes()).hexdigest()
+        for name in ("study.yaml", "bridge.dxf", "hazard.csv")
+    }
     assert read("summary")["study"] == load_study(STUDY / "study.yaml").id
     assert made["wall_time_s"] <= 300
     assert sum(path.stat().st_size for path in RESULTS.iterdir()) < 400_000
