@@ -251,7 +251,7 @@ class Block(Chain):
 
 
 class Drawn(Chain):
-    """What blocks of any shape share, whether a file or the study has them."""
+    """What blocks of any shape have in common, whether a file or the study holds them."""
 
     dead_load: LoadOrEach | None = None
     """Weight on the back of all voussoirs, or a list with one for each from the left [N]."""
@@ -262,7 +262,7 @@ class Drawn(Chain):
 
 
 class Polygons(Drawn):
-    """Blocks of any shape, which form a chain by the edges that they share."""
+    """Blocks of any shape, which form a chain by the edges that two have in common."""
 
     profile: Literal["polygons"]
     outlines: Annotated[
@@ -278,7 +278,7 @@ class Polygons(Drawn):
 
 
 class FromDrawing(Drawn):
-    """Blocks of a DXF drawing, which form a chain by the edges that they share."""
+    """Blocks of a DXF drawing, which form a chain by the edges that two have in common."""
 
     profile: Literal["drawing"] = "drawing"
     drawing: PathText
