@@ -434,7 +434,7 @@ class Arch:
         thickness_factor: float = 1.0,
         tolerance: float | None = None,
     ) -> Arch:
-        """Chain of any simple polygons, in any order: joints are the edges that two have in common.
+        """Chain of simple polygons in any order: joints are the edges that two have in common.
 
         Parameters
         ----------
