@@ -537,7 +537,7 @@ class Arch:
         Parameters
         ----------
         path : str or Path
-            File to write; the same arch makes the same bytes.
+            File to write; the same arch and version of ezdxf make the same bytes.
         unit : str
             m, dm, cm, mm, in or ft.
         layer : str
