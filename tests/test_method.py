@@ -1,4 +1,4 @@
-"""METHOD.md and the pages of the method: what they name exists, figures show what they say."""
+"""METHOD.md and the pages of the method: what they name exists, figures are right."""
 
 import importlib
 import inspect
@@ -29,8 +29,8 @@ def equations_named(text):
     """Numbers that follow Eq or Eqs, with lists and ranges."""
     found = set()
     for group in re.findall(r"Eqs? ([\d ,ab]+(?:(?:-| to | and )[\d ,ab]+)*)", text):
-        spread = re.sub(r" to ", "-", group).replace(" and ", ",")
-        for part in re.split(r"[ ,]+", spread):
+        ranges = re.sub(r" to ", "-", group).replace(" and ", ",")
+        for part in re.split(r"[ ,]+", ranges):
             first, _, last = re.sub("[ab]", "", part).partition("-")
             if first.isdigit():
                 found |= set(range(int(first), int(last or first) + 1))

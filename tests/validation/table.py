@@ -61,7 +61,7 @@ class Validated:
     ):  # fmt: skip
         """Assert that `ours` is `reference` to a relative or absolute tolerance, and keep it.
 
-        `short` says why a value is known to fall short: then it has to.
+        A value that is known to fall short gives the reason in `short`, and has to.
         """
         allowed = max(abs, rel * math.fabs(reference))
         ours, reference = float(ours), float(reference)

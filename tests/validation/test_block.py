@@ -26,7 +26,7 @@ def least_friction(stays, low=0.0, high=5.0):
 
 
 def tilted(half, alpha, tilt):
-    """Block and its state turned about its right corner by `tilt` [rad], at rest."""
+    """Block and its state tilted about its right corner by `tilt` [rad], at rest."""
     up = half / math.tan(alpha)
     x = half - (half * math.cos(tilt) - up * math.sin(tilt))
     y = half * math.sin(tilt) + up * math.cos(tilt) - up
@@ -42,11 +42,11 @@ def free_rocking(half, alpha, tilt):
     return run.history, impacts
 
 
-def exact_rocking(half, alpha, tilt, turns):
+def exact_rocking(half, alpha, tilt, swings):
     """Times of impact and amplitudes after them, by the rocking equation and Housner's ratio."""
     rate = 0.75 * g / (half / math.sin(alpha))
 
-    def turning(_, state):
+    def rocking(_, state):
         return [state[1], -rate * math.sin(alpha - state[0])]
 
     def lands(_, state):
@@ -59,11 +59,11 @@ def exact_rocking(half, alpha, tilt, turns):
     lands.direction = tops.direction = -1.0
     ratio = 1.0 - 1.5 * math.sin(alpha) ** 2
     times, amplitudes, now = [], [], 0.0
-    for _ in range(turns):
-        fall = solve_ivp(turning, (0.0, 20.0), [tilt, 0.0], events=lands, **EXACT)
+    for _ in range(swings):
+        fall = solve_ivp(rocking, (0.0, 20.0), [tilt, 0.0], events=lands, **EXACT)
         times.append(now + fall.t[-1])
         speed = -ratio * fall.y[1, -1]
-        rise = solve_ivp(turning, (0.0, 20.0), [0.0, speed], events=tops, **EXACT)
+        rise = solve_ivp(rocking, (0.0, 20.0), [0.0, speed], events=tops, **EXACT)
         now = times[-1] + rise.t[-1]
         tilt = rise.y[0, -1]
         amplitudes.append(tilt)
@@ -137,14 +137,14 @@ class TestFreeRocking:
         times, amplitudes = exact_rocking(0.5, 0.2, 0.1, 3)
         exact = "rocking equation, scipy DOP853"
         small = "rocking equation of small angles"
-        turn = np.abs(history.rotation.values[:, 0])
+        rotation = np.abs(history.rotation.values[:, 0])
         for number in range(3):
             validated(
                 self.CASE, f"time of impact {number + 1}", impacts[number], times[number],
                 exact, rel=1e-5, unit="s",
             )  # fmt: skip
             within = slice(*np.searchsorted(history.time.values, impacts[number : number + 2]))
-            largest = turn[within].max() / 0.2
+            largest = rotation[within].max() / 0.2
             name = f"amplitude after impact {number + 1} over slenderness"
             validated(self.CASE, name, largest, amplitudes[number] / 0.2, exact, rel=1e-4)
             reference = (0.42019, 0.35777, 0.30721)[number]
@@ -161,7 +161,7 @@ class TestFreeRocking:
         after = np.searchsorted(history.time.values, impacts[0] + 1e-9)
         speed, time = history.angular_velocity.values[:, 0], history.time.values
         before = np.searchsorted(time, impacts[0] - 1e-9) - 1
-        # The rates change by the rotational acceleration of a few milliseconds in between.
+        # The rates change by the rotational acceleration of some milliseconds in between.
         rate = 0.75 * g / math.hypot(0.5 * width, 0.5) * math.sin(alpha)
         first = abs(speed[before]) + rate * (impacts[0] - time[before])
         second = abs(speed[after]) + rate * (time[after] - impacts[0])

@@ -153,7 +153,7 @@ class TestOnset:
 
     def test_hinges_of_oppenheims_arch(self, validated):
         start = af.onset(af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7))
-        # Counted from the other springing than ours, which the mirrored motion turns round.
+        # Counted from the other springing than ours: the hinges of the mirrored motion.
         for number, (joint, _) in enumerate(start.hinges_minus):
             validated(
                 "t/R 0.15, embrace 157.5°, 7 voussoirs", f"hinge {number + 1}", joint * 22.5,

@@ -59,7 +59,7 @@ class TestWrongValues:
             found("arch", "onset", 0.38, 0.37, "paper", abs=1e-3, unit="g")
         assert found.record[0][1]["holds"] == "no"
 
-    def test_what_is_said_to_fall_short_has_to(self):
+    def test_a_known_shortfall_has_to_fall_short(self):
         fixture()("arch", "onset", 0.38, 0.37, "paper", abs=1e-3, short="coarse steps")
         with pytest.raises(AssertionError):
             fixture()("arch", "onset", 0.37, 0.37, "paper", abs=1e-3, short="coarse steps")

@@ -78,14 +78,14 @@ def starting_regions(slenderness: float = 0.4, ground_y: float = -0.4) -> HTML:
 
 
 def _regions_over_friction(axes: Axes, block: RigidBlock, ground_y: float, reach: float) -> None:
-    pressed = 1.0 + ground_y
+    upward = 1.0 + ground_y
     tip = block.reach_a / block.rise
-    load = np.unique(np.append(np.linspace(0.0, reach / pressed, 301), tip))
+    load = np.unique(np.append(np.linspace(0.0, reach / upward, 301), tip))
     beyond = load[load >= tip]
     shenton = np.array([rocking_friction(block, CORNER_A, q) for q in beyond])
     inside = load[load <= tip]
     for sign in (1.0, -1.0):
-        x_in, x_out = sign * pressed * inside, sign * pressed * beyond
+        x_in, x_out = sign * upward * inside, sign * upward * beyond
         level, top = np.full(beyond.size, tip), np.full(beyond.size, reach)
         for x, low, high, mechanism in (
             (x_in, inside, np.full(inside.size, reach), Mechanism.REST),
@@ -96,11 +96,11 @@ def _regions_over_friction(axes: Axes, block: RigidBlock, ground_y: float, reach
         ):
             axes.fill_between(x, low, high, color=_SHADE[mechanism], linewidth=0.5)
         axes.plot(x_in, inside, **_BORDER)
-        axes.plot([sign * pressed * tip] * 2, [tip, reach], **_BORDER)
+        axes.plot([sign * upward * tip] * 2, [tip, reach], **_BORDER)
         axes.plot(x_out, level, **_BORDER)
         axes.plot(x_out, shenton, **_BORDER)
         corner = "A" if sign > 0 else "B"
-        middle = 0.5 * sign * (pressed * tip + reach)
+        middle = 0.5 * sign * (upward * tip + reach)
         end = shenton[-1]
         name(axes, middle, 0.5 * (end + reach), f"rock\nover {corner}")
         axes.text(
@@ -213,14 +213,14 @@ def _balance(
     """Eq 19 in plane pi for a corner that had stuck until now."""
     arm = formulas.corner_arm(block, CORNER_A, rotation)
     n_t, n_n = formulas.tangential_gradient(block, arm), formulas.normal_gradient(block, arm)
-    turning = plane.rocking_mechanism(block, arm, 1.0)
+    rocking = plane.rocking_mechanism(block, arm, 1.0)
     known = np.sum(
         plane.centripetal_acceleration(
             n_t, n_n, formulas.tangential_gradient_rate(block, arm, omega),
-            formulas.normal_gradient_rate(block, arm, omega), formulas.scaled(omega, turning),
+            formulas.normal_gradient_rate(block, arm, omega), formulas.scaled(omega, rocking),
         ), axis=0,
     )  # fmt: skip
-    force = -np.array(plane.part_in_plane(formulas.active_force(block, k_s, 0.0, 1.0), turning))
+    force = -np.array(plane.part_in_plane(formulas.active_force(block, k_s, 0.0, 1.0), rocking))
     now = corner_motion(block, CORNER_A, rotation, omega, 0.0, k_s, 0.0, _FRICTION, 1.0)
     psi_t, psi_n = formulas.generalised_reaction(n_t, n_n, now.tangential, now.normal)
     flat = _Plane(n_t, n_n)
@@ -373,8 +373,8 @@ def phase_portrait() -> HTML:
             af.Block(width, height, friction=2.0), af.Motion(np.zeros(400), 0.01), initial=state,
             method="event_driven", rtol=1e-6, history=True,
         ).history  # fmt: skip
-        turn, rate = history.rotation.values[:, 0], history.angular_velocity.values[:, 0]
-        axes.plot(turn / alpha, rate, color=colour, label=f"from {part:g} α")
+        angle, rate = history.rotation.values[:, 0], history.angular_velocity.values[:, 0]
+        axes.plot(angle / alpha, rate, color=colour, label=f"from {part:g} α")
     axes.set(xlabel="rotation / α", ylabel="angular velocity [rad/s]")
     axes.legend(loc="upper right")
     return shown(

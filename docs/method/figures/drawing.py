@@ -1,4 +1,4 @@
-"""What the figures of the method share: colours, sheets, arrows, and how a page shows them."""
+"""What all figures of the method use: colours, sheets, arrows, and how a page shows them."""
 
 import base64
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from archfrag import Arch
 
-# Okabe and Ito (2008), apart for eyes that do not tell red from green.
+# Okabe and Ito (2008), apart for eyes that do not separate red from green.
 INK, GREY, PALE = "#24313d", "#6b7780", "#d5dbe0"
 BLUE, GREEN, ORANGE, VERMILION = "#0072b2", "#009e73", "#b87a00", "#d55e00"
 PURPLE, SKY = "#a0568a", "#56b4e9"
@@ -59,7 +59,7 @@ def shown(figure: Figure, words: str, caption: str) -> HTML:
 def arrow(
     axes: Axes, start: ArrayLike, end: ArrayLike, colour: str, label: str = "", at: float = 1.0
 ) -> None:
-    """An arrow; its label stands at a part of its way, on the right for a negative part."""
+    """An arrow; its label stands at a part of its length, on the right for a negative part."""
     start, end = np.asarray(start, float), np.asarray(end, float)
     axes.annotate(
         "", xy=tuple(end), xytext=tuple(start),
