@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 import archfrag as af
 from archfrag.mechanics.block.formulas import CORNER_A, uniform_block
 from archfrag.mechanics.block.motion import ROCK, rocking_impact, starting_motion
-from archfrag.mechanics.block.regions import painleve_friction
+from archfrag.mechanics.block.regions import painleve_friction, rocking_acceleration
 from tests.validation.scenes import falls, first_collapse, g
 
 TOPIC = "Single block"
@@ -177,6 +177,37 @@ def one_sine(frequency, unit):
     return af.Motion(unit * g * np.append(np.sin(frequency * time[:-1]), 0.0), time[1])
 
 
+def impacts_before_overturning(block, load, frequency, ratio):
+    """How often a block impacts under one sine of `load` [g] before it tips; None if it stands."""
+    end = 2 * math.pi / frequency
+
+    def rates(time, state, side):
+        ground = load * math.sin(frequency * time) if time < end else 0.0
+        return state[1], rocking_acceleration(block, side, state[0], ground, 0.0, g)
+
+    def flat(_, state, side):
+        return state[0]
+
+    def over(_, state, side):
+        return abs(state[0]) - 0.5 * math.pi
+
+    flat.terminal = over.terminal = True
+    # It starts to rock where the sine reaches its slenderness.
+    time = math.asin(block.reach_a / block.rise / load) / frequency
+    side, impacts, state = CORNER_A, 0, (1e-12 * -CORNER_A, 0.0)
+    while time < 60.0 and impacts < 3:
+        flat.direction = side
+        until = end if time < end else time + 60.0
+        found = solve_ivp(rates, (time, until), state, args=(side,), events=(flat, over), **EXACT)
+        time, state = found.t[-1], found.y[:, -1]
+        if found.t_events[1].size:
+            return impacts
+        if found.t_events[0].size:
+            impacts, side = impacts + 1, -side
+            state = (1e-12 * -side, ratio * state[1])
+    return None
+
+
 class TestOverturning:
     def test_one_sine_small_angle(self, validated):
         """Without impact it falls to the other side than after one."""
@@ -193,6 +224,30 @@ class TestOverturning:
         validated(
             "one sine, ω/p 5, no impact, small angle", "least amplitude over α g", found, 7.168,
             "Zhang and Makris 2001; rocking equation", rel=3e-3,
+        )  # fmt: skip
+
+    @pytest.mark.parametrize(("low", "high", "expected"), [(2.9, 3.2, 3.033), (6.6, 6.9, 6.739)])
+    def test_one_impact(self, validated, low, high, expected):
+        """Ends of the range of amplitudes that overturn after one impact, by our accelerations."""
+        alpha, p = 0.25, 2.14
+        radius = 0.75 * g / p**2
+        block = uniform_block(2 * radius * math.sin(alpha), 2 * radius * math.cos(alpha), 1.0)
+
+        def after_one_impact(amplitude):
+            return impacts_before_overturning(block, amplitude * alpha, 5 * p, 0.9) == 1
+
+        begins = after_one_impact(high)
+        assert after_one_impact(low) != begins
+        while high - low > 2e-4:
+            middle = 0.5 * (low + high)
+            if after_one_impact(middle) == begins:
+                high = middle
+            else:
+                low = middle
+        validated(
+            "one sine, ω/p 5, one impact of ratio 0.9, α 0.25",
+            f"{'least' if begins else 'largest'} amplitude over α g", high, expected,
+            "rocking equation", rel=1e-3,
         )  # fmt: skip
 
     def test_one_sine_large_rotations(self, validated):

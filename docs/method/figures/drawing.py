@@ -51,8 +51,9 @@ def shown(figure: Figure, words: str, caption: str) -> HTML:
     figure.savefig(held, format="svg", metadata={"Date": None, "Creator": None})
     data = base64.b64encode(held.getvalue()).decode()
     return HTML(
-        f'<figure><img style="max-width:100%;background:#fff" alt="{escape(words)}" '
-        f'src="data:image/svg+xml;base64,{data}"><figcaption>{caption}</figcaption></figure>'
+        '<figure style="margin:1em 0"><div style="overflow-x:auto"><img style="width:100%;'
+        f'min-width:32rem;background:#fff" alt="{escape(words)}" '
+        f'src="data:image/svg+xml;base64,{data}"></div><figcaption>{caption}</figcaption></figure>'
     )
 
 
