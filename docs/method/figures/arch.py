@@ -74,6 +74,7 @@ def scheme() -> HTML:
     bare(axes)
     return shown(
         figure, "An arch of seven voussoirs, joints numbered from 0 to 7",
+        "Fig 8. "
         "Voussoirs i = 1 … n between joints j = 0 … n; the ground moves horizontally.",
     )  # fmt: skip
 
@@ -96,6 +97,7 @@ def joint() -> HTML:
     bare(axes)
     return shown(
         figure, "Two voussoirs that touch at a corner with an open joint between them",
+        "Fig 9. "
         "At an open joint each face has a normal of its own, and Signorini’s and Coulomb’s laws "
         "hold for both; at a closed joint the two coincide.",
     )  # fmt: skip
@@ -122,6 +124,7 @@ def onset(times: float = 1.0) -> HTML:
     words = ", ".join(f"{joint} {side}" for joint, side in start.hinges)
     return shown(
         figure, "The arch at onset: four hinges, rotation centres and thrust line",
+        "Fig 10. "
         f"Ground accelerating to the right at {start.plus:.4f} g: hinges {words}. C₂, about which "
         "the middle mega-voussoir starts to rotate, lies where the lines C₁ C₁,₂ and C₃ C₂,₃ "
         "meet; the thrust line passes through all four hinges.",

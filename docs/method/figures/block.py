@@ -70,6 +70,7 @@ def starting_regions(slenderness: float = 0.4, ground_y: float = -0.4) -> HTML:
         figure,
         f"Regions of starting motion of a block with b/h = {slenderness:g}: rest, slide, rock, "
         "slide-rock and lift-off, by ground acceleration and friction",
+        "Fig 1: the block. "
         f"Motion that starts from rest, uniform block with b/h = {slenderness:g}; kₛ and kᵥ are "
         "the accelerations of the ground in g, to the right and upwards. Borders: rest and slide "
         "|kₛ| = μ (1 + kᵥ); rest and rock |kₛ| = (b/h)(1 + kᵥ); slide and slide-rock μ = b/h; the "
@@ -183,6 +184,7 @@ def reactions_in_cone() -> HTML:
         figure,
         "Four balances of a block about a corner, drawn in the plane of the generalised "
         "directions of its contact: starting to rock, rocking, starting to slide-rock, sliding",
+        "Figs 4 to 7. "
         f"Uniform block, b/h = {b / h:g}, μ = {_FRICTION:g}, in contact at corner A; vectors in "
         "plane π, with mass, weight and height one. Nₜ and Nₙ are not orthogonal in the metric of "
         "kinetic energy, so Coulomb’s cone (shaded, from N⁻ to N⁺) leans. Starting to rock, −S "
@@ -314,6 +316,7 @@ def laws() -> HTML:
     return shown(
         figure,
         "Two graphs: normal reaction over lift-off, tangential reaction over slip",
+        "Figs 2 and 3. "
         f"Reactions and accelerations of a squat block (b/h = 2, μ = {_FRICTION:g}) under "
         "vertical (left) and horizontal (right) ground accelerations: each point is one solution.",
     )  # fmt: skip
