@@ -22,7 +22,7 @@ ROWS = ROW.findall(TEXT)
 PAGES = TESTS.parent / "docs" / "method"
 sys.path.insert(0, str(PAGES))
 
-from figures import arch, block, equations  # noqa: E402
+from figures import arch, block, cone, equations  # noqa: E402
 
 
 def equations_named(text):
@@ -121,7 +121,7 @@ class TestFigures:
         body = uniform_block(0.4, 1.0, 1.0)
         arm = formulas.corner_arm(body, CORNER_A, 0.1)
         pair = formulas.tangential_gradient(body, arm), formulas.normal_gradient(body, arm)
-        flat = block._Plane(*pair)
+        flat = cone.Plane(*pair)
         for a in pair:
             for b in pair:
                 assert flat(a) @ flat(b) == pytest.approx(formulas.dot(a, b))

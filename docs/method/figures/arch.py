@@ -229,8 +229,9 @@ def mechanism(amplitude: float = 0.5, end: float = 1.2) -> HTML:
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     for j in range(arch().n_joint):
         for modes, side in (((1, 2, 3), "intrados"), ((4, 5, 6), "extrados")):
-            held = np.isin(mode[:-1, j], modes)
-            spans = [[(a, j), (b, j)] for a, b, on in zip(time, time[1:], held) if on]
+            held = np.r_[False, np.isin(mode[:-1, j], modes), False]
+            ends = time[np.flatnonzero(np.diff(held.astype(int)))].reshape(-1, 2)
+            spans = [[(a, j), (b, j)] for a, b in ends]
             upper.add_collection(LineCollection(spans, colors=SIDES[side], linewidths=5))
     upper.set(ylim=(-0.6, arch().n_joint - 0.4), ylabel="joint hinged at")
     for side, colour in SIDES.items():
