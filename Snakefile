@@ -8,7 +8,7 @@ leave_snakemakes_cache()
 
 from archfrag.kernel_cache import kernel_hash
 from archfrag.study.config import load_study
-from archfrag.study.digests import source_hash
+from archfrag.study.files import source_hash
 from archfrag.study.steps import batch_step, forget_stale
 
 STUDY_FILE = str(Path(config["study"]).absolute())

@@ -292,7 +292,7 @@ class TestEnergy:
         energy = af.simulate(oppenheim(), pulse(0.5, 0.3), follow=follow).energy
         assert (energy["kinetic"] > 0.0) == (follow == 0.0)
         gained = energy["kinetic"] + energy["potential"]
-        given = energy["ground"] + energy["friction"] + energy["impacts"] + energy["stray"]
+        given = energy["ground"] + energy["friction"] + energy["impacts"] + energy["balance_error"]
         assert gained == pytest.approx(given, abs=1e-9 * energy["largest_kinetic"])
 
     def test_what_no_law_explains_is_small_and_of_second_order_before_impacts(self):
@@ -316,7 +316,7 @@ class TestEnergy:
             largest = response.energy["largest_kinetic"]
             assert response.energy["friction"] <= 0.0
             assert response.energy["impacts"] <= 0.0
-            assert response.energy["stray"] <= 1e-2 * largest  # ten times the tolerance
+            assert response.energy["balance_error"] <= 1e-2 * largest  # ten times the tolerance
             assert response.status in (Status.STANDING, Status.COLLAPSED, Status.UNFINISHED)
 
 
