@@ -31,7 +31,6 @@ localrules:
     all,
     motions,
     results,
-    method_figures,
     evidence,
 
 
@@ -43,5 +42,4 @@ rule all:
 include: "pipeline/rules/motions.smk"
 include: "pipeline/rules/simulations.smk"
 include: "pipeline/rules/results.smk"
-include: "pipeline/rules/method.smk"
 include: "pipeline/rules/evidence.smk"

@@ -227,23 +227,6 @@ def simulate(
     click.echo(json.dumps(facts) if as_json else response_text(response, scale))
 
 
-@main.group()
-def figures() -> None:
-    """Draw figures that need no study."""
-
-
-@figures.command()
-@click.argument("folder", metavar="OUT_DIR", type=click.Path(path_type=Path, file_okay=False))
-@click.option("--slenderness", type=float, default=0.4, show_default=True,
-              help="base over height of the block whose regions are drawn")  # fmt: skip
-def method(folder: Path, slenderness: float) -> None:
-    """The method on a single block: starting motion, reactions within Coulomb's cone."""
-    from archfrag.report.block_figures import write_method_figures
-
-    for path in write_method_figures(folder, slenderness):
-        click.echo(path)
-
-
 @main.command()
 @click.argument("parts", nargs=-1, metavar="[PART]...")
 @click.option("--quick", is_flag=True, help="The reduced set: less than 20 minutes on two cores.")

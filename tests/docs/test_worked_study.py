@@ -8,7 +8,7 @@ import pytest
 
 import archfrag as af
 from archfrag.study.config import load_study
-from archfrag.study.digests import sha256_of
+from archfrag.study.files import sha256_of
 
 STUDY = Path(__file__).parents[2] / "docs" / "worked_study"
 RESULTS = STUDY / "results"

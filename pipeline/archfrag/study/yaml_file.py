@@ -47,7 +47,9 @@ class _Loader(yaml.SafeLoader):
         node = super().compose_node(parent, index)
         self._depth -= 1
         if isinstance(event, yaml.AliasEvent) and id(node) not in self._complete:
-            raise _marked(f"the alias {_short(str(event.anchor))} stands inside what it repeats", event)
+            raise _marked(
+                f"the alias {_short(str(event.anchor))} stands inside what it repeats", event
+            )
         if isinstance(node, yaml.ScalarNode) and _CONTROL.search(node.value):
             raise _marked("text must hold no control characters", event)
         self._complete.add(id(node))
