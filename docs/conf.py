@@ -14,6 +14,7 @@ sys.path.insert(0, str(HERE / "extensions"))
 # Cells call `archfrag` as a person would; it stands beside the interpreter that builds.
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
 os.environ["ARCHFRAG_DOCS"] = str(HERE)
+os.environ["PYTHONPATH"] = str(HERE / "extensions")
 os.environ.setdefault("PYDEVD_DISABLE_FILE_VALIDATION", "1")
 
 project = "archfrag"
@@ -25,6 +26,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "numpydoc",
     "sphinx_click",
+    "cells",
     "mathml",
     "study_keys",
 ]
@@ -34,10 +36,11 @@ myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 myst_links_external_new_tab = False
 nb_execution_mode = "force"
-nb_execution_raise_on_error = True
-nb_execution_timeout = 120
+nb_execution_show_tb = True  # with -W a cell that fails is an error
+nb_execution_timeout = 600  # of one cell, on a loaded machine with kernels to compile
 nb_execution_in_temp = True
 nb_merge_streams = True
+nb_output_stderr = "remove"  # progress
 
 autodoc_typehints = "none"
 autodoc_member_order = "bysource"
@@ -56,3 +59,8 @@ html_baseurl = ""
 logging.getLogger("sphinx.sphinx.directives.other").addFilter(
     lambda record: "didn't match any documents" not in str(record.msg)
 )
+
+
+def setup(app):
+    """Cells put files that pages link into the built site."""
+    os.environ["ARCHFRAG_SITE"] = str(app.outdir)
