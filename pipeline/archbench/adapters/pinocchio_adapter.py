@@ -37,7 +37,7 @@ class PinocchioStepper:
         mass = bodies.mass / bodies.mass.mean()
         self.inverse = 1.0 / np.column_stack([mass, mass, bodies.inertia / bodies.mass.mean()])
         self.corners = Corners(scene)
-        self.contacts = count = len(self.corners.joint)
+        self.count = count = len(self.corners.joint)
         self.models, self.datas = pin.StdVec_ConstraintModel(), pin.StdVec_ConstraintData()
         for _ in range(count):
             contact = pin.PointContactConstraintModel(pin.Model())
@@ -55,7 +55,7 @@ class PinocchioStepper:
     def advance(self, ground_acceleration: NDArray) -> None:
         """Take as many steps as there are values [m/s2], each with its value held."""
         dt, result = self.dt, self.result
-        jacobian = np.zeros((3 * self.contacts, 3 * len(self.q) + 3))
+        jacobian = np.zeros((3 * self.count, 3 * len(self.q) + 3))
         inverse = self.inverse.ravel()
         for value in ground_acceleration.tolist():
             gap, matrix = self.corners.linearise(self.q)

@@ -112,9 +112,5 @@ class SiconosStepper:
     def centroids(self) -> NDArray:
         return self.start + np.array([body.q()[:2] for body in self.bodies])
 
-    @property
-    def contacts(self) -> int | None:
-        return int(self.problem.getSizeOutput()) // 2
-
 
 build = SiconosStepper
