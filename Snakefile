@@ -8,7 +8,7 @@ leave_snakemakes_cache()
 
 from archfrag.kernel_cache import kernel_hash
 from archfrag.study.config import load_study
-from archfrag.study.digests import source_hash
+from archfrag.study.files import source_hash
 from archfrag.study.steps import batch_step, forget_stale
 
 STUDY_FILE = str(Path(config["study"]).absolute())
@@ -31,7 +31,6 @@ localrules:
     all,
     motions,
     results,
-    method_figures,
     evidence,
 
 
@@ -43,5 +42,4 @@ rule all:
 include: "pipeline/rules/motions.smk"
 include: "pipeline/rules/simulations.smk"
 include: "pipeline/rules/results.smk"
-include: "pipeline/rules/method.smk"
 include: "pipeline/rules/evidence.smk"

@@ -2,6 +2,10 @@
 
 from pathlib import Path
 
+import pytest
+
+from tests.validation.table import Writer, validated  # noqa: F401
+
 
 def pytest_ignore_collect(collection_path: Path) -> bool | None:
     """Of the tests' own helpers no examples are collected: some need other people's solvers."""
@@ -9,3 +13,15 @@ def pytest_ignore_collect(collection_path: Path) -> bool | None:
         ("test_", "_")
     )
     return helper or None
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--validation-table", metavar="CSV", help="write the values that tests compare with others"
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    path = config.getoption("--validation-table", None)
+    if path and not hasattr(config, "workerinput"):
+        config.pluginmanager.register(Writer(Path(path)))

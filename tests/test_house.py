@@ -9,7 +9,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 TOP = {
     ".ci", ".git", ".gitignore", "CHANGELOG.md", "CITATION.cff", "LICENSE", "README.md",
-    "Snakefile", "configs", "pipeline", "pyproject.toml", "records", "tests",
+    "Snakefile", "configs", "docs", "pipeline", "pyproject.toml", "records", "tests",
 }  # fmt: skip
 BIN = Path(sys.executable).parent
 

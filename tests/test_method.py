@@ -1,16 +1,28 @@
-"""METHOD.md: every equation has a function and a test, and both exist."""
+"""METHOD.md and the pages of the method: what they name exists, figures show what they say."""
 
 import importlib
 import inspect
 import re
+import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from matplotlib.colors import to_hex
+
+from archfrag.mechanics.block import formulas
+from archfrag.mechanics.block.formulas import CORNER_A, uniform_block
+from archfrag.mechanics.block.motion import Mechanism
+from archfrag.mechanics.block.regions import starting_region
 
 TESTS = Path(__file__).parent
 TEXT = (TESTS.parent / "pipeline" / "METHOD.md").read_text(encoding="utf-8")
 ROW = re.compile(r"^\| (\d+) \| [^|]+ \| `([\w.]+):(\w+)` \| `([\w/.]+)(?:::(\w+))?` \|$", re.M)
 ROWS = ROW.findall(TEXT)
+PAGES = TESTS.parent / "docs" / "method"
+sys.path.insert(0, str(PAGES))
+
+from figures import arch, block, equations  # noqa: E402
 
 
 def equations_named(text):
@@ -46,3 +58,88 @@ def test_every_other_name_in_it_exists():
             continue
         home = importlib.import_module(f"archfrag.{module}")
         assert not name or hasattr(home, name), f"{module}:{name}"
+
+
+class TestPages:
+    def test_show_every_equation_with_its_function(self):
+        text = "".join(path.read_text(encoding="utf-8") for path in PAGES.glob("*.md"))
+        tags = re.findall(r"\\tag\{(\d+)[ab]?\}", text)
+        assert sorted(map(int, tags)) == sorted([*range(1, 36), 23])
+        named = [
+            int(n) for call in re.findall(r"holds\(([\d, ]+)\)", text) for n in call.split(",")
+        ]
+        assert named == list(range(1, 36))
+
+    def test_rows_are_those_of_the_table(self):
+        assert {
+            number: (found[1], found[2]) for number, found in equations.rows().items()
+        } == {
+            int(number): (f"{module}:{name}", f"{file}::{test}" if test else file)
+            for number, module, name, file, test in ROWS
+        }  # fmt: skip
+        assert "four_hinges" in equations.holds(29)
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """The figures of a module instead of what a page shows."""
+    monkeypatch.setattr(block, "shown", lambda figure, *_: figure)
+    monkeypatch.setattr(arch, "shown", lambda figure, *_: figure)
+
+
+def shades_at(axes, x, y):
+    """Colours of the regions that are drawn at a point."""
+    found = set()
+    for shape in [*axes.collections, *axes.patches]:
+        if hasattr(shape, "get_paths"):
+            paths, colour = shape.get_paths(), shape.get_facecolor()[0]
+        else:
+            paths = [shape.get_path().transformed(shape.get_patch_transform())]
+            colour = shape.get_facecolor()
+        if any(path.contains_point((x, y)) for path in paths):
+            found.add(to_hex(colour))
+    return found
+
+
+class TestFigures:
+    @pytest.mark.parametrize("slenderness", [0.2, 1.0])
+    def test_the_shade_of_a_point_is_that_of_its_motion(self, slenderness, drawn):
+        first, second, third, _ = block.starting_regions(slenderness).axes
+        body, rng = uniform_block(slenderness, 1.0, 1.0), np.random.default_rng(1)
+        reach, seen = 2.5 * slenderness, set()
+        for x, y in rng.uniform([-reach, 0.0], [reach, reach], (300, 2)):
+            for axes, ground_y in ((first, 0.0), (second, -0.4)):
+                mechanism = starting_region(body, x, ground_y, y)[0]
+                assert block._SHADE[mechanism] in shades_at(axes, x, y)
+                seen.add(mechanism)
+        for x, y in rng.uniform([-reach, -1.0], [reach, 0.8], (300, 2)):
+            mechanism = starting_region(body, x, y, 1.5 * slenderness)[0]
+            assert block._SHADE[mechanism] in shades_at(third, x, y)
+        assert seen == set(Mechanism) - {Mechanism.LIFT_OFF}
+
+    def test_plane_keeps_lengths_and_angles(self):
+        body = uniform_block(0.4, 1.0, 1.0)
+        arm = formulas.corner_arm(body, CORNER_A, 0.1)
+        pair = formulas.tangential_gradient(body, arm), formulas.normal_gradient(body, arm)
+        flat = block._Plane(*pair)
+        for a in pair:
+            for b in pair:
+                assert flat(a) @ flat(b) == pytest.approx(formulas.dot(a, b))
+
+    def test_second_level_is_within_its_limits_and_hinges_are_at_corners(self):
+        now = arch.Instant(arch.run(0.4), 0.25)
+        opened = [j for j, mode in enumerate(now.mode) if mode != arch.CLOSED]
+        assert opened == [0, 2, 4, 7]
+        assert now.place[opened] == pytest.approx([1.0, 0.0, 1.0, 0.0], abs=1e-9)
+        inner = np.setdiff1d(np.arange(8), opened)
+        assert ((now.place[inner] > 0.0) & (now.place[inner] < 1.0)).all()
+        assert (np.abs(now.slope) < 0.7).all()
+
+    def test_laws_are_traced_on_both_branches(self, drawn):
+        normal, tangential = block.laws().axes
+        rate, force = normal.lines[0].get_data()
+        assert np.abs(np.asarray(rate) * np.asarray(force)).max() < 1e-12
+        assert {np.max(rate) > 0.1, np.max(force) > 0.1} == {True}
+        slip, ratio = (np.asarray(data) for data in tangential.lines[0].get_data())
+        assert np.abs(ratio).max() == pytest.approx(0.6, rel=1e-9)
+        assert (ratio[np.abs(slip) > 1e-9] * slip[np.abs(slip) > 1e-9] < 0.0).all()

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from importlib.metadata import version
 
 import pytest
 
@@ -19,10 +18,6 @@ def ask(code):
 def test_every_name_is_there(name):
     assert getattr(af, name) is not None
     assert name in dir(af)
-
-
-def test_version_is_the_installed_one():
-    assert af.__version__ == version("archfrag")
 
 
 def test_an_unknown_name_is_refused():

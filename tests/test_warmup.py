@@ -9,10 +9,7 @@ import time
 
 import psutil
 import pytest
-from click.testing import CliRunner
 
-from archfrag.cli import main
-from archfrag.errors import InputError
 from archfrag.simulate import expected_compile_time, kernels_are_compiled, warmup
 from archfrag.simulation import warm
 
@@ -121,18 +118,6 @@ class TestMessages:
         assert 0.3 <= warm.expected_time(["auto"]) < 30.0
         assert warm.expected_time(["auto", "penalty"]) > warm.EXPECTED
 
-    def test_what_failed_is_not_noted(self, empty):
-        with pytest.raises(ZeroDivisionError), warm.compiling(["auto"]):
-            raise ZeroDivisionError
-        assert not warm.are_compiled(["auto"])
-
-    def test_nothing_is_kept(self, monkeypatch):
-        monkeypatch.setattr(warm, "use_kernel_cache", lambda: None)
-        said = []
-        with warm.compiling(["auto"], said.append):
-            pass
-        assert said[0] == "compiling kernels, once: 0 s of about 80 s"
-
 
 class TestSecondProcess:
     @pytest.mark.parametrize(("cores", "expected"), [(1, 0), (2, 1)])
@@ -176,17 +161,3 @@ class TestSecondProcess:
         told = python(code, NUMBA_DISABLE_JIT="1", NUMBA_CACHE_DIR=str(tmp_path))
         assert told.strip() == "['loading kernels']"
         assert not [path for path in tmp_path.rglob("*") if path.is_file()]
-
-
-class TestCommand:
-    def test_one_method(self):
-        done = CliRunner().invoke(main, ["warmup", "--method", "auto"])
-        assert done.exit_code == 0
-        assert done.stdout.startswith("kernels ready after ")
-
-    def test_unknown_method(self):
-        done = CliRunner().invoke(main, ["warmup", "--method", "newmark"])
-        assert done.exit_code != 0
-        assert "method is 'newmark'; allowed are" in done.output
-        with pytest.raises(InputError):
-            warmup("newmark")

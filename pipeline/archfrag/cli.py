@@ -13,7 +13,13 @@ from typing import Any
 import click
 
 from archfrag.cli_export import export
-from archfrag.cli_records import json_option, reads_record, records
+from archfrag.cli_records import (
+    json_option,
+    reads_record,
+    records,
+    set_option,
+    study_argument,
+)  # fmt: skip
 from archfrag.cli_risk import risk
 
 
@@ -49,14 +55,15 @@ class _Group(click.Group):
 def _version(ctx: click.Context, parameter: click.Parameter, wanted: bool) -> None:
     if wanted and not ctx.resilient_parsing:
         import archfrag
+        from archfrag.study.provenance import commit
 
-        click.echo(f"archfrag {archfrag.__version__}")
+        click.echo(f"archfrag {archfrag.__version__} (commit {commit()})")
         ctx.exit()
 
 
 @click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--version", is_flag=True, is_eager=True, expose_value=False, callback=_version,
-              help="Show the version and end.")  # fmt: skip
+              help="Show version and commit, and end.")  # fmt: skip
 def main() -> None:
     """From earthquake records to collapse probabilities of masonry arches.
 
@@ -65,16 +72,21 @@ def main() -> None:
     """
 
 
+@main.command()
+@click.argument("folder", type=click.Path(path_type=Path), default=".")
+def init(folder: Path) -> None:
+    """Write a commented study to start from, with the shipped motions, into FOLDER (.)."""
+    from archfrag.study.starter import write_starter
+
+    click.echo(f"run it with: archfrag run {shlex.quote(str(write_starter(folder)))}")
+
+
 main.add_command(records)
 main.add_command(export)
 main.add_command(risk)
 
-_set = click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE",
-                    help="Override a key of the study file, e.g. --set method.dt=0.0005; paths "
-                    "are relative to the current folder. Repeatable.")  # fmt: skip
 _log = click.option("--log", "log_file", type=click.Path(path_type=Path),
                     help="Write messages and errors to this file too.")  # fmt: skip
-_study = click.argument("study_file", metavar="STUDY", type=click.Path(path_type=Path))
 
 
 def _step(command: Callable) -> Callable:
@@ -100,7 +112,7 @@ def _step(command: Callable) -> Callable:
             if name != "results":  # which has noted each of its steps
                 finish(study, name)
 
-    return main.command()(_study(_set(_log(wrapped))))
+    return main.command()(study_argument(set_option(_log(wrapped))))
 
 
 _GEOMETRY = (
@@ -113,6 +125,12 @@ _GEOMETRY = (
     ("height", "of a block [m]"),
     ("density", "of the masonry [kg/m3]"),
     ("depth", "across the plane [m]"),
+    ("thickness_factor", "of a drawing: its joints are longer by it"),
+)
+_DRAWING = (
+    ("drawing", "take the blocks from a DXF file: closed polylines, and lines on the ground"),
+    ("layer", "of the drawing; the only one with polylines if not given"),
+    ("drawing_unit", "m, dm, cm, mm, in or ft; what the drawing states if not given"),
 )
 _PROFILES = ("circular", "segmental", "pointed", "elliptic", "catenary", "block")
 
@@ -122,7 +140,8 @@ def _takes_arch(command: Callable) -> Callable:
 
     @functools.wraps(command)
     def wrapped(study: Path | None, arch_id: str | None, **options: Any) -> None:
-        names = ["profile", "voussoirs", "friction", "straight", *(n for n, _ in _GEOMETRY)]
+        names = ["profile", "voussoirs", "friction", "straight"]
+        names += [name for name, _ in (*_GEOMETRY, *_DRAWING)]
         given = {name: options.pop(name) for name in names}
         from archfrag.study.single import arch_by_numbers, arch_of_study
 
@@ -133,7 +152,9 @@ def _takes_arch(command: Callable) -> Callable:
         command(arch, **options)
 
     for name, text in reversed(_GEOMETRY):
-        wrapped = click.option(f"--{name}", type=float, help=text)(wrapped)
+        wrapped = click.option(f"--{name.replace('_', '-')}", type=float, help=text)(wrapped)
+    for name, text in reversed(_DRAWING):
+        wrapped = click.option(f"--{name.replace('_', '-')}", help=text)(wrapped)
     for option in (
         click.option("--straight", is_flag=True, help="straight-sided voussoirs"),
         click.option("--friction", type=float, help="Coulomb coefficient; inf: its limit"),
@@ -158,6 +179,17 @@ def onset(arch: Any, as_json: bool) -> None:
 
     start = find_onset(arch)
     click.echo(json.dumps(onset_facts(start)) if as_json else onset_text(start))
+
+
+@main.command()
+@_takes_arch
+@click.option("--output", type=click.Path(path_type=Path), required=True, metavar="FILE",
+              help="DXF file to write.")  # fmt: skip
+@click.option("--output-unit", default="m", show_default=True, help="m, dm, cm, mm, in or ft")
+def draw(arch: Any, output: Path, output_unit: str) -> None:
+    """Draw an arch as DXF: blocks as closed polylines, what they stand on as lines."""
+    arch.to_dxf(output, output_unit)
+    click.echo(f"drawing: {output}")
 
 
 @main.command()
@@ -193,23 +225,6 @@ def simulate(
     response = run_simulation(arch, motion, scale=scale, **options)
     facts = response_facts(response, scale)
     click.echo(json.dumps(facts) if as_json else response_text(response, scale))
-
-
-@main.group()
-def figures() -> None:
-    """Draw figures that need no study."""
-
-
-@figures.command()
-@click.argument("folder", metavar="OUT_DIR", type=click.Path(path_type=Path, file_okay=False))
-@click.option("--slenderness", type=float, default=0.4, show_default=True,
-              help="base over height of the block whose regions are drawn")  # fmt: skip
-def method(folder: Path, slenderness: float) -> None:
-    """The method on a single block: starting motion, reactions within Coulomb's cone."""
-    from archfrag.report.block_figures import write_method_figures
-
-    for path in write_method_figures(folder, slenderness):
-        click.echo(path)
 
 
 @main.command()
@@ -264,8 +279,8 @@ def evidence(
 
 
 @main.command()
-@_study
-@_set
+@study_argument
+@set_option
 @json_option
 def validate(study_file: Path, overrides: tuple[str, ...], as_json: bool) -> None:
     """Check a study file whole: keys, records, arches, output folder; runs nothing."""
@@ -300,8 +315,8 @@ def warmup(method: str | None) -> None:
 
 
 @main.command()
-@_study
-@_set
+@study_argument
+@set_option
 @click.option("--resume", is_flag=True, help="Go on where a run was killed.")
 @click.option("--cores", type=click.IntRange(min=1), help="Cores to use; all if not given.")
 @click.option("--profile", type=click.Path(path_type=Path, exists=True, file_okay=False),
@@ -309,12 +324,15 @@ def warmup(method: str | None) -> None:
 @click.option("--quiet", is_flag=True, help="Nothing but errors.")
 def run(study_file: Path, overrides: tuple[str, ...], quiet: bool, **options: Any) -> None:
     """Do all of a study that is not done yet: motions, simulations, cube, curves, report."""
+    from archfrag.study.config import load_study
     from archfrag.study.tree import Stopped, stoppable
+    from archfrag.study.workflow import RunOptions, run_study
 
     typed = shlex.join(["archfrag", "run", str(study_file), *(f"--set={o}" for o in overrides)])
     try:
         with stoppable() as stop:
-            found, anything = _run(study_file, overrides, stop, typed, quiet, options)
+            study = load_study(study_file, overrides)
+            anything = run_study(study, RunOptions(typed=typed, quiet=quiet, **options), stop)
     except Stopped as stopped:
         click.echo(
             f"archfrag: {stopped}; what is finished is kept, `{typed} --resume` goes on", err=True
@@ -323,26 +341,7 @@ def run(study_file: Path, overrides: tuple[str, ...], quiet: bool, **options: An
     if not quiet:
         if not anything:
             click.echo("archfrag: nothing to do: all results are up to date", err=True)
-        click.echo(f"report: {found}")
-
-
-def _run(
-    study_file: Path, overrides: tuple[str, ...], stop: Any, typed: str, quiet: bool, options: Any
-) -> tuple[Path, bool]:
-    """The report of a study, up to date, and whether there was anything to do."""
-    from archfrag.study.uptodate import finished_report, note_finished, request_of
-
-    request = request_of(study_file, overrides)
-    report_file = finished_report(study_file, request)
-    if report_file is not None:
-        return report_file, False
-    from archfrag.study.config import load_study
-    from archfrag.study.workflow import RunOptions, run_study
-
-    study = load_study(study_file, overrides)
-    anything = run_study(study, RunOptions(typed=typed, quiet=quiet, **options), stop)
-    note_finished(study, request)
-    return study.folder / "report.html", anything
+        click.echo(f"report: {study.folder / 'report.html'}")
 
 
 @_step
@@ -423,18 +422,18 @@ def _cube(study: Any, say: Callable[[str], None]) -> None:
 
 def _fit(study: Any, say: Callable[[str], None]) -> None:
     from archfrag.study.cautions import study_cautions
-    from archfrag.study.fits import FITS, fit_cube, fit_sentence, load_answers
+    from archfrag.study.fits import FITS, fit_cube, fit_text, load_answers
     from archfrag.study.members import SHOWN
     from archfrag.study.steps import require
 
     require(study, "cube")
     found = fit_cube(study)
     for name, curve in list(found.items())[:SHOWN]:
-        say(f"fit: {fit_sentence(study, name, curve)}")
+        say(f"fit: {fit_text(study, name, curve)}")
     if len(found) > SHOWN:
         say(f"fit: {len(found) - SHOWN} more arches in {study.folder / FITS}")
     for name, curve in load_answers(study.folder / FITS, "classes").items():
-        say(f"fit: class {fit_sentence(study, name, curve)}")
+        say(f"fit: class {fit_text(study, name, curve)}")
     for caution in study_cautions(study):
         say(f"caution: {caution}")
 

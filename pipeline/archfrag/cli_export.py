@@ -5,19 +5,19 @@ from pathlib import Path
 
 import click
 
+from archfrag.cli_records import json_option, set_option, study_argument
+
 FORMATS = ("nrml-continuous", "nrml-discrete", "pelicun", "in-core", "csv", "parquet")
 
 
 @click.command()
-@click.argument("study_file", metavar="STUDY", type=click.Path(path_type=Path))
+@study_argument
 @click.option("--format", "formats", multiple=True, required=True, type=click.Choice(FORMATS),
               help="Format to write. Repeatable.")  # fmt: skip
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), metavar="FOLDER",
-              help="Folder to write to; `export` among the study's results if not given.",
-              )  # fmt: skip
-@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE",
-              help="Override a key of the study file, as for the run. Repeatable.")  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+              help="Folder to write to; `export` among the results if not given.")  # fmt: skip
+@set_option
+@json_option
 def export(
     study_file: Path,
     formats: tuple[str, ...],

@@ -8,6 +8,10 @@ from typing import Any
 import click
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+set_option = click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE",
+                          help="Override a key of the study file, e.g. --set method.dt=0.0005; "
+                          "paths are relative to the current folder. Repeatable.")  # fmt: skip
+study_argument = click.argument("study_file", metavar="STUDY", type=click.Path(path_type=Path))
 _path = click.Path(path_type=Path)
 _files = click.argument("files", nargs=-1, required=True, type=_path)
 _out = click.option("--out", type=_path, required=True, help="Folder to write to.")
@@ -15,7 +19,7 @@ _figure = click.option("--figure", type=_path, metavar="FILE.svg", help="Draw a 
 _seed = click.option("--seed", type=int, default=1, show_default=True)
 
 
-def _takes(*options: Callable) -> Callable:
+def takes(*options: Callable) -> Callable:
     """Options of a command in the order of its help."""
 
     def decorate(command: Callable) -> Callable:
@@ -32,7 +36,7 @@ def _columns(context: click.Context, parameter: click.Parameter, text: str | Non
     return None if text is None else parse_columns(text)
 
 
-_known = _takes(
+_known = takes(
     click.option("--unit", help="unit of the samples where the file does not say"),
     click.option("--inventory", type=_path,
                  help="StationXML of a record in counts, if not beside it as NAME.xml"),
@@ -41,7 +45,7 @@ _known = _takes(
                  "acceleration=1,dt=0.01; dt=0.01 alone takes all numbers, row after row; also "
                  "vertical=COLUMN and skip=LINES"),
 )  # fmt: skip
-reads_record = _takes(
+reads_record = takes(
     _known,
     click.option("--accept", multiple=True,
                  type=click.Choice(["pga", "time_step", "samples", "header"]),
@@ -197,7 +201,7 @@ def measure(
 
 @records.command()
 @click.argument("flatfile", type=_path)
-@_takes(
+@takes(
     click.option("--out", type=_path, required=True, metavar="INDEX.csv", help="Index to write."),
     click.option("--count", type=int, required=True, help="How many records."),
     click.option("--target", type=_path, metavar="FILE.csv",
@@ -241,7 +245,7 @@ def select(flatfile: Path, out: Path, figure: Path | None, as_json: bool, **opti
 
 @records.command()
 @_files
-@_takes(
+@takes(
     _out,
     click.option("--to", "form", type=click.Choice(["mseed", "at2", "text"]), default="mseed",
                  show_default=True, help="miniSEED, PEER's AT2, or columns of text."),
@@ -274,7 +278,7 @@ def convert(
 
 @records.command()
 @click.argument("events", nargs=-1, required=True, metavar="EVENT_ID...")
-@_takes(
+@takes(
     _out,
     click.option("--from", "stations_from", required=True, metavar="SERVICE",
                  help="Service of stations and waveforms: NCEDC, SCEDC, INGV, ... or https://..."),
@@ -327,7 +331,7 @@ def fetch(
 
 
 @records.command()
-@_takes(
+@takes(
     _out,
     click.option("--events", type=int, help="Earthquakes."),
     click.option("--records-per-event", type=int, help="Records of each; 1 if not given."),

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from archfrag.cli_records import json_option
+from archfrag.cli_records import json_option, set_option, study_argument, takes
 
 _path = click.Path(path_type=Path)
 
@@ -24,45 +24,23 @@ def _site(context: click.Context, parameter: click.Parameter, text: str | None) 
 
 
 @click.command()
-@click.argument("study_file", metavar="STUDY", type=_path)
-@click.option(
-    "--hazard",
-    "hazards",
-    type=_path,
-    required=True,
-    multiple=True,
-    metavar="FILE",
-    help="Hazard curve of the site. Repeatable: OpenQuake's mean and quantiles.",
-)
-@click.option("--unit", help="Unit of a CSV's intensities, where its header has none.")
-@click.option(
-    "--years",
-    type=float,
-    default=50.0,
-    show_default=True,
-    help="Time for the probability of collapse.",
-)
-@click.option(
-    "--site",
-    callback=_site,
-    metavar="LON,LAT",
-    help="Which site of OpenQuake's file: the nearest, at most 10 km away.",
-)
-@click.option("--confidence", type=float, default=0.9, show_default=True, help="Of the bands.")
-@click.option(
-    "--set",
-    "overrides",
-    multiple=True,
-    metavar="KEY=VALUE",
-    help="Override a key of the study file. Repeatable.",
-)
-@click.option("--out", type=_path, metavar="FILE", help="Write the result as JSON.")
-@json_option  # fmt: skip
+@study_argument
+@takes(
+    click.option("--hazard", "hazards", type=_path, required=True, multiple=True, metavar="FILE",
+                 help="Hazard curve of the site. Repeatable: OpenQuake's mean and quantiles."),
+    click.option("--unit", help="Unit of a CSV's intensities, where its header has none."),
+    click.option("--years", type=float, default=50.0, show_default=True,
+                 help="Time for the probability of collapse."),
+    click.option("--site", callback=_site, metavar="LON,LAT",
+                 help="Which site of OpenQuake's file: the nearest, at most 10 km away."),
+    click.option("--confidence", type=float, default=0.9, show_default=True, help="Of the bands."),
+    set_option,
+    click.option("--out", type=_path, metavar="FILE", help="Write the result as JSON."),
+    json_option,
+)  # fmt: skip
 def risk(
-    study_file: Path, hazards: tuple[Path, ...], unit: str | None, years: float,
-    site: tuple[float, float] | None, confidence: float, overrides: tuple[str, ...],
-    out: Path | None, as_json: bool,
-) -> None:  # fmt: skip
+    study_file: Path, overrides: tuple[str, ...], out: Path | None, as_json: bool, **options: Any
+) -> None:
     """Rate of collapse of a finished STUDY's arches at a site, and who contributes to it.
 
     FILE is a CSV with the header `im [g]` or the measure's name, as in `PGA [g]`, then `rate`
@@ -83,11 +61,13 @@ def risk(
     from archfrag.study.steps import require
 
     study = load_study(study_file, overrides)
-    hazard = load_hazard(hazards, study.intensity.measure, unit, site)
+    measure = study.intensity.measure
+    hazard = load_hazard(options["hazards"], measure, options["unit"], options["site"])
     require(study, "cube")
     require(study, "fit")
     with open_cube(study) as cube:
-        found = risk_of(cube, load_fits(study.folder / FITS), hazard, years, confidence)
+        fits = load_fits(study.folder / FITS)
+        found = risk_of(cube, fits, hazard, options["years"], options["confidence"])
     facts = risk_facts(found, study)
     text = json.dumps(facts, allow_nan=False)
     if out is not None:

@@ -154,7 +154,7 @@ def simulate(
     wall_time = time.perf_counter() - started
     if not history:
         return response_of(outcome, info.name, wall_time, None, None)
-    count = outcome.ledger.count
+    count = outcome.diagnostics.count
     return response_of(
         outcome,
         info.name,
@@ -384,7 +384,7 @@ def _run(
         outcome = run(
             arch.chain, ground, position.copy(), velocity.copy(), from_rest, options, frames, log
         )
-        count = outcome.ledger.count
+        count = outcome.diagnostics.count
         frames_fit = n_frame == 0 or count[Count.FRAMES] < n_frame
         log_fits = count[Count.LOG_ENTRIES] <= n_entry or n_entry in (0, LARGEST_ROOM)
         if frames_fit and log_fits:

@@ -79,15 +79,6 @@ class TestPoints:
         for count in (1, 4, 11, 32):
             np.testing.assert_array_equal(unit_points(count, 3, "sobol", seed=3), long[:count])
 
-    @pytest.mark.parametrize("scheme", ["sobol", "latin_hypercube"])
-    def test_they_follow_from_the_seed(self, scheme):
-        first, again, other, stream = (
-            unit_points(8, 2, scheme, seed) for seed in (3, 3, 4, (3, 1))
-        )
-        np.testing.assert_array_equal(first, again)
-        assert np.abs(first - other).min() > 0.0
-        assert np.abs(first - stream).min() > 0.0
-
 
 class TestCorrelation:
     def test_ranks_and_logarithms_are_correlated_as_asked(self):
@@ -125,10 +116,6 @@ class TestCorrelation:
         with pytest.raises(InputError) as refusal:
             correlation_factor("abc", correlation)
         assert sentence in str(refusal.value)
-
-
-def test_nothing_that_varies_gives_nothing():
-    assert sample({}, 8) == {}
 
 
 def test_values_have_ten_digits():

@@ -60,14 +60,14 @@ def work(task: Task) -> Row:
     response = archfrag.simulate(
         scene.arch, scene.motion, method=method.name, follow=task.follow, **settings
     )
-    energy = method.outcome.ledger.energy
+    energy = method.outcome.diagnostics.energy
     largest = energy[Energy.LARGEST_KINETIC]
     values: Row = {name: getattr(response, name) for name in NUMBERS}
     values |= response.model_time | response.events | response.work
     values |= {
         "status": response.status.name,
         "contact": "",
-        "gain": energy[Energy.STRAY] / largest if largest > 0.0 else 0.0,
+        "gain": energy[Energy.BALANCE_ERROR] / largest if largest > 0.0 else 0.0,
         "bound": method.options.max_steps,
         "kind": scene.kind,
         "voussoirs": scene.arch.n_voussoir,

@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 from tests.evidence.test_growth import made_up
-from tests.report.test_block_figures import drawn  # noqa: F401
 
 from archfrag.evidence import growth
 from archfrag.evidence.fragility.charts import cost_picture
@@ -13,6 +13,20 @@ from archfrag.evidence.peers.client import NAMES
 from archfrag.evidence.speed.charts import chart
 from archfrag.methods.registry import METHODS
 from archfrag.report.styles import METHOD_STYLES, method_style
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """Figures that are drawn during a test, in order."""
+    kept = []
+    original = Figure.savefig
+
+    def keep(figure, *args, **options):
+        kept.append(figure)
+        return original(figure, *args, **options)
+
+    monkeypatch.setattr(Figure, "savefig", keep)
+    return kept
 
 
 def growth_chart():
@@ -48,7 +62,7 @@ def fragility_chart():
 
 
 @pytest.mark.parametrize("draw", [growth_chart, speed_chart, fragility_chart])
-def test_every_chart_draws_a_method_in_its_own_colour_and_marker(draw, drawn):  # noqa: F811
+def test_every_chart_draws_a_method_in_its_own_colour_and_marker(draw, drawn):
     draw()
     figure = drawn[0]
     legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes)]

@@ -67,12 +67,6 @@ class TestReceivers:
         assert named[:2] == (name, unit)
         assert named.factor * si == pytest.approx(1.0, rel=1e-15)
 
-    def test_pelicun_and_in_core(self):
-        assert pelicun_measure("Sa(1.0)")[:2] == ("Spectral Acceleration|1.0", "g")
-        assert pelicun_measure("PGV")[1:3] == ("cmps", 100.0)
-        assert in_core_measure("Sa(0.2)")[:2] == ("0.2 Sec Sa", "g")
-        assert in_core_measure("PGD")[1:3] == ("m", 1.0)
-
     def test_what_a_receiver_has_no_name_for_is_one_sentence(self):
         for ask, measure in (
             (openquake_measure, "HI"), (pelicun_measure, "AvgSA(0.2,1)"), (in_core_measure, "CAV"),

@@ -66,8 +66,7 @@ def in_unit(levels, factor):
 
 
 @pytest.mark.parametrize(
-    "measure",
-    ["PGA", "PGV", "PGD", "Sa(0.5)", "AvgSA(0.2,1.0)", "FIV3(0.7)", "CAV", "Arias"],
+    "measure", ["PGA", "PGV", "PGD", "Sa(0.5)", "AvgSA(0.2,1.0)", "FIV3(0.7)", "CAV", "Arias"]
 )
 def test_openquake_continuous(tmp_path, measure):
     curves = curve_set(measure)

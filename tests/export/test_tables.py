@@ -2,14 +2,12 @@
 
 import functools
 import json
-import sys
 
 import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
 
-from archfrag.errors import InputError
 from archfrag.export.points import Unit, curve_tables
 from archfrag.export.runs import NOT_SIMULATED, facts_table, runs_table
 from archfrag.export.tables import Table, write_csv, write_parquet
@@ -95,15 +93,6 @@ class TestRuns:
         frame = whole(runs_table(one))
         assert frame["intensity"].tolist() == [0, 1, 2, 3, 4, 5, 6, 7, 9, 10, 11]
 
-    def test_nothing_simulated(self, cube, tmp_path):
-        empty = cube.load().copy(deep=True)
-        empty["verdict"][:] = NOT_SIMULATED
-        for write, name in ((write_csv, "a.csv"), (write_parquet, "a.parquet")):
-            table = runs_table(empty)
-            write(table, tmp_path / name, *([{}] if write is write_parquet else []))
-        assert list(pd.read_csv(tmp_path / "a.csv")) == list(table.columns)
-        assert len(pd.read_parquet(tmp_path / "a.parquet")) == 0
-
 
 class TestFiles:
     def test_csv_and_parquet_hold_the_same(self, cube, tmp_path):
@@ -138,11 +127,6 @@ class TestFiles:
         assert path.read_bytes() == b"before"
         assert list(tmp_path.iterdir()) == [path]
 
-    def test_without_pyarrow(self, tmp_path, monkeypatch):
-        monkeypatch.setitem(sys.modules, "pyarrow", None)
-        with pytest.raises(InputError, match=r"pip install 'archfrag\[parquet\]'"):
-            write_parquet(Table("t", {}, []), tmp_path / "t.parquet", {})
-
 
 class TestCurves:
     def test_points_and_parameters(self):
@@ -165,10 +149,3 @@ class TestCurves:
         assert kinds["damage"].tolist() == ["covariance of the fit"]
         np.testing.assert_allclose(stated["theta"] * G, stated["theta_si"], rtol=1e-14)
         assert (stated["theta_lower"] < stated["theta_upper"]).all()
-
-    def test_no_curve_gives_tables_without_rows(self, cube):
-        curves = curve_set(states=(), **{name: {"collapse": "x"} for name in ("ring-7", "wall+2")})
-        for table in curve_tables(curves, synthetic.answers_of(cube), Unit("g", "m s-2", 1 / G)):
-            frame = whole(table)
-            assert len(frame) == 0
-            assert list(frame) == list(table.columns)

@@ -2,107 +2,117 @@
 
 import numpy as np
 import pytest
-from scipy.stats import binom, binomtest, norm
+from scipy.special import ndtri
+from scipy.stats import binom, binomtest, chi2, norm, t
 
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.bands import (
     beta_interval,
     bootstrap_band,
-    clopper_pearson,
+    capacity_band,
     confidence_band,
     record_bootstrap_band,
     theta_interval,
 )
-from archfrag.fragility.fit import fit_ida, fit_stripes
+from archfrag.fragility.brackets import find_brackets
+from archfrag.fragility.counts import clopper_pearson, wilson
+from archfrag.fragility.fit import fit_brackets, fit_ida, fit_stripes
+from archfrag.fragility.quoted import independent_records, quoted_band, shared_events
 from archfrag.fragility.runs import Resampling
 
-LEVELS = np.array([0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0])
-COLLAPSES = np.array([0, 0, 0, 4, 6, 13, 12, 16])
+LEVELS = np.array([0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0, 1.3])
+STRIPES = fit_stripes([0.2, 0.4, 0.6, 0.8, 1.0], [0, 3, 4, 13, 16], 40)
+CAPACITY = np.random.default_rng(4).lognormal(-0.5, 0.4, 12)
+INF = np.inf
 
 
-class TestDeltaMethodBand:
+def verdicts(generator, n_record, theta=0.7, beta=0.4):
+    capacity = theta * np.exp(beta * generator.standard_normal((n_record, 1)))
+    return (capacity <= LEVELS).astype(np.int8)
+
+
+class TestDeltaMethod:
     def test_coverage_by_simulation(self):
-        """400 studies drawn from a known curve: the band holds it in about 90 % of them.
-
-        400 draws have a standard error of 1.5 %; the allowance is three of them and what the
-        delta method loses with 40 records.
-        """
-        theta, beta, n = 0.7, 0.4, 40
-        levels = np.array([0.3, 0.45, 0.6, 0.75, 0.9, 1.2])
-        im = np.array([0.35, 0.5, theta, 1.0])
-        truth = norm.cdf(np.log(im / theta) / beta)
+        """250 studies of independent runs: standard error 2 %."""
+        im, n = np.array([0.35, 0.5, 0.7, 1.0]), 40
+        truth = norm.cdf(np.log(im / 0.7) / 0.4)
         generator = np.random.default_rng(20150131)
-        holds = np.zeros(im.size)
-        theta_holds = beta_holds = 0
-        for _ in range(400):
-            collapses = generator.binomial(n, norm.cdf(np.log(levels / theta) / beta))
-            fit = fit_stripes(levels, collapses, n)
+        held = np.zeros(im.size + 2)
+        for _ in range(250):
+            collapses = generator.binomial(n, norm.cdf(np.log(LEVELS / 0.7) / 0.4))
+            fit = fit_stripes(LEVELS, collapses, n)
             band = confidence_band(fit, im)
-            holds += (band.lower <= truth) & (truth <= band.upper)
-            low, high = theta_interval(fit)
-            theta_holds += low <= theta <= high
-            low, high = beta_interval(fit)
-            beta_holds += low <= beta <= high
-        assert holds / 400 == pytest.approx(np.full(im.size, 0.9), abs=0.05)
-        assert theta_holds / 400 == pytest.approx(0.9, abs=0.05)
-        assert beta_holds / 400 == pytest.approx(0.9, abs=0.05)
+            held[:-2] += (band.lower <= truth) & (truth <= band.upper)
+            for place, (ends, value) in enumerate(
+                [(theta_interval(fit), 0.7), (beta_interval(fit), 0.4)]
+            ):
+                held[place - 2] += ends[0] <= value <= ends[1]
+        assert held / 250 == pytest.approx(np.full(held.size, 0.9), abs=0.06)
 
-    def test_spread_at_the_median_is_that_of_ln_theta(self):
-        fit = fit_stripes(LEVELS, COLLAPSES, 40)
-        band = confidence_band(fit, fit.theta)
-        reach = norm.ppf(0.95) * fit.standard_errors[0] / fit.beta
-        assert band.upper == pytest.approx(norm.cdf(reach), rel=1e-12)
-        assert band.lower == pytest.approx(norm.cdf(-reach), rel=1e-12)
-
-    def test_spread_is_the_numerical_derivative(self):
-        fit = fit_stripes(LEVELS, COLLAPSES, 40)
-
+    def test_width_is_that_of_the_numerical_derivative(self):
         def z(ln_theta, beta):
             return (np.log(0.5) - ln_theta) / beta
 
-        a, b, h = np.log(fit.theta), fit.beta, 1e-6
+        a, b, h = np.log(STRIPES.theta), STRIPES.beta, 1e-6
         slope = np.array([z(a + h, b) - z(a - h, b), z(a, b + h) - z(a, b - h)]) / (2 * h)
-        reach = norm.ppf(0.975) * np.sqrt(slope @ fit.covariance @ slope)
-        band = confidence_band(fit, 0.5, confidence=0.95)
-        assert norm.ppf(band.upper) == pytest.approx(z(a, b) + reach, rel=1e-8)
-        assert norm.ppf(band.lower) == pytest.approx(z(a, b) - reach, rel=1e-8)
-
-    def test_zero_intensity_has_no_collapse(self):
-        band = confidence_band(fit_stripes(LEVELS, COLLAPSES, 40), [0.0, 1.0])
-        assert (band.lower[0], band.upper[0]) == (0.0, 0.0)
-        assert 0.0 < band.lower[1] < band.upper[1] < 1.0
+        reach = norm.ppf(0.975) * np.sqrt(slope @ STRIPES.covariance @ slope)
+        band = confidence_band(STRIPES, [0.5, 0.0], confidence=0.95)
+        ends = [z(a, b) - reach, z(a, b) + reach]
+        assert norm.ppf([band.lower[0], band.upper[0]]) == pytest.approx(ends, rel=1e-8)
+        assert (band.lower[1], band.upper[1]) == (0.0, 0.0)
 
 
-class TestBootstrapBand:
+class TestStudentsT:
+    def test_band_is_the_formula_inverted(self):
+        """At the ends of the band of ln IM at z, the band of probability ends at Phi(z)."""
+        fit, z = fit_ida(CAPACITY), np.linspace(-2.0, 2.0, 9)
+        reach = t.ppf(0.95, 11) * fit.beta * np.sqrt(1.0 / 12 + z**2 / 22.0)
+        middle = np.log(fit.theta) + z * fit.beta
+        assert capacity_band(fit, np.exp(middle - reach)).upper == pytest.approx(norm.cdf(z))
+        assert capacity_band(fit, np.exp(middle + reach)).lower == pytest.approx(norm.cdf(z))
+
+    def test_intervals_are_those_of_a_normal_sample(self):
+        fit = fit_ida(CAPACITY)
+        near = fit_brackets(0.999 * CAPACITY, 1.001 * CAPACITY)
+        reach = t.ppf(0.95, 11) * fit.beta / np.sqrt(12) * np.array([-1.0, 1.0])
+        assert np.log(theta_interval(fit)) == pytest.approx(np.log(fit.theta) + reach)
+        expected = fit.beta * np.sqrt(11 / chi2.ppf([0.95, 0.05], 11))
+        assert beta_interval(fit) == pytest.approx(expected)
+        assert beta_interval(near) == pytest.approx(expected, rel=1e-3)
+        im = np.array([0.3, 0.6, 1.1])
+        bands = capacity_band(fit, im).lower, capacity_band(near, im).lower
+        assert bands[0] == pytest.approx(bands[1], abs=1e-3)
+
+    @pytest.mark.parametrize("n", [2, 3, 12])
+    def test_rises_within_0_and_1(self, n):
+        im = np.concatenate([[0.0], np.geomspace(1e-4, 1e4, 200), [INF]])
+        band = capacity_band(fit_ida(CAPACITY[:n]), im)
+        for end in (band.lower, band.upper):
+            assert np.all(np.diff(end) >= 0.0)
+            assert (end[0], end[-1]) == (0.0, 1.0)
+        assert np.all(band.lower <= band.upper)
+
+
+class TestBootstrap:
     def test_agrees_with_the_delta_method_where_data_are_many(self):
-        levels = np.array([0.3, 0.45, 0.6, 0.75, 0.9, 1.2])
-        n = 2000
-        collapses = np.round(n * norm.cdf(np.log(levels / 0.7) / 0.4))
-        fit = fit_stripes(levels, collapses, n)
-        im = np.array([0.4, 0.7, 1.1])
-        drawn = bootstrap_band(fit, im, levels, n, Resampling(3))
-        delta = confidence_band(fit, im)
+        collapses = np.round(2000 * norm.cdf(np.log(LEVELS / 0.7) / 0.4))
+        fit, im = fit_stripes(LEVELS, collapses, 2000), np.array([0.4, 0.7, 1.1])
+        drawn, delta = (
+            bootstrap_band(fit, im, LEVELS, 2000, Resampling(3)),
+            confidence_band(fit, im),
+        )
         width = delta.upper - delta.lower
         assert np.all(np.abs(drawn.lower - delta.lower) < 0.1 * width)
         assert np.all(np.abs(drawn.upper - delta.upper) < 0.1 * width)
         assert drawn.n_degenerate == 0
 
-    def test_seed_decides(self):
-        fit = fit_stripes(LEVELS, COLLAPSES, 40)
-        bands = [
-            bootstrap_band(fit, [0.5, 1.0], LEVELS, 40, Resampling(s, 200)) for s in (1, 1, 2)
-        ]
-        assert np.array_equal(bands[0].lower, bands[1].lower)
-        assert not np.array_equal(bands[0].lower, bands[2].lower)
-
     def test_draws_without_a_curve_widen_the_band(self):
         """One record per level: half the draws are separated, and none may be thrown away."""
-        levels = np.array([0.3, 0.5, 0.7, 0.9, 1.1])
-        fit = fit_stripes(levels, [0, 1, 0, 1, 1], 1)
-        band = bootstrap_band(fit, [0.5, 0.9], levels, 1, Resampling(4, 400))
-        draws = np.random.default_rng(4).binomial(
-            np.ones(5, dtype=np.int64), fit.probability(levels), (400, 5)
-        )
+        levels = LEVELS[::2]
+        fit = fit_stripes(levels, [0, 1, 0, 1], 1)
+        band = bootstrap_band(fit, [0.35, 1.0], levels, 1, Resampling(4, 400))
+        once = np.ones(4, dtype=np.int64)
+        draws = np.random.default_rng(4).binomial(once, fit.probability(levels), (400, 4))
         lost = 0
         for draw in draws:
             try:
@@ -110,24 +120,9 @@ class TestBootstrapBand:
             except FitError:
                 lost += 1
         assert 100 < band.n_degenerate == lost
-        assert band.lower[0] == 0.0
-        assert band.upper[1] == 1.0
+        assert (band.lower[0], band.upper[1]) == (0.0, 1.0)
 
-    def test_refuses_what_it_cannot_redraw(self):
-        with pytest.raises(InputError, match="'ida'"):
-            bootstrap_band(fit_ida([0.5, 0.7]), 0.5, LEVELS, 40, Resampling(1))
-        with pytest.raises(InputError, match="resamples is 10"):
-            bootstrap_band(fit_stripes(LEVELS, COLLAPSES, 40), 0.5, LEVELS, 40, Resampling(1, 10))
-
-
-class TestRecordBootstrapBand:
-    LEVELS = np.array([0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0, 1.3])
-
-    def verdicts(self, generator, n_record):
-        capacity = 0.7 * np.exp(0.4 * generator.standard_normal((n_record, 1)))
-        return (capacity <= self.LEVELS).astype(np.int8)
-
-    def test_covers_where_the_likelihood_does_not(self):
+    def test_records_cover_where_the_likelihood_does_not(self):
         """The same 30 records at all levels: 80 studies, the true median asked of both bands.
 
         Nominal 90 %, but over 250 studies the resampled band held 84 % with 24 records and 86 %
@@ -136,75 +131,182 @@ class TestRecordBootstrapBand:
         generator = np.random.default_rng(7)
         records = likelihood = theta = 0
         for i in range(80):
-            verdict = self.verdicts(generator, 30)
-            fit = fit_stripes(self.LEVELS, verdict.sum(axis=0), 30)
-            band = record_bootstrap_band(verdict, self.LEVELS, 0.7, Resampling(i, 150))
+            verdict = verdicts(generator, 30)
+            band = record_bootstrap_band(verdict, LEVELS, 0.7, Resampling(i, 150))
             records += band.lower <= 0.5 <= band.upper
             theta += band.theta[0] <= 0.7 <= band.theta[1]
-            naive = confidence_band(fit, 0.7)
+            naive = confidence_band(fit_stripes(LEVELS, verdict.sum(axis=0), 30), 0.7)
             likelihood += naive.lower <= 0.5 <= naive.upper
-        assert records >= 0.78 * 80
-        assert theta >= 0.78 * 80
+        assert min(records, theta) >= 0.78 * 80
         assert likelihood <= 0.70 * 80
 
-    def test_undecided_runs_say_nothing(self):
-        verdict = self.verdicts(np.random.default_rng(1), 20)
-        verdict[3, 2:5] = [2, 3, 2]
-        a = record_bootstrap_band(verdict, self.LEVELS, [0.5, 0.9], Resampling(1, 100))
-        verdict[3, 2:5] = [3, 2, 3]
-        b = record_bootstrap_band(verdict, self.LEVELS, [0.5, 0.9], Resampling(1, 100))
-        assert np.array_equal(a.lower, b.lower)
-        verdict[3, 2:5] = 1 - verdict[3, 1]
-        c = record_bootstrap_band(verdict, self.LEVELS, [0.5, 0.9], Resampling(1, 100))
-        assert not np.array_equal(a.lower, c.lower)
+    def test_whole_events_are_drawn(self):
+        """Three equal records an event are worth one: the band is that of the events alone."""
+        one = verdicts(np.random.default_rng(2), 12)
+        thrice, groups = np.repeat(one, 3, axis=0), np.repeat(np.arange(12), 3)
+        alone = record_bootstrap_band(one, LEVELS, 0.7, Resampling(3, 200))
+        grouped = record_bootstrap_band(thrice, LEVELS, 0.7, Resampling(3, 200), groups=groups)
+        blind = record_bootstrap_band(thrice, LEVELS, 0.7, Resampling(3, 200))
+        assert grouped.theta == pytest.approx(alone.theta, rel=1e-9)
+        assert blind.theta[1] - blind.theta[0] < 0.75 * (alone.theta[1] - alone.theta[0])
 
-    def test_all_fall_at_one_level(self):
-        verdict = np.tile((self.LEVELS > 0.65).astype(int), (10, 1))
-        band = record_bootstrap_band(verdict, self.LEVELS, [0.5, 0.9], Resampling(1, 100))
+    def test_undecided_runs_and_separated_draws(self):
+        verdict = verdicts(np.random.default_rng(1), 20)
+        bands = []
+        for codes in ([2, 3, 2], [3, 2, 3], [1 - verdict[3, 1]] * 3):
+            verdict[3, 2:5] = codes
+            bands.append(record_bootstrap_band(verdict, LEVELS, [0.5, 0.9], Resampling(1, 100)))
+        assert np.array_equal(bands[0].lower, bands[1].lower)
+        assert not np.array_equal(bands[0].lower, bands[2].lower)
+        step = np.tile((LEVELS > 0.65).astype(int), (10, 1))
+        band = record_bootstrap_band(step, LEVELS, [0.5, 0.9], Resampling(1, 100))
         assert band.n_degenerate == 100
         assert (band.lower.tolist(), band.upper.tolist()) == ([0.0, 1.0], [0.0, 1.0])
         assert np.isnan(band.theta).all()
 
-    @pytest.mark.parametrize(
-        ("verdict", "sentence"),
-        [
-            (np.zeros((1, 8), int), "at least two records"),
-            (np.zeros((5, 7), int), r"levels \(8,\)"),
-            (np.full((5, 8), 9), "which is none of"),
-            (np.full((5, 8), 3), "no run that collapsed or stood"),
-        ],
-    )
-    def test_impossible_tables(self, verdict, sentence):
-        with pytest.raises(InputError, match=sentence):
-            record_bootstrap_band(verdict, self.LEVELS, 0.5, Resampling(1))
 
-
-class TestClopperPearson:
-    def test_equals_scipys_exact_interval(self):
-        collapses, n = np.array([0, 1, 7, 19, 20]), 20
-        lower, upper = clopper_pearson(collapses, n, 0.9)
-        for k, low, high in zip(collapses, lower, upper, strict=True):
-            exact = binomtest(int(k), n).proportion_ci(0.9, method="exact")
+class TestFractions:
+    def test_clopper_pearson_is_scipys_exact_interval(self):
+        lower, upper = clopper_pearson([0, 1, 7, 19, 20, 0], [20] * 5 + [0], 0.9)
+        for k, low, high in zip([0, 1, 7, 19, 20], lower, upper):
+            exact = binomtest(k, 20).proportion_ci(0.9, method="exact")
             assert (low, high) == pytest.approx((exact.low, exact.high), abs=1e-10)
+        assert np.isnan([lower[-1], upper[-1]]).all()
+        for p in np.linspace(0.01, 0.99, 33):
+            ends = clopper_pearson(np.arange(13), 12, 0.9)
+            held = (ends[0] <= p) & (p <= ends[1])
+            assert binom.pmf(np.arange(13), 12, p)[held].sum() >= 0.9
 
-    def test_never_covers_less_than_promised(self):
-        n = 12
-        lower, upper = clopper_pearson(np.arange(n + 1), n, 0.9)
-        for p in np.linspace(0.01, 0.99, 99):
-            held = (lower <= p) & (p <= upper)
-            assert binom.pmf(np.arange(n + 1), n, p)[held].sum() >= 0.9
-
-    def test_no_runs_no_interval(self):
-        lower, upper = clopper_pearson([0, 3], [0, 5])
-        assert np.isnan(lower[0])
-        assert np.isnan(upper[0])
-        assert lower[1] < 0.6 < upper[1]
+    def test_wilson_is_scipys_score_interval(self):
+        lower, upper = wilson([0, 1, 5, 10], [10, 20, 10, 10], confidence=0.95)
+        for k, n, low, high in zip([0, 1, 5, 10], [10, 20, 10, 10], lower, upper):
+            score = binomtest(k, n).proportion_ci(0.95, method="wilson")
+            assert (low, high) == pytest.approx((score.low, score.high), abs=1e-12)
 
 
-@pytest.mark.parametrize("confidence", [0.0, 1.0, 90.0, np.nan])
-def test_confidence_must_be_a_probability(confidence):
-    fit = fit_stripes(LEVELS, COLLAPSES, 40)
-    with pytest.raises(InputError, match="confidence is"):
-        confidence_band(fit, 0.5, confidence)
-    with pytest.raises(InputError, match="confidence is"):
-        clopper_pearson(1, 5, confidence)
+BETA = 0.35
+GRID = np.exp(BETA * np.linspace(-2.2, 2.2, 15))
+P = np.array([0.1, 0.25, 0.5, 0.75, 0.9])
+IM = np.exp(BETA * ndtri(P))
+
+
+def table(generator, n_record):
+    return (np.exp(BETA * generator.standard_normal((n_record, 1))) <= GRID).astype(int)
+
+
+def fraction_held(design, draw, n_study):
+    """Over studies: of the curve at `P` together, of theta, and of beta."""
+    generator = np.random.default_rng(15)
+    held = np.zeros(3)
+    for _ in range(n_study):
+        verdict, intensity, groups = draw(generator)
+        known = quoted_band(design, verdict, intensity, IM, groups=groups)
+        held[0] += np.mean((known.band.lower <= P) & (known.band.upper >= P))
+        held[1] += known.theta[0] <= 1.0 <= known.theta[1]
+        held[2] += known.beta[0] <= BETA <= known.beta[1]
+    return held / n_study
+
+
+class TestQuoted:
+    """The band that a report quotes: one that is a sixth too narrow fails."""
+
+    def test_coverage_with_the_same_records(self):
+        held = fraction_held("stripes", lambda g: (table(g, 24), GRID, None), 120)
+        assert 0.865 < held[0] < 0.935
+        assert np.all(held[1:] > 0.85)
+
+    def test_coverage_with_independent_runs(self):
+        def draw(generator):
+            at = np.tile(GRID, 2)
+            return (np.exp(BETA * generator.standard_normal(30)) <= at) * 1, at, None
+
+        held = fraction_held("scattered", draw, 100)
+        assert 0.865 < held[0] < 0.935
+        assert np.all(held[1:] > 0.85)
+
+    def test_coverage_with_records_of_shared_events(self):
+        def draw(generator):
+            z = generator.standard_normal((8, 1)) + generator.standard_normal((8, 3))
+            capacity = np.exp(BETA * z.reshape(-1, 1) / np.sqrt(2.0))
+            return (capacity <= GRID).astype(int), GRID, np.arange(24) // 3
+
+        assert 0.85 < fraction_held("stripes", draw, 60)[0] < 0.95
+        assert fraction_held("stripes", lambda g: (*draw(g)[:2], None), 60)[0] < 0.83
+
+    def test_bisected_levels_hold_what_the_grid_holds(self):
+        """Only the two runs next to the border of each record: nothing else was known."""
+        full = table(np.random.default_rng(1), 24)
+        border = np.argmax(np.hstack([full, np.ones((24, 1), int)]), axis=1)[:, None]
+        near = (np.arange(15) == border) | (np.arange(15) == border - 1)
+        one = quoted_band("stripes", full, GRID, IM)
+        for design in ("ida", "two_stage"):
+            other = quoted_band(design, np.where(near, full, 2), GRID, IM)
+            assert np.array_equal(one.band.lower, other.band.lower)
+            assert one.theta == other.theta
+
+    def test_shapes_and_what_is_independent(self):
+        verdict = table(np.random.default_rng(1), 24)
+        verdict[0] = 3
+        known = quoted_band("stripes", verdict, GRID, IM.reshape(5, 1))
+        assert known.band.upper.shape == (5, 1)
+        assert (known.n_independent, known.curve.kind) == (23.0, "posterior")
+        assert "capacities are independent" in known.assumptions
+        runs = quoted_band("scattered", verdict, np.tile(GRID, (24, 1)), 0.5)
+        assert (runs.band.lower.shape, runs.n_independent) == ((), 23.0 * 15)
+        grouped = quoted_band("stripes", verdict, GRID, IM, groups=np.arange(24) // 3, unit="site")
+        assert "sites are independent" in grouped.assumptions
+
+    def test_alike_records_are_worth_their_events(self):
+        capacity = np.repeat(np.exp(BETA * np.random.default_rng(1).standard_normal(10)), 3)
+        found = find_brackets((capacity[:, None] <= GRID) * 1, GRID, "count")
+        assert independent_records(found, np.arange(30) // 3) == pytest.approx(10.0)
+        assert independent_records(found, np.arange(30)) == 30.0
+        assert independent_records(found, np.arange(30) % 10) > 15.0
+
+    def test_events_that_are_shared(self):
+        assert shared_events(["a", "b", ""]) is None
+        assert shared_events(["a", "a"]) is None
+        assert shared_events(["a", "a", ""]).tolist() == ["a", "a", "record 2"]
+
+
+TABLE = table(np.random.default_rng(1), 24)
+
+
+@pytest.mark.parametrize(
+    ("make", "arguments", "kind", "key"),
+    [
+        (confidence_band, (STRIPES, 0.5, 90.0), InputError, "confidence is 90"),
+        (clopper_pearson, (1, 5, np.nan), InputError, "confidence is nan"),
+        (capacity_band, (STRIPES, 0.5), InputError, "'stripes'"),
+        (
+            bootstrap_band,
+            (fit_ida([0.5, 0.7]), 0.5, LEVELS, 9, Resampling(1)),
+            InputError,
+            "'ida'",
+        ),
+        (Resampling, (1, 10), InputError, "resamples is 10"),
+        (record_bootstrap_band, ([[0]], [0.1], 0.5, Resampling(1)), InputError, "two records"),
+        (record_bootstrap_band, ([[9]] * 2, [0.1], 0.5, Resampling(1)), InputError, "holds 9"),
+        (record_bootstrap_band, ([[3]] * 2, [0.1], 0.5, Resampling(1)), InputError, "no run"),
+        (quoted_band, ("cloud", [[0, 1]], [0.1, 0.2], 0.1), InputError, "design is 'cloud'"),
+        (quoted_band, ("scattered", [0, 1], [0.1], 0.1), InputError, r"intensity \(1,\)"),
+        (quoted_band, ("scattered", [2, 3], [0.1, 0.2], 0.1), FitError, "no run collapsed"),
+        (quoted_band, ("stripes", TABLE[:2, :3] * 0, GRID[:3], 1.0), FitError, "add levels above"),
+    ],
+)
+def test_refusals(make, arguments, kind, key):
+    with pytest.raises(kind, match=key):
+        make(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("design", "groups", "kind", "key"),
+    [
+        ("stripes", [1] * 24, FitError, "one group, 1"),
+        ("stripes", [1, 2], InputError, r"shape \(2,\)"),
+        ("scattered", [1] * 24, InputError, "groups are of records"),
+    ],
+)
+def test_impossible_groups(design, groups, kind, key):
+    with pytest.raises(kind, match=key):
+        quoted_band(design, TABLE, GRID, IM, groups=groups)

@@ -1,16 +1,14 @@
 """Measures compared on simulated studies in which the best one and its dispersion are known."""
 
-import time
-
 import numpy as np
 import pytest
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.measure_fits import fit_verdicts
+from archfrag.fragility.measure_rows import fit_verdicts
 from archfrag.fragility.measures import Motions, compare_measures
 from archfrag.fragility.runs import Resampling
 
-DRAWS = Resampling(seed=1, resamples=500)
+DRAWS, FAST = Resampling(seed=1, resamples=500), Resampling(seed=1, resamples=100)
 LEVELS = np.geomspace(0.2, 16.0, 18)
 THETA, BETA = 0.2, 0.25
 NAMES = ("PGA", "PGV", "IA", "duration")
@@ -36,27 +34,27 @@ def rows_of(table):
 
 
 class TestGrid:
-    def test_known_curve_comes_back(self):
-        """Mean over 40 studies of 44: standard errors of ln theta 0.006, beta 2 %."""
-        rows = [
-            rows_of(compare_measures(*study(seed), "PGA", Resampling(1, 100)))
+    @pytest.mark.parametrize(
+        "levels",
+        [LEVELS, np.geomspace(0.05, 40.0, 12), LEVELS[:10]],
+        ids=["fine", "coarse", "low"],
+    )
+    def test_known_curve_comes_back(self, levels):
+        """Mean over 40 studies of 44: standard errors of ln theta 0.006, beta 2 %.
+
+        Levels a factor of 1.8 apart widen the variance of capacity by 0.17^2, which is taken out;
+        records that never collapse at low levels are bounds: left out they would lower both.
+        """
+        found = [
+            rows_of(compare_measures(*study(seed, levels=levels), "PGA", FAST))["PGV"]
             for seed in range(40)
         ]
-        theta = np.exp(np.mean([np.log(row["PGV"].theta) for row in rows]))
-        beta = np.sqrt(np.mean([row["PGV"].beta ** 2 for row in rows]))
-        assert theta == pytest.approx(THETA, rel=0.02)
-        assert beta == pytest.approx(BETA, rel=0.05)
-
-    def test_rounding_to_levels_is_taken_out(self):
-        """Levels a factor of 1.8 apart add 0.17^2 to the variance of capacity."""
-        levels = np.geomspace(0.05, 40.0, 12)
-        squares = []
-        for seed in range(60):
-            rows = rows_of(
-                compare_measures(*study(seed, levels=levels), "PGA", Resampling(1, 100))
-            )
-            squares.append(rows["PGV"].beta ** 2)
-        assert np.sqrt(np.mean(squares)) == pytest.approx(BETA, rel=0.06)
+        assert np.mean([np.log(row.theta) for row in found]) == pytest.approx(
+            np.log(THETA), abs=0.02
+        )
+        beta = np.sqrt(np.mean([row.beta**2 for row in found]))
+        assert beta == pytest.approx(BETA, rel=0.06)
+        assert (found[0].n_bracketed < found[0].n_records) == (levels.size == 10)
 
     def test_best_measure_and_its_advantage(self):
         table = compare_measures(*study(1), "PGA", DRAWS)
@@ -88,14 +86,8 @@ class TestGrid:
         value = np.asarray(motions.value)
         value = np.stack([value[:, 0], value[:, 1], value[:, 1] ** 3], axis=1)
         names = ("PGA", "PGV", "PGV^3")
-        table = compare_measures(
-            verdict,
-            factor,
-            Motions(names, value, [1.0, 1.0, 3.0], motions.magnitude),
-            "PGA",
-            DRAWS,
-        )
-        rows = rows_of(table)
+        other = Motions(names, value, [1.0, 1.0, 3.0], motions.magnitude)
+        rows = rows_of(compare_measures(verdict, factor, other, "PGA", DRAWS))
         assert rows["PGV^3"].theta == pytest.approx(rows["PGV"].theta ** 3)
         assert rows["PGV^3"].beta == pytest.approx(3.0 * rows["PGV"].beta)
         assert rows["PGV^3"].efficiency == pytest.approx(rows["PGV"].efficiency)
@@ -109,9 +101,7 @@ class TestGrid:
         slopes, insufficient, sufficient = [], 0, 0
         for seed in range(40):
             verdict, factor, motions = study(seed)
-            table = compare_measures(
-                verdict[:, :top], factor[:, :top], motions, "PGA", Resampling(1, 100)
-            )
+            table = compare_measures(verdict[:, :top], factor[:, :top], motions, "PGA", FAST)
             rows = rows_of(table)
             slopes.append(rows["PGA"].slope_magnitude)
             insufficient += rows["PGA"].p_magnitude < 0.05
@@ -119,16 +109,6 @@ class TestGrid:
         assert np.mean(slopes) == pytest.approx(-0.3, abs=0.06)
         assert insufficient >= 20
         assert sufficient >= 31
-
-    def test_bounds_are_used(self):
-        """Records that never collapse are not left out, which would lower theta and beta."""
-        short = LEVELS[:10]
-        found = np.zeros(2)
-        for seed in range(40):
-            row = rows_of(compare_measures(*study(seed, levels=short), "PGA", Resampling(1, 100)))
-            assert 0 < row["PGV"].n_bracketed < row["PGV"].n_records == 44
-            found += np.array([np.log(row["PGV"].theta), row["PGV"].beta]) / 40
-        assert found == pytest.approx([np.log(THETA), BETA], abs=0.02)
 
     def test_cells_not_simulated_change_nothing(self):
         verdict, factor, motions = study(3)
@@ -154,22 +134,6 @@ class TestGrid:
         with pytest.raises(FitError, match="no measure"):
             compare_measures(np.zeros_like(verdict), factor, motions, "PGA", DRAWS)
 
-    def test_speed(self):
-        """20 measures of 44 records; measured 7 ms, with bounds 75 ms."""
-        verdict, factor, motions = study(5)
-        value = np.tile(np.asarray(motions.value)[:, :2], 10)
-        value *= np.exp(np.random.default_rng(1).normal(0.0, 0.1, value.shape))
-        many = Motions(
-            tuple(f"m{i}" for i in range(20)), value, np.ones(20), motions.magnitude,
-            motions.distance,
-        )  # fmt: skip
-        best = np.inf
-        for _ in range(3):
-            start = time.process_time()
-            compare_measures(verdict, factor, many, "m0", Resampling(1))
-            best = min(best, time.process_time() - start)
-        assert best < 0.1
-
 
 class TestScattered:
     def scattered(self, seed, n=450):
@@ -193,7 +157,7 @@ class TestScattered:
         """40 studies: slope of ln capacity on magnitude -0.3, found; none in PGV."""
         slopes, p_values = [], []
         for seed in range(40):
-            rows = rows_of(compare_measures(*self.scattered(seed, 300), "PGA", Resampling(1, 100)))
+            rows = rows_of(compare_measures(*self.scattered(seed, 300), "PGA", FAST))
             slopes.append(rows["PGA"].slope_magnitude)
             p_values.append(rows["PGV"].p_magnitude)
         assert np.mean(slopes) == pytest.approx(-0.3, abs=0.05)

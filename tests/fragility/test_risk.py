@@ -1,4 +1,4 @@
-"""Rate of collapse: closed forms, quadrature, and a band that holds the truth as often as said."""
+"""Rate of collapse: closed forms, quadrature, bands, and its division by category."""
 
 from itertools import pairwise
 
@@ -7,15 +7,18 @@ import pytest
 from scipy.integrate import quad
 
 from archfrag.errors import InputError
+from archfrag.fragility.contributions import (
+    contributions,
+    deaggregate,
+    implied_collapses,
+    level_edges,
+    value_bins,
+)
+from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.fit import fit_ida, fit_stripes
 from archfrag.fragility.hazard_curve import HazardCurve
-from archfrag.fragility.parameters import parameter_draws
-from archfrag.fragility.risk import (
-    TabulatedCurve,
-    collapse_rate,
-    rate_by_level,
-)
+from archfrag.fragility.risk import collapse_rate, parameter_draws, rate_by_level
 
 IM = np.geomspace(0.05, 2.0, 9)
 BENT = HazardCurve(IM, np.exp(-7.0 - 2.0 * np.log(IM) - 0.3 * np.log(IM) ** 2))
@@ -25,23 +28,23 @@ def lognormal(theta, beta):
     return Fragility(theta, beta, np.diag([0.01, 0.005]), 0.0, 5, 30, "ida")
 
 
-def by_quadrature(hazard, probability, low, high, cuts=()):
+def by_quadrature(hazard, curve, low, high):
     """Integral of P |d lambda| from rates of exceedance alone."""
-    knots = np.unique(np.clip(np.log([low, *hazard.im, *cuts, high]), np.log(low), np.log(high)))
+    knots = np.unique(np.clip(np.log([low, *hazard.im, high]), np.log(low), np.log(high)))
     total = 0.0
     for a, b in pairwise(knots):
         fall = np.log(hazard.rate_at(np.exp(a)) / hazard.rate_at(np.exp(b))) / (b - a)
         total += quad(
-            lambda x, k=fall: probability(np.exp(x)) * k * hazard.rate_at(np.exp(x)), a, b,
-            epsabs=0.0, epsrel=1e-11,
+            lambda x, k=fall: curve.probability(np.exp(x)) * k * hazard.rate_at(np.exp(x)),
+            a, b, epsabs=0.0, epsrel=1e-11,
         )[0]  # fmt: skip
     return total
 
 
-class TestClosedForm:
-    @pytest.mark.parametrize("k", [0.5, 1.0, 2.5, 4.0, 8.0])
+class TestRate:
+    @pytest.mark.parametrize("k", [0.5, 2.5, 8.0])
     @pytest.mark.parametrize(("theta", "beta"), [(0.2, 0.15), (0.5, 0.4), (3.0, 0.8)])
-    def test_power_law(self, k, theta, beta):
+    def test_closed_form_of_a_power_law(self, k, theta, beta):
         hazard = HazardCurve(IM, 1e-4 * IM**-k)
         exact = 1e-4 * theta**-k * np.exp(0.5 * (k * beta) ** 2)
         assert collapse_rate(hazard, lognormal(theta, beta)).rate == pytest.approx(exact, rel=1e-9)
@@ -55,57 +58,26 @@ class TestClosedForm:
         assert wide.below == pytest.approx(1.0)
 
     def test_step_is_the_rate_of_exceedance(self):
-        assert collapse_rate(BENT, lognormal(0.4, 1e-6)).rate == pytest.approx(
-            float(BENT.rate_at(0.4)), rel=1e-4
-        )
+        found = collapse_rate(BENT, lognormal(0.4, 1e-6)).rate
+        assert found == pytest.approx(float(BENT.rate_at(0.4)), rel=1e-4)
 
-    def test_tabulated_step(self):
-        curve = TabulatedCurve([0.4, 0.4 * (1.0 + 1e-9)], [0.0, 1.0])
-        assert collapse_rate(BENT, curve).rate == pytest.approx(float(BENT.rate_at(0.4)), rel=1e-6)
-
-
-class TestQuadrature:
     @pytest.mark.parametrize(("theta", "beta"), [(0.3, 0.4), (1.0, 0.3)])
-    def test_lognormal(self, theta, beta):
-        curve = lognormal(theta, beta)
-        expected = by_quadrature(BENT, curve.probability, 1e-3, 1e4)
-        assert collapse_rate(BENT, curve).rate == pytest.approx(expected, rel=1e-7)
-
-    def test_tabulated(self):
-        curve = TabulatedCurve(np.geomspace(0.1, 1.5, 5), [0.01, 0.2, 0.5, 0.9, 0.95])
-        expected = by_quadrature(BENT, curve.probability, 0.1, 1e5, curve.im)
-        assert collapse_rate(BENT, curve).rate == pytest.approx(expected, rel=1e-7)
-
-    def test_dense_table_of_a_lognormal_curve(self):
-        curve = lognormal(0.5, 0.3)
-        im = np.geomspace(0.05, 5.0, 4000)
-        table = TabulatedCurve(im, curve.probability(im))
-        assert collapse_rate(BENT, table).rate == pytest.approx(
-            collapse_rate(BENT, curve).rate, rel=1e-5
+    def test_quadrature(self, theta, beta):
+        expected = by_quadrature(BENT, lognormal(theta, beta), 1e-3, 1e4)
+        assert collapse_rate(BENT, lognormal(theta, beta)).rate == pytest.approx(
+            expected, rel=1e-7
         )
 
-
-class TestLevels:
-    @pytest.mark.parametrize(
-        "curve", [lognormal(0.4, 0.4), TabulatedCurve([0.1, 0.5, 1.0], [0.1, 0.5, 1.0])]
-    )
-    def test_levels_add_up_to_the_rate(self, curve):
-        parts = rate_by_level(BENT, curve, [0.02, 0.1, 0.33, 0.7, 3.0])
+    def test_levels_sum_to_the_rate(self):
+        curve = lognormal(0.4, 0.4)
+        parts = rate_by_level(BENT, curve, [0.02, 0.33, 0.7, 3.0])
         assert np.all(parts >= 0.0)
         assert parts.sum() == pytest.approx(collapse_rate(BENT, curve).rate, rel=1e-12)
-
-    def test_one_level_against_quadrature(self):
-        curve = lognormal(0.4, 0.4)
-        parts = rate_by_level(BENT, curve, [0.33, 0.7])
-        expected = by_quadrature(BENT, curve.probability, 0.33, 0.7)
-        assert parts[1] == pytest.approx(expected, rel=1e-9)
-
-    def test_outside_of_the_hazard_curve(self):
-        found = collapse_rate(BENT, lognormal(2.0, 0.4))
-        beyond = by_quadrature(BENT, lognormal(2.0, 0.4).probability, 2.0, 1e5)
-        assert found.above == pytest.approx(beyond / found.rate, rel=1e-6)
-        assert found.below < 1e-9
-        assert found.outside == found.below + found.above
+        assert parts[2] == pytest.approx(by_quadrature(BENT, curve, 0.33, 0.7), rel=1e-9)
+        far = collapse_rate(BENT, lognormal(2.0, 0.4))
+        beyond = by_quadrature(BENT, lognormal(2.0, 0.4), 2.0, 1e5)
+        assert far.above == pytest.approx(beyond / far.rate, rel=1e-6)
+        assert far.outside == far.below + far.above
 
     def test_flat_pieces_bring_nothing(self):
         flat = HazardCurve([0.01, 0.1, 0.5, 1.0, 2.0], [0.02, 0.02, 1e-3, 1e-4, 1e-4])
@@ -116,40 +88,34 @@ class TestLevels:
 
 class TestHazardCurve:
     def test_probabilities_are_of_a_poisson_process(self):
-        curve = HazardCurve.from_exceedance([0.1, 0.2, 0.4], [0.5, 0.1, 0.02], 50.0)
-        assert 1.0 / curve.rate[1] == pytest.approx(474.561, rel=1e-5)
-        assert curve.rate[0] == pytest.approx(np.log(2.0) / 50.0)
-
-    def test_certain_and_impossible_points_are_left_out(self):
+        """10 % in 50 years is 475 years; certain and impossible points are left out."""
         curve = HazardCurve.from_exceedance([0.1, 0.2, 0.4, 0.8], [1.0, 0.1, 0.02, 0.0], 50.0)
+        assert 1.0 / curve.rate[0] == pytest.approx(474.561, rel=1e-5)
         np.testing.assert_array_equal(curve.im, [0.2, 0.4])
 
     def test_power_between_and_beyond(self):
         curve = HazardCurve([0.1, 0.2, 0.4], [1e-2, 5e-3, 6.25e-4])
-        assert curve.rate_at(0.05) == pytest.approx(2e-2)
-        assert curve.rate_at(0.2 * np.sqrt(2.0)) == pytest.approx(5e-3 / 2.0**1.5)
-        assert curve.rate_at(0.8) == pytest.approx(6.25e-4 / 8.0)
+        expected = [2e-2, 5e-3 / 2.0**1.5, 6.25e-4 / 8.0]
+        assert curve.rate_at([0.05, 0.2 * np.sqrt(2.0), 0.8]) == pytest.approx(expected)
         np.testing.assert_allclose(curve.rate_at(curve.im), curve.rate)
 
     @pytest.mark.parametrize(
-        ("im", "rate", "sentence"),
+        ("make", "arguments", "key"),
         [
-            ([0.1, 0.2], [1e-3, 2e-3], "rises from 0.001 to 0.002 at im = 0.2"),
-            ([0.2, 0.1], [2e-3, 1e-3], "has 0.1 after 0.2"),
-            ([0.1, 0.2], [1e-3, 1e-3], "is 0.001 at all its points"),
-            ([0.1, -0.2], [2e-3, 1e-3], "im holds -0.2"),
-            ([0.1, 0.2], [np.nan, 1e-3], "rate holds nan"),
-            ([0.1], [1e-3], "has 1 of 1 points"),
-            ([0.1, 0.2], [1e-3], "two lists of at least two points"),
+            (HazardCurve, ([0.1, 0.2], [1e-3, 2e-3]), "rises from 0.001 to 0.002 at im = 0.2"),
+            (HazardCurve, ([0.2, 0.1], [2e-3, 1e-3]), "has 0.1 after 0.2"),
+            (HazardCurve, ([0.1, 0.2], [1e-3, 1e-3]), "is 0.001 at all its points"),
+            (HazardCurve, ([0.1, -0.2], [2e-3, 1e-3]), "im holds -0.2"),
+            (HazardCurve, ([0.1, 0.2], [np.nan, 1e-3]), "rate holds nan"),
+            (HazardCurve.from_rates, ([0.1], [1e-3]), "has 1 of 1 points"),
+            (HazardCurve.from_rates, ([0.1, 0.2], [1e-3]), "two lists of at least two points"),
+            (HazardCurve.from_exceedance, ([0.1, 0.2], [1.2, 0.1], 50.0), r"holds 1\.2"),
+            (HazardCurve.from_exceedance, ([0.1, 0.2], [0.2, 0.1], 0.0), "0 years"),
         ],
     )
-    def test_refusals(self, im, rate, sentence):
-        with pytest.raises(InputError, match=sentence):
-            HazardCurve.from_rates(im, rate)
-
-    def test_probability_that_is_none(self):
-        with pytest.raises(InputError, match=r"probability holds 1\.2"):
-            HazardCurve.from_exceedance([0.1, 0.2], [1.2, 0.1], 50.0)
+    def test_refusals(self, make, arguments, key):
+        with pytest.raises(InputError, match=key):
+            make(*arguments)
 
 
 class TestBand:
@@ -160,19 +126,16 @@ class TestBand:
         assert low < value < high
         assert found.return_period == pytest.approx(1.0 / found.rate)
 
-    def test_same_seed_same_draws(self):
-        fit = lognormal(0.5, 0.4)
-        for a, b in zip(parameter_draws(fit, 3), parameter_draws(fit, 3)):
-            np.testing.assert_array_equal(a, b)
-
     def test_draws_have_the_covariance_of_the_fit(self):
         fit = Fragility(0.5, 0.4, np.array([[4e-3, 1e-3], [1e-3, 2e-3]]), 0.0, 5, 200, "stripes")
         theta, beta = parameter_draws(fit, 1, draws=100_000)
         found = np.cov(np.log(theta), 0.4 * np.log(beta))
         np.testing.assert_allclose(found, fit.covariance, rtol=0.03)
+        wide = Fragility(0.5, 0.4, np.diag([0.09, 0.01]), 0.0, 5, 900, "stripes")
+        assert np.log(parameter_draws(wide, 1, 300)[0]).std() == pytest.approx(0.3, rel=0.05)
 
     @pytest.mark.parametrize("shared", [False, True])
-    def test_holds_the_true_rate_as_often_as_it_says(self, shared):
+    def test_holds_the_true_rate_as_often_as_claimed(self, shared):
         """90 % with 24 records: capacities known, and seen through 15 levels."""
         generator = np.random.default_rng(8)
         hazard = HazardCurve([0.01, 10.0], 1e-4 * np.array([0.01, 10.0]) ** -2.0)
@@ -181,37 +144,130 @@ class TestBand:
         held = []
         for repeat in range(200):
             capacity = np.exp(0.4 * generator.standard_normal(24))
+            fit = fit_ida(capacity)
             if shared:
                 fit = fit_stripes(levels, (capacity[:, None] <= levels).sum(axis=0), 24)
-            else:
-                fit = fit_ida(capacity)
             found = collapse_rate(hazard, fit, parameter_draws(fit, repeat, 24, draws=500))
             held.append(found.lower <= truth <= found.upper)
         assert 0.83 <= np.mean(held) <= 0.96
 
-    def test_wide_covariance_is_not_narrowed_by_many_records(self):
-        fit = Fragility(0.5, 0.4, np.diag([0.09, 0.01]), 0.0, 5, 900, "stripes")
-        theta, _ = parameter_draws(fit, 1, n_record=300)
-        assert np.log(theta).std() == pytest.approx(0.3, rel=0.05)
+
+NAMES = ("a", "b", "c")
 
 
-class TestRefusals:
-    def test_confidence(self):
-        with pytest.raises(InputError, match="confidence is 1"):
-            collapse_rate(BENT, lognormal(0.5, 0.4), confidence=1.0)
+def scene(n_record=30, n_level=6, seed=4):
+    generator = np.random.default_rng(seed)
+    verdict = generator.choice([0, 1, 2, 3], (n_record, n_level), p=[0.3, 0.6, 0.05, 0.05])
+    verdict[:, 2] = Verdict.STANDING
+    return verdict, generator.integers(0, 3, verdict.shape)
 
-    def test_years(self):
-        with pytest.raises(InputError, match="years is 0"):
-            collapse_rate(BENT, lognormal(0.5, 0.4)).probability_in(0.0)
 
-    def test_edges(self):
-        with pytest.raises(InputError, match="edges must be"):
-            rate_by_level(BENT, lognormal(0.5, 0.4), [0.2, 0.1])
+class TestContributions:
+    def test_categories_and_unassigned_sum_to_each_level(self):
+        verdict, kind = scene()
+        rates = np.geomspace(1e-3, 1e-5, 6)
+        found = contributions(rates, verdict == 1, kind, NAMES)
+        np.testing.assert_allclose(found.rate.sum(axis=0) + found.unassigned, rates, rtol=1e-14)
+        assert found.unassigned[2] == rates[2]
+        assert found.fraction.sum() == pytest.approx(1.0)
+        nothing = contributions([1e-4], [[False], [False]], [[0], [0]], ("a",))
+        assert np.isnan(nothing.fraction[0])
 
-    def test_table_that_falls(self):
-        with pytest.raises(InputError, match="never fall"):
-            TabulatedCurve([0.1, 0.2], [0.5, 0.4])
+    def test_weights_are_the_hazards_not_the_counts(self):
+        """One mechanism below, another above: with equal counts their fractions are the rates'."""
+        kind = np.tile([0, 1], (10, 1))
+        found = contributions([9e-4, 1e-4], np.ones((10, 2), bool), kind, ("low", "high"))
+        np.testing.assert_allclose(found.fraction, [0.9, 0.1])
+        np.testing.assert_allclose([found.lower, found.upper], [[0.9, 0.1]] * 2)
 
-    def test_draws_without_meaning(self):
-        with pytest.raises(InputError, match="beta holds 0"):
-            collapse_rate(BENT, lognormal(0.5, 0.4), ([0.5], [0.0]))
+    def test_band_is_that_of_resampled_records(self):
+        """At one level it is the band of a binomial fraction of records."""
+        kind = (np.arange(400) >= 100).astype(int)[:, None]
+        found = contributions([1e-4], np.ones((400, 1), bool), kind, ("rare", "common"))
+        half = 1.645 * np.sqrt(0.25 * 0.75 / 400)
+        ends = [found.lower[0], found.upper[0]]
+        assert ends == pytest.approx([0.25 - half, 0.25 + half], abs=0.006)
+
+    def test_gaps_of_a_bisection_follow_from_their_neighbours(self):
+        fell = [[0, 0, 1, 0, 0], [0, 0, 0, 0, 0], [0, 1, 0, 0, 1]]
+        known = [[0, 1, 1, 0, 0], [0, 1, 0, 0, 0], [1, 1, 1, 0, 1]]
+        kind = [[-1, -1, 2, -1, -1], [-1] * 5, [-1, 0, -1, -1, 1]]
+        filled, category = implied_collapses(fell, known, kind)
+        assert filled.astype(int).tolist() == [[0, 0, 1, 1, 1], [0] * 5, [0, 1, 0, 0, 1]]
+        assert category[[0, 2]].tolist() == [[-1, -1, 2, 2, 2], [-1, 0, -1, -1, 1]]
+
+    def test_bins_hold_their_lower_end_and_what_is_not_known(self):
+        place, names = value_bins([4.0, 6.0, 6.99, 7.0, np.nan], [6.0, 7.0], "km")
+        assert place.tolist() == [0, 1, 1, 2, 3]
+        assert names == ("below 6 km", "6 to 7 km", "7 km and more", "not known")
+
+
+class TestDeaggregation:
+    def test_every_collapse_is_counted_once_and_nothing_else(self):
+        verdict, kind = scene()
+        verdict[:, 3] = Verdict.SOLVER_FAILURE
+        found, fell = deaggregate(verdict, kind, NAMES), verdict == Verdict.COLLAPSED
+        for i in range(3):
+            assert found.counts[i].tolist() == (fell & (kind == i)).sum(axis=0).tolist()
+        np.testing.assert_array_equal(found.collapsed, fell.sum(axis=0))
+        np.testing.assert_array_equal(found.n, fell.sum(axis=0) + (verdict == 0).sum(axis=0))
+        some = [0, 1, 4, 5]
+        np.testing.assert_allclose(found.fraction[:, some].sum(axis=0), 1.0)
+        fraction = found.collapsed[some] / found.n[some]
+        np.testing.assert_allclose(found.probability[:, some].sum(axis=0), fraction)
+        for values in (found.fraction, found.lower, found.upper):
+            assert np.isnan(values[:, [2, 3]]).all()
+        assert (found.probability[:, 2] == 0.0).all()
+        other = deaggregate(verdict, np.where(fell, kind, -7), NAMES)
+        np.testing.assert_array_equal(found.counts, other.counts)
+
+    def test_repeated_records_do_not_narrow_the_overall_interval(self):
+        """All levels of a record are alike: ten copies know no more than one."""
+        verdict, kind = scene(n_level=3)
+        one = verdict[:, :1], kind[:, :1]
+        once, tenfold = (
+            deaggregate(*(np.repeat(part, n, 1) for part in one), NAMES) for n in (1, 10)
+        )
+        assert tenfold.counts.sum() == 10 * once.counts.sum()
+        assert tenfold.n_effective == pytest.approx(once.n_effective)
+        np.testing.assert_allclose(tenfold.overall_lower, once.overall_lower)
+        unequal = deaggregate([[1, 1, 1], [0, 0, 1]], np.zeros((2, 3), int), ("a",))
+        assert unequal.n_effective == pytest.approx(16.0 / 10.0)
+
+    def test_overall_interval_holds_where_records_fall_alike(self):
+        """Category by record, collapses of unequal number: coverage at least nominal."""
+        generator, held = np.random.default_rng(5), []
+        for _ in range(1000):
+            first = generator.integers(0, 8, 24)
+            verdict = (np.arange(8) >= first[:, None]).astype(int)
+            kind = np.broadcast_to(generator.random((24, 1)) < 0.4, verdict.shape).astype(int)
+            found = deaggregate(verdict, kind, ("a", "b"))
+            held.append(found.overall_lower[1] <= 0.4 <= found.overall_upper[1])
+        assert 0.86 < np.mean(held) < 0.95
+
+
+@pytest.mark.parametrize(
+    ("make", "arguments", "key"),
+    [
+        (collapse_rate, (BENT, lognormal(0.5, 0.4), None, 1.0), "confidence is 1"),
+        (collapse_rate, (BENT, lognormal(0.5, 0.4), ([0.5], [0.0])), "beta holds 0"),
+        (collapse_rate(BENT, lognormal(0.5, 0.4)).probability_in, (0.0,), "years holds 0"),
+        (rate_by_level, (BENT, lognormal(0.5, 0.4), [0.2, 0.1]), "edges must be"),
+        (
+            parameter_draws,
+            (Fragility(1, 1, np.full((2, 2), np.nan), 0, 1, 1, ""), 1),
+            "not finite",
+        ),
+        (level_edges, ([0.2, 0.1],), "levels must be"),
+        (contributions, ([1e-3], [[1, 0]], [[0, 0]], NAMES), "level_rate has shape"),
+        (contributions, ([-1.0], [[1]], [[0]], NAMES), "one rate from 0 upwards"),
+        (contributions, ([1.0], [[1]], [[3]], NAMES), "category holds 3"),
+        (deaggregate, ([[1, 0]], [[0]], NAMES), r"\(1, 2\), category \(1, 1\)"),
+        (deaggregate, ([1, 0], [0, 0], NAMES), r"shape \(2,\)"),
+        (deaggregate, ([[1, 0]], [[-1, 0]], NAMES), "category holds -1"),
+        (deaggregate, ([[7, 0]], [[0, 0]], NAMES), "verdict holds 7"),
+    ],
+)
+def test_refusals(make, arguments, key):
+    with pytest.raises(InputError, match=key):
+        make(*arguments)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from archfrag.mechanics.contact.blocks import EXACT, Precision, solve_modes
-from archfrag.mechanics.contact.modes import ask_modes, settle_modes, velocity_scale
+from archfrag.mechanics.contact.modes import ask_modes, reconcile_modes, velocity_scale
 from archfrag.mechanics.contact.path import (
     PATHS,
     SOFT_PATHS,
@@ -169,7 +169,7 @@ def solution_in(solved, work):
 def by_newton(problem):
     """Solution by the iteration on the modes alone."""
     model, position, work = posed(problem)
-    solved, _ = settle_modes(model, position, work, velocity_scale(position, work), EXACT, 8)
+    solved, _ = reconcile_modes(model, position, work, velocity_scale(position, work), EXACT, 8)
     return solution_in(solved, work)
 
 
@@ -303,7 +303,7 @@ class Posed:
         self.work = work = new_work(model)
         self.slip = np.zeros(chain.friction.size) if slip is None else slip
         self.position, self.velocity = framed(position), framed(velocity)
-        move_faces(model, self.position, work.turned, work.face, work.tangent)
+        move_faces(model, self.position, work.rotated, work.face, work.tangent)
         place_contacts(model, self.slip, work.face, work.tangent, work)
         set_modes(modes, work.touch, work.slide)
         work.candidate[:], work.known[:] = work.touch, work.slide

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tests.mechanics.adapters import CLOSED, Mode
-from tests.mechanics.oracles import cross, turned
+from tests.mechanics.oracles import cross, rotated
 
 
 class Hinged(NamedTuple):
@@ -21,7 +21,7 @@ class Hinged(NamedTuple):
 
 def rotate(vector, angle):
     c, s = np.cos(angle), np.sin(angle)
-    return c * vector + s * turned(vector)
+    return c * vector + s * rotated(vector)
 
 
 def hinge_matrix(centroid, hinge):
@@ -31,7 +31,7 @@ def hinge_matrix(centroid, hinge):
         for body, sign in ((j, 1.0), (j - 1, -1.0)):
             if 0 <= body < 3:
                 matrix[j, :, body, :2] = sign * np.eye(2)
-                matrix[j, :, body, 2] = sign * turned(hinge[j] - centroid[body])
+                matrix[j, :, body, 2] = sign * rotated(hinge[j] - centroid[body])
     return matrix.reshape(8, 9)
 
 
@@ -80,7 +80,7 @@ def hinged_arch(arch, hinges, turn, rate):
     for _ in range(30):  # closure of the linkage: two equations for two rotations
         arms = [rotate(rest[k + 1] - rest[k], angle[k]) for k in range(3)]
         gap = sum(arms) - (rest[3] - rest[0])
-        step = np.linalg.solve(np.column_stack([turned(arms[1]), turned(arms[2])]), -gap)
+        step = np.linalg.solve(np.column_stack([rotated(arms[1]), rotated(arms[2])]), -gap)
         angle[1:] += step
     if np.abs(gap).max() > 1e-12 or np.abs(angle).max() > 0.3:
         return None
@@ -99,7 +99,7 @@ def hinged_arch(arch, hinges, turn, rate):
     velocity = np.zeros_like(position)
     for k, body in enumerate(bodies):
         arm = position[body, :2] - centroid[k]
-        velocity[body, :2] = motion[k, :2] + motion[k, 2] * turned(arm)
+        velocity[body, :2] = motion[k, :2] + motion[k, 2] * rotated(arm)
         velocity[body, 2] = motion[k, 2]
     modes = [CLOSED] * chain.friction.size
     for joint, corner in hinges:

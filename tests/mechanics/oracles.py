@@ -15,7 +15,7 @@ def cross(a, b):
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
-def turned(a):
+def rotated(a):
     """Vectors turned by +90 degrees."""
     return np.stack([-a[..., 1], a[..., 0]], axis=-1)
 
@@ -29,7 +29,7 @@ def motion_matrix(problem):
             if 0 <= body < n:
                 arm = problem.point[j, c] - problem.centroid[body]
                 matrix[j, c, :, body, :2] = sign * np.eye(2)
-                matrix[j, c, :, body, 2] = sign * turned(arm)
+                matrix[j, c, :, body, 2] = sign * rotated(arm)
     return matrix.reshape(m, 2, 2, 3 * n)
 
 
@@ -44,7 +44,7 @@ def corner_rates(problem, velocity):
     m = problem.friction.size
     after, before = (
         motion[i : i + m, :, :2]
-        + motion[i : i + m, :, 2:] * turned(problem.point - centroid[i : i + m])
+        + motion[i : i + m, :, 2:] * rotated(problem.point - centroid[i : i + m])
         for i in (1, 0)
     )
     return after - before + problem.bias
@@ -85,7 +85,7 @@ def coulomb(normal, shear, rate, friction, sliding):
 
 def closed_violation(problem, j, rates, forces):
     """Violation at a joint whose faces are parallel: Eq 5 at either corner, Eq 6 between them."""
-    n, t = problem.normal[j], turned(problem.normal[j])
+    n, t = problem.normal[j], rotated(problem.normal[j])
     signorini = np.abs(np.minimum(rates @ n, forces[:2])).max()
     # Where only one corner bears, the slip is that of this corner.
     weight = np.maximum(forces[:2], 0.0) + 1e-30
@@ -102,7 +102,7 @@ def corner_violation(problem, j, c, rate, force):
     mu = problem.friction[j]
     rays = {}
     for sense, n in faces.items():
-        ray = sense * turned(n) if np.isinf(mu) else n + sense * mu * turned(n)
+        ray = sense * rotated(n) if np.isinf(mu) else n + sense * mu * rotated(n)
         rays[sense] = ray / np.linalg.norm(ray)
     size = np.linalg.norm(force)
     least = max(size, -max(n @ rate for n in faces.values()))
@@ -112,7 +112,7 @@ def corner_violation(problem, j, c, rate, force):
     for sense, n in faces.items():
         if problem.sliding[j] == -sense:
             continue
-        along = 0.0 if problem.sliding[j] else sense * (turned(n) @ rate)
+        along = 0.0 if problem.sliding[j] else sense * (rotated(n) @ rate)
         off = np.linalg.norm(force - max(force @ rays[sense], 0.0) * rays[sense])
         least = min(least, max(off, abs(n @ rate), along))
     return least
@@ -159,7 +159,7 @@ def mode_rows(problem, j, mode):
     """
     mu = problem.friction[j]
     if mode.corners == CLOSED.corners:
-        n, t = problem.normal[j], turned(problem.normal[j])
+        n, t = problem.normal[j], rotated(problem.normal[j])
         force = n + mode.slip * mu * t if mode.slip else n
         rows = [(np.eye(2)[c], n, np.eye(2)[c][:, None] * force) for c in range(2)]
         if not mode.slip:
@@ -170,9 +170,9 @@ def mode_rows(problem, j, mode):
         n = problem.normal_minus[j, c] if mode.slip == MINUS else problem.normal_plus[j, c]
         at = np.eye(2)[c]
         if not mode.slip:
-            rows += [(at, n, at[:, None] * n), (at, turned(n), at[:, None] * turned(n))]
+            rows += [(at, n, at[:, None] * n), (at, rotated(n), at[:, None] * rotated(n))]
         else:
-            ray = mode.slip * turned(n) if np.isinf(mu) else n + mode.slip * mu * turned(n)
+            ray = mode.slip * rotated(n) if np.isinf(mu) else n + mode.slip * mu * rotated(n)
             rows.append((at, n, at[:, None] * ray))
     return rows
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from archfrag.mechanics.contact.blocks import EXACT
-from archfrag.mechanics.contact.modes import settle_modes, velocity_scale
+from archfrag.mechanics.contact.modes import reconcile_modes, velocity_scale
 from tests.mechanics.adapters import CLOSED, MINUS, OPEN, PLUS, Joint, Mode, posed, proposed
 from tests.physics.random_states import KINDS, random_state
 
@@ -78,9 +78,9 @@ class TestOpenJoint:
 
     @pytest.mark.parametrize("sense", [PLUS, MINUS])
     def test_a_slip_under_way_goes_on(self, sense):
-        under_way = {"sliding": sense}
-        assert asked(OPEN, opening(-1.0, 2.0), NO_FORCE, **under_way) == Mode((0,), sense)
-        assert asked(OPEN, opening(-1.0, -2.0), NO_FORCE, **under_way) == Mode((0, 1), sense)
+        compiling = {"sliding": sense}
+        assert asked(OPEN, opening(-1.0, 2.0), NO_FORCE, **compiling) == Mode((0,), sense)
+        assert asked(OPEN, opening(-1.0, -2.0), NO_FORCE, **compiling) == Mode((0, 1), sense)
 
     def test_a_face_without_friction_limit_sticks_where_it_closes(self):
         mode = asked(OPEN, opening(-1.0, -2.0), NO_FORCE, friction=math.inf, sliding=PLUS)
@@ -234,5 +234,5 @@ class TestVelocityScale:
     def test_is_that_of_free_bodies_whatever_was_solved_before(self, kind):
         model, position, work = posed(random_state(np.random.default_rng(3), 12, 0.6, kind))
         before = velocity_scale(position, work)
-        settle_modes(model, position, work, before, EXACT, 8)
+        reconcile_modes(model, position, work, before, EXACT, 8)
         assert velocity_scale(position, work) == before > 0.0

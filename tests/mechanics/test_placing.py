@@ -21,7 +21,7 @@ MODEL = model_of(ARCH.chain)
 def placed(position):
     """Workspace with the faces of bodies at (n_voussoir + 2, 3)."""
     work = new_work(MODEL)
-    move_faces(MODEL, position, work.turned, work.face, work.tangent)
+    move_faces(MODEL, position, work.rotated, work.face, work.tangent)
     return work
 
 

@@ -9,7 +9,7 @@ import pytest
 import archfrag as af
 from tests.mechanics.adapters import CLOSED, OPEN, Mode, Posed
 from tests.mechanics.linkages import random_hinged_arch, rotate
-from tests.mechanics.oracles import Dense, balance_error, corner_forces, law_violation, turned
+from tests.mechanics.oracles import Dense, balance_error, corner_forces, law_violation, rotated
 
 g = 9.80665
 
@@ -39,7 +39,7 @@ def leaning_column(rng, friction):
     position[joint:, :2] = edge + rotate(position[joint:, :2] - edge, turn)
     position[joint:, 2] = turn
     velocity, spin = np.zeros((5, 3)), rng.uniform(-0.3, 0.3)
-    velocity[joint:, :2] = spin * turned(position[joint:, :2] - edge)
+    velocity[joint:, :2] = spin * rotated(position[joint:, :2] - edge)
     velocity[joint:, 2] = spin
     modes = [CLOSED] * 5
     modes[joint] = Mode((corner,))

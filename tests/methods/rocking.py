@@ -4,7 +4,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from tests.mechanics.linkages import rotate
-from tests.mechanics.oracles import cross, turned
+from tests.mechanics.oracles import cross, rotated
 
 
 class Rocking:
@@ -31,7 +31,7 @@ class Rocking:
         turn, rate = state
         arm = rotate(self.arm, turn)[first:]
         up = self.spin_up(time, turn)
-        needed = up * turned(arm) - rate**2 * arm - self.force(time)
+        needed = up * rotated(arm) - rate**2 * arm - self.force(time)
         needed *= self.mass[first:, None]
         at = rotate(np.asarray(point) - self.pivot, turn)
         moment = cross(arm - at, needed).sum() + (self.inertia[first:] * up).sum()
@@ -52,4 +52,4 @@ class Rocking:
         arm = rotate(self.arm, turn)
         turning = np.full(self.mass.size, turn), np.full(self.mass.size, rate)
         position = np.column_stack([self.pivot + arm, turning[0]])
-        return position, np.column_stack([rate * turned(arm), turning[1]])
+        return position, np.column_stack([rate * rotated(arm), turning[1]])

@@ -133,12 +133,13 @@ def test_breaks_are_counted_in_both_components():
 
 def test_the_more_events_are_handed_over_the_longer_all_voussoirs_are_stepped():
     longer = [
-        run(1e-3, coarse=1.0, hand_over=steps).model_time["all_voussoirs"] for steps in (0.0, 1e6)
+        run(1e-3, coarse=1.0, switch_steps=steps).model_time["all_voussoirs"]
+        for steps in (0.0, 1e6)
     ]
     assert longer[1] > 2.0 * longer[0]
 
 
-@pytest.mark.parametrize(("name", "value"), [("hand_over", -1.0), ("coarse", 1.5)])
+@pytest.mark.parametrize(("name", "value"), [("switch_steps", -1.0), ("coarse", 1.5)])
 def test_a_limit_that_makes_no_sense_is_refused(name, value):
     with pytest.raises(InputError, match=f"settings.{name} is {value}"):
         run(1e-3, **{name: value})

@@ -159,7 +159,7 @@ class TestKinematics:
                 slope = (places[1] - places[0]) / (2.0 * step)
                 scale = np.abs(slope).max() + 1.0
                 assert np.abs(state.velocity - slope)[1:-1].max() < 1e-5 * scale
-                move_faces(model, state.position, work.turned, work.face, work.tangent)
+                move_faces(model, state.position, work.rotated, work.face, work.tangent)
                 apart = work.face[:, 1] - work.face[:, 0]
                 assert np.abs(apart[linkage.touch > 0.5]).max() < 1e-12 * 10.0
                 opens = np.abs(apart[linkage.touch < 0.5]).max(axis=1)

@@ -162,7 +162,7 @@ class TestCorners:
         def energy(at):
             work.touch[:] = springs.shear[:] = 0.0
             state.position[1] = at
-            move_faces(model, state.position, work.turned, work.face, work.tangent)
+            move_faces(model, state.position, work.rotated, work.face, work.tangent)
             press_joints(model, state, work, springs, 0.0)
             return springs.sums[Sum.ELASTIC]
 

@@ -63,6 +63,6 @@ class TestRegistry:
         still = af.Motion(np.zeros(3), 0.01)
         block = af.Block(1.0, 2.0, friction=0.6)
         with pytest.raises(
-            InputError, match=r"'stifness'; allowed for method auto: hand_over, coarse"
+            InputError, match=r"'stifness'; allowed for method auto: switch_steps, coarse"
         ):
             af.simulate(block, still, settings={"stifness": 1.0})

@@ -28,7 +28,7 @@ def outcome(path, name):
     motions = sentence_or(lambda: read_motions(path, accept=accept), path)
     # The reader itself, for files that are no longer recognised.
     module = import_module(f"archfrag.motions.formats.{OWN[name]}")
-    sentence_or(lambda: getattr(module, f"read_{OWN[name]}")(path), path)
+    sentence_or(lambda: getattr(module, f"read_{name.lower()}")(path), path)
     return "sentence" if motions is None else "motion"
 
 

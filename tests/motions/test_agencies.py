@@ -11,10 +11,8 @@ from obspy.core.util.base import ENTRY_POINTS
 
 import archfrag as af
 from archfrag.errors import RecordError
-from archfrag.motions.formats.dyna import is_dyna, read_dyna
-from archfrag.motions.formats.geonet import is_geonet, read_geonet
-from archfrag.motions.formats.knet import read_knet
-from archfrag.motions.formats.resorce import is_resorce, read_resorce
+from archfrag.motions.formats.blocks import is_geonet, read_geonet
+from archfrag.motions.formats.keyed import is_dyna, is_resorce, read_dyna, read_knet, read_resorce
 from archfrag.motions.formats.text import numbers
 from archfrag.motions.measures import measure, pga, spectral_acceleration
 from archfrag.motions.process import bandpass

@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def claims(name):
-    return getattr(import_module(f"archfrag.motions.formats.{OWN[name]}"), f"is_{OWN[name]}")
+    return getattr(import_module(f"archfrag.motions.formats.{OWN[name]}"), f"is_{name.lower()}")
 
 
 def claimed_by_obspy(path):
@@ -50,10 +50,10 @@ def test_every_reader_is_a_plug_in_of_obspy():
         points = tomllib.load(file)["project"]["entry-points"]
     modules = {name: f"archfrag.motions.formats.{module}" for name, module in OWN.items()}
     assert points["obspy.plugin.waveform"] == modules
-    for name, module in OWN.items():
+    for name in OWN:
         assert points[f"obspy.plugin.waveform.{name}"] == {
-            "isFormat": f"{modules[name]}:is_{module}",
-            "readFormat": f"{modules[name]}:read_{module}",
+            "isFormat": f"{modules[name]}:is_{name.lower()}",
+            "readFormat": f"{modules[name]}:read_{name.lower()}",
         }
 
 

@@ -7,7 +7,7 @@ from tests.mechanics.adapters import CLOSED, Mode, Problem
 KINDS = ("resting", "hinged", "sliding", "impact")
 
 
-def turned(vector, angle):
+def rotated(vector, angle):
     """`vector` turned by `angle` [rad] counter-clockwise."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])
@@ -73,13 +73,13 @@ def random_state(rng, n, mu, kind):
         tangent_before = (before[1] - before[0]) / np.linalg.norm(before[1] - before[0])
         step = angle + (0.0 if joint[j] == 0 else opening[j] * (1 if joint[j] == 2 else -1))
         rotate = step - angle
-        tangent_after = turned(tangent_before, rotate)
-        normal_before = turned(tangent_before, -np.pi / 2)
-        normal_after = turned(tangent_after, -np.pi / 2)
+        tangent_after = rotated(tangent_before, rotate)
+        normal_before = rotated(tangent_before, -np.pi / 2)
+        normal_after = rotated(tangent_after, -np.pi / 2)
         corner = 1 if joint[j] == 2 else 0
         vertex = before[corner] + slipped[j] * tangent_before
         if j < n:
-            first = np.array([turned(p, step) for p in local_first[j]])
+            first = np.array([rotated(p, step) for p in local_first[j]])
             position[j] = vertex - first[corner]
             after = position[j] + first
         else:
@@ -95,7 +95,7 @@ def random_state(rng, n, mu, kind):
             else:
                 plus[j, c] = minus[j, c] = normal_before if on_before else normal_after
         mid = tangent_before + tangent_after
-        normal[j] = turned(mid / np.linalg.norm(mid), -np.pi / 2)
+        normal[j] = rotated(mid / np.linalg.norm(mid), -np.pi / 2)
         if joint[j] == 0:
             modes.append(CLOSED)
         else:
@@ -103,7 +103,7 @@ def random_state(rng, n, mu, kind):
             touching[j, 1 - corner] = False
         angle = step
         if j < n:
-            before = position[j] + np.array([turned(p, step) for p in local_last[j]])
+            before = position[j] + np.array([rotated(p, step) for p in local_last[j]])
 
     if kind == "impact":
         free = rng.normal(size=(n, 3)) * np.array([1.0, 1.0, 0.3]) * rng.uniform(0.01, 1)

@@ -29,7 +29,7 @@ from archfrag.mechanics.block.motion import (
 from archfrag.mechanics.block.regions import painleve_friction, rocking_friction, starting_region
 from archfrag.mechanics.compile import kernel
 from archfrag.mechanics.contact.blocks import EXACT
-from archfrag.mechanics.contact.modes import settle_modes, velocity_scale
+from archfrag.mechanics.contact.modes import reconcile_modes, velocity_scale
 from archfrag.mechanics.contact.path import PATHS, SOFT_PATHS, new_path, solve_by_path
 from archfrag.mechanics.contact.placing import move_faces, place_contacts
 from archfrag.mechanics.model import model_of, new_state, new_work
@@ -89,7 +89,7 @@ def pose_accelerations(model, state, work, ground_x, ground_y):
 def solved_motion(model, state, work, path, block, speed):
     """Motion of the problem posed, velocities counted over `speed`; -1 if none is found."""
     scale = velocity_scale(state.position, work)
-    solved, _ = settle_modes(model, state.position, work, scale, EXACT, 8)
+    solved, _ = reconcile_modes(model, state.position, work, scale, EXACT, 8)
     if not solved:
         solved, _, _, _ = solve_by_path(model, state.position, work, path, PATHS, SOFT_PATHS)
     x, y, rotation = work.solved[1, 0], work.solved[1, 1], work.solved[1, 2]
@@ -104,7 +104,7 @@ def first_motions(model, state, work, path, block, ground_x, ground_y, friction,
     `friction` and `ground_x` (n,); `found` (n, 4) is overwritten.
     """
     clear(state)
-    move_faces(model, state.position, work.turned, work.face, work.tangent)
+    move_faces(model, state.position, work.rotated, work.face, work.tangent)
     speed = STEP * model.gravity
     for i in range(ground_x.size):
         set_friction(model, friction[i])
@@ -237,13 +237,13 @@ class TestGradients:
             block = random_block(rng)
             place, rotation = rng.uniform(-1, 1, 2), rng.uniform(-1, 1)
             x, y, turn = rng.uniform(-1, 1, 3)
-            arm = formulas.turned_arm(*place, rotation)
+            arm = formulas.rotated_arm(*place, rotation)
             n_t = formulas.tangential_gradient(block, arm)
             n_n = formulas.normal_gradient(block, arm)
             velocity = formulas.generalised(block, x, y, turn)
             d = 1e-6
-            later = vector(*formulas.turned_arm(*place, rotation + d * turn))
-            sooner = vector(*formulas.turned_arm(*place, rotation - d * turn))
+            later = vector(*formulas.rotated_arm(*place, rotation + d * turn))
+            sooner = vector(*formulas.rotated_arm(*place, rotation - d * turn))
             moved = vector(x, y) + (later - sooner) / (2 * d)
             assert formulas.point_velocity(n_t, n_n, velocity) == pytest.approx(moved, abs=1e-9)
             kinetic = block.mass * (x * x + y * y) + block.inertia * turn * turn
@@ -422,7 +422,7 @@ def same_answer(found, answer, block, rotation, scale):
     assert forces == pytest.approx(reaction[:2], abs=1e-9 * block.mass * scale)
     if found.normal > 1e-6 * block.mass * scale:
         place = formulas.centre_place(block, found.centre)
-        x, y = formulas.turned_arm(place, -block.rise, rotation)
+        x, y = formulas.rotated_arm(place, -block.rise, rotation)
         moment = x * found.normal - y * found.tangential
         assert moment == pytest.approx(reaction[2], abs=1e-9 * block.mass * size * scale)
 

@@ -116,7 +116,7 @@ class TestGrouping:
         model, modes, slip, mega = self.build(pattern, free_end, slips=0.05)
         position, _ = rigid_state(mega, np.random.default_rng(4), size=0.5)
         work = new_work(model)
-        move_faces(model, position, work.turned, work.face, work.tangent)
+        move_faces(model, position, work.rotated, work.face, work.tangent)
         for j in (j for j, mode in enumerate(modes) if mode == CLOSED):
             for k in range(2):
                 assert clearance(j, k, work.face, work.tangent) == pytest.approx(0.0, abs=1e-13)
@@ -147,7 +147,7 @@ def slips_of(arch, position):
     """Slips of all joints at their nearer corners [m]."""
     model = model_of(arch.chain)
     work, slips = new_work(model), np.zeros(model.friction.size)
-    move_faces(model, np.pad(position, ((1, 1), (0, 0))), work.turned, work.face, work.tangent)
+    move_faces(model, np.pad(position, ((1, 1), (0, 0))), work.rotated, work.face, work.tangent)
     for j in range(slips.size):
         k = int(np.argmin([clearance(j, k, work.face, work.tangent) for k in range(2)]))
         apart = work.face[j, 1, k] - work.face[j, 0, k]

@@ -24,7 +24,7 @@ SHIFTS = [-0.1, 0.1]
 FINE = {"rtol": 1e-11, "atol": 1e-13}
 
 
-def turned(turn, arm):
+def rotated(turn, arm):
     c, s = math.cos(turn), math.sin(turn)
     return np.array([c * arm[0] - s * arm[1], s * arm[0] + c * arm[1]])
 
@@ -37,7 +37,7 @@ def pivots(shift):
 def leaning(shift, tilt):
     """Displacement from rest of a block shifted, then turned to the right by `tilt`, (1, 3)."""
     pivot = np.array([pivots(shift)[0], 0.0])
-    centre = pivot + turned(-tilt, np.array([shift, UP]) - pivot)
+    centre = pivot + rotated(-tilt, np.array([shift, UP]) - pivot)
     return np.array([[centre[0], centre[1] - UP, -tilt]])
 
 
@@ -59,7 +59,7 @@ def swing(arm, turn, spin, until):
     """
 
     def turning(_, state):
-        return [state[1], -g * turned(state[0], arm)[0] / (GYRATION + arm @ arm)]
+        return [state[1], -g * rotated(state[0], arm)[0] / (GYRATION + arm @ arm)]
 
     def ends(_, state):
         return until(state)
@@ -105,9 +105,9 @@ def slide(friction, shift, tilt, duration):
         _, _, turn, vx, vy, spin = state
         if shift < 0.0:
             normal = np.array([0.0, 1.0])
-            arm = turned(turn, corner)
+            arm = rotated(turn, corner)
             return normal, arm, -g - spin**2 * arm[1]
-        normal = turned(turn, np.array([0.0, 1.0]))
+        normal = rotated(turn, np.array([0.0, 1.0]))
         arm = edge - state[:2]
         swung = spin * np.array([-normal[1], normal[0]])
         bend = 2.0 * swung @ [vx, vy] + spin**2 * (normal @ arm)

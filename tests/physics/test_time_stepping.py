@@ -86,7 +86,7 @@ def rocking(frequency, slenderness, tilt, turns):
 def step_on(model, state, work, path, pushes, step, moved_by):
     """Step a chain at rest through every push, whatever its rest range; whether all is solved."""
     clear(state)
-    move_faces(model, state.position, work.turned, work.face, work.tangent)
+    move_faces(model, state.position, work.rotated, work.face, work.tangent)
     state.clock[Clock.STEP] = step
     for i in range(pushes.size):
         kick = Kick(pushes[i], 0.0, step)
@@ -359,7 +359,9 @@ class TestEnergy:
         for _ in range(10):
             energy = simulate(*random_scene(rng)).energy
             gained = energy["kinetic"] + energy["potential"]
-            given = sum(energy[name] for name in ("ground", "friction", "impacts", "stray"))
+            given = sum(
+                energy[name] for name in ("ground", "friction", "impacts", "balance_error")
+            )
             assert gained == pytest.approx(given, abs=1e-9 * energy["largest_kinetic"])
 
     def test_the_account_equals_the_work_measured_from_the_history(self):
@@ -368,7 +370,7 @@ class TestEnergy:
         motion = sampled(lambda t: 0.5 * np.where(t < 0.3, 1.0, -0.5), 0.9, dt)
         response = simulate(arch, motion, dt=dt, history=True, follow=0.0)
         work, kinetic, regular = work_of_contacts(arch, motion, response.history, dt)
-        taken = sum(response.energy[name] for name in ("friction", "impacts", "stray"))
+        taken = sum(response.energy[name] for name in ("friction", "impacts", "balance_error"))
         assert regular.sum() >= response.steps - 2
         assert kinetic.max() == pytest.approx(response.energy["largest_kinetic"], rel=1e-9)
         assert work[regular].sum() == pytest.approx(taken, abs=1e-5 * kinetic.max())

@@ -70,13 +70,13 @@ def full_disk(monkeypatch):
 
 @pytest.fixture
 def here(monkeypatch):
-    """Batches run in this process: the crew of workers is replaced, all else is as it is."""
+    """Batches run in this process: no workers are started, all else is as it is."""
     from archfrag.study import batch
     from archfrag.study.worker import run_chunk
 
-    class Crew:
+    class Workers:
         def results(self, plan, work):
             for cases, factors in work:
                 yield run_chunk(str(plan.path), cases, factors)
 
-    monkeypatch.setattr(batch._Hands, "_started", lambda hands: Crew())
+    monkeypatch.setattr(batch._Executor, "start_workers", lambda executor: Workers())

@@ -1,7 +1,6 @@
 """Batches on dask workers: same results for any number of them, losses survived or told."""
 
 import contextlib
-import importlib
 import os
 import socket
 import subprocess
@@ -14,16 +13,15 @@ import numpy as np
 import psutil
 import pytest
 
-from archfrag.errors import InputError, StabilityError, WorkerError
+from archfrag.errors import WorkerError
 from archfrag.study import batch as batch_module
 from archfrag.study.batch import kernels_needed, run_batch
 from archfrag.study.bundles import Bundles
-from archfrag.study.checks import check_arches
-from archfrag.study.config import Method, load_study
+from archfrag.study.config import Method
 from archfrag.study.plan import make_plan
-from archfrag.study.replay import gather
+from archfrag.study.replay import Gathered
 from archfrag.study.store import read_part
-from tests.study.small import files, make_runs, small_study
+from tests.study.small import files, make_runs
 
 
 def parts_of(folder):
@@ -160,44 +158,13 @@ def test_finished_parts_are_kept_and_only_the_others_made(done, copied):
     log = run_batch(copied.study, workers=2, quiet=True)
     assert (log.runs, log.kept) == (12, 8)
     assert kept.stat().st_mtime == 1
-    assert_same(gather(copied.plan), gather(done.plan))
-
-
-@pytest.mark.parametrize("compiled", [True, False])
-def test_kernels_are_compiled_here_and_not_loaded_where_they_are(done, monkeypatch, compiled):
-    simulate, made = importlib.import_module("archfrag.simulate"), []
-    monkeypatch.setattr(simulate, "kernels_are_compiled", lambda name: compiled)
-    monkeypatch.setattr(simulate, "warmup", lambda name, progress: made.append(name))
-    with batch_module._progress(True) as bar:
-        batch_module._compile_kernels(["time_stepping"], bar)
-    assert made == ([] if compiled else ["time_stepping"])
+    assert_same(Gathered(copied.plan).read_all(), Gathered(done.plan).read_all())
 
 
 def test_nothing_to_do_starts_no_workers(copied, monkeypatch):
     monkeypatch.setattr(batch_module, "_client", None)
     log = run_batch(copied.study, quiet=True)
     assert (log.kept, log.workers) == (12, 0)
-
-
-def test_another_cluster_beside_it_is_no_matter(copied, recwarn):
-    next(copied.plan.parts.glob("*.npy")).unlink()
-    with socket.socket() as taken:
-        taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        with contextlib.suppress(OSError):
-            taken.bind(("127.0.0.1", 8787))
-            taken.listen()
-        run_batch(copied.study, workers=1, quiet=True)
-    assert not [str(w.message) for w in recwarn if "8787" in str(w.message)]
-
-
-def test_batches_share_the_runs(copied):
-    study = copied.study
-    execution = study.execution.model_copy(update={"batches": 5})
-    study = study.model_copy(update={"execution": execution})
-    logs = [run_batch(study, number, quiet=True) for number in range(5)]
-    assert [log.runs for log in logs] == [3, 3, 3, 3, 0]
-    with pytest.raises(InputError, match="--batch 5: must be from 0 to 4"):
-        run_batch(study, 5, quiet=True)
 
 
 @pytest.mark.parametrize(
@@ -233,12 +200,12 @@ def test_a_killed_worker_costs_nothing_but_time(copied):
     killer.join(10.0)
     assert killer.killed == 1
     plan = make_plan(study)
-    disturbed = gather(plan)
+    disturbed = Gathered(plan).read_all()
     # In this process, where nobody is killed and no workers have to start.
     for path in plan.parts.glob("*.npy"):
         path.unlink()
     make_runs(plan)
-    assert_same(gather(plan), disturbed)
+    assert_same(Gathered(plan).read_all(), disturbed)
 
 
 def test_workers_killed_again_and_again_end_the_batch(copied, monkeypatch):
@@ -285,17 +252,6 @@ def test_disk_full_in_a_worker_is_told_and_keeps_the_finished_parts(copied):
     assert str(caught.value).startswith(f"{blocked}: cannot be written (")
 
 
-def test_arch_that_cannot_stand(tmp_path):
-    study = load_study(small_study(tmp_path), ["arches.0.thickness=0.2"])
-    with pytest.raises(StabilityError) as caught:
-        check_arches(study)
-    assert str(caught.value) == (
-        "arches[0] (ring): does not stand under its own weight; make it thicker or raise the "
-        "friction"
-    )
-    assert caught.value.exit_code == 3
-
-
 def test_a_small_batch_needs_no_workers_and_gives_the_same_parts(copied, monkeypatch):
     def refused(*given):
         raise AssertionError("workers are started")
@@ -319,7 +275,7 @@ def test_a_batch_that_takes_longer_goes_on_with_workers(copied, monkeypatch):
     before = {path.name for path in copied.plan.parts.glob("*.npy")}
     for path in copied.plan.parts.glob("*.npy"):
         path.unlink()
-    monkeypatch.setattr(batch_module, "HERE", 1e-9)
+    monkeypatch.setattr(batch_module, "IN_PROCESS", 1e-9)
     log = run_batch(study, workers=1, quiet=True)
     assert (log.runs, len(log.peak_memory)) == (12, 2)
     assert {path.name for path in copied.plan.parts.glob("*.npy")} == before

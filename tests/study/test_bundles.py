@@ -2,7 +2,7 @@
 
 import pytest
 
-from archfrag.study.bundles import LONGEST, MOST_CHUNKS, SHORTEST, Bundles, Rates
+from archfrag.study.bundles import LONGEST, SHORTEST, Bundles, Rates
 
 LENGTHS, KINDS = [3.0] * 600, [0] * 300 + [1] * 300
 
@@ -24,13 +24,6 @@ def test_each_chunk_is_dealt_out_once_in_order(workers, wall):
     assert taken == list(range(600))
 
 
-def test_short_chunks_go_together_and_long_ones_alone():
-    short, long = (dealt(2, lambda chunk, wall=wall: wall) for wall in (0.01, LONGEST))
-    assert len(short) < 20
-    assert {len(bundle) for bundle in long} == {1}
-    assert max(map(len, dealt(2, lambda chunk: 1e-6))) == MOST_CHUNKS
-
-
 def test_bundles_are_short_at_the_end():
     wall = [0.05 * len(bundle) for bundle in dealt(2, lambda chunk: 0.05)]
     assert max(wall) == pytest.approx(LONGEST)
@@ -46,11 +39,6 @@ def test_of_a_kind_of_which_nothing_is_known_one_chunk_goes_first():
     assert (300,) in taken
     # In the next round both are known.
     assert len(dealt(1, lambda chunk: 0.01, rates=rates)[0]) > 1
-
-
-def test_what_is_in_flight_is_not_dealt_out_again():
-    bundles = Bundles([1.0] * 3, [0] * 3, 2, Rates())
-    assert [bundles.take() for _ in range(4)] == [(0,), (1,), (2,), ()]
 
 
 def test_the_longest_chunks_go_first():

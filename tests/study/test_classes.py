@@ -9,16 +9,12 @@ import pytest
 import xarray as xr
 
 from archfrag.fragility.counts import Verdict
-from archfrag.fragility.curve import Fragility
 from archfrag.study import batch
 from archfrag.study.batch import BatchLog, run_batch
-from archfrag.study.cautions import study_cautions
 from archfrag.study.checks import check_study
-from archfrag.study.comparisons import class_mixture
 from archfrag.study.config import Study, load_study
 from archfrag.study.cube import write_cube
-from archfrag.study.curves import Answer
-from archfrag.study.fits import _in_si, fit_cube, load_answers
+from archfrag.study.fits import fit_cube
 from archfrag.study.members import members
 from archfrag.study.plan import make_plan
 from archfrag.study.records import prepare_motions
@@ -76,8 +72,8 @@ class Here:
 @contextlib.contextmanager
 def here():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(batch._Hands, "_started", lambda hands: Here())
-        patch.setattr(batch, "HERE", 0.0)
+        patch.setattr(batch._Executor, "start_workers", lambda executor: Here())
+        patch.setattr(batch, "IN_PROCESS", 0.0)
         yield
 
 
@@ -158,34 +154,9 @@ class TestCurves:
         for name in ("slab", "own"):
             assert classes.fits["classes"][name]["curve"]["theta"] > 0.0
 
-    def test_that_of_a_class_lies_among_those_of_its_arches(self, classes):
-        own = [classes.fits["fits"][f"slab-{i:04d}"]["theta"] for i in range(1, 5)]
-        whole = load_answers(classes.study.folder / "fits.json", "classes")["slab"].curve
-        assert min(own) < whole.theta < max(own)
-
     def test_one_record_for_each_arch_gives_a_class_only(self, classes):
         sentence = classes.fits["fits"]["own-0001"]["none"]
         assert "only one record" in sentence
-
-    def test_dispersion_of_a_class_is_that_of_the_mixture_of_its_arches(self, classes):
-        thetas, betas = [0.4, 0.6, 0.9], [0.3, 0.4, 0.5]
-        own = [
-            Fragility(t, b, np.eye(2), 0.0, 6, 2, "x") for t, b in zip(thetas, betas, strict=True)
-        ]
-        answers = [Answer(each, each) for each in own] + [Answer("none", "none")]
-        found = class_mixture(answers)
-        assert found["n_arch"] == 3
-        assert found["theta"] == pytest.approx(np.exp(np.log(thetas).mean()))
-        assert found["beta_model"] == pytest.approx(np.log(thetas).std())
-        assert found["beta_record_to_record"] == pytest.approx(np.sqrt(np.mean(np.square(betas))))
-        for curve in (own[0], "none"):
-            in_si = _in_si(Answer(curve, curve, more={"mixture": found}), classes.study)
-            assert in_si.more["mixture"]["theta"] == pytest.approx(9.80665 * found["theta"])
-        assert "two are needed" in class_mixture(answers[2:])["none"]
-
-    def test_records_of_one_event_are_told_of(self, classes):
-        assert set(classes.cube["event"].values.astype(str)) == {"Test"}
-        assert any("of one earthquake (Test)" in text for text in study_cautions(classes.study))
 
 
 def test_a_check_of_the_study_shows_what_it_amounts_to(classes):
@@ -216,10 +187,6 @@ class TestGrowing:
             after = grown.cube[name].set_index(arch="arch").sel(arch=names)
             np.testing.assert_array_equal(before.values, after.values)
 
-    def test_a_row_more_runs_alone(self, copied):
-        grown = made(write(copied, table=TABLE + "c,0.5,Jena/left\n"))
-        assert (grown.log.runs, grown.log.kept) == (120, 108)
-
     def test_an_attribute_that_changes_makes_the_cube_anew_and_no_run(self, classes, copied):
         study = load_study(write(copied))
         prepare_motions(study)
@@ -230,27 +197,3 @@ class TestGrowing:
         study = load_study(write(copied, table=TABLE.replace("Gera/left", "Gera/west")))
         assert make_plan(study).digest == plan.digest
         assert stale_steps(study)[0] == ["cube", "fit", "report"]
-
-
-class TestDone:
-    def test_a_table_that_changes_is_something_to_do(self, classes, tmp_path):
-        import shutil
-
-        from archfrag.study.steps import stamp_file, step_names
-        from archfrag.study.uptodate import finished_report, note_finished, request_of
-
-        folder = tmp_path / "copy"
-        shutil.copytree(classes.study.folder.parent, folder)
-        path = write(folder)
-        study = load_study(path)
-        prepare_motions(study)
-        (study.folder / "report.html").write_text("")
-        (study.work / "lock").write_text("")
-        for step in step_names(study):
-            finish(study, step)
-            assert stamp_file(study, step).is_file()
-        request = request_of(path, ())
-        note_finished(study, request)
-        assert finished_report(path, request) == study.folder / "report.html"
-        write(folder, table=TABLE.replace("Gera/left", "Gera/west"))
-        assert finished_report(path, request) is None

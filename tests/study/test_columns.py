@@ -79,15 +79,6 @@ class TestKeys:
         halves = np.ascontiguousarray(keys).view("<u8").reshape(-1, 2)
         assert [len(set(half)) for half in halves.T.tolist()] == [many, many]
 
-    def test_whatever_runs_are_asked_for_together(self, done):
-        wanted = done.plan.rounds().wanted
-        factors = done.plan.factors(wanted)
-        keys = done.plan.keys(wanted, factors)
-        assert len({key.tobytes() for key in keys}) == len(wanted)
-        for row in range(len(wanted)):
-            alone = done.plan.keys(wanted[row : row + 1], factors[row : row + 1])
-            assert alone[0].tobytes() == keys[row].tobytes()
-
 
 def test_a_million_runs_are_cut_into_few_parts_and_a_thousand_into_many():
     from archfrag.study.batch import LARGEST_CHUNK, MANY_PARTS, cut

@@ -9,7 +9,7 @@ import pytest
 from archfrag.errors import RecordError, StudyError
 from archfrag.motions.measures import measure
 from archfrag.study.config import load_study
-from archfrag.study.records import find_sources, load_record, prepare_motions, study_inputs
+from archfrag.study.records import load_record, prepare_motions
 from tests.motions.helpers import at2_text, wave
 from tests.study.small import TEXT, small_study
 from tests.study.test_records import plan_factors
@@ -51,10 +51,6 @@ class TestVertical:
             assert set(motions) == {"Q-ELC000", "Q-ELC090"}
             for motion in motions.values():
                 assert (motion.vertical is not None) is (vertical == "true")
-
-    def test_its_file_is_an_input_of_the_study(self, tmp_path):
-        study = study_with(tmp_path, 'files: ["quake/Q-ELC000.AT2"]\n  vertical: true')
-        assert str(tmp_path / "quake" / "Q-ELC-UP.AT2") in study_inputs(study)["record"]
 
     def test_a_record_without_one_is_refused_by_name(self, tmp_path):
         study = study_with(tmp_path, f"{FILES}\n  vertical: true")
@@ -98,17 +94,6 @@ class TestVertical:
 
 
 class TestProcessing:
-    def test_steps_are_done_in_their_order_and_logged(self, tmp_path):
-        steps = "[demean, {bandpass: {lowest: 0.2, highest: 20.0, causal: true}}, {taper: {}}]"
-        study = study_with(tmp_path, f"{FILES}\n  processing: {steps}")
-        motion = stored(study)["wave0"]
-        lines = motion.log[-3:]
-        assert lines[0].startswith("Mean removed")
-        assert "[bandpass(lowest=0.2, highest=20.0, order=4, causal=True), archfrag" in lines[1]
-        assert "scipy" in lines[1]
-        assert lines[2].startswith("Tapered by a cosine")
-        assert motion.acceleration[0] == motion.acceleration[-1] == 0.0
-
     def test_the_measure_is_that_of_the_processed_record(self, tmp_path):
         text = TEXT.replace("measure: PGA", "measure: Arias").replace("unit: g", "unit: m/s")
         steps = "[{trim: {arias: [0.2, 0.8]}}, {resample: {dt: 0.005}}]"
@@ -200,10 +185,3 @@ def test_the_cube_states_processing_and_verticals(tmp_path):
     assert step["step"] == "demean"
     assert step["settings"] == {}
     assert step["version"].startswith("archfrag ")
-
-
-def test_names_alone_are_looked_at_without_reading(tmp_path):
-    study = study_with(tmp_path, 'files: ["quake/*.AT2"]\n  vertical: true')
-    sources = find_sources(study)
-    assert [source.path.name for source in sources] == ["Q-ELC000.AT2", "Q-ELC090.AT2"]
-    assert {source.upward.name for source in sources} == {"Q-ELC-UP.AT2"}

@@ -1,4 +1,4 @@
-"""Study files: what is accepted, and the sentence for what is not."""
+"""Study files: what is accepted, and what becomes of it."""
 
 import json
 
@@ -9,146 +9,19 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from archfrag.errors import StudyError
-from archfrag.simulation.checks import method_names
 from archfrag.study.config import dump_study, load_study, study_schema
 from archfrag.study.yaml_file import dump_yaml, parse_value
 from tests.study.small import ROOT, TEXT, small_study
 
-RING = "radius: 10.0"
 
-
-def refused(tmp_path, text, *overrides):
-    """Sentence with which a study is refused, without the path of its file."""
-    path = small_study(tmp_path, text)
+def test_a_refusal_names_file_key_value_and_what_is_allowed(tmp_path):
+    path = small_study(tmp_path, TEXT.replace("thickness: 1.5", "thickness: 25.0"))
     with pytest.raises(StudyError) as caught:
-        load_study(path, overrides)
+        load_study(path)
     assert caught.value.exit_code == 2
-    return str(caught.value).removeprefix(f"{path}: ")
-
-
-BAD = {
-    "typo in a key": (
-        ("radius:", "radus:"),
-        "arches[0].radus is no known key; did you mean radius?",
-    ),
-    "typo at the top": (
-        ("method:", "metod:"),
-        "metod is no known key; did you mean method?",
-    ),
-    "key from elsewhere": (
-        ("dt: 2.0e-3", "colour: 1"),
-        "method.colour is no known key; allowed are name, dt, rtol, follow, loss_limit, settings",
-    ),
-    "unknown method": (
-        ("name: time_stepping", "name: euler"),
-        f"method.name = euler must be one of {', '.join(method_names())}",
-    ),
-    "level zero": (
-        ("[0.1, 0.6", "[0.0, 0.6"),
-        "intensity.levels = [0.0, 0.6, 1.2] must be greater than 0, but entry 0 is 0",
-    ),
-    "level below zero": (
-        ("[0.1, 0.6, 1.2]", "{start: -0.1, stop: 1.0, count: 3}"),
-        "intensity.levels.start = -0.1 must be greater than 0",
-    ),
-    "levels fall": (
-        ("[0.1, 0.6", "[0.7, 0.6"),
-        "intensity.levels = [0.7, 0.6, 1.2] must increase, but 0.6 follows 0.7",
-    ),
-    "no levels": (
-        ("[0.1, 0.6, 1.2]", "[]"),
-        "intensity.levels = [] must have at least one entry",
-    ),
-    "range upside down": (
-        ("[0.1, 0.6, 1.2]", "{start: 1.0, stop: 0.5, count: 3}"),
-        "intensity.levels must have stop above start = 1, not 0.5",
-    ),
-    "NaN": ((RING, "radius: .nan"), "arches[0].radius = nan must be a finite number"),
-    "infinite radius": ((RING, "radius: .inf"), "arches[0].radius = inf must be a finite number"),
-    "NaN friction": (
-        ("friction: 0.7", "friction: .nan"),
-        "arches[0] (ring): friction = nan is impossible; it must be one number or one for each "
-        "of the 8 joints, all at least 0 (inf: the limit of large friction)",
-    ),
-    "text for a number": ((RING, "radius: ten"), "arches[0].radius = ten must be a number"),
-    "half a voussoir": (
-        ("voussoirs: 7", "voussoirs: 7.5"),
-        "arches[0].voussoirs = 7.5 must be a whole number",
-    ),
-    "impossible geometry": (
-        ("thickness: 1.5", "thickness: 25.0"),
-        "arches[0] (ring): thickness = 25.0 m is impossible; it must be a finite number greater "
-        "than 0 m and less than 20 m (2 x radius)",
-    ),
-    "unknown profile": (
-        ("profile: block", "profile: blok"),
-        "arches[1].profile = blok must be one of circular, segmental, pointed, elliptic, "
-        "catenary, from_joints, block",
-    ),
-    "no profile": (("profile: block, ", ""), "arches[1].profile is missing"),
-    "same id twice": (
-        ("id: slab", "id: ring"),
-        "arches[1].id: 'ring' is the id of arches[0] too; each arch needs its own",
-    ),
-    "id with a space": (
-        ("id: slab", "id: my slab"),
-        "arches[1].id = my slab must begin with a letter or a digit and hold only letters, "
-        "digits and _ . + -",
-    ),
-    "unknown unit": (
-        ("unit: g", "unit: kg"),
-        "intensity.unit: unit 'kg' is not one of g, m/s2, cm/s2, gal, in which PGA can be given",
-    ),
-    "unknown measure": (
-        ("measure: PGA", "measure: Sa"),
-        "intensity.measure: unknown intensity measure 'Sa'; allowed are PGA, PGV, PGD, Arias, "
-        "CAV, CAVstd, D5_75, D5_95, HI, ASI, Sa(T), AvgSA(T1,T2), FIV3(T) with periods in "
-        "seconds, and RotD50() or RotD100() of PGA, PGV or Sa(T)",
-    ),
-    "a duration": (
-        ("measure: PGA", "measure: D5_95"),
-        "intensity has measure D5_95, to which no motion can be scaled",
-    ),
-    "missing key": (("title: A small study\n", ""), "title is missing"),
-    "no source of records": (
-        ('files: ["records/*.AT2"]', "select: [a]"),
-        "motions must have a key index, files or synthetic",
-    ),
-    "selected twice": (
-        ('files: ["records/*.AT2"]', "{index: a.csv, select: [b, b]}"),
-        "motions must have different ids under select, but 'b' is there twice",
-    ),
-    "dt zero": (
-        ("dt: 2.0e-3", "dt: 0.0"),
-        "method.dt = 0.0 must be greater than or equal to 1e-06",
-    ),
-    "rtol one": (("dt: 2.0e-3", "rtol: 1.0"), "method.rtol = 1.0 must be less than 1"),
-    "no workers": (
-        ("workers: 2", "workers: 0"),
-        "execution.workers = 0 must be greater than or equal to 1",
-    ),
-    "YAML syntax": (
-        ("title: A small study", "title: [}"),
-        "line 2: expected the node content, but found '}'",
-    ),
-    "key twice": (("title: A small study", "id: other"), "line 2: the key id is given twice"),
-    "two wrong": (
-        (f"{RING}, thickness: 1.5", "radius: x, thickness: y"),
-        "arches[0].thickness = y must be a number (1 more key is wrong too)",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", BAD)
-def test_bad_study_gives_its_sentence(tmp_path, case):
-    (old, new), sentence = BAD[case]
-    assert old in TEXT
-    assert refused(tmp_path, TEXT.replace(old, new, 1)) == sentence
-
-
-def test_file_that_is_no_study(tmp_path):
-    assert refused(tmp_path, "- a\n- b\n") == (
-        "must hold keys with values, such as id, arches and motions"
+    assert str(caught.value) == (
+        f"{path}: arches[0] (ring): thickness = 25.0 m is impossible; it must be a finite number "
+        "greater than 0 m and less than 20 m (2 x radius)"
     )
     with pytest.raises(StudyError, match=r"nowhere\.yaml cannot be read: No such file"):
         load_study(tmp_path / "nowhere.yaml")
@@ -160,7 +33,6 @@ def test_no_sliding_lists_and_exponents_are_accepted(tmp_path):
     assert study.method.dt == 2e-3
     friction = study.arches[0].build().chain.friction
     np.testing.assert_array_equal(friction, [np.inf, 1, 1, 1, 1, 1, 1, 0.5])
-    assert np.isinf(study.arches[1].build().chain.friction).all()
     plain = load_study(small_study(tmp_path, TEXT.replace("friction: .inf", "friction: inf")))
     assert plain.arches[1].friction == np.inf
 
@@ -181,34 +53,19 @@ def test_paths_are_relative_to_the_study_file_and_of_overrides_to_here(tmp_path,
     monkeypatch.chdir(tmp_path / "here")
     study = load_study(path, ["motions.files=['x/*.AT2', {path: y.txt, unit: g}]"])
     assert study.folder == tmp_path / "there" / "out"
-    assert [entry.path for entry in study.motions.files] == [
-        str(tmp_path / "here" / "x" / "*.AT2"), str(tmp_path / "here" / "y.txt"),
-    ]  # fmt: skip
-    assert study.motions.files[1].unit == "g"
+    here = tmp_path / "here"
+    assert [f.path for f in study.motions.files] == [str(here / "x/*.AT2"), str(here / "y.txt")]
     for override in ("motions.files.0=y.AT2", "motions.files.0.path=y.AT2"):
         study = load_study(path, ["motions.files=[{path: x}]", override])
-        assert study.motions.files[0].path == str(tmp_path / "here" / "y.AT2")
-    for override, folder in {"output=o": "o", "output=../o": "../o"}.items():
-        assert load_study(path, [override]).folder == (tmp_path / "here" / folder).resolve()
+        assert study.motions.files[0].path == str(here / "y.AT2")
+    assert load_study(path, ["output=../o"]).folder == tmp_path / "o"
+    assert load_study(path, ["arches.0.friction=0.5"]).arches[0].friction == 0.5
 
 
-def test_results_lie_beside_the_study_file_unless_it_says_otherwise(tmp_path):
+def test_results_lie_beside_the_study_file_unless_it_states_otherwise(tmp_path):
     path = small_study(tmp_path, TEXT.replace("output: out\n", ""))
     assert load_study(path).folder == tmp_path / "results" / "small"
     assert load_study(path, ["id=other"]).folder == tmp_path / "results" / "other"
-
-
-def test_overrides_reach_into_lists_and_are_checked(tmp_path):
-    path = small_study(tmp_path)
-    assert load_study(path, ["arches.0.friction=0.5"]).arches[0].friction == 0.5
-    for override, sentence in {
-        "arches.4.friction=1": "--set arches.4.friction=1: arches has 2 entries, counted from 0, "
-        "and 4 is none of them",
-        "dt": "--set dt: must be key=value, for example method.dt=0.0005",
-        "id.x=1": "--set id.x=1: id has no keys",
-        "metod.dt=1": "metod is no known key; did you mean method?",
-    }.items():
-        assert refused(tmp_path, TEXT, override) == sentence
 
 
 def test_dumped_study_is_the_same_study(tmp_path):
@@ -235,7 +92,7 @@ def test_schema_beside_the_configs_is_the_one_of_the_models():
     )
 
 
-def test_schema_tells_what_the_registry_says_of_methods():
+def test_schema_holds_what_the_registry_states_of_methods():
     from archfrag.methods.registry import METHODS
     from archfrag.simulation.checks import own_parameters
 
@@ -243,10 +100,8 @@ def test_schema_tells_what_the_registry_says_of_methods():
     assert method["name"]["enum"] == list(dict.fromkeys(["auto", *METHODS]))
     for info in METHODS.values():
         for parameter in info.parameters:
-            if parameter.name in own_parameters(info):
-                continue  # given under settings
-            assert info.name in method[parameter.name]["description"]
-    assert "[s]" in method["dt"]["description"]
+            if parameter.name not in own_parameters(info):  # the others are under settings
+                assert info.name in method[parameter.name]["description"]
     assert "0.0005 if not given" in method["dt"]["description"]
 
 
@@ -269,5 +124,6 @@ def test_a_method_whose_package_is_missing_is_refused_before_anything_runs(tmp_p
     import importlib.util
 
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    text = TEXT.replace("name: time_stepping", "name: quadratic_programme")
-    assert "needs the package piqp" in refused(tmp_path, text)
+    path = small_study(tmp_path, TEXT.replace("name: time_stepping", "name: quadratic_programme"))
+    with pytest.raises(StudyError, match="needs the package piqp"):
+        load_study(path)

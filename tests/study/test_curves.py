@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from archfrag.fragility.counts import Verdict
-from archfrag.study.curves import POINTS, Runs, answer
+from archfrag.study.comparisons import dispersion_split
+from archfrag.study.curves import POINTS, Answer, Runs, answer, likeliest
 
 LEVELS = np.geomspace(0.1, 10.0, 60)
 
@@ -54,3 +55,38 @@ class TestTwoFidelities:
         runs, _ = two_stage(n_fine=20)
         runs.coarse[5] = np.where(np.arange(LEVELS.size) == 0, Verdict.STANDING, 4)
         assert "posterior" in answer(runs, 0.9).method
+
+
+class TestDispersionOfAClass:
+    """Capacities exp(record + arch), of which the strongest are beyond the largest level."""
+
+    @staticmethod
+    def made(largest, n_arch=30, n_record=60):
+        generator = np.random.default_rng(5)
+        arch = 0.2 * generator.standard_normal((n_arch, 1))
+        record = 0.4 * generator.standard_normal(n_record)
+        own = 0.1 * generator.standard_normal((n_arch, n_record))
+        capacity = np.exp(arch + record + own)
+        levels = LEVELS[largest > LEVELS]
+        runs = [
+            Runs("a", "stripes", (levels >= row[:, None]).astype(int), levels, np.ones((1, 1)))
+            for row in capacity
+        ]
+        parts = arch.std(ddof=1), np.hypot(record.std(ddof=1), 0.1)
+        return runs, [Answer(fit, fit) for fit in map(likeliest, runs)], parts
+
+    @pytest.mark.parametrize("largest", [20.0, 1.5])
+    def test_arches_that_withstand_the_largest_level_count(self, largest):
+        runs, answers, parts = self.made(largest)
+        found = dispersion_split(runs, answers)
+        assert found["beta_model"] == pytest.approx(parts[0], rel=0.1)
+        assert found["beta_record_to_record"] == pytest.approx(parts[1], rel=0.1)
+        assert found["combined"] == pytest.approx(
+            np.hypot(found["beta_model"], found["beta_record_to_record"])
+        )
+        assert found["n_arch"] == 30
+
+    def test_without_two_curves_there_is_none(self):
+        runs, answers, _ = self.made(1.5)
+        found = dispersion_split(runs[:2], [answers[0], Answer("no curve", "no curve")])
+        assert "one arch has no modelling dispersion" in found["none"]

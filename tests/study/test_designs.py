@@ -8,7 +8,7 @@ from archfrag.study import grids
 from archfrag.study.design import Ida, Precision, Scattered, TwoStage
 from archfrag.study.grids import Borders, Grid, ida, search, stripes
 from archfrag.study.rounds import COARSE, FINE, Rounds
-from archfrag.study.scattered import BEYOND, cloud, scattered
+from archfrag.study.scattered import BEYOND, scattered
 
 LEVELS = np.linspace(0.05, 0.75, 15)
 
@@ -125,12 +125,6 @@ class TestSearch:
         np.testing.assert_array_equal(borders.low, first - 1)
         np.testing.assert_array_equal(borders.high, first)
 
-    @pytest.mark.parametrize("verdict", [0, 1, 2, 3])
-    def test_ends_if_all_runs_end_alike(self, verdict):
-        borders = search_only(np.full((4, 15), verdict, np.int8))
-        expected = {0: (14, 15), 1: (-1, 0)}.get(verdict, (-1, 15))
-        assert set(zip(borders.low.tolist(), borders.high.tolist())) == {expected}
-
     def test_ends_with_failures_anywhere_and_the_border_is_within(self):
         generator = np.random.default_rng(3)
         first = generator.integers(0, 16, 200)
@@ -143,20 +137,12 @@ class TestSearch:
             between = table[row, borders.low[row] + 1 : borders.high[row]]
             assert (between == Verdict.SOLVER_FAILURE).all()
 
-    def test_tables_that_are_not_monotone_end_between_neighbours(self):
-        table = np.random.default_rng(4).integers(0, 2, (300, 15)).astype(np.int8)
-        borders = search_only(table)
-        np.testing.assert_array_equal(borders.high - borders.low, 1)
-        row = np.arange(300)
-        fell = borders.high < 15
-        assert (table[row[fell], borders.high[fell]] == Verdict.COLLAPSED).all()
-        stood = borders.low >= 0
-        assert (table[row[stood], borders.low[stood]] == Verdict.STANDING).all()
-
 
 class TestIda:
     @pytest.mark.parametrize("known", [False, True])
-    def test_thirty_records_on_fifteen_levels_take_130_runs_if_a_measure_helps(self, known):
+    def test_thirty_records_on_fifteen_levels_take_130_runs_and_115_if_a_measure_helps(
+        self, known
+    ):
         runs = []
         for seed in range(60):
             table, capacity = lognormal(seed)
@@ -168,7 +154,7 @@ class TestIda:
             low, high = bracketed(asked[FINE], table)
             np.testing.assert_array_equal(high - low, 1)
             runs.append(note["runs"])
-        assert np.mean(runs) <= (130 if known else 145)
+        assert np.mean(runs) <= (115 if known else 130)
 
     @pytest.mark.parametrize("measures", [[[1.0]] * 30, [[np.nan]] * 30, [[]] * 30])
     def test_measures_that_say_nothing_do_no_harm(self, measures):
@@ -288,14 +274,6 @@ class TestPrecision:
         assert why in note["why"]
         assert note["half_width"] > 0.01
 
-    @pytest.mark.parametrize("verdict", [0, 1, 3])
-    def test_ends_where_no_width_can_be_told(self, verdict):
-        table = np.full((40, 15), verdict, np.int8)
-        design = TwoStage(kind="two_stage", fine=0.01, precision=Precision(runs=10**6))
-        note, _ = driven(ida(grid_of(40), design), table, table)
-        assert (note["reached"], note["half_width"]) == (False, np.inf)
-        assert note["records"] == 40
-
 
 def told(strand, capacity):
     """Runs of a scattered strand, whose records fall above their capacities [SI]."""
@@ -354,11 +332,6 @@ class TestScattered:
             rounds.answer(np.full(len(level), verdict, np.int8))
         assert count == 70
 
-    def test_fewer_records_than_the_pilot(self, capacity):
-        design = Scattered(kind="scattered")
-        note, made = told(scattered(0, np.arange(1), LEVELS, design), capacity)
-        assert (note["runs"], len(made)) == (1, 1)
-
     def test_precision_is_reached_or_it_is_said_why_not(self, capacity):
         def note(n_record, **keys):
             design = Scattered(kind="scattered", precision=Precision(**keys))
@@ -370,11 +343,3 @@ class TestScattered:
         assert reached["half_width"] <= 0.1
         assert "no more than 90 records" in note(90, theta=0.02)["why"]
         assert note(1000, theta=0.02, runs=60)["why"] == "60 runs do not suffice"
-
-
-def test_cloud_asks_for_each_record_once_at_the_level_it_has():
-    rounds = Rounds({2: cloud(2, np.arange(5), np.arange(1.0, 6.0))})
-    assert rounds.wanted["record"].tolist() == list(range(5))
-    assert rounds.wanted["level"].tolist() == [1.0, 2.0, 3.0, 4.0, 5.0]
-    rounds.answer(np.zeros(5, np.int8))
-    assert rounds.notes == {2: {"runs": 5, "records": 5}}

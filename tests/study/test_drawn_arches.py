@@ -42,11 +42,6 @@ class TestKeys:
             assert (arch.radius, arch.thickness, arch.density) == (10.0, 1.5, 2000.0)
             assert arch.build().n_voussoir == 7
 
-    def test_they_follow_from_the_seed(self):
-        first, again, other = (drawn({"of": FRICTION, "seed": seed}) for seed in (5, 5, 6))
-        assert first == again
-        assert all(a[1] != b[1] for a, b in zip(first, other))
-
     def test_a_relative_key_is_told_as_what_it_came_to(self):
         vary = {"of": {"thickness": normal(1.0, 0.05, relative=True)}}
         for arch, values in drawn(vary, 64):
@@ -66,12 +61,6 @@ class TestKeys:
             np.testing.assert_allclose(np.array(arch.joints) / arch.embrace,
                                        np.array(joints) / 157.5, rtol=1e-9)  # fmt: skip
             assert arch.build()
-
-    def test_ids_stay_within_what_results_allow(self):
-        (arch, _), *_ = drawn({"of": FRICTION}, id="a" * 70)
-        assert len(arch.id) == 75
-        with pytest.raises(StudyError, match="id must have at most 70 characters"):
-            expand([entry({"of": FRICTION}, id="a" * 71)])
 
     def test_more_samples_keep_those_there_are(self):
         vary = {"of": FRICTION, "joints": {"friction": normal(1.0, 0.1)}}
@@ -110,28 +99,6 @@ class TestJoints:
             assert 0.15 < np.abs(off).max() < 0.2
             check_buildable(expand([one]))
 
-    def test_one_key_more_leaves_the_others_numbers(self):
-        friction = normal(1.0, 0.1)
-        shift = {"distribution": "uniform", "start": -0.2, "stop": 0.2}
-        less = drawn({"joints": {"friction": friction}})
-        more = drawn({"joints": {"friction": friction, "position": shift}})
-        assert [a.friction for a, _ in less] == [a.friction for a, _ in more]
-
-    def test_they_are_not_drawn_by_the_numbers_of_the_keys(self):
-        """Zeros at the end of a seed are nothing to numpy: [1] and [1, 0] are one seed."""
-        made = []
-        true = np.random.default_rng
-
-        def watched(seed=None):
-            made.append(true(seed))
-            return made[-1]
-
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(np.random, "default_rng", watched)
-            drawn({"of": FRICTION, "joints": {"friction": normal(1.0, 0.1)}})
-        states = {str(np.asarray(g.bit_generator.seed_seq.generate_state(4))) for g in made}
-        assert len(states) == len(made) == 5
-
     def test_a_block_has_one_and_a_column_no_free_end(self):
         joints = {"friction": normal(1.0, 0.1)}
         block = {"id": "slab", "profile": "block", "width": 0.4, "height": 2.0, "friction": 0.5}
@@ -159,14 +126,6 @@ class TestMeeting:
         found = expand([entry({"of": FRICTION, "crossed": False, "samples": 2})], 3)
         assert found.meets(3).tolist() == np.repeat(np.eye(3, dtype=bool), 2, axis=0).tolist()
         assert len({each.values["friction"] for each in found}) == 6
-
-    def test_a_record_more_leaves_the_arches_of_the_others(self):
-        one = entry({"of": FRICTION, "crossed": False, "samples": 3})
-        assert expand([one], 3).members == expand([one], 4).members[:9]
-
-    def test_the_number_of_records_must_be_known(self):
-        with pytest.raises(StudyError, match="the number of records is not known"):
-            expand([entry({"of": FRICTION, "crossed": False})])
 
     def test_classes_of_a_mixed_study(self):
         plain = TypeAdapter(ArchEntry).validate_python({**RING, "id": "plain"})
@@ -256,16 +215,6 @@ class TestRefusals:
         assert max(m.values["thickness"] for m in thin) < 0.75
         assert text.startswith(f"arches[0] (ring): {len(thin)} of 8 samples do not stand")
         assert f"sample {thin[0].number} (thickness = {thin[0].values['thickness']:.6g})" in text
-
-    def test_an_id_that_a_sample_has(self):
-        other = TypeAdapter(ArchEntry).validate_python({**RING, "id": "ring-0002"})
-        with pytest.raises(StudyError, match="an arch has the id 'ring-0002', which belongs to "):
-            expand([entry({"of": FRICTION}), other])
-
-    def test_too_many(self):
-        one = entry({"of": FRICTION, "samples": 8192, "crossed": False})
-        with pytest.raises(StudyError, match=r"makes 24576 arches; .* at most 20000"):
-            expand([one], 3)
 
 
 def test_a_study_of_samples_is_read_back_as_it_was(tmp_path):

@@ -1,12 +1,9 @@
 """Files appear whole or not at all."""
 
-import os
-
 import pytest
 
 from archfrag.errors import OutputError
-from archfrag.study.digests import source_hash
-from archfrag.study.files import make_folder, replacing, sweep, write_text
+from archfrag.study.files import make_folder, replacing, source_hash, sweep
 from tests.study.small import files
 
 
@@ -34,20 +31,6 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_else(tmp_path, full_disk):
     assert files(tmp_path) == {"a.txt": b"old"}
 
 
-def test_an_interruption_leaves_the_old_file_and_nothing_else(tmp_path):
-    path = tmp_path / "a.txt"
-    path.write_text("old")
-
-    def interrupted():
-        with replacing(path) as temporary:
-            temporary.write_text("half")
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
-    assert files(tmp_path) == {"a.txt": b"old"}
-
-
 def test_sweeping_removes_what_a_killed_run_left_and_nothing_else(tmp_path):
     (tmp_path / "parts").mkdir()
     left = [".cube.nc.ab_1.tmp", "parts/.000001-ab.npz.x9z.tmp", ".report.html.k2_"]
@@ -65,25 +48,8 @@ def test_output_below_a_file_is_refused(tmp_path):
         make_folder(tmp_path / "file" / "out")
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write anywhere")
-def test_output_in_a_folder_without_permission_is_refused(tmp_path):
-    tmp_path.chmod(0o500)
-    with pytest.raises(OutputError, match=r"cannot be written \(Permission denied\)"):
-        make_folder(tmp_path / "out")
-
-
-def test_text_that_is_there_already_is_left_alone(tmp_path):
-    path = tmp_path / "a.txt"
-    write_text(path, "same")
-    os.utime(path, (1, 1))
-    write_text(path, "same")
-    assert path.stat().st_mtime == 1
-    write_text(path, "other")
-    assert path.stat().st_mtime != 1
-
-
 def test_source_hash_tells_edits_in_any_file_of_a_folder(tmp_path, monkeypatch):
-    monkeypatch.setattr("archfrag.study.digests.PACKAGE", tmp_path)
+    monkeypatch.setattr("archfrag.study.files.PACKAGE", tmp_path)
     (tmp_path / "room").mkdir()
     (tmp_path / "room" / "a.py").write_text("a = 1\n")
     (tmp_path / "b.py").write_text("b = 1\n")

@@ -38,11 +38,6 @@ class TestRows:
         assert {(arch.embrace, arch.voussoirs) for arch in found.entries} == {(157.5, 7)}
         assert found.meets(2).all()
 
-    def test_numbers_of_columns_are_known_of_every_row(self, tmp_path):
-        parameters = expand([fleet(tmp_path)]).parameters()
-        assert list(parameters) == ["radius", "thickness", "friction"]
-        assert parameters["friction"].tolist() == [0.6, 0.7, np.inf]
-
     def test_other_columns_are_attributes(self, tmp_path):
         found = expand([fleet(tmp_path)])
         assert found.attributes() == {
@@ -51,15 +46,6 @@ class TestRows:
         (listed,) = summaries(found)
         assert str(listed).startswith("fleet: 3 arches, radius 8 to 12, thickness 1.25 to 1.8")
         assert str(listed).endswith("2 of region, 3 of built")
-
-    def test_profiles_may_differ(self, tmp_path):
-        text = (
-            "id,profile,radius,embrace,span,rise,thickness\n"
-            "a,circular,10,157.5,,,1.5\n"
-            "b,segmental,,,10,3.5,1.0\n"
-        )
-        found = expand([fleet(tmp_path, text, profile=None, embrace=None)])
-        assert [arch.profile for arch in found.entries] == ["circular", "segmental"]
 
     def test_lists_and_a_spreadsheets_whole_numbers(self, tmp_path):
         text = '\ufeffid,radius,thickness,voussoirs,friction\r\na,10,1.5,2.0,"[0.5, 0.6, 0.7]"\r\n'
@@ -141,13 +127,6 @@ def test_what_is_no_table(tmp_path, text, sentence):
     assert sentence in str(refusal.value)
 
 
-def test_a_table_that_is_not_there(tmp_path):
-    entry = fleet(tmp_path)
-    (tmp_path / "fleet.csv").unlink()
-    with pytest.raises(StudyError, match=r"fleet\.csv: the table cannot be read \(there is no"):
-        expand([entry])
-
-
 def test_what_varies_of_a_table_is_refused_by_the_studys_key(tmp_path):
     vary = {"samples": 4, "of": {"span": {"distribution": "normal", "mean": 10.0, "cov": 0.1}}}
     with pytest.raises(StudyError) as refusal:
@@ -155,9 +134,3 @@ def test_what_varies_of_a_table_is_refused_by_the_studys_key(tmp_path):
     assert "line 2, vary.of.span: is nothing that varies of the profile circular" in str(
         refusal.value
     )
-
-
-def test_ids_of_two_tables_must_differ(tmp_path):
-    one = fleet(tmp_path)
-    with pytest.raises(StudyError, match=r"arches\[1\] \(other\): an arch has the id 'old'"):
-        expand([one, one.model_copy(update={"id": "other"})])

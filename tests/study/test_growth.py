@@ -137,12 +137,3 @@ def checked(path, folder):
     assert found["high_count"] == 0, found["high_priorities"]
     with netCDF4.Dataset(path) as cube:
         assert all(len(variable.long_name) > 5 for variable in cube.variables.values())
-
-
-def test_two_arches_that_differ_in_their_names_only_are_run_once(tmp_path, here):
-    text = TEXT.replace("motions:", THIRD.replace("width: 0.5", "width: 0.4"))
-    log, path = cube_of(study_of(tmp_path, "stripes", text))
-    assert (log.runs, log.kept) == (18, 6)
-    with xr.open_dataset(path) as cube:
-        one, other = (cube["peak_rotation"].sel(arch=name) for name in ("slab", "plate"))
-        np.testing.assert_array_equal(one, other)

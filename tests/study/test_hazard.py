@@ -102,15 +102,6 @@ class TestPlain:
         assert part in sentence
         assert sentence.startswith(str(path))
 
-    def test_two_units(self, write):
-        path = write("PGA [g],rate\n0.1,1e-2\n0.4,1e-3\n")
-        assert "states the unit 'g', but" in refusal(path, unit="m/s2")
-
-    def test_no_file_and_no_text(self, tmp_path):
-        assert "no such file" in refusal(tmp_path / "none.csv")
-        (tmp_path / "binary").write_bytes(b"\xff\xfe\x00")
-        assert "no text in UTF-8" in refusal(tmp_path / "binary")
-
 
 class TestOpenQuakeCsv:
     def test_nearest_site_in_g(self, write):
@@ -158,13 +149,6 @@ class TestOpenQuakeCsv:
     def test_refusals(self, write, changes, options, part):
         assert part in refusal(write(openquake(**changes)), **options)
 
-    def test_without_its_first_line(self, write):
-        text = openquake().split("\n", 1)[1]
-        assert "does not state imt and investigation_time" in refusal(write(text))
-
-    def test_cut_row(self, write):
-        assert "row 2 of its sites" in refusal(write(openquake()[:-20]), site=(13.4, 42.3))
-
     def test_the_same_curve_twice(self, write):
         files = [write(openquake(), "a"), write(openquake(), "b")]
         with pytest.raises(InputError, match="which an earlier file has too"):
@@ -180,11 +164,6 @@ class TestNrml:
         np.testing.assert_allclose(found.main.im, [0.01 * G, 0.1 * G, G])
         assert found.main.rate[1] == pytest.approx(-np.log(0.95) / 50.0)
         assert load_hazard(path, "PGA").main.im.size == 2
-
-    def test_quantile(self, write):
-        kind = 'statistics="quantile" quantileValue="0.15"'
-        path = write(NRML.format(version=5, kind=kind), "hazard.xml")
-        assert load_hazard(path, "PGA").main_name == "quantile-0.15"
 
     @pytest.mark.parametrize(
         ("text", "part"),

@@ -6,7 +6,7 @@ import pytest
 from archfrag.fragility.quoted import quoted_band
 from archfrag.study.design import Ida, Precision, Scattered
 from archfrag.study.grids import Grid, ida
-from archfrag.study.precision import LEAST_RECORDS, Stop, known_so_far, more_needed
+from archfrag.study.precision import LEAST_RECORDS, Stop, known_so_far
 from archfrag.study.rounds import Rounds
 from archfrag.study.scattered import scattered
 
@@ -78,11 +78,6 @@ class TestStopping:
         assert not early.look(0.01, 10, 20)
         assert not early.look(0.01, 21, 20)
 
-    def test_the_same_study_asks_for_the_same_runs(self):
-        one, other = play_ida(capacities(3)), play_ida(capacities(3))
-        assert one[0] == other[0]
-        assert np.array_equal(one[2], other[2])
-
     def test_records_of_shared_events_are_worth_fewer(self):
         shared = np.repeat(capacities(4, n=400), 4)
         groups = np.repeat(np.arange(400), 4).astype(str)
@@ -96,24 +91,8 @@ class TestReasons:
         assert (note["reached"], note["why"]) == (False, "150 runs do not suffice")
         assert note["runs"] < 175
 
-    def test_too_few_records(self):
-        note = play_ida(capacities(1, n=30), theta=0.02)[0]
-        assert note["why"] == "there are no more than 30 records"
-
-    def test_few_records_that_suffice(self):
-        note = play_ida(capacities(1, beta=0.1, n=15), theta=0.2)[0]
-        assert note["reached"]
-        assert "why" not in note
-
 
 def test_no_curve_yet():
     for verdict in (np.full((3, 15), 2), np.zeros((3, 15), int)):
         assert known_so_far("ida", verdict, LEVELS).half_width == np.inf
     assert known_so_far("scattered", [2, 3], [0.1, 0.2]).half_width == np.inf
-
-
-def test_more_needed():
-    assert more_needed(np.inf, 0.05, 10) == 10
-    assert more_needed(0.5, 0.05, 10) == 10
-    assert more_needed(0.055, 0.05, 100) == 34
-    assert more_needed(0.04, 0.05, 100) == 5

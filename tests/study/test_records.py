@@ -8,11 +8,11 @@ import pytest
 from archfrag.errors import InputError, OutputError, RecordError, StudyError
 from archfrag.motions.measures import measure
 from archfrag.study.config import load_study
-from archfrag.study.digests import sha256_of
+from archfrag.study.files import sha256_of
 from archfrag.study.plan import make_plan
 from archfrag.study.records import load_prepared, load_record, prepare_motions
 from archfrag.study.rounds import cases_of
-from tests.study.small import ROOT, TEXT, files, small_study, write_at2
+from tests.study.small import ROOT, TEXT, small_study, write_at2
 
 FILES = 'files: ["records/*.AT2"]'
 INDEX = ROOT / "records" / "index.csv"
@@ -59,31 +59,12 @@ def test_prepared_records_are_found_again_with_their_origin(tmp_path):
     assert motion.metadata["file_sha256"] == sha256_of(source)
 
 
-def test_preparing_twice_gives_the_same_bytes(tmp_path):
-    study = load_study(small_study(tmp_path))
-    prepare_motions(study)
-    (folder,) = (study.work / "motions").iterdir()
-    first = files(folder)
-    prepare_motions(study)
-    assert files(folder) == first
-    assert list((study.work / "motions").iterdir()) == [folder]
-    assert set(first) == {"00000.npz", "00001.npz"}
-
-
 def test_shipped_records_are_selected_in_the_order_asked_for(tmp_path):
     study = study_with(tmp_path, f"{{index: {INDEX}, select: [syn-m70-r020, syn-m55-r010]}}")
     prepared = prepare_motions(study)
     assert [record.id for record in prepared] == ["syn-m70-r020", "syn-m55-r010"]
     assert [record.magnitude for record in prepared] == [7.0, 5.5]
     assert [record.distance for record in prepared] == [20.0, 10.0]
-
-
-def test_index_and_files_together_can_be_selected_from(tmp_path):
-    study = study_with(
-        tmp_path,
-        f'{{index: {INDEX}, files: ["records/*.AT2"], select: [wave1, syn-m55-r010]}}',
-    )
-    assert [record.id for record in prepare_motions(study)] == ["wave1", "syn-m55-r010"]
 
 
 def test_unknown_selected_id_is_refused_with_the_right_one(tmp_path):
@@ -93,22 +74,6 @@ def test_unknown_selected_id_is_refused_with_the_right_one(tmp_path):
     assert str(caught.value).startswith(
         "motions.select: 'syn-m55-r01' is no record of the study; did you mean syn-m55-r01"
     )
-
-
-def test_missing_record_file(tmp_path):
-    study = study_with(tmp_path, 'files: ["records/lost.AT2"]')
-    with pytest.raises(RecordError) as caught:
-        prepare_motions(study)
-    assert str(caught.value) == (
-        f"{tmp_path / 'records' / 'lost.AT2'}: there is no such record file"
-    )
-
-
-def test_pattern_without_files(tmp_path):
-    study = study_with(tmp_path, 'files: ["nowhere/*.AT2"]')
-    with pytest.raises(StudyError) as caught:
-        prepare_motions(study)
-    assert str(caught.value) == f"motions.files[0]: no file matches {tmp_path / 'nowhere/*.AT2'}"
 
 
 def made(path):
@@ -136,13 +101,6 @@ def test_ids_do_not_depend_on_where_the_study_lies(tmp_path):
             made(tmp_path / place / "records" / name)
         found.append(ids(study))
     assert found[0] == found[1] == ["a+1+H", "b+1+H", "b+2+H", "wave0", "wave1"]
-
-
-def test_two_formats_of_one_name_in_one_folder(tmp_path):
-    study = study_with(tmp_path, "files: [{path: records/wave1*, unit: g}]")
-    text = "TIMESERIES A_B__HNE_, 3 samples, 100 sps, 2000-01-01T00:00:00, SLIST, FLOAT,\n"
-    (tmp_path / "records" / "wave1.txt").write_text(f"{text}0.0 0.1 0.0\n")
-    assert ids(study) == ["wave1.AT2", "wave1.txt"]
 
 
 def test_the_same_file_by_two_patterns_is_one_record(tmp_path):

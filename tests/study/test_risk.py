@@ -58,11 +58,6 @@ class TestGrid:
         found = risk_of(data, fits, HAZARD).arches["ring"].by_magnitude
         assert found.fraction[found.categories.index("6 to 6.5")] == pytest.approx(1.0)
 
-    def test_unknown_distances_are_said_to_be(self, grid):
-        data, fits = grid
-        found = risk_of(data.drop_vars("distance"), fits, HAZARD).arches["ring"].by_distance
-        assert found.fraction[found.categories.index("not known")] == pytest.approx(1.0)
-
     def test_names_of_mechanisms(self, grid):
         data, fits = grid
         verdict = data["verdict"].values
@@ -82,13 +77,6 @@ class TestGrid:
         assert found.rate.above > 0.9
         assert any("above the last point of the hazard curve" in each for each in found.cautions)
         assert not risk_of(*grid, HAZARD).arches["ring"].rate.outside > 0.05
-
-    def test_levels_above_the_rate_are_cautioned(self, grid):
-        data, _ = grid
-        low = Fragility(0.5, 0.3, np.diag([0.01, 0.01]), 0.0, 5, 30, "stripes")
-        found = risk_of(data, {"ring": low}, HAZARD).arches["ring"]
-        assert found.below_levels > 0.5
-        assert any("below the least level that was simulated" in each for each in found.cautions)
 
     def test_arch_without_a_curve_keeps_its_sentence(self, grid):
         assert risk_of(grid[0], {"ring": "no run collapsed"}, HAZARD).arches == {
@@ -167,7 +155,7 @@ def finished(done, tmp_path_factory):
     fit_cube(study)
     made = json.loads((study.folder / FITS).read_text())
     curve = Fragility(5.0, 0.4, np.diag([0.01, 0.005]), 0.0, 3, 6, "stripes")
-    made["fits"]["ring"] = curve.to_dict()
+    made["arches"]["ring"]["curve"] = curve.to_dict()
     write_text(study.folder / FITS, json.dumps(made))
     finish(study, "fit")
     hazard = folder / "hazard.csv"
@@ -193,14 +181,6 @@ class TestCommand:
         assert sum(ring["rate_by_level"]) == pytest.approx(ring["rate"])
         assert facts["hazard"]["curves"]["mean"]["im"] == pytest.approx([0.01, 0.1, 3.0])
 
-    def test_text(self, finished):
-        study, hazard, _ = finished
-        text = self.call(*study, "--hazard", hazard).stdout
-        assert "ring: median 0.5099 g of PGA, dispersion 0.4" in text
-        assert "return period" in text
-        assert "with the hazard '0.84'" in text
-        assert "assumed: hazard: ln rate linear" in text
-
     @pytest.mark.parametrize(
         ("content", "options", "part"),
         [
@@ -217,9 +197,3 @@ class TestCommand:
         assert result.exit_code == 2
         assert part in result.stderr
         assert result.stderr.count("\n") == 1
-
-    def test_site_that_is_none(self, finished):
-        study, hazard, _ = finished
-        result = self.call(*study, "--hazard", hazard, "--site", "Rome")
-        assert result.exit_code == 2
-        assert "no longitude and latitude" in result.stderr

@@ -29,11 +29,6 @@ class TestFacts:
         assert last["time"] == response.mechanism[3].time
         assert {int(k): v for k, v in last["joints"].items()} == response.mechanism[3].joints
 
-    def test_no_log_where_none_was_kept(self):
-        facts = response_facts(af.simulate(ARCH, PUSH, scale=0.1), 0.1)
-        assert "mechanism" not in facts
-        assert facts["collapse_time"] is None
-
 
 def test_what_a_status_advises_can_be_given():
     """Options of the command, keys of a study, arguments of the function, or a method's name."""
@@ -68,8 +63,3 @@ class TestText:
         assert f"... and {len(response.mechanism) - 40} more entries" in text
         assert "changes of the mechanism" in text
         assert "mechanism" not in response_text(af.simulate(ARCH, PUSH), 1.0)
-
-    def test_nothing_happened(self):
-        text = response_text(af.simulate(ARCH, PUSH, scale=0.1), 0.1)
-        assert "events: none" in text
-        assert "simulated time: rest 0.799 s" in text

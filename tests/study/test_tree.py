@@ -66,15 +66,6 @@ class TestStop:
             make(stop)
         assert made == ["process"]
 
-    def test_another_error_that_a_signal_became_is_the_signal_s(self):
-        def lose_it(stop):
-            with stop.held():
-                os.kill(os.getpid(), signal.SIGTERM)
-            raise ImportError("numpy.core.multiarray failed to import")
-
-        with pytest.raises(tree.Stopped), tree.stoppable() as stop:
-            lose_it(stop)
-
 
 def test_processes_that_will_not_end_are_ended(monkeypatch):
     monkeypatch.setattr(tree, "_PATIENCE", 0.3)

@@ -1,6 +1,5 @@
 """`archfrag records ...`: what each command prints, writes, draws and refuses."""
 
-import importlib.util
 import json
 import subprocess
 import sys
@@ -17,17 +16,9 @@ from archfrag.motions.index import load_index
 from archfrag.motions.read import load_motion, read_motion, read_motions
 from tests.motions.fdsn_server import EVENT, data_centre
 from tests.motions.helpers import SHIPPED, at2_text, wave
-from tests.motions.test_read import knet
 
 G = 9.80665
 COMMANDS = ("list", "show", "inspect", "measure", "select", "convert", "fetch", "make")
-
-
-def needs(module):
-    return pytest.mark.skipif(
-        importlib.util.find_spec(f"archfrag.motions.{module}") is None,
-        reason=f"archfrag.motions.{module} is not there yet",
-    )
 
 
 def call(*arguments):
@@ -45,16 +36,18 @@ def facts(*arguments):
     return json.loads(done(*arguments, "--json").stdout)
 
 
-def refused(*arguments):
+def refused(*arguments, code=2):
+    """The message of a command that ends with an exit code."""
     result = call(*arguments)
+    assert result.exit_code == code
     assert result.stderr.startswith("archfrag: error: ")
     assert result.stderr.count("\n") == 1
     assert result.stdout == ""
-    return result.exit_code, result.stderr.removeprefix("archfrag: error: ").rstrip("\n")
+    return result.stderr.removeprefix("archfrag: error: ").rstrip("\n")
 
 
 def texts(svg):
-    """Words of a figure that is whole XML."""
+    """Words of a figure that is complete XML."""
     return " ".join(ElementTree.parse(svg).getroot().itertext())
 
 
@@ -73,7 +66,7 @@ def three(tmp_path):
         "network": "XX",
         "station": "AB",
         "delta": 0.005,
-        "starttime": UTCDateTime(2020, 1, 2),
+        "starttime": UTCDateTime(9.0e8),
     }
     shape = np.random.default_rng(1).normal(size=777)
     Stream(
@@ -89,7 +82,6 @@ class TestHelp:
         text = done(command, "--help").stdout
         assert command in done("--help").stdout
         assert "--json" in text
-        assert "..." not in done("--help").stdout.split("Commands:")[1]
         if command != "list":
             assert f"archfrag records {command}" in text.split("Example:")[1]
 
@@ -116,36 +108,25 @@ class TestInspect:
         text = done("inspect", three, "--unit", "m/s2").stdout.splitlines()
         assert text[0] == f"{three}: MSEED, XX.AB"
         assert text[1].startswith("  HNE       777 samples at 0.005 s, 3.88 s, m/s2, PGA 0.")
-        assert text[3].endswith("vertical, 2020-01-02T00:00:00.000000Z")
 
-    def test_what_is_wrong_is_said_and_nothing_refused(self, tmp_path, three):
-        wrong = tmp_path / "wrong.AT2"
+    def test_faults_are_listed_and_nothing_is_refused(self, tmp_path, three):
+        wrong, gap = tmp_path / "wrong.AT2", tmp_path / "gap.mseed"
         wrong.write_text(at2_text(300.0 + wave(), count=500))
-        found = facts("inspect", wrong, three)
-        assert found[0]["channels"][0]["faults"] == [
-            "the header announces 500 samples of channel 180, the file holds only 400",
-            "the offset of the samples, 300, is larger than their motion about it, 0.9913 "
-            "[g in the file]",
-            "peak of channel 180 is 301 g by its unit g, outside 1e-05 to 5 g",
-        ]
-        channel = found[1]["channels"][0]
-        assert (channel["unit"], channel["PGA"]) == ("", None)
-        assert channel["faults"][0].startswith("the file does not say the unit of its samples")
-        assert "    ! the header announces 500" in done("inspect", wrong).stdout
-
-    def test_gaps_and_unequal_channels(self, tmp_path):
-        path = tmp_path / "gap.mseed"
         header = {"station": "AB", "delta": 0.01}
         traces = [
             Trace(wave(count), {**header, "channel": code, "starttime": UTCDateTime(start)})
             for code, start, count in (("HNE", 100, 300), ("HNE", 110, 300), ("HNN", 100, 310))
         ]
-        Stream(traces).write(str(path), format="MSEED")
-        (found,) = facts("inspect", path, "--unit", "m/s2")
-        assert [channel["count"] for channel in found["channels"]] == [300, 300, 310]
-        counts = "(HNE 300, HNE 300, HNN 310)"
-        assert found["faults"][0].endswith(f"unequal numbers of samples {counts}")
-        assert found["faults"][1].startswith("channel .AB..HNE has a gap of 7 s")
+        Stream(traces).write(str(gap), format="MSEED")
+        first, second, third = facts("inspect", wrong, three, gap)
+        faults = first["channels"][0]["faults"]
+        for fault, part in zip(faults, ("announces 500", "offset", "peak"), strict=True):
+            assert part in fault
+        assert (second["channels"][0]["unit"], second["channels"][0]["PGA"]) == ("", None)
+        assert [channel["count"] for channel in third["channels"]] == [300, 300, 310]
+        assert "unequal numbers of samples" in third["faults"][0]
+        assert "has a gap of 7 s" in third["faults"][1]
+        assert "    ! the header announces 500" in done("inspect", wrong).stdout
 
     def test_an_unreadable_file_among_others(self, at2, tmp_path):
         lost, odd = tmp_path / "lost.AT2", tmp_path / "odd.bin"
@@ -164,26 +145,18 @@ class TestInspect:
         done("inspect", at2, "--figure", figure)
         for word in ("record.AT2 180", "acceleration [g]", "velocity [cm/s]", "period [s]"):
             assert word in texts(figure)
-        before = figure.read_bytes()
-        done("inspect", at2, "--figure", figure)
-        assert figure.read_bytes() == before
-        code, sentence = refused("inspect", at2, "--figure", tmp_path / "figure.png")
-        assert code == 2
-        assert sentence.endswith("figures are written as SVG; name a FILE.svg")
-        code, sentence = refused("inspect", three, "--figure", figure)
-        assert sentence == "a figure shows 1 to 24 channels with a known unit; there are 0"
-        assert refused("inspect", at2, "--figure", tmp_path / "no" / "figure.svg")[0] == 4
+        assert "FILE.svg" in refused("inspect", at2, "--figure", tmp_path / "figure.png")
+        assert "there are 0" in refused("inspect", three, "--figure", figure)
+        refused("inspect", at2, "--figure", tmp_path / "no" / "figure.svg", code=4)
 
 
 class TestConvert:
     @pytest.mark.parametrize("unit", ["m/s2", "g"])
     def test_miniseed_holds_every_bit(self, three, tmp_path, unit):
-        (entry,) = facts(
-            "convert", three, "--unit", "cm/s2", "--in", unit, "--out", tmp_path / "o"
-        )
-        assert entry == {"file": str(tmp_path / "o" / "three.mseed"), "source": str(three)}
-        before = read_motions(three, unit="cm/s2")
-        after = read_motions(entry["file"])
+        out = tmp_path / "o"
+        (entry,) = facts("convert", three, "--unit", "cm/s2", "--in", unit, "--out", out)
+        assert entry == {"file": str(out / "three.mseed"), "source": str(three)}
+        before, after = read_motions(three, unit="cm/s2"), read_motions(entry["file"])
         assert [motion.metadata["component"] for motion in after] == ["HNE", "HNN"]
         for old, new in zip(before, after, strict=True):
             assert new.dt == old.dt
@@ -191,10 +164,9 @@ class TestConvert:
             assert np.allclose(new.vertical, old.vertical, rtol=3e-16, atol=0.0)
             assert new.metadata["start_time"] == old.metadata["start_time"]
 
-    @pytest.mark.parametrize("unit", ["m/s2", "g"])
-    def test_at2_holds_the_digits_of_its_columns(self, three, tmp_path, unit):
+    def test_at2_holds_the_digits_of_its_columns(self, three, tmp_path):
         out, again = tmp_path / "o", tmp_path / "again"
-        done("convert", three, "--unit", "m/s2", "--to", "at2", "--in", unit, "--out", out)
+        done("convert", three, "--unit", "m/s2", "--to", "at2", "--in", "g", "--out", out)
         assert sorted(path.name for path in out.iterdir()) == [
             "index.csv", "three.HNE.AT2", "three.HNN.AT2", "three.HNZ.AT2"
         ]  # fmt: skip
@@ -202,21 +174,20 @@ class TestConvert:
         old, new = read_motions(three, unit="m/s2")[1], read_motion(path)
         assert np.allclose(new.acceleration, old.acceleration, rtol=5.1e-8, atol=0.0)
         assert (new.dt, new.metadata["component"]) == (0.005, "HNN")
-        done("convert", path, "--to", "at2", "--in", unit, "--out", again)
+        done("convert", path, "--to", "at2", "--in", "g", "--out", again)
         samples = [file.read_text().splitlines()[2:] for file in (path, again / "three.HNN.AT2")]
         assert samples[0] == samples[1]
 
-    def test_text_holds_every_digit_and_says_where_it_comes_from(self, at2, tmp_path):
+    def test_text_holds_every_digit_and_states_where_it_comes_from(self, at2, tmp_path):
         done("convert", at2, "--to", "text", "--in", "g", "--out", tmp_path)
         text = (tmp_path / "record.txt").read_text()
         time, values = np.loadtxt(tmp_path / "record.txt").T
         assert np.array_equal(values, read_motion(at2).acceleration / G)
         assert np.allclose(time, np.arange(400) * 0.01, rtol=1e-9)
-        for words in ("time [s], acceleration [g]", "from record.AT2, sha256 ", "dt = 0.01 s",
-                      "event: Imperial Valley-02", "step: Converted to m/s2"):  # fmt: skip
+        for words in ("time [s], acceleration [g]", "from record.AT2, sha256 ", "dt = 0.01 s"):
             assert words in text.split("\n0 ")[0]
 
-    def test_the_index_says_where_files_come_from(self, at2, three, tmp_path):
+    def test_the_index_states_where_files_come_from(self, at2, three, tmp_path):
         out = tmp_path / "o"
         done("convert", at2, "--out", out)
         done("convert", three, "--unit", "m/s2", "--to", "at2", "--out", out)
@@ -224,51 +195,18 @@ class TestConvert:
         assert sorted(entries) == ["record", "three.HNE", "three.HNN"]
         assert entries["record"].metadata["source"] == "record.AT2"
         assert "factor 9.80665" in entries["record"].metadata["steps"]
-        assert np.array_equal(
-            load_motion(entries["record"]).acceleration, read_motion(at2).acceleration
-        )
-        steps = load_motion(entries["three.HNE"]).log
-        assert steps[0] == "Read from three.HNE.AT2 (AT2)."
-
-    def test_files_that_differ_in_their_endings_only(self, tmp_path):
-        names = ("ABC0011801241951.EW", "ABC0011801241951.NS")
-        paths = [
-            knet(tmp_path / name, 1000 * (np.arange(400) % 50), direction)
-            for name, direction in zip(names, ("E-W", "N-S"), strict=True)
-        ]
-        done("convert", *paths, "--to", "at2", "--out", tmp_path / "o")
-        entries = load_index(tmp_path / "o")
-        assert [entry.id for entry in entries] == list(names)
-        assert [load_motion(entry).metadata["component"] for entry in entries] == ["EW", "NS"]
-
-    def test_codes_that_seed_cannot_hold(self, tmp_path):
-        path = tmp_path / "wave.sac"
-        Trace(wave(), {"channel": "N-S", "station": "long-name", "delta": 0.01}).write(
-            str(path), format="SAC"
-        )
-        done("convert", path, "--unit", "m/s2", "--out", tmp_path / "o")
-        (entry,) = load_index(tmp_path / "o")
-        assert entry.metadata["channels"] == "N-S"
-        assert load_motion(entry).metadata["component"] == "HN1"
+        assert load_motion(entries["three.HNE"]).log[0] == "Read from three.HNE.AT2 (AT2)."
 
     def test_what_is_refused(self, at2, three, tmp_path):
-        code, sentence = refused("convert", at2, "--to", "at2", "--out", tmp_path)
-        assert (code, sentence.split(": ")[1]) == (
-            2, "is the source or written twice; name another folder"
-        )  # fmt: skip
-        assert refused("convert", three, "--out", tmp_path / "o")[1].startswith(
-            f"{three}: the file does not say the unit"
-        )
+        assert "written twice" in refused("convert", at2, "--to", "at2", "--out", tmp_path)
+        assert str(three) in refused("convert", three, "--out", tmp_path / "o")
         assert not (tmp_path / "o").exists()
         done("convert", at2, "--out", tmp_path / "o")
-        other = tmp_path / "record.dat"
-        at2.rename(other)
-        assert refused("convert", other, "--out", tmp_path / "o")[1].endswith(
-            "the index there has it from elsewhere; name another folder"
-        )
+        other = at2.rename(tmp_path / "record.dat")
+        assert "has it from elsewhere" in refused("convert", other, "--out", tmp_path / "o")
         doubtful = tmp_path / "doubtful.AT2"
         doubtful.write_text(at2_text(30.0 * wave()))
-        assert "peak of channel 180" in refused("convert", doubtful, "--out", tmp_path / "p")[1]
+        assert "peak of channel 180" in refused("convert", doubtful, "--out", tmp_path / "p")
         done("convert", doubtful, "--accept", "pga", "--out", tmp_path / "p")
         (entry,) = load_index(tmp_path / "p")
         assert load_motion(entry).metadata["accepted"]
@@ -285,18 +223,12 @@ class TestFetch:
         services = ("--from", centre.address, "--events-from", centre.address)
         return ("fetch", EVENT, *services, "--after", "20", "--out", out, *more)
 
-    def test_records_in_text_and_json(self, centre, tmp_path):
+    def test_records_that_a_study_can_read(self, centre, tmp_path):
         result = done(*self.arguments(centre, tmp_path, "--channels", "HN?,BN?"))
         assert result.stdout == f"3 records fetched, 0 were there: {tmp_path}\n"
-        assert result.stderr.count("\n") == 3
         found = facts(*self.arguments(centre, tmp_path))
         assert (found["new"], len(found["kept"]), found["failures"]) == ([], 3, [])
-        assert len(facts("inspect", *tmp_path.glob("*/*.mseed"))) == 3
-
-    def test_a_study_reads_the_folder(self, centre, tmp_path):
-        done(*self.arguments(centre, tmp_path))
-        rows = facts("list", tmp_path / "index.csv")
-        assert [row["event"] for row in rows] == [EVENT] * 3
+        assert [r["event"] for r in facts("list", tmp_path / "index.csv")] == [EVENT] * 3
         (shown, _) = facts("show", tmp_path / EVENT / f"{EVENT}_IV.NEAR..HN.mseed")
         assert shown["vertical"]
         assert shown["PGA"] == pytest.approx(1.0, rel=0.02)
@@ -306,28 +238,23 @@ class TestFetch:
         centre.faults["dataselect", "NEAR"] = 204
         result = call(*self.arguments(centre, tmp_path, "--json"))
         assert result.exit_code == 7
-        assert [entry["kind"] for entry in json.loads(result.stdout)["failures"]] == [
-            "no data", "service"
-        ]  # fmt: skip
-        assert result.stderr.splitlines()[-1] == (
-            "archfrag: error: 1 of 2 failures may pass; the same command goes on"
-        )
+        kinds = [entry["kind"] for entry in json.loads(result.stdout)["failures"]]
+        assert kinds == ["no data", "service"]
+        assert "1 of 2 failures may pass" in result.stderr.splitlines()[-1]
         centre.faults.pop(("dataselect", "BOTH"))
-        assert done(*self.arguments(centre, tmp_path)).exit_code == 0
+        done(*self.arguments(centre, tmp_path))
 
     def test_what_cannot_be_asked_for(self, centre, tmp_path):
-        code, sentence = refused(*self.arguments(centre, tmp_path / "o", "--radius", "-1"))
-        assert (code, sentence) == (2, "radius [km] = -1 must be from 0 to 2000")
+        message = refused(*self.arguments(centre, tmp_path / "o", "--radius", "-1"))
+        assert message == "radius [km] = -1 must be from 0 to 2000"
         assert not (tmp_path / "o").exists()
-        code, sentence = refused("fetch", "x", "--from", "NOPE", "--out", tmp_path / "o")
-        assert sentence.startswith("'NOPE' is no data service that is known; allowed are an")
+        assert "'NOPE'" in refused("fetch", "x", "--from", "NOPE", "--out", tmp_path / "o")
 
 
 class TestMake:
     PLAN = (
-        "--events", "2", "--records-per-event", "2", "--magnitude", "6:7",
-        "--distance-km", "10,20",
-        "--sites", "3", "--vs30", "500", "--vertical", "--pulses", "0.5", "--seed", "4",
+        "--events", "2", "--records-per-event", "2", "--magnitude", "6:7", "--distance-km",
+        "10,20", "--sites", "3", "--vs30", "500", "--vertical", "--pulses", "0.5", "--seed", "4",
     )  # fmt: skip
 
     def test_they_are_those_of_the_same_keys_in_a_study(self, tmp_path):
@@ -337,9 +264,6 @@ class TestMake:
         assert [file.rsplit("/", 1)[1] for file in found["files"]] == [
             "e1-r1.mseed", "e1-r2.mseed", "e2-r1.mseed", "e2-r2.mseed"
         ]  # fmt: skip
-        done("make", "--out", tmp_path / "b", *self.PLAN)
-        index = (tmp_path / "a" / "index.csv").read_text()
-        assert index == (tmp_path / "b" / "index.csv").read_text()
         wanted = Synthetic(
             events=2, records_per_event=2, magnitude={"start": 6.0, "stop": 7.0},
             distance_km=(10.0, 20.0), sites=3, vs30=500.0, vertical=True, pulses=0.5, seed=4,
@@ -361,32 +285,32 @@ class TestMake:
         assert (tmp_path / "index.csv").read_text() == (SHIPPED / "index.csv").read_text()
 
     @pytest.mark.parametrize(
-        ("options", "sentence"),
+        ("options", "start"),
         [
             (["--vertical"], "--events is missing (2 more keys are wrong too)"),
-            (["--magnitude", "6,x"], "--magnitude 6,x: a list such as 6,6.5,7 or two ends such"),
+            (["--magnitude", "6,x"], "--magnitude 6,x: "),
             (["--magnitude", "7:6", "--events", "1", "--distance-km", "5"],
              "--magnitude must have stop above start = 7, not 6"),
             (["--magnitude", "6", "--events", "1", "--distance-km", "5,400"],
              "--distance-km[1] = 400.0 must be less than or equal to 300"),
         ],
     )  # fmt: skip
-    def test_what_is_refused(self, tmp_path, options, sentence):
-        code, text = refused("make", "--out", tmp_path / "o", *options)
-        assert code == 2
-        assert text.startswith(sentence)
+    def test_what_is_refused(self, tmp_path, options, start):
+        assert refused("make", "--out", tmp_path / "o", *options).startswith(start)
         assert not (tmp_path / "o").exists()
 
     def test_an_index_of_other_records_is_left_alone(self, at2, tmp_path):
         done("convert", at2, "--out", tmp_path / "o")
         before = (tmp_path / "o" / "index.csv").read_text()
-        code, text = refused("make", "--out", tmp_path / "o", *self.PLAN)
-        assert (code, "lists other records (record); name another folder" in text) == (2, True)
+        message = refused("make", "--out", tmp_path / "o", *self.PLAN)
+        assert "lists other records (record)" in message
         assert (tmp_path / "o" / "index.csv").read_text() == before
 
 
 class TestColumns:
     """`--columns` for a plain text of numbers, in each command that reads a record."""
+
+    KNOWN = ("--unit", "g", "--columns", "time=1,acceleration=2,skip=1")
 
     @pytest.fixture
     def text(self, tmp_path):
@@ -394,8 +318,6 @@ class TestColumns:
         rows = (f"{0.01 * i:.2f}, {value:.6f}" for i, value in enumerate(0.3 * wave()))
         path.write_text("\n".join(["any words", *rows]) + "\n")
         return path
-
-    KNOWN = ("--unit", "g", "--columns", "time=1,acceleration=2,skip=1")
 
     def test_the_commands_read_it(self, text, tmp_path):
         peak = 0.3 * np.abs(wave()).max()
@@ -426,31 +348,26 @@ class TestColumns:
 
     def test_they_are_not_for_files_that_name_their_format(self, text, at2, three, tmp_path):
         rows = facts("measure", text, at2, *self.KNOWN, "--out", tmp_path / "flat.csv")
-        assert [row["record"] for row in rows] == ["plain", "record"]
         assert [row["columns"] for row in rows] == ["acceleration=2 time=1 skip=1", None]
-        assert [found["format"] for found in facts("inspect", text, at2, three, *self.KNOWN)] == [
-            "COLUMNS", "AT2", "MSEED"
-        ]  # fmt: skip
-        assert facts("inspect", text, *self.KNOWN)[0]["faults"] == []
+        found = facts("inspect", text, at2, three, *self.KNOWN)
+        assert [each["format"] for each in found] == ["COLUMNS", "AT2", "MSEED"]
 
     @pytest.mark.parametrize(
-        ("columns", "sentence"),
+        ("columns", "part"),
         [
-            ("time=1,acc=2", "columns 'time=1,acc=2': 'acc=2' is not known; allowed are time=COL"),
-            ("time=1,time=2", "columns 'time=1,time=2': 'time=2' occurs twice; allowed are"),
-            ("time=1.5", "columns 'time=1.5': 'time=1.5' is not known; allowed are"),
-            ("time", "columns 'time': 'time' is not known; allowed are"),
-            ("time=1", "columns 'time=1' must have acceleration where another column is named"),
-            ("dt=-1", "columns 'dt=-1' must have a positive dt, not -1"),
-            ("", "columns '' must have either time or dt"),
+            ("time=1,acc=2", "'acc=2' is not known"),
+            ("time=1,time=2", "'time=2' occurs twice"),
+            ("time=1", "must have acceleration where another column is named"),
+            ("dt=-1", "must have a positive dt, not -1"),
+            ("", "must have either time or dt"),
         ],
     )
-    def test_a_slip_of_the_pen_is_a_sentence(self, text, columns, sentence):
-        code, said = refused("inspect", text, "--columns", columns)
-        assert (code, said.startswith(sentence)) == (2, True), said
+    def test_bad_columns_are_refused(self, text, columns, part):
+        message = refused("inspect", text, "--columns", columns)
+        assert message.startswith(f"columns '{columns}'")
+        assert part in message
 
 
-@needs("flatfile")
 class TestMeasure:
     def test_a_flatfile_with_a_figure(self, at2, three, tmp_path):
         from archfrag.motions.flatfile import read_flatfile
@@ -464,7 +381,7 @@ class TestMeasure:
         text = done("measure", three, "--unit", "m/s2", "--out", out).stdout
         assert text == f"2 components measured: {out}\n"
 
-    def test_many_files_are_shared_out_and_stay_in_order(self, tmp_path):
+    def test_many_files_by_several_processes_stay_in_order(self, tmp_path):
         files = []
         for number in range(40):
             files.append(tmp_path / f"r{number % 7}-{number:02d}.AT2")
@@ -475,27 +392,24 @@ class TestMeasure:
         assert rows[9] == one
         assert one["T0.330S"] > 0.0
         files[20].write_text("no record")
-        assert "r6-20.AT2" in refused("measure", *files, "--out", tmp_path / "h.csv")[1]
+        assert "r6-20.AT2" in refused("measure", *files, "--out", tmp_path / "h.csv")
         assert not (tmp_path / "h.csv").exists()
 
     def test_a_vertical_beside_its_horizontals_is_left_out(self, tmp_path):
         for code in ("000", "090", "-UP"):
             (tmp_path / f"RSN1_{code}.AT2").write_text(at2_text(0.3 * wave()))
-        files = sorted(tmp_path.glob("*.AT2"))
-        rows = facts("measure", *files, "--out", tmp_path / "f.csv")
+        rows = facts("measure", *sorted(tmp_path.glob("*.AT2")), "--out", tmp_path / "f.csv")
         assert [row["record"] for row in rows] == ["RSN1_000", "RSN1_090"]
 
     def test_what_is_refused(self, at2, tmp_path):
-        assert refused("measure", tmp_path / "no.AT2", "--out", tmp_path / "f.csv")[0] == 2
-        assert refused("measure", at2, "--out", tmp_path / "no" / "f.csv")[0] == 4
+        refused("measure", tmp_path / "no.AT2", "--out", tmp_path / "f.csv")
+        refused("measure", at2, "--out", tmp_path / "no" / "f.csv", code=4)
         for wrong in ("0.5,x", "0.001", "nan"):
-            code, said = refused("measure", at2, "--out", tmp_path / "f.csv", "--periods", wrong)
-            assert (code, said.startswith(f"--periods {wrong}: ")) == (2, True)
+            message = refused("measure", at2, "--out", tmp_path / "f.csv", "--periods", wrong)
+            assert message.startswith(f"--periods {wrong}: ")
         assert not list(tmp_path.glob("*.csv"))
 
 
-@needs("flatfile")
-@needs("selection")
 class TestSelect:
     SCENARIO = ("--magnitude", "6.5", "--distance", "20", "--vs30", "760", "--period", "0.5")
 
@@ -505,46 +419,33 @@ class TestSelect:
         done("measure", *sorted((SHIPPED / "synthetic").glob("*.mseed")), "--out", path)
         return path
 
-    def test_a_scenario(self, flatfile, tmp_path):
+    def test_a_scenario_and_a_file(self, flatfile, tmp_path):
         out, figure = tmp_path / "selected.csv", tmp_path / "selected.svg"
         options = (*self.SCENARIO, "--epsilon", "0.5", "--count", "5", "--out", out)
         found = facts("select", flatfile, *options, "--figure", figure)
-        assert len(found["records"]) == 5
-        assert len(load_index(out)) == 5
+        assert len(found["records"]) == len(load_index(out)) == 5
         assert load_motion(load_index(out)[0]).duration > 1.0
         assert "period" in texts(figure).lower()
         assert facts("select", flatfile, *options)["records"] == found["records"]
         assert done("select", flatfile, *options).stdout.startswith("5 records selected of ")
-
-    def test_a_target_of_a_file(self, flatfile, tmp_path):
         target = tmp_path / "target.csv"
         target.write_text("period_s,Sa_g\n0.2,0.4\n0.5,0.3\n1.0,0.1\n")
-        out = tmp_path / "selected.csv"
         options = ("--target", target, "--count", "4", "--out", out)
         assert len(facts("select", flatfile, *options)["records"]) == 4
-        code, sentence = refused("select", flatfile, *options, "--sa", "0.2")
-        assert (code, sentence) == (2, "--target and --sa: a target is a file or a scenario")
-
-    def test_what_is_refused(self, flatfile, tmp_path):
-        rest = ("--count", "4", "--out", tmp_path / "s.csv")
-        code, sentence = refused("select", flatfile, *self.SCENARIO[2:], *rest)
-        assert code == 2
-        assert sentence == ("a target is --target FILE.csv or a scenario; --magnitude is needed")
-        _, sentence = refused("select", flatfile, *self.SCENARIO, *rest)
-        assert sentence.endswith("one of --sa and --epsilon is needed")
-        code, sentence = refused(
-            "select", flatfile, *self.SCENARIO, "--sa", "0.2", "--count", "400", "--out",
-            tmp_path / "s.csv",
-        )  # fmt: skip
-        assert code == 2
+        assert refused("select", flatfile, *options, "--sa", "0.2").startswith("--target and --sa")
+        options = ("--count", "4", "--out", tmp_path / "s.csv")
+        message = refused("select", flatfile, *self.SCENARIO[2:], *options)
+        assert message.endswith("--magnitude is needed")
+        message = refused("select", flatfile, *self.SCENARIO, *options)
+        assert message.endswith("one of --sa and --epsilon is needed")
+        many = ("--sa", "0.2", "--count", "400", "--out", tmp_path / "s.csv")
+        refused("select", flatfile, *self.SCENARIO, *many)
         assert not (tmp_path / "s.csv").exists()
 
 
 def test_rows_and_spectra_of_a_flatfile():
-    """What `measure` prints and draws, of a table in the layout that flatfiles have."""
     import pandas as pd
 
-    from archfrag.report.record_figures import measured
     from archfrag.study.record_commands import table_rows, table_spectra
 
     table = pd.DataFrame(
@@ -552,8 +453,5 @@ def test_rows_and_spectra_of_a_flatfile():
          "T1.000S": [0.2, 0.4], "T0.100S": [0.5, 0.9], "T90": [1.0, 1.0]}
     )  # fmt: skip
     assert table_rows(table)[1]["magnitude"] is None
-    spectra = table_spectra(table)
-    assert {period: row.tolist() for period, row in spectra.items()} == {
-        1.0: [0.2, 0.4], 0.1: [0.5, 0.9]
-    }  # fmt: skip
-    assert "2 components" in measured(spectra, "spectra").svg
+    spectra = {period: row.tolist() for period, row in table_spectra(table).items()}
+    assert spectra == {1.0: [0.2, 0.4], 0.1: [0.5, 0.9]}

@@ -22,31 +22,6 @@ def assemble(
 ) -> Chain:
     """Chain of a ring.
 
-    Parameters
-    ----------
-    ring : Ring
-        Voussoirs and joint lines.
-    friction : (n_joint,) ndarray
-        Coulomb coefficient [1].
-    surface_density : float
-        Density times depth [kg/m2].
-    dead_load : (n_voussoir,) ndarray
-        Weight fixed to the middle of each back [N].
-    free_end : bool
-        Whether the last joint line is a free face.
-
-    Returns
-    -------
-    Chain
-        C-contiguous arrays of float64.
-
-    Raises
-    ------
-    GeometryError
-        If a mass, inertia or position is lost to overflow or underflow.
-
-    Notes
-    -----
     A point mass p at the distance d from the centroid of a body of mass m and inertia J moves
     the centroid by p/(m + p) of d and gives J + m p/(m + p) d² about the new one.
     """
@@ -99,23 +74,7 @@ def fields_of(
     dead_load: ArrayLike | None,
     free_end: bool = False,
 ) -> dict[str, Any]:
-    """Attributes of an Arch, once what gives its ring mass and friction is checked.
-
-    Parameters
-    ----------
-    profile : str
-        Its name among the parameters.
-    shape : dict
-        What the user gave for the geometry, checked.
-    ring : Ring
-        What that made.
-    friction, density, depth, dead_load, free_end
-        As the user gave them.
-
-    Raises
-    ------
-    GeometryError
-    """
+    """Attributes of an Arch, once what gives its ring mass and friction is checked."""
     n_voussoir = len(ring.voussoirs)
     n_joint = n_voussoir if free_end else n_voussoir + 1
     coefficient = checks.shared_or_each("friction", friction, n_joint, "joint", infinite=True)

@@ -35,26 +35,7 @@ def number(
     at_least: float | None = None,
     note: str = "",
 ) -> float:
-    """One finite number greater than zero and inside the bounds that are given.
-
-    Parameters
-    ----------
-    name, unit : str
-        What the user calls it, and its unit (empty: none), for the sentence.
-    value : array_like
-        What the user gave; anything but a scalar is refused.
-    below, at_most : float
-        Upper bounds, the first one excluded.
-    at_least : float, optional
-        Lower bound, included, in the place of "greater than 0".
-    note : str
-        What the bound is, put in brackets behind it.
-
-    Raises
-    ------
-    GeometryError
-        Naming the parameter, its value and what is allowed.
-    """
+    """One finite number greater than zero and inside the bounds that are given."""
     space = f" {unit}" if unit else ""
     floor = f"greater than 0{space}" if at_least is None else f"at least {at_least:.9g}{space}"
     allowed = f"a finite number {floor}"
@@ -109,28 +90,7 @@ def flag(name: str, value: object) -> bool:
 def shared_or_each(
     name: str, value: ArrayLike, size: int, each: str, unit: str = "", *, infinite: bool = False
 ) -> NDArray[np.float64]:
-    """One non-negative number for all, or one for each.
-
-    Parameters
-    ----------
-    name, each, unit : str
-        What the user calls it, what it is given for ("joint", "voussoir"), and its unit.
-    value : array_like
-        A scalar or ``(size,)``.
-    size : int
-        How many values are wanted.
-    infinite : bool
-        Whether inf is allowed.
-
-    Returns
-    -------
-    (size,) ndarray
-
-    Raises
-    ------
-    GeometryError
-        Naming the parameter, the first value that is refused with its place, and what is allowed.
-    """
+    """One non-negative number for all, or one for each."""
     space = f" {unit}" if unit else ""
     allowed = f"one number or one for each of the {size} {each}s, all at least 0{space}"
     allowed += " (inf: the limit of large friction)" if infinite else " and finite"
@@ -148,24 +108,7 @@ def shared_or_each(
 def joint_positions(
     value: ArrayLike | None, voussoirs: int, end: float, unit: str
 ) -> NDArray[np.float64]:
-    """Positions of the joints measured from the middle of the ring, from minus to plus half `end`.
-
-    Parameters
-    ----------
-    value : array_like or None
-        ``(voussoirs + 1,)`` increasing from 0 at the left springing to `end`; None: equal.
-    voussoirs : int
-        Number of voussoirs.
-    end : float
-        Position of the right springing, in `unit`.
-    unit : str
-        "degrees", or what else the positions are counted in.
-
-    Raises
-    ------
-    GeometryError
-        If they are not that many, not finite, not increasing or do not reach from 0 to `end`.
-    """
+    """Positions of joints from the middle of the ring, from minus to plus half `end`."""
     if value is None:
         # Whole numerators make mirrored joints equal to the last bit.
         index = np.arange(voussoirs + 1, dtype=np.float64)

@@ -23,17 +23,6 @@ def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]
 def polygon_section(corners: NDArray[np.float64]) -> Section:
     """Section of a simple polygon, by Green's theorem.
 
-    Parameters
-    ----------
-    corners : (n_corner, 2) ndarray
-        In order, either way round, not closed [m].
-
-    Returns
-    -------
-    Section
-
-    Notes
-    -----
     With the corners x_i taken from a point near the figure and c_i = x_i × x_{i+1},
 
         A = sum c_i / 2,   G = sum c_i (x_i + x_{i+1}) / (6 A),
@@ -59,21 +48,6 @@ def sector_section(
 ) -> Section:
     """Section of an annular sector.
 
-    Parameters
-    ----------
-    centre : (2,) ndarray
-        Centre of the circles [m].
-    radius, thickness : float
-        Mid-thickness radius and thickness [m].
-    start, end : float
-        Angles of the radial sides, clockwise from the upward vertical [rad].
-
-    Returns
-    -------
-    Section
-
-    Notes
-    -----
     With h = (end − start)/2 and s = sin h / h,
 
         A = 2 h R t,   rho = s (R + t²/(12 R)),

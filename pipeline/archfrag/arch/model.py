@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -418,6 +420,145 @@ class Arch:
         return cls(
             **fields_of("from_joints", shape, ring, friction, density, depth, dead_load, free_end)
         )
+
+    @classmethod
+    def from_polygons(
+        cls,
+        outlines: Sequence[ArrayLike],
+        friction: ArrayLike,
+        *,
+        ground: Sequence[ArrayLike] = (),
+        density: float = 2000.0,
+        depth: float = 1.0,
+        dead_load: ArrayLike | None = None,
+        thickness_factor: float = 1.0,
+        tolerance: float | None = None,
+    ) -> Arch:
+        """Chain of any simple polygons, in any order: joints are the edges that two share.
+
+        Parameters
+        ----------
+        outlines : sequence of (m, 2) or (m, 3) array_like
+            Corners x, y of the blocks [m], either way round; the third column is the bulge of the
+            side to the next corner, the tangent of a quarter of its arc's angle (positive
+            anticlockwise, 0 straight). Area, centroid and inertia of arcs are exact.
+        ground : sequence of (2, 2) array_like
+            One or two lines on which end blocks stand; the other end of a chain with one is free.
+            Without any the chain stands on the sides opposite to the joints of its ends.
+        friction, density, depth, dead_load
+            See `Arch`; joints and voussoirs count from the end further left, or from the ground.
+        thickness_factor : float
+            Joints are longer by it about their middles, and the sides between them follow.
+        tolerance : float, optional
+            Within which edges of neighbours agree [m]; 1e-5 of the size of all if not given.
+
+        Raises
+        ------
+        GeometryError
+            If an outline crosses itself, two overlap, or they do not form one chain.
+
+        Examples
+        --------
+        >>> import archfrag as af
+        >>> plinth = [(-0.5, 0), (0.5, 0), (0.5, 0.3), (-0.5, 0.3)]
+        >>> shaft = [(-0.2, 0.3), (0.2, 0.3), (0.2, 2.3), (-0.2, 2.3)]
+        >>> column = af.Arch.from_polygons(
+        ...     [shaft, plinth], friction=0.8, ground=[[(-0.5, 0), (0.5, 0)]]
+        ... )
+        >>> column.n_joint, round(af.onset(column).plus, 3)
+        (2, 0.2)
+        """
+        from archfrag.arch.polygons import polygon_fields
+
+        matter = {
+            "friction": friction, "density": density, "depth": depth, "dead_load": dead_load
+        }  # fmt: skip
+        return cls(**polygon_fields(outlines, ground, thickness_factor, tolerance, matter))
+
+    @classmethod
+    def from_dxf(
+        cls,
+        path: str | Path,
+        friction: ArrayLike,
+        *,
+        layer: str | None = None,
+        unit: str | None = None,
+        density: float = 2000.0,
+        depth: float = 1.0,
+        dead_load: ArrayLike | None = None,
+        thickness_factor: float = 1.0,
+        tolerance: float | None = None,
+    ) -> Arch:
+        """Chain of the blocks of a DXF drawing.
+
+        Parameters
+        ----------
+        path : str or Path
+            Its blocks are closed polylines (LWPOLYLINE or 2D POLYLINE, sides straight or arcs) of
+            one layer; a LINE of that layer shows an edge on the ground.
+        layer : str, optional
+            The only one with polylines if not given.
+        unit : str, optional
+            m, dm, cm, mm, in or ft, over what the drawing states ($INSUNITS).
+        friction, density, depth, dead_load, thickness_factor, tolerance
+            See `from_polygons`.
+
+        Raises
+        ------
+        GeometryError
+            Naming file, layer and handle of what is no block or does not fit into one chain.
+
+        Examples
+        --------
+        >>> import archfrag as af, tempfile, pathlib
+        >>> file = pathlib.Path(tempfile.mkdtemp()) / "bridge.dxf"
+        >>> bridge = af.Arch.segmental(span=8.0, rise=2.0, thickness=0.6, voussoirs=9, friction=1)
+        >>> bridge.to_dxf(file, unit="mm")
+        >>> abs(af.onset(af.Arch.from_dxf(file, 1)).plus - af.onset(bridge).plus) < 1e-12
+        True
+        """
+        from archfrag.arch.drawing import read_drawing
+        from archfrag.arch.polygons import polygon_fields
+
+        drawn = read_drawing(path, layer, unit)
+        matter = {
+            "friction": friction, "density": density, "depth": depth, "dead_load": dead_load
+        }  # fmt: skip
+        names = drawn.names, drawn.ground_names
+        return cls(
+            **polygon_fields(
+                drawn.outlines, drawn.ground, thickness_factor, tolerance, matter, names
+            )
+        )
+
+    def to_dxf(self, path: str | Path, unit: str = "m", layer: str = "VOUSSOIRS") -> None:
+        """Draw the blocks as closed polylines and what they stand on as lines.
+
+        Parameters
+        ----------
+        path : str or Path
+            File to write; the same arch makes the same bytes.
+        unit : str
+            m, dm, cm, mm, in or ft.
+        layer : str
+            Of all that is drawn.
+
+        Raises
+        ------
+        GeometryError
+            If the unit or the layer's name is none.
+        OutputError
+            If the file cannot be written.
+
+        Notes
+        -----
+        Read again by `from_dxf` with the same friction, density, depth and dead load, which no
+        drawing holds, it is the same arch, its sides intrados and extrados as seen from outside
+        of the arch. Recesses are not drawn.
+        """
+        from archfrag.arch.drawing import write_dxf
+
+        write_dxf(self, path, unit, layer)
 
     @classmethod
     def _ready_made(

@@ -44,19 +44,6 @@ def radial_lines(
 def ellipse(span: float, rise: float, fraction: NDArray[np.float64]) -> CentreLine:
     """Upper half of an ellipse.
 
-    Parameters
-    ----------
-    span, rise : float
-        Whole horizontal axis and upper half of the vertical one [m].
-    fraction : (n_joint,) ndarray
-        Places of the joints, from −1/2 to 1/2 of the length.
-
-    Returns
-    -------
-    CentreLine
-
-    Notes
-    -----
     With a = span/2, b = rise and the point (a sin u, b cos u), the length from the crown is
     a E(u | 1 − b²/a²), the incomplete elliptic integral of the second kind.
     """
@@ -88,19 +75,6 @@ def ellipse(span: float, rise: float, fraction: NDArray[np.float64]) -> CentreLi
 def catenary(span: float, rise: float, fraction: NDArray[np.float64]) -> CentreLine:
     """Hanging chain turned upside down.
 
-    Parameters
-    ----------
-    span, rise : float
-        Of the line [m].
-    fraction : (n_joint,) ndarray
-        Places of the joints, from −1/2 to 1/2 of the length.
-
-    Returns
-    -------
-    CentreLine
-
-    Notes
-    -----
     y = rise − c (cosh(x/c) − 1) with c = span/(2 w) from (cosh w − 1)/w = 2 rise/span; the
     length from the crown is c sinh(x/c).
     """
@@ -129,14 +103,7 @@ def catenary(span: float, rise: float, fraction: NDArray[np.float64]) -> CentreL
 def normal_lines(
     line: CentreLine, thickness: float, profile: str, span: float, rise: float
 ) -> JointLines:
-    """Joint lines perpendicular to a centre line.
-
-    Raises
-    ------
-    GeometryError
-        If the thickness is so large that neighbouring joints meet inside the ring, or if given
-        joints stand so far apart round a narrow crown that one is not ahead of the other.
-    """
+    """Joint lines perpendicular to a centre line."""
     step = np.diff(line.point, axis=0)
     here, there = line.outward[:-1], line.outward[1:]
     behind = np.minimum(-cross(here, step), -cross(there, step)) <= 0.0
@@ -161,26 +128,6 @@ def pointed_lines(
 ) -> JointLines:
     """Joint lines of two circular arcs that meet at the crown.
 
-    Parameters
-    ----------
-    span, rise, thickness : float
-        Of the centre line, ``rise >= span/2``, and along the radial joints [m].
-    fraction : (n_joint,) ndarray
-        Places of the joints, from −1/2 to 1/2 of the centre line's length.
-
-    Returns
-    -------
-    JointLines
-        With a vertical joint at the crown if one stands there, else with the crown of the
-        keystone as the line `apex`.
-
-    Raises
-    ------
-    GeometryError
-        If the thickness is so large that joints meet inside the ring.
-
-    Notes
-    -----
     The left arc has its centre on the springing line at x = d = (rise² − span²/4)/span and the
     radius d + span/2. The extrados and intrados arcs are cut by the vertical x = 0.
     """

@@ -32,13 +32,7 @@ class Ring(NamedTuple):
 
 
 def straight_ring(lines: JointLines) -> Ring:
-    """Straight-sided voussoirs between joint lines; a keystone over an apex keeps its point.
-
-    Raises
-    ------
-    GeometryError
-        As `travel_sense` does.
-    """
+    """Straight-sided voussoirs between joint lines; a keystone over an apex keeps its point."""
     sense = travel_sense(lines)
     ends = np.delete(np.arange(len(lines.intrados)), lines.apex if lines.apex >= 0 else [])
     figures = []
@@ -57,22 +51,7 @@ def sector_ring(
     thickness: float,
     angle: NDArray[np.float64],
 ) -> Ring:
-    """Annular sectors between the radial joints that stand at `angle`.
-
-    Parameters
-    ----------
-    lines : JointLines
-        The joints themselves.
-    centre, radius, thickness
-        Of the ring [m].
-    angle : (n_joint,) ndarray
-        Of the joints, clockwise from the upward vertical [rad].
-
-    Raises
-    ------
-    GeometryError
-        If corners coincide.
-    """
+    """Annular sectors between the radial joints that stand at `angle`."""
     check_corners_apart(lines)
     figures = []
     inner, outer = radius - 0.5 * thickness, radius + 0.5 * thickness
@@ -87,13 +66,7 @@ def sector_ring(
 
 
 def check_corners_apart(lines: JointLines) -> None:
-    """Refuse joints of no length, and neighbouring joints that share a corner.
-
-    Raises
-    ------
-    GeometryError
-        Naming the joint, and the corner by its coordinates.
-    """
+    """Refuse joints of no length, and neighbouring joints that share a corner."""
     every = np.concatenate([lines.intrados, lines.extrados])
     least = _TOLERANCE * float(np.hypot(*np.ptp(every, axis=0)))
     length = np.hypot(*(lines.extrados - lines.intrados).T)
@@ -114,20 +87,7 @@ def check_corners_apart(lines: JointLines) -> None:
 
 
 def travel_sense(lines: JointLines) -> int:
-    """Refuse rings that cannot be, and say on which side of the way the intrados lies.
-
-    Returns
-    -------
-    int
-        +1 with the intrados to the right on the way from joint 0 to the last (as it is over an
-        arch from left to right), −1 with the intrados to the left.
-
-    Raises
-    ------
-    GeometryError
-        If corners coincide, joints or sides cross, a voussoir is flat, folded or not convex, the
-        ring doubles back on itself, or two voussoirs overlap.
-    """
+    """Refuse rings that cannot be, and say on which side of the way the intrados lies."""
     check_corners_apart(lines)
     inner, outer = lines.intrados, lines.extrados
     quads = np.stack([inner[:-1], inner[1:], outer[1:], outer[:-1]], axis=1)

@@ -5,6 +5,7 @@ Carlo), a Gaussian copula correlates its coordinates, and the quantile function 
 turns a coordinate into a value.
 """
 
+import abc
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -27,7 +28,7 @@ DIGITS = 10
 
 
 @dataclass(frozen=True)
-class Marginal:
+class Marginal(abc.ABC):
     """A distribution, truncated where bounds are given.
 
     Attributes
@@ -56,11 +57,13 @@ class Marginal:
         inside = low + np.asarray(probability, dtype=float) * (high - low)
         return np.clip(self._inverse(inside), self.lower, self.upper)
 
+    @abc.abstractmethod
     def _cdf(self, value: float) -> float:
-        raise NotImplementedError
+        """Probability of at most a value, without truncation."""
 
+    @abc.abstractmethod
     def _inverse(self, probability: FloatArray) -> FloatArray:
-        raise NotImplementedError
+        """Inverse of `_cdf`, same shape."""
 
 
 @dataclass(frozen=True, kw_only=True)

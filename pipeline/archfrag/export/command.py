@@ -22,8 +22,7 @@ from archfrag.fragility.curve import Fragility
 from archfrag.study.config import Study
 from archfrag.study.cube import CUBE
 from archfrag.study.curves import Answer, curve_of_dict
-from archfrag.study.digests import sha256_of
-from archfrag.study.files import make_folder, write_text
+from archfrag.study.files import make_folder, sha256_of, write_text
 from archfrag.study.fits import FITS, load_answers, open_cube
 from archfrag.study.provenance import commit
 from archfrag.study.steps import require
@@ -49,23 +48,12 @@ TEXTS: dict[str, Callable[[CurveSet], dict[str, str]]] = {
 
 @dataclass
 class Exported:
-    """What was written.
-
-    Attributes
-    ----------
-    folder : Path
-    files : list of (str, Path)
-        Format and file.
-    left_out : dict of str to str
-        By arch, why it has no curve in them.
-    notes : list of str
-        What to know before the files are used.
-    """
+    """What was written."""
 
     folder: Path
-    files: list[tuple[str, Path]] = field(default_factory=list)
-    left_out: dict[str, str] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
+    files: list[tuple[str, Path]] = field(default_factory=list)  # format and file
+    left_out: dict[str, str] = field(default_factory=dict)  # by arch, why it has no curve in them
+    notes: list[str] = field(default_factory=list)  # what to know before the files are used
 
     @property
     def facts(self) -> dict[str, Any]:

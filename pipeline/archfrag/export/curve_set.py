@@ -16,23 +16,13 @@ _NOTED = 1e-3  # probability from which a crossing of two curves is worth a caut
 
 @dataclass(frozen=True)
 class Made:
-    """How an export was made; the same for the same cube and code, so that files are too.
-
-    Attributes
-    ----------
-    study, title : str
-    version, commit : str
-        Of the archfrag that wrote the export.
-    cube_commit : str
-        Of the archfrag that made the cube.
-    cube_sha256 : str
-    """
+    """How an export was made; the same for the same cube and code, so that files are too."""
 
     study: str
     title: str
-    version: str
-    commit: str
-    cube_commit: str
+    version: str  # of the archfrag that wrote the export
+    commit: str  # of the archfrag that wrote the export
+    cube_commit: str  # of the archfrag that made the cube
     cube_sha256: str
 
     @property
@@ -60,29 +50,13 @@ class Made:
 
 @dataclass(frozen=True)
 class CurveSet:
-    """Lognormal curves of several arches, each at the same ordered limit states.
+    """Lognormal curves of several arches, each at the same ordered limit states."""
 
-    Attributes
-    ----------
-    curves : mapping of str to mapping of str to Fragility or str
-        By arch and limit state, from the mildest to the severest, theta in the SI unit of the
-        measure; a sentence where there is no curve.
-    measure : str
-        Intensity measure, as `archfrag.motions.measures.parse_measure` reads it.
-    levels : (float, float)
-        Lowest and highest intensity that was simulated [SI].
-    made : Made
-
-    Raises
-    ------
-    InputError
-        If there is no arch, limit states differ between arches or have names that receivers
-        refuse, or a severer state has a lower median than a milder one.
-    """
-
+    # By arch and limit state, from the mildest to the severest, theta in the SI unit of the
+    # measure; a sentence where there is no curve.
     curves: Mapping[str, Mapping[str, Fragility | str]]
-    measure: str
-    levels: tuple[float, float]
+    measure: str  # intensity measure, as `archfrag.motions.measures.parse_measure` reads it
+    levels: tuple[float, float]  # lowest and highest intensity that was simulated [SI]
     made: Made
 
     def __post_init__(self) -> None:
@@ -147,13 +121,7 @@ class CurveSet:
         return [sentence for arch in self.curves for sentence in self._crossings(arch)]
 
     def require_curves(self, receiver: str) -> dict[str, dict[str, Fragility]]:
-        """`complete`, for a format that holds nothing but curves.
-
-        Raises
-        ------
-        FitError
-            If it is empty.
-        """
+        """`complete`, for a format that holds nothing but curves."""
         if not self.complete:
             reasons = "; ".join(f"{arch}: {why}" for arch, why in self.left_out.items())
             raise FitError(f"there is no curve to export for {receiver}: {reasons}")

@@ -17,22 +17,6 @@ def in_core_sets(curves: CurveSet) -> dict[str, str]:
     bridge damage, no fewer. Where there are fewer limit states, the severest is repeated up to the
     fourth: the damage states between then have probability 0, and the last has that of the
     severest.
-
-    Parameters
-    ----------
-    curves : CurveSet
-
-    Returns
-    -------
-    dict of str to str
-        JSON by arch; arches without a curve have none.
-
-    Raises
-    ------
-    FitError
-        If no arch has a curve.
-    InputError
-        If IN-CORE has no demand type for the measure, or there are more than four limit states.
     """
     demand = in_core_measure(curves.measure)
     if len(curves.limit_states) > _MOST:

@@ -29,23 +29,6 @@ def nrml_continuous(curves: CurveSet) -> str:
     In a job file: ``structural_fragility_file``, with the ids of the arches as taxonomies;
     `continuous_fragility_discretization` (20 by default) cuts the range into levels in classical
     damage calculations, 100 or more are advised.
-
-    Parameters
-    ----------
-    curves : CurveSet
-        Theta in SI; it is written in OpenQuake's unit of the measure: g, cm/s, cm.
-
-    Returns
-    -------
-    str
-        XML. Arches without a curve are named in its description and have no function.
-
-    Raises
-    ------
-    FitError
-        If no arch has a curve.
-    InputError
-        If OpenQuake has no name for the measure.
     """
     imt = openquake_measure(curves.measure)
     complete = curves.require_curves("OpenQuake")
@@ -77,21 +60,6 @@ def nrml_discrete(curves: CurveSet) -> str:
     it to 4 above it and over the study's range: OpenQuake holds a curve constant above its
     highest level, here at 0.99997 or more. Between levels it interpolates linearly, within 1e-4
     for dispersions up to 1.
-
-    Parameters
-    ----------
-    curves : CurveSet
-        As for `nrml_continuous`.
-
-    Returns
-    -------
-    str
-        XML.
-
-    Raises
-    ------
-    FitError, InputError
-        As `nrml_continuous`.
     """
     imt = openquake_measure(curves.measure)
     complete = curves.require_curves("OpenQuake")

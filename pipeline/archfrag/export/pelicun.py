@@ -16,23 +16,6 @@ def pelicun_table(curves: CurveSet) -> str:
 
     ``Theta_0`` is the median in ``Demand-Unit`` (g or cmps), ``Theta_1`` the dispersion.
     ``Demand-Directional`` is 1: with 0 pelicun would multiply the demand by 1.2.
-
-    Parameters
-    ----------
-    curves : CurveSet
-
-    Returns
-    -------
-    str
-        CSV; arches without a curve have no row (see `pelicun_description`). Ids hold no hyphen,
-        at which pelicun would cut them: it becomes an underscore.
-
-    Raises
-    ------
-    FitError
-        If no arch has a curve.
-    InputError
-        If pelicun has no demand type for the measure, or two arches would get the same id.
     """
     demand = pelicun_measure(curves.measure)
     complete = curves.require_curves("pelicun")
@@ -52,13 +35,7 @@ def pelicun_table(curves: CurveSet) -> str:
 
 
 def pelicun_description(curves: CurveSet) -> str:
-    """What stands beside the table, as JSON in the layout of pelicun's own databases.
-
-    Raises
-    ------
-    FitError, InputError
-        As `pelicun_table`.
-    """
+    """What stands beside the table, as JSON in the layout of pelicun's own databases."""
     complete = curves.require_curves("pelicun")
     note = pelicun_measure(curves.measure).note
     content: dict[str, object] = {

@@ -32,19 +32,6 @@ def curve_tables(
 
     Bands of collapse are those that the report quotes; those of other limit states are from the
     covariance of the fit.
-
-    Parameters
-    ----------
-    curves : CurveSet
-    answers : mapping of str to Answer
-        Of all its arches.
-    unit : Unit
-
-    Returns
-    -------
-    (Table, Table)
-        ``curves``: from 0 to 1.05 times the highest level; and ``parameters``. Limit states
-        without a curve are in neither.
     """
     levels = np.linspace(0.0, 1.05 * curves.levels[1], _POINTS)
     points, parameters = [], []

@@ -45,23 +45,7 @@ _IN_CORE = {
 
 
 def openquake_measure(measure: str) -> Named:
-    """OpenQuake's name and unit of a measure (hazardlib's imt.py).
-
-    Raises
-    ------
-    InputError
-        If OpenQuake has no name for it.
-
-    Examples
-    --------
-    >>> from archfrag.export.receivers import openquake_measure
-    >>> openquake_measure("Sa(0.5)")[:2]
-    ('SA(0.5)', 'g')
-    >>> openquake_measure("HI")
-    Traceback (most recent call last):
-        ...
-    archfrag.errors.InputError: OpenQuake has no name for the intensity measure HI; ...
-    """
+    """OpenQuake's name and unit of a measure (hazardlib's imt.py)."""
     parsed = parse_measure(measure)
     named = _named("OpenQuake", measure, parsed, _OPENQUAKE)
     if parsed.kind == "AvgSA":
@@ -76,13 +60,7 @@ def openquake_measure(measure: str) -> Named:
 
 
 def pelicun_measure(measure: str) -> Named:
-    """Demand type and unit of a measure in pelicun.
-
-    Raises
-    ------
-    InputError
-        If pelicun has no demand type for it.
-    """
+    """Demand type and unit of a measure in pelicun."""
     parsed = parse_measure(measure)
     if parsed.kind == "PGD":
         raise InputError(
@@ -93,13 +71,7 @@ def pelicun_measure(measure: str) -> Named:
 
 
 def in_core_measure(measure: str) -> Named:
-    """Demand type and unit of a measure in IN-CORE.
-
-    Raises
-    ------
-    InputError
-        If IN-CORE has no demand type for it.
-    """
+    """Demand type and unit of a measure in IN-CORE."""
     return _named("IN-CORE", measure, parse_measure(measure), _IN_CORE)
 
 

@@ -21,19 +21,6 @@ def runs_table(cube: xr.Dataset, piece: int = PIECE) -> Table:
 
     Values of a record, an arch or a level stand in each of their runs; text about a record but
     its event is in the table of records. Values by model or measure have a column for each.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        Of a study; opened, not loaded.
-    piece : int
-        Runs in a piece; memory is in proportion to it, not to the cube.
-
-    Returns
-    -------
-    Table
-        Rows in the order of arch, record and level, unless several arches share a chunk of the
-        file: then they go together.
     """
     columns = {
         name: described
@@ -44,14 +31,7 @@ def runs_table(cube: xr.Dataset, piece: int = PIECE) -> Table:
 
 
 def facts_table(cube: xr.Dataset, dimension: str) -> Table:
-    """What the cube says of each record, or of each arch.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-    dimension : str
-        ``"record"`` or ``"arch"``.
-    """
+    """What the cube says of each record, or of each arch."""
     names = [
         str(name)
         for name, variable in cube.variables.items()

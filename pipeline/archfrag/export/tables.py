@@ -35,36 +35,14 @@ class Table(NamedTuple):
 
 
 def write_csv(table: Table, path: Path) -> None:
-    """Write a table as CSV: header, UTF-8, numbers to their last bit, nothing where none is.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-    """
+    """Write a table as CSV: header, UTF-8, numbers to their last bit, nothing where none is."""
     with replacing(path) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:
         for number, piece in enumerate(table.pieces):
             piece.to_csv(file, index=False, header=number == 0, lineterminator="\n")
 
 
 def write_parquet(table: Table, path: Path, facts: dict[str, Any]) -> None:
-    """Write a table as Parquet, a row group for each piece.
-
-    Parameters
-    ----------
-    table : Table
-    path : Path
-    facts : dict
-        How it was made; stored with the columns' descriptions under the key ``archfrag`` of the
-        file's metadata, as JSON.
-
-    Raises
-    ------
-    InputError
-        If pyarrow is not installed.
-    OutputError
-        If it cannot be written.
-    """
+    """Write a table as Parquet, a row group for each piece."""
     arrow, parquet = require_pyarrow()
     about = json.dumps(facts | {"columns": column_facts(table)}, ensure_ascii=False)
     with contextlib.ExitStack() as stack:
@@ -79,13 +57,7 @@ def write_parquet(table: Table, path: Path, facts: dict[str, Any]) -> None:
 
 
 def require_pyarrow() -> tuple[Any, Any]:
-    """pyarrow and its module of Parquet.
-
-    Raises
-    ------
-    InputError
-        If it is not installed, with the command that does so.
-    """
+    """pyarrow and its module of Parquet."""
     try:
         import pyarrow
         import pyarrow.parquet

@@ -1,25 +1,22 @@
-"""Confidence bands of a fitted curve from the covariance of its parameters."""
+"""Confidence bands of a fitted curve: from the covariance of its parameters, and by bootstrap."""
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtri, ndtr, ndtri, stdtrit
 
 from archfrag.errors import InputError
-from archfrag.fragility.bootstrap import bootstrap_band, record_bootstrap_band
-from archfrag.fragility.curve import Fragility, log_intensity
-from archfrag.fragility.intervals import Band, RecordBand, check_confidence, clopper_pearson, tails
-
-__all__ = [
-    "Band",
-    "RecordBand",
-    "beta_interval",
-    "bootstrap_band",
-    "capacity_band",
-    "clopper_pearson",
-    "confidence_band",
-    "record_bootstrap_band",
-    "theta_interval",
-]
+from archfrag.fragility.counts import Verdict, checked_stripes, count_verdicts
+from archfrag.fragility.curve import (
+    Band,
+    BoolArray,
+    FloatArray,
+    Fragility,
+    log_intensity,
+    tails,
+)
+from archfrag.fragility.fit import curves_of_lines
+from archfrag.fragility.lines import binomial_lines
+from archfrag.fragility.runs import Resampling
 
 _OF_CAPACITIES = ("ida", "ida_truncated", "brackets")
 
@@ -43,14 +40,21 @@ def confidence_band(fit: Fragility, im: ArrayLike, confidence: float = 0.9) -> B
     ------
     InputError
         If an intensity is negative or `confidence` is not between 0 and 1.
+
+    Examples
+    --------
+    >>> import archfrag as af
+    >>> from archfrag.fragility.bands import confidence_band
+    >>> band = confidence_band(af.fit_ida([0.5, 0.7, 0.9, 1.3]), 0.8)
+    >>> round(float(band.lower), 2), round(float(band.upper), 2)
+    (0.21, 0.79)
     """
-    check_confidence(confidence)
+    quantile = ndtri(tails(confidence)[1])
     z = (log_intensity(im) - np.log(fit.theta)) / fit.beta
-    quantile = ndtri(0.5 + 0.5 * confidence)
     (var_theta, cov), (_, var_beta) = fit.covariance
     with np.errstate(invalid="ignore"):
-        spread = quantile * np.sqrt(var_theta + 2.0 * cov * z + var_beta * z * z) / fit.beta
-        lower, upper = ndtr(z - spread), ndtr(z + spread)
+        reach = quantile * np.sqrt(var_theta + 2.0 * cov * z + var_beta * z * z) / fit.beta
+        lower, upper = ndtr(z - reach), ndtr(z + reach)
     at_zero = np.isneginf(z)
     return Band(np.where(at_zero, 0.0, lower), np.where(at_zero, 0.0, upper), confidence)
 
@@ -68,7 +72,7 @@ def capacity_band(fit: Fragility, im: ArrayLike, confidence: float = 0.9) -> Ban
     Parameters
     ----------
     fit : Fragility
-        From `fit_ida`, `fit_moments` or `fit_brackets`.
+        From `fit_ida` or `fit_brackets`.
     im : array_like
         Intensities, any shape, unit of ``fit.theta``, >= 0.
     confidence : float
@@ -83,15 +87,22 @@ def capacity_band(fit: Fragility, im: ArrayLike, confidence: float = 0.9) -> Ban
     ------
     InputError
         If an argument cannot be, or `fit` does not come from capacities.
+
+    Examples
+    --------
+    >>> import archfrag as af
+    >>> from archfrag.fragility.bands import capacity_band
+    >>> band = capacity_band(af.fit_ida([0.5, 0.6, 0.7, 0.8, 0.9, 1.3]), 0.8, 0.8)
+    >>> bool(0.2 < band.lower < 0.5 < band.upper < 0.9)
+    True
     """
-    check_confidence(confidence)
     if fit.kind not in _OF_CAPACITIES:
         raise InputError(
             f"the fit is of kind {fit.kind!r}; Student's t needs capacities, of kind "
             + " or ".join(repr(kind) for kind in _OF_CAPACITIES)
         )
     freedom, stretch = _freedom(fit)
-    t = float(stdtrit(freedom, 0.5 + 0.5 * confidence))
+    t = float(stdtrit(freedom, tails(confidence)[1]))
     beta = fit.beta * stretch
     c, d = fit.covariance[0] * (t * stretch) ** 2
     e = (t * beta) ** 2 / (2.0 * freedom)
@@ -104,8 +115,9 @@ def capacity_band(fit: Fragility, im: ArrayLike, confidence: float = 0.9) -> Ban
         linear = beta * away - d
         root = np.sqrt(np.maximum(linear**2 - leading * (away**2 - c), 0.0))
         lower, upper = ndtr((-linear - root) / leading), ndtr((-linear + root) / leading)
-    for end in (lower, upper):
-        end[np.isneginf(x)], end[np.isposinf(x)] = 0.0, 1.0
+    lower, upper = (
+        np.where(np.isneginf(x), 0.0, np.where(np.isposinf(x), 1.0, end)) for end in (lower, upper)
+    )
     return Band(lower[()], upper[()], confidence)
 
 
@@ -114,11 +126,11 @@ def theta_interval(fit: Fragility, confidence: float = 0.9) -> tuple[float, floa
 
     Normal for runs; for capacities Student's t, as in `capacity_band`.
     """
-    check_confidence(confidence)
-    quantile = float(ndtri(0.5 + 0.5 * confidence))
+    probability = tails(confidence)[1]
+    quantile = float(ndtri(probability))
     if fit.kind in _OF_CAPACITIES:
         freedom, stretch = _freedom(fit)
-        quantile = stretch * float(stdtrit(freedom, 0.5 + 0.5 * confidence))
+        quantile = stretch * float(stdtrit(freedom, probability))
     reach = quantile * float(fit.standard_errors[0])
     return fit.theta * np.exp(-reach), fit.theta * np.exp(reach)
 
@@ -129,15 +141,14 @@ def beta_interval(fit: Fragility, confidence: float = 0.9) -> tuple[float, float
     Normal in ln beta for runs; for capacities of chi-square with the degrees of freedom of
     `capacity_band`.
     """
-    check_confidence(confidence)
+    ends = tails(confidence)
     if fit.kind in _OF_CAPACITIES:
         freedom, stretch = _freedom(fit)
         low, high = (
-            fit.beta * stretch * float(np.sqrt(freedom / chdtri(freedom, tail)))
-            for tail in tails(confidence)
+            fit.beta * stretch * float(np.sqrt(freedom / chdtri(freedom, tail))) for tail in ends
         )
         return low, high
-    reach = float(ndtri(0.5 + 0.5 * confidence) * fit.standard_errors[1] / fit.beta)
+    reach = float(ndtri(ends[1]) * fit.standard_errors[1] / fit.beta)
     return fit.beta * np.exp(-reach), fit.beta * np.exp(reach)
 
 
@@ -148,3 +159,152 @@ def _freedom(fit: Fragility) -> tuple[float, float]:
         return freedom, 1.0
     freedom = max(freedom - 1.0, 0.5)
     return freedom, float(np.sqrt((freedom + 1.0) / freedom))
+
+
+def bootstrap_band(
+    fit: Fragility, im: ArrayLike, levels: ArrayLike, n: ArrayLike, resampling: Resampling
+) -> Band:
+    """Pointwise band of a curve fitted to stripes, from a parametric bootstrap.
+
+    Collapses are drawn anew at each level from the fitted curve, the curve is fitted to each
+    draw, and the band runs between the quantiles of the curves (percentile method). A draw whose
+    likelihood has no maximum is not thrown away, for that would narrow the band: it enters with
+    the curve that its likelihood tends to (all 0, all 1, a step, or constant) and is counted.
+
+    Parameters
+    ----------
+    fit : Fragility
+        From `fit_stripes`.
+    im : array_like
+        Intensities, any shape, unit of ``fit.theta``, >= 0.
+    levels, n : array_like, (n_level,)
+        As given to `fit_stripes`.
+    resampling : Resampling
+        The same gives the same band.
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be, or `fit` does not come from stripes.
+
+    Examples
+    --------
+    >>> import archfrag as af
+    >>> from archfrag.fragility.bands import bootstrap_band
+    >>> from archfrag.fragility.runs import Resampling
+    >>> fit = af.fit_stripes([0.2, 0.4, 0.8], [1, 5, 9], 10)
+    >>> band = bootstrap_band(fit, 0.4, [0.2, 0.4, 0.8], 10, Resampling(seed=1))
+    >>> bool(band.lower < 0.5 < band.upper)
+    True
+    """
+    if fit.kind != "stripes":
+        raise InputError(f"the fit is of kind {fit.kind!r}; the bootstrap redraws 'stripes' only")
+    levels, _, n = checked_stripes(levels, np.zeros(np.shape(levels)), n)
+    shape = (resampling.resamples, n.size)
+    draws = resampling.generator.binomial(n.astype(np.int64), fit.probability(levels), shape)
+    distinct, copies = np.unique(draws, axis=0, return_counts=True)
+    runs = np.broadcast_to(n, distinct.shape)
+    curves, parameters = _refit(levels, distinct.astype(float), runs, im)
+    lower, upper = np.quantile(np.repeat(curves, copies, axis=0), resampling.tails, axis=0)
+    return Band(lower, upper, resampling.confidence, int(copies[np.isnan(parameters[:, 0])].sum()))
+
+
+def record_bootstrap_band(
+    verdict: ArrayLike,
+    levels: ArrayLike,
+    im: ArrayLike,
+    resampling: Resampling,
+    *,
+    groups: ArrayLike | None = None,
+) -> Band:
+    """Pointwise band where the same records serve at all levels.
+
+    A record that fells the arch at one level tends to fell it at the next, so the runs of a
+    study are not independent as the binomial likelihood takes them to be, and the band from its
+    covariance is too narrow. Here whole records are drawn with replacement (the cluster
+    bootstrap; Davison and Hinkley 1997, section 3.8), each with its verdicts at all levels, and
+    the curve is fitted to each draw. Draws without a curve enter as in `bootstrap_band`.
+
+    Where several records share one event whole events are drawn. The percentile method is too
+    narrow where records or events are few; it is a check that assumes no family of curves between
+    records, not what is quoted (`archfrag.fragility.quoted.quoted_band`).
+
+    Parameters
+    ----------
+    verdict : array_like of int, (n_record, n_level)
+        Codes of `archfrag.fragility.counts.Verdict`; unfinished runs and solver failures count
+        as neither.
+    levels : array_like, (n_level,)
+        Intensity of each level, > 0.
+    im : array_like
+        Intensities at which the band is wanted, any shape, unit of `levels`, >= 0.
+    resampling : Resampling
+        The same gives the same band.
+    groups : array_like, (n_record,), optional
+        Label of the event of each record; every record is its own if left out.
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be.
+
+    Examples
+    --------
+    >>> from archfrag.fragility.bands import record_bootstrap_band
+    >>> from archfrag.fragility.runs import Resampling
+    >>> verdict = [[0, 1, 1], [0, 0, 1], [0, 0, 1], [1, 0, 1], [0, 1, 1]]
+    >>> band = record_bootstrap_band(verdict, [0.2, 0.4, 0.8], 0.4, Resampling(seed=1))
+    >>> bool(band.lower < 0.5 < band.upper)
+    True
+    """
+    count_verdicts(verdict)
+    codes = np.asarray(verdict)
+    if codes.ndim != 2 or codes.shape[1:] != np.shape(levels) or codes.shape[0] < 2:
+        raise InputError(
+            f"verdict has shape {codes.shape}, levels {np.shape(levels)}; at least two records "
+            "by all levels are needed"
+        )
+    levels = checked_stripes(levels, np.zeros(codes.shape[1]), codes.shape[0])[0]
+    fell, stood = (_by_event(codes == v, groups) for v in (Verdict.COLLAPSED, Verdict.STANDING))
+    times = resampling.multiplicities(len(fell))
+    collapses = times @ fell
+    n = collapses + times @ stood
+    decided = n.sum(axis=1) > 0
+    if not decided.any():
+        raise InputError("verdict holds no run that collapsed or stood")
+    curves, parameters = _refit(levels, collapses[decided], n[decided], im)
+    lower, upper = np.quantile(curves, resampling.tails, axis=0)
+    known = parameters[~np.isnan(parameters[:, 0])]
+    ends = np.quantile(known, resampling.tails, axis=0) if known.size else np.full((2, 2), np.nan)
+    (a, b), (c, d) = ends.T.tolist()
+    lost = resampling.resamples - len(known)
+    return Band(lower, upper, resampling.confidence, lost, (a, b), (c, d))
+
+
+def _by_event(table: BoolArray, groups: ArrayLike | None) -> FloatArray:
+    """Rows of a table added up by their event, (n_event, n_level)."""
+    if groups is None:
+        return table.astype(float)
+    labels = np.asarray(groups)
+    if labels.shape != table.shape[:1]:
+        raise InputError(
+            f"groups has shape {labels.shape}; one label for each of {len(table)} records"
+        )
+    events, place = np.unique(labels, return_inverse=True)
+    if events.size < 2:
+        raise InputError(f"groups holds one event, {events[0]!s}; at least two are needed")
+    added = np.zeros((events.size, table.shape[1]))
+    np.add.at(added, place, table)
+    return added
+
+
+def _refit(
+    levels: FloatArray, collapses: FloatArray, n: FloatArray, im: ArrayLike
+) -> tuple[FloatArray, FloatArray]:
+    """Curves at `im`, and (theta, beta), of many draws, (n_draw, n_level); nan without a fit."""
+    x = np.maximum(log_intensity(im), -1e3)
+    lines = binomial_lines(np.log(levels), collapses, n)
+    many = curves_of_lines(lines, collapses, n)
+    column = (slice(None), *(None,) * x.ndim)
+    curves = ndtr(lines.intercept[column] + lines.slope[column] * x)
+    return curves, np.stack([many.theta, many.beta], axis=1)

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.counts import Verdict, count_verdicts
-from archfrag.fragility.curve import FloatArray
+from archfrag.fragility.curve import BoolArray, FloatArray, IntArray, positive
 
 RULES = ("count", "fewest", "first")
 
@@ -29,11 +29,11 @@ class Brackets:
 
     lower: FloatArray
     upper: FloatArray
-    contradictions: NDArray[np.int64]
-    decided: NDArray[np.int64]
+    contradictions: IntArray
+    decided: IntArray
 
     @property
-    def bracketed(self) -> NDArray[np.bool_]:
+    def bracketed(self) -> BoolArray:
         """Whether both ends are known, (n_record,)."""
         return (self.lower > 0.0) & np.isfinite(self.upper)
 
@@ -44,20 +44,14 @@ class Brackets:
         product = np.where(known, self.lower, 1.0) * np.where(known, self.upper, 1.0)
         return np.where(known, np.sqrt(product), np.nan)
 
-    def rows(self, keep: NDArray[np.bool_]) -> "Brackets":
+    def rows(self, keep: BoolArray) -> "Brackets":
         """The same of some records only."""
         return Brackets(
             self.lower[keep], self.upper[keep], self.contradictions[keep], self.decided[keep]
         )
 
     def known(self) -> "Brackets":
-        """The same of those records that have a decided run.
-
-        Raises
-        ------
-        FitError
-            If there is none.
-        """
+        """The same of those records that have a decided run; FitError if there is none."""
         if not self.decided.any():
             raise FitError("no run collapsed or stood, so there is nothing to fit")
         return self.rows(self.decided > 0)
@@ -112,7 +106,7 @@ def find_brackets(verdict: ArrayLike, levels: ArrayLike, rule: str = "fewest") -
     )
 
 
-def fill_verdicts(verdict: ArrayLike, rule: str = "fewest") -> NDArray[np.int64]:
+def fill_verdicts(verdict: ArrayLike, rule: str = "fewest") -> IntArray:
     """Verdicts of a bisected grid, with those cells decided that the bracket implies.
 
     A cell that was not run is taken to stand below the bracket of its record and to collapse
@@ -145,24 +139,8 @@ def fill_verdicts(verdict: ArrayLike, rule: str = "fewest") -> NDArray[np.int64]
     return filled
 
 
-def midpoints(lower: ArrayLike, upper: ArrayLike) -> FloatArray:
-    """Geometric means of brackets that are closed on both sides, (n_closed,).
-
-    Open brackets are left out, which biases the moments: `capacities.fit_brackets` uses them.
-    """
-    lower, upper = checked_brackets(lower, upper)
-    closed = (lower > 0.0) & np.isfinite(upper)
-    return np.sqrt(lower[closed] * upper[closed])
-
-
 def checked_brackets(lower: ArrayLike, upper: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Ends of brackets as arrays of shape (n_record,).
-
-    Raises
-    ------
-    InputError
-        If a shape or a value cannot be.
-    """
+    """Ends of brackets as arrays of shape (n_record,); InputError if they cannot be."""
     lower, upper = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
     if lower.ndim != 1 or lower.size == 0 or lower.shape != upper.shape:
         raise InputError(
@@ -179,7 +157,7 @@ def checked_brackets(lower: ArrayLike, upper: ArrayLike) -> tuple[FloatArray, Fl
     return lower, upper
 
 
-def _below(fell: NDArray[np.bool_], stood: NDArray[np.bool_], rule: str) -> NDArray[np.bool_]:
+def _below(fell: BoolArray, stood: BoolArray, rule: str) -> BoolArray:
     """Whether each cell lies below the border of its record, (n_record, n_level)."""
     if rule == "first":
         return np.cumsum(fell, axis=1) == 0
@@ -192,7 +170,7 @@ def _below(fell: NDArray[np.bool_], stood: NDArray[np.bool_], rule: str) -> NDAr
     return np.arange(fell.shape[1]) < wrong.argmin(axis=1)[:, None]
 
 
-def _checked_grid(verdict: ArrayLike, levels: ArrayLike) -> tuple[NDArray[np.int64], FloatArray]:
+def _checked_grid(verdict: ArrayLike, levels: ArrayLike) -> tuple[IntArray, FloatArray]:
     """Verdicts and levels, (n_record, n_level) each, with levels that rise."""
     codes, factor = np.asarray(verdict), np.asarray(levels, dtype=float)
     if codes.ndim != 2 or codes.size == 0:
@@ -202,8 +180,6 @@ def _checked_grid(verdict: ArrayLike, levels: ArrayLike) -> tuple[NDArray[np.int
         raise InputError(
             f"levels have shape {factor.shape}, verdict {codes.shape}; one per level, or per run"
         )
-    if not np.all((factor > 0.0) & np.isfinite(factor)):
-        raise InputError("levels holds a value that is not a positive finite number")
-    factor = np.broadcast_to(factor, codes.shape)
+    factor = np.broadcast_to(positive(factor, "levels"), codes.shape)
     order = np.argsort(factor, axis=1, kind="stable")
     return np.take_along_axis(codes, order, 1), np.take_along_axis(factor, order, 1)

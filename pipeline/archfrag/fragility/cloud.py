@@ -2,22 +2,68 @@
 
 Runs of a cloud are at as many intensities as there are records. The response of those that stood
 is regressed on the intensity in logarithms; a run that collapsed has no response to regress, and
-leaving it out would bias the line. Three remedies: the verdicts alone (`cloud_binary`), response
-and verdict together by total probability (`cloud_modified`), and the response as a value that is
-known to lie above a cap (`cloud_censored`).
+leaving it out would bias the line. Two remedies: the verdicts alone (`cloud_binary`), and response
+and verdict together by total probability (`cloud_modified`).
 """
 
+from dataclasses import dataclass, field
+
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from scipy.special import expit, ndtr
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.binomial_lines import binomial_lines
-from archfrag.fragility.censored_lines import ABOVE, OBSERVED, censored_lines
-from archfrag.fragility.cloud_curve import CloudCurve, make_curve
-from archfrag.fragility.curve import FloatArray
+from archfrag.fragility.curve import Band, BoolArray, FloatArray, log_intensity, positive, tails
+from archfrag.fragility.lines import Lines, binomial_lines
 from archfrag.fragility.runs import Resampling, event_groups
 
-__all__ = ["CloudCurve", "cloud_binary", "cloud_censored", "cloud_modified"]
+__all__ = ["CloudCurve", "cloud_binary", "cloud_modified"]
+
+_QUANTILES = ndtr([-1.0, 0.0, 1.0])
+_BISECTIONS = 60
+_COLLAPSE_LINE = ("collapse_intercept", "collapse_slope")
+_RESPONSE_LINE = ("response_intercept", "response_slope", "response_deviation", "log_limit")
+
+
+@dataclass(frozen=True)
+class CloudCurve:
+    """A fragility curve from a cloud, with the draws of its bootstrap.
+
+    `theta` and `beta` are the equivalents of a lognormal curve: the 50 % point, and
+    ln(84 % point / 16 % point) / 2.
+    """
+
+    kind: str  #: "logistic" or "modified"
+    parameters: dict[str, float]  #: of the line of collapse and of that of the response, by name
+    points: tuple[float, float, float]  #: intensities at Phi(-1), 1/2 and Phi(1)
+    theta: float
+    beta: float
+    theta_interval: tuple[float, float]  #: quantiles over the resamples
+    beta_interval: tuple[float, float]
+    n_runs: int
+    n_collapsed: int
+    n_degenerate: int  #: resamples that determine no curve; left out of band and intervals
+    confidence: float  #: two-sided, of band and intervals
+    notes: tuple[str, ...]  #: what a reader must know of this fit
+    _draws: FloatArray = field(repr=False, compare=False)
+
+    def probability(self, im: ArrayLike) -> FloatArray:
+        """Probability at intensities >= 0 of any shape."""
+        x = log_intensity(im)
+        own = np.array([list(self.parameters.values())])
+        return _curves(own, x.reshape(1, -1))[0].reshape(x.shape)
+
+    def band(self, im: ArrayLike) -> Band:
+        """Pointwise band at intensities >= 0 from the bootstrap of records (percentile method).
+
+        Measured with probit lines on 200 simulated clouds (beta 0.4, standard error 2 %), a
+        nominal 90 % held the curve between p = 0.1 and 0.9 in 80 to 90 % with 100 runs and in 86
+        to 89 % with 300.
+        """
+        x = log_intensity(im)
+        curves = _curves(self._draws, x.reshape(1, -1))
+        lower, upper = np.quantile(curves, tails(self.confidence), axis=0).reshape(2, *x.shape)
+        return Band(lower, upper, self.confidence, self.n_degenerate)
 
 
 def cloud_binary(
@@ -25,10 +71,9 @@ def cloud_binary(
     collapsed: ArrayLike,
     resampling: Resampling,
     *,
-    link: str = "logistic",
     event: ArrayLike | None = None,
 ) -> CloudCurve:
-    """Logistic or probit regression of collapse on ln im.
+    """Logistic regression of collapse on ln im.
 
     Parameters
     ----------
@@ -37,8 +82,6 @@ def cloud_binary(
     collapsed : array_like of bool, (n_run,)
         Runs without a verdict must be left out before.
     resampling : Resampling
-    link : str
-        ``"logistic"`` or ``"probit"``; the latter is the lognormal curve.
     event : array_like, (n_run,), optional
         Earthquake of each record; records of one event are resampled together.
 
@@ -61,26 +104,26 @@ def cloud_binary(
     """
     x, fell = _checked(im, collapsed)
     if not fell.any() or fell.all():
+        many, side, what = (
+            ("every", "below", "weaker") if fell.all() else ("no", "above", "stronger")
+        )
         raise FitError(
-            f"{'every' if fell.all() else 'no'} run of the cloud collapsed between "
-            f"{np.exp(x.min()):g} and {np.exp(x.max()):g}, so theta lies "
-            f"{'below' if fell.all() else 'above'} them; add "
-            f"{'weaker' if fell.all() else 'stronger'} records"
+            f"{many} run of the cloud collapsed between {np.exp(x.min()):g} and "
+            f"{np.exp(x.max()):g}, so theta lies {side} them; add {what} records"
         )
     weight = _weights(x.size, event, resampling)
-    lines = binomial_lines(x, weight * fell, weight, link)
+    lines = binomial_lines(x, weight * fell, weight, "logistic")
     if lines.degenerate[0]:
+        near = np.exp(0.5 * (x[fell].min() + x[~fell].max()))
         raise FitError(
             "the runs of the cloud that collapsed and those that stood do not overlap in "
-            f"intensity (perfect separation) near {np.sqrt(_border(x, fell)):g}, so beta tends "
-            "to 0; add records near it"
+            f"intensity (perfect separation) near {near:g}, so beta tends to 0; add records there"
             if lines.slope[0] > 0.0
             else "the fraction of collapses does not rise with intensity over the cloud; add "
             "records"
         )
     draws = np.stack([lines.intercept, lines.slope], axis=1)
-    names = ["collapse_intercept", "collapse_slope"]
-    return make_curve(link, names, draws, lines.degenerate, fell, resampling)
+    return _curve("logistic", draws, lines.degenerate, fell, resampling)
 
 
 def cloud_modified(
@@ -119,10 +162,22 @@ def cloud_modified(
         If an argument cannot be.
     FitError
         If fewer than three runs stood, or the response does not rise with intensity.
+
+    Examples
+    --------
+    >>> from archfrag.fragility.cloud import cloud_modified
+    >>> from archfrag.fragility.runs import Resampling
+    >>> im, response = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6], [0.01, 0.02, 0.04, 0.04, 0.06, 0.0]
+    >>> curve = cloud_modified(im, response, [0, 0, 0, 0, 0, 1], 0.03, Resampling(seed=1))
+    >>> round(curve.theta, 3)
+    0.272
     """
     x, fell = _checked(im, collapsed)
-    y = _log_response(response, ~fell)
-    _check_positive("limit", limit)
+    given = np.asarray(response, dtype=float)
+    if given.shape != fell.shape:
+        raise InputError(f"response has shape {given.shape}, the runs {fell.shape}")
+    positive(limit, "limit")
+    y = np.log(positive(np.where(fell, 1.0, given), "response of runs that did not collapse"))
     weight = _weights(x.size, event, resampling)
     standing = weight * ~fell
     count = standing.sum(axis=1)
@@ -132,102 +187,32 @@ def cloud_modified(
             "intensity needs 3; add weaker records"
         )
     with np.errstate(divide="ignore", invalid="ignore"):
-        mean_x, mean_y = standing @ x / count, standing @ np.where(fell, 0.0, y) / count
-        off_x, off_y = x - mean_x[:, None], np.where(fell, 0.0, y) - mean_y[:, None]
-        square = (standing * off_x**2).sum(axis=1)
-        slope = (standing * off_x * off_y).sum(axis=1) / square
+        mean_x, mean_y = standing @ x / count, standing @ y / count
+        off_x, off_y = x - mean_x[:, None], y - mean_y[:, None]
+        slope = (standing * off_x * off_y).sum(axis=1) / (standing * off_x**2).sum(axis=1)
         residual = off_y - slope[:, None] * off_x
         deviation = np.sqrt((standing * residual**2).sum(axis=1) / (count - 2))
-    _require_rising(slope[0], deviation[0])
-    lines = binomial_lines(x, weight * fell, weight, "logistic")
-    notes = []
-    if not fell.any():
-        notes.append("no run collapsed: the curve is that of the regression alone")
-    elif lines.degenerate[0]:
-        notes.append(
-            "collapses and standing runs do not overlap in intensity: P(collapse) is a step"
-            if lines.slope[0] > 0.0
-            else "collapses do not rise with intensity: P(collapse) is their fraction throughout"
-        )
-    draws = np.stack(
-        [lines.intercept, lines.slope, mean_y - slope * mean_x, slope, deviation], axis=1
-    )
-    names = ["collapse_intercept", "collapse_slope"]
-    return _with_response("modified", names, draws, limit, fell, notes, resampling)
-
-
-def cloud_censored(
-    im: ArrayLike,
-    response: ArrayLike,
-    cap: float,
-    limit: float,
-    resampling: Resampling,
-    *,
-    event: ArrayLike | None = None,
-) -> CloudCurve:
-    """Probability that the response exceeds a limit, collapses counted as 'above the cap'.
-
-    Censored (Tobit) regression of ln response on ln im by maximum likelihood (Tobin 1958,
-    Econometrica 26): one line and one deviation for all runs, of which those that reach the cap
-    or collapse say only that they lie above it. It supposes that the line goes on beyond the
-    cap; `cloud_modified` does not.
-
-    Parameters
-    ----------
-    im : array_like, (n_run,)
-        Intensity of each record, any unit, > 0.
-    response : array_like, (n_run,)
-        Peak response, any unit, > 0; at or above `cap`, inf included, where it was not followed.
-    cap : float
-        Largest response that means something, > 0.
-    limit : float
-        Response at which the limit state begins, > 0 and at most `cap`.
-    resampling : Resampling
-    event : array_like, (n_run,), optional
-        Earthquake of each record; records of one event are resampled together.
-
-    Raises
-    ------
-    InputError
-        If an argument cannot be.
-    FitError
-        If fewer than three runs lie below the cap, or the response does not rise with intensity.
-    """
-    _check_positive("cap", cap)
-    _check_positive("limit", limit)
-    if limit > cap:
-        raise InputError(f"limit is {limit:g}, above the cap of {cap:g}; it is at most the cap")
-    reached = np.asarray(response, dtype=float) >= cap
-    x, fell = _checked(im, reached)
-    y = np.where(fell, np.log(cap), _log_response(response, ~fell))
-    if np.count_nonzero(~fell) < 3:
+    if not (slope[0] > 0.0 and deviation[0] > 0.0):
         raise FitError(
-            f"only {np.count_nonzero(~fell)} of {x.size} runs stayed below the cap of {cap:g}; "
-            "a censored line needs 3; add weaker records"
+            f"the response does not rise with intensity over the cloud (slope {slope[0]:.3g}, "
+            f"deviation {deviation[0]:.3g}), so no curve follows; add records or another measure"
         )
-    weight = _weights(x.size, event, resampling)
-    design = np.stack([np.ones_like(x), x], axis=1)
-    side = np.where(fell, ABOVE, OBSERVED)
-    coefficients, deviation, _ = censored_lines(design, y, side, weight)
-    _require_rising(coefficients[0, 1], deviation[0])
-    draws = np.concatenate([coefficients, deviation[:, None]], axis=1)
-    return _with_response("censored", [], draws, limit, fell, [], resampling)
+    lines = binomial_lines(x, weight * fell, weight, "logistic")
+    columns = [lines.intercept, lines.slope, mean_y - slope * mean_x, slope, deviation]
+    draws = np.stack([*columns, np.full_like(slope, np.log(limit))], axis=1)
+    lost = ~np.isfinite(draws).all(axis=1) | ~(slope > 0.0) | ~(deviation > 0.0)
+    return _curve("modified", draws, lost, fell, resampling, _notes(lines, fell))
 
 
-def _with_response(
-    kind: str,
-    names: list[str],
-    draws: FloatArray,
-    limit: float,
-    fell: NDArray[np.bool_],
-    notes: list[str],
-    resampling: Resampling,
-) -> CloudCurve:
-    draws = np.concatenate([draws, np.full((len(draws), 1), np.log(limit))], axis=1)
-    rises, deviation = draws[:, -3], draws[:, -2]
-    lost = ~np.isfinite(draws).all(axis=1) | ~(rises > 0.0) | ~(deviation > 0.0)
-    names = [*names, "response_intercept", "response_slope", "response_deviation", "log_limit"]
-    return make_curve(kind, names, draws, lost, fell, resampling, tuple(notes))
+def _notes(lines: Lines, fell: BoolArray) -> tuple[str, ...]:
+    """What the line of collapse of `cloud_modified` is where it has no maximum."""
+    if not fell.any():
+        return ("no run collapsed: the curve is that of the regression alone",)
+    if not lines.degenerate[0]:
+        return ()
+    if lines.slope[0] > 0.0:
+        return ("collapses and standing runs do not overlap in intensity: P(collapse) is a step",)
+    return ("collapses do not rise with intensity: P(collapse) is their fraction throughout",)
 
 
 def _weights(n_run: int, event: ArrayLike | None, resampling: Resampling) -> FloatArray:
@@ -237,13 +222,10 @@ def _weights(n_run: int, event: ArrayLike | None, resampling: Resampling) -> Flo
     return np.concatenate([np.ones((1, n_run)), times[:, group]])
 
 
-def _checked(im: ArrayLike, collapsed: ArrayLike) -> tuple[FloatArray, NDArray[np.bool_]]:
-    values, codes = np.asarray(im, dtype=float), np.asarray(collapsed)
+def _checked(im: ArrayLike, collapsed: ArrayLike) -> tuple[FloatArray, BoolArray]:
+    values, codes = positive(im, "im"), np.asarray(collapsed)
     if values.ndim != 1 or values.shape != codes.shape or values.size == 0:
         raise InputError(f"im has shape {values.shape}, the runs {codes.shape}; (n_run,) each")
-    bad = values[~((values > 0.0) & np.isfinite(values))]
-    if bad.size:
-        raise InputError(f"im holds {bad[0]:g}; intensities are positive finite numbers")
     if not np.isin(codes, (0, 1)).all():
         raise InputError("collapsed holds other values than 0 and 1; leave such runs out before")
     if np.ptp(values) == 0.0:
@@ -253,31 +235,58 @@ def _checked(im: ArrayLike, collapsed: ArrayLike) -> tuple[FloatArray, NDArray[n
     return np.log(values), codes.astype(bool)
 
 
-def _log_response(response: ArrayLike, used: NDArray[np.bool_]) -> FloatArray:
-    values = np.asarray(response, dtype=float)
-    if values.shape != used.shape:
-        raise InputError(f"response has shape {values.shape}, the runs {used.shape}")
-    bad = values[used & ~((values > 0.0) & np.isfinite(values))]
-    if bad.size:
-        raise InputError(
-            f"response holds {bad[0]:g} for a run that did not collapse; a peak response is a "
-            "positive finite number, and a run without motion does not belong to the regression"
-        )
-    return np.log(np.where(used, values, 1.0))
+def _curve(
+    kind: str, draws: FloatArray, lost: BoolArray, fell: BoolArray, resampling: Resampling,
+    notes: tuple[str, ...] = (),
+) -> CloudCurve:  # fmt: skip
+    """The first row of `draws` is the estimate, the others are resamples, some of them lost."""
+    kept = draws[1:][~lost[1:]]
+    if not len(kept):
+        raise FitError("no resample of the cloud determines a curve; add records")
+    points = _points(np.concatenate([draws[:1], kept]))
+    with np.errstate(invalid="ignore"):
+        betas = 0.5 * (points[:, 2] - points[:, 0])
+    drawn = np.stack([points[1:, 1], np.nan_to_num(betas[1:], nan=np.inf)])
+    theta, beta = np.quantile(drawn, resampling.tails, axis=1, method="inverted_cdf").T
+    low, middle, high = (float(point) for point in np.exp(points[0]))
+    names = _COLLAPSE_LINE + (_RESPONSE_LINE if kind == "modified" else ())
+    return CloudCurve(
+        kind=kind,
+        parameters={name: float(value) for name, value in zip(names, draws[0], strict=True)},
+        points=(low, middle, high),
+        theta=middle,
+        beta=float(betas[0]),
+        theta_interval=(float(np.exp(theta[0])), float(np.exp(theta[1]))),
+        beta_interval=(float(beta[0]), float(beta[1])),
+        n_runs=fell.size,
+        n_collapsed=int(np.count_nonzero(fell)),
+        n_degenerate=int(np.count_nonzero(lost[1:])),
+        confidence=resampling.confidence,
+        notes=notes,
+        _draws=kept,
+    )
 
 
-def _check_positive(name: str, value: float) -> None:
-    if not 0.0 < value < np.inf:
-        raise InputError(f"{name} is {value:g}; a positive finite number is needed")
+def _curves(parameters: FloatArray, x: FloatArray) -> FloatArray:
+    """Curve of each row of parameters at ln im `x`, (1 or n_draw, n_point)."""
+    first, rise, *response = parameters.T[..., None]
+    with np.errstate(invalid="ignore"):
+        fell = expit(first + rise * x)
+        if response:
+            intercept, slope, deviation, log_limit = response
+            exceeded = ndtr((intercept + slope * x - log_limit) / deviation)
+            fell = exceeded + (1.0 - exceeded) * fell
+    return np.where(np.isneginf(x), 0.0, fell)
 
 
-def _require_rising(slope: float, deviation: float) -> None:
-    if not (slope > 0.0 and deviation > 0.0):
-        raise FitError(
-            f"the response does not rise with intensity over the cloud (slope {slope:.3g}, "
-            f"deviation {deviation:.3g}), so no curve follows; add records or another measure"
-        )
-
-
-def _border(x: FloatArray, fell: NDArray[np.bool_]) -> float:
-    return float(np.exp(x[fell].min() + x[~fell].max()))
+def _points(draws: FloatArray) -> FloatArray:
+    """ln im at 16, 50 and 84 % of each curve, (n_draw, 3); infinite where never reached."""
+    low = np.full((len(draws), 3), -50.0)
+    high = low + 100.0
+    below = _curves(draws, low) >= _QUANTILES
+    above = _curves(draws, high) < _QUANTILES
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        short = _curves(draws, middle) < _QUANTILES
+        low, high = np.where(short, middle, low), np.where(short, high, middle)
+    return np.where(below, -np.inf, np.where(above, np.inf, 0.5 * (low + high)))

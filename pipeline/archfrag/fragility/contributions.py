@@ -1,10 +1,9 @@
-"""The rate of collapse shared out: by mechanism, by magnitude, by distance, level by level.
+"""Collapses divided by category, level by level, and the rate of collapse divided as they are.
 
-The rate of each level (`archfrag.fragility.risk.rate_by_level`) goes to the categories as the
-collapses seen there do: share of a category = sum over levels of rate(level) P(category |
-collapse, level). By magnitude and distance this says which records of the set did it. It is
-conditional on the set, and no deaggregation of the hazard, since records are run at levels that
-their own earthquakes need not have reached.
+Categories are the mechanism of a collapse, its joint, or what is known of its record. By magnitude
+and distance the rate shows which records of the set cause it: conditional on the set, and no
+deaggregation of the hazard, since records are run at levels that their own earthquakes need not
+have reached.
 """
 
 from collections.abc import Sequence
@@ -15,41 +14,115 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError
-from archfrag.fragility.curve import FloatArray
-from archfrag.fragility.intervals import check_confidence
+from archfrag.fragility.counts import Verdict, count_verdicts, wilson
+from archfrag.fragility.curve import BoolArray, FloatArray, IntArray, rising
+from archfrag.fragility.runs import Resampling
 
-IntArray = NDArray[np.int64]
 RESAMPLES = 1000
 NOT_KNOWN = "not known"
 
 
 @dataclass(frozen=True)
 class Contributions:
-    """The rate of collapse by category.
-
-    Attributes
-    ----------
-    categories : tuple of str
-    counts : ndarray of int, (n_category, n_level)
-        Collapses.
-    rate : ndarray, (n_category, n_level)
-        Rate of collapse [1/year].
-    unassigned : ndarray, (n_level,)
-        Rate of levels at which the fitted curve expects collapses and none was seen [1/year].
-    fraction, lower, upper : ndarray, (n_category,)
-        Of the rate that is assigned [1], with its band from resampled records; nan if none is.
-    confidence : float
-        Two-sided.
-    """
+    """The rate of collapse by category."""
 
     categories: tuple[str, ...]
-    counts: IntArray
-    rate: FloatArray
-    unassigned: FloatArray
-    fraction: FloatArray
-    lower: FloatArray
+    counts: IntArray  #: (n_category, n_level), collapses
+    rate: FloatArray  #: (n_category, n_level), rate of collapse [1/year]
+    unassigned: FloatArray  #: (n_level,), rate of levels with no collapse seen [1/year]
+    fraction: FloatArray  #: (n_category,), of the rate that is assigned [1]; nan if none is
+    lower: FloatArray  #: (n_category,), band of `fraction` from resampled records
     upper: FloatArray
-    confidence: float
+    confidence: float  #: two-sided
+
+
+@dataclass(frozen=True)
+class Deaggregation:
+    """Collapses of a study by category."""
+
+    categories: tuple[str, ...]
+    counts: IntArray  #: (n_category, n_level), collapses
+    collapsed: IntArray  #: (n_level,), all collapses
+    n: IntArray  #: (n_level,), runs that collapsed or stood
+    fraction: FloatArray  #: (n_category, n_level), of the collapses of a level [1]; nan if none
+    lower: FloatArray  #: (n_category, n_level), interval of `fraction`
+    upper: FloatArray
+    overall: FloatArray  #: (n_category,), of the collapses of all levels together
+    overall_lower: FloatArray
+    overall_upper: FloatArray
+    n_effective: float  #: independent collapses that the interval of `overall` supposes
+    confidence: float  #: two-sided, of each interval by itself
+
+    @property
+    def probability(self) -> FloatArray:
+        """Fraction of all runs that decide, (n_category, n_level); nan where none does.
+
+        Over the categories it sums to the observed fraction of collapses.
+        """
+        return self.counts / np.where(self.n > 0, self.n, np.nan)
+
+
+def deaggregate(
+    verdict: ArrayLike, category: ArrayLike, categories: Sequence[str], *, confidence: float = 0.9
+) -> Deaggregation:
+    """Divide the collapses at each level by category.
+
+    At one level every record is run once: the runs are taken to be independent, and each fraction
+    has Wilson's score interval (Wilson 1927, J. Am. Stat. Assoc. 22, 209-212). Over all levels
+    the same records collapse again and again, most often in the same way. The interval of the
+    overall fractions therefore counts no more than ``(sum m)^2 / sum m^2`` collapses, where m are
+    the numbers of collapses of the records (Kish 1965, *Survey Sampling*, sections 5.4 and
+    11.7): what remains if all collapses of a record are alike.
+
+    Parameters
+    ----------
+    verdict : array_like of int, (n_record, n_level)
+        Codes of `archfrag.fragility.counts.Verdict`; unfinished runs and solver failures count
+        as neither.
+    category : array_like of int, (n_record, n_level)
+        For each run that collapsed the position of its category in `categories`; any other
+        number elsewhere.
+    categories : sequence of str
+        Names.
+    confidence : float
+        Two-sided, between 0 and 1.
+
+    Raises
+    ------
+    InputError
+        If the shapes differ, a code is no verdict, a run that collapsed has no category, or
+        `confidence` is not between 0 and 1.
+
+    Examples
+    --------
+    Three records at two levels; the first two arches fall by hinging, the third by sliding.
+
+    >>> from archfrag.fragility.contributions import deaggregate
+    >>> verdict = [[0, 1], [1, 1], [0, 1]]
+    >>> mode = [[-1, 0], [0, 0], [-1, 1]]
+    >>> found = deaggregate(verdict, mode, ["hinging", "sliding"])
+    >>> found.counts.tolist(), found.overall.tolist()
+    ([[1, 2], [0, 1]], [0.75, 0.25])
+    >>> [round(float(end), 3) for end in (found.lower[1, 1], found.upper[1, 1])]
+    [0.078, 0.746]
+    """
+    counted = count_verdicts(verdict)
+    fell = np.asarray(verdict) == Verdict.COLLAPSED
+    names = tuple(categories)
+    masks = _by_category(fell, category, len(names))
+    counts, collapsed = masks.sum(axis=1), counted.collapsed
+    lower, upper = wilson(counts, np.broadcast_to(collapsed, counts.shape), confidence)
+    of_record = fell.sum(axis=1).astype(float)
+    total = float(of_record.sum())
+    effective = total**2 / float(of_record @ of_record) if total else 0.0
+    with np.errstate(invalid="ignore"):
+        fraction = counts / np.where(collapsed > 0, collapsed, np.nan)
+        overall = counts.sum(axis=1) / (total or np.nan)
+    low, high = wilson(overall * effective, np.full(len(names), effective), confidence)
+    return Deaggregation(
+        names, counts, collapsed, counted.n, fraction, lower, upper, overall, low, high,
+        effective, confidence,
+    )  # fmt: skip
 
 
 def contributions(
@@ -61,15 +134,17 @@ def contributions(
     seed: int = 1,
     confidence: float = 0.9,
 ) -> Contributions:
-    """Share out the rate of collapse of each level to categories.
+    """Divide the rate of collapse of each level by category.
 
-    The band is the percentile bootstrap of whole records, each with its collapses at all levels;
-    a resample in which a level has no collapse leaves the rate of this level out.
+    Rate of a category = sum over levels of rate(level) P(category | collapse, level). The band is
+    the percentile bootstrap of whole records, each with its collapses at all levels; a resample in
+    which a level has no collapse leaves the rate of this level out.
 
     Parameters
     ----------
     level_rate : array_like, (n_level,)
-        Rate of collapse by motions of each level [1/year].
+        Rate of collapse by motions of each level [1/year], from
+        `archfrag.fragility.risk.rate_by_level`.
     collapsed : array_like of bool, (n_record, n_level)
     category : array_like of int, (n_record, n_level)
         Position in `categories` of each run that collapsed; any number elsewhere.
@@ -94,73 +169,60 @@ def contributions(
     >>> found.fraction.tolist()
     [0.875, 0.125]
     """
-    rates = np.asarray(level_rate, dtype=float)
-    fell, kind = np.asarray(collapsed, dtype=bool), np.asarray(category)
-    if fell.ndim != 2 or kind.shape != fell.shape or rates.shape != fell.shape[1:]:
+    rates, fell = np.asarray(level_rate, dtype=float), np.asarray(collapsed, dtype=bool)
+    if rates.shape != fell.shape[1:] or not np.all(rates >= 0.0):
         raise InputError(
-            f"level_rate has shape {rates.shape}, collapsed {fell.shape}, category {kind.shape}; "
-            "they must be (n_level,) and twice (n_record, n_level)"
+            f"level_rate has shape {rates.shape}, collapsed {fell.shape}; one rate from 0 upwards "
+            "for each level"
         )
-    if not np.all(rates >= 0.0):
-        raise InputError("level_rate holds a number that is no rate; rates are from 0 upwards")
-    check_confidence(confidence)
-    names = tuple(categories)
-    foreign = kind[fell & ~np.isin(kind, np.arange(len(names)))]
-    if foreign.size:
-        raise InputError(
-            f"category holds {foreign.flat[0]!s} for a run that collapsed; it must be from 0 to "
-            f"{len(names) - 1}, a position in categories"
-        )
-    ways = np.stack([fell & (kind == i) for i in range(len(names))])  # (category, record, level)
-    counts = ways.sum(axis=1)
-    everything = counts.sum(axis=0)
-    rate = rates * counts / np.maximum(everything, 1)
+    resampling, names = Resampling(seed, RESAMPLES, confidence), tuple(categories)
+    masks = _by_category(fell, category, len(names))
+    counts = masks.sum(axis=1)
+    rate, everything = _rates(rates, counts)
     unassigned = np.where(everything > 0, 0.0, rates)
-    assigned = rate.sum()
-    lower, upper = _resampled(rates, ways, seed, confidence)
+    times = resampling.multiplicities(len(fell))
+    drawn = _rates(rates, times @ masks)[0].sum(axis=-1)  # (category, resample)
+    total = drawn.sum(axis=0)
+    lower = upper = np.full(len(names), np.nan)
+    if total.any():
+        known = drawn[:, total > 0.0] / total[total > 0.0]
+        lower, upper = np.quantile(known, resampling.tails, axis=1)
     with np.errstate(invalid="ignore"):
-        fraction = rate.sum(axis=1) / (assigned or np.nan)
+        fraction = rate.sum(axis=1) / (rate.sum() or np.nan)
     return Contributions(names, counts, rate, unassigned, fraction, lower, upper, confidence)
 
 
-def _resampled(
-    rates: FloatArray, ways: NDArray[np.bool_], seed: int, confidence: float
-) -> tuple[FloatArray, FloatArray]:
-    """Ends of the band of each category's fraction, (n_category,)."""
-    n_category, n_record, _ = ways.shape
-    generator = np.random.default_rng(seed)
-    times = generator.multinomial(n_record, np.full(n_record, 1.0 / n_record), RESAMPLES)
-    fractions = np.zeros((n_category, RESAMPLES))
-    counts = [times @ way for way in ways]  # each (resample, level)
-    everything = np.maximum(np.sum(counts, axis=0), 1)
-    for i, count in enumerate(counts):
-        fractions[i] = count / everything @ rates
-    total = fractions.sum(axis=0)
-    if not total.any():
-        return np.full(n_category, np.nan), np.full(n_category, np.nan)
-    known = fractions[:, total > 0.0] / total[total > 0.0]
-    tail = 0.5 - 0.5 * confidence
-    lower, upper = np.quantile(known, [tail, 1.0 - tail], axis=1)
-    return lower, upper
+def _rates(rates: FloatArray, counts: IntArray) -> tuple[FloatArray, IntArray]:
+    """Rates divided as the collapses (n_category, ..., n_level) are, and all collapses."""
+    everything = counts.sum(axis=0)
+    return rates * counts / np.maximum(everything, 1), everything
+
+
+def _by_category(fell: BoolArray, category: ArrayLike, n_category: int) -> BoolArray:
+    """Collapses of each category, (n_category, n_record, n_level); InputError if one has none."""
+    kind = np.asarray(category)
+    if fell.ndim != 2 or kind.shape != fell.shape:
+        raise InputError(
+            f"the runs have shape {fell.shape}, category {kind.shape}; (n_record, n_level) each"
+        )
+    foreign = kind[fell & ~np.isin(kind, np.arange(n_category))]
+    if foreign.size:
+        raise InputError(
+            f"category holds {foreign.flat[0]!s} for a run that collapsed; it must be from 0 to "
+            f"{n_category - 1}, a position in categories"
+        )
+    return fell & (kind == np.arange(n_category)[:, None, None])
 
 
 def level_edges(levels: ArrayLike) -> FloatArray:
-    """Edges between levels, at their geometric means, (n_level - 1,).
-
-    Raises
-    ------
-    InputError
-        If the levels are not positive and increasing.
-    """
-    levels = np.asarray(levels, dtype=float)
-    if levels.ndim != 1 or not np.all(levels > 0.0) or not np.all(np.diff(levels) > 0.0):
-        raise InputError("levels must be a list of positive intensities that increase")
-    return np.sqrt(levels[1:] * levels[:-1])
+    """Edges between levels that increase, at their geometric means, (n_level - 1,)."""
+    given = rising(levels, "levels")
+    return np.sqrt(given[1:] * given[:-1])
 
 
 def implied_collapses(
     collapsed: ArrayLike, simulated: ArrayLike, category: ArrayLike
-) -> tuple[NDArray[np.bool_], NDArray]:
+) -> tuple[BoolArray, NDArray]:
     """Collapses that runs left out by a bisection would have shown, capacity being one number.
 
     A level that was not simulated counts as collapsed if its record collapsed at the nearest lower
@@ -179,14 +241,13 @@ def implied_collapses(
     Examples
     --------
     >>> from archfrag.fragility.contributions import implied_collapses
-    >>> fell, way = implied_collapses([[0, 0, 1, 0]], [[1, 0, 1, 0]], [[-1, -1, 2, -1]])
-    >>> fell.tolist(), way.tolist()
+    >>> fell, kind = implied_collapses([[0, 0, 1, 0]], [[1, 0, 1, 0]], [[-1, -1, 2, -1]])
+    >>> fell.tolist(), kind.tolist()
     ([[False, False, True, True]], [[-1, -1, 2, 2]])
     """
     fell, known = np.asarray(collapsed, dtype=bool), np.asarray(simulated, dtype=bool)
     kind = np.asarray(category)
-    place = np.where(known, np.arange(fell.shape[1]), -1)
-    source = np.maximum.accumulate(place, axis=1)
+    source = np.maximum.accumulate(np.where(known, np.arange(fell.shape[1]), -1), axis=1)
     row = np.arange(fell.shape[0])[:, None]
     filled = (source >= 0) & fell[row, np.maximum(source, 0)]
     return filled, np.where(filled, kind[row, np.maximum(source, 0)], kind)
@@ -217,9 +278,7 @@ def value_bins(
     >>> place.tolist(), names
     ([0, 2, 3], ('below 6', '6 to 7', '7 and more', 'not known'))
     """
-    values, edges = np.asarray(values, dtype=float), np.asarray(edges, dtype=float)
-    if edges.ndim != 1 or edges.size == 0 or not np.all(np.diff(edges) > 0.0):
-        raise InputError("edges of bins must be a list of at least one number that increases")
+    values, edges = np.asarray(values, dtype=float), rising(edges, "edges of bins")
     unit = f" {unit}" if unit else ""
     names = (
         f"below {edges[0]:g}{unit}",

@@ -1,18 +1,18 @@
-"""Verdicts of many runs, counted; only runs that collapsed or stood say anything of a curve."""
+"""Verdicts of runs, counted, and intervals of the fractions that collapsed."""
 
 from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from scipy.special import betaincinv, ndtri
 
 from archfrag.errors import InputError
-
-IntArray = NDArray[np.int64]
+from archfrag.fragility.curve import FloatArray, IntArray, positive, tails
 
 
 class Verdict(IntEnum):
-    """What one run says about collapse; only the first two say anything.
+    """What one run shows of collapse; only the first two decide anything.
 
     NOT_SIMULATED is a cell of the grid for which the design of the study asked for no run.
     """
@@ -55,7 +55,13 @@ def count_verdicts(verdict: ArrayLike) -> VerdictCounts:
     Raises
     ------
     InputError
-        If there is a code that is no verdict: a run that is missing must be told, not counted.
+        If there is a code that is no verdict: a run that is missing must not be counted.
+
+    Examples
+    --------
+    >>> from archfrag.fragility.counts import count_verdicts
+    >>> count_verdicts([[0, 1], [0, 2]]).n.tolist()
+    [2, 1]
     """
     codes = np.asarray(verdict)
     if codes.ndim == 0:
@@ -67,9 +73,81 @@ def count_verdicts(verdict: ArrayLike) -> VerdictCounts:
             + ", ".join(f"{v.value} ({v.name.lower()})" for v in Verdict)
         )
     codes = codes.reshape(-1, codes.shape[-1])
-    standing, collapsed, unfinished, failures = (
-        np.count_nonzero(codes == v, axis=0).astype(np.int64)
-        for v in Verdict
-        if v != Verdict.NOT_SIMULATED
-    )
-    return VerdictCounts(standing, collapsed, unfinished, failures)
+    made = [v for v in Verdict if v != Verdict.NOT_SIMULATED]
+    return VerdictCounts(*(np.count_nonzero(codes == v, axis=0).astype(np.int64) for v in made))
+
+
+def checked_stripes(
+    im: ArrayLike, collapses: ArrayLike, n: ArrayLike
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Levels, collapses and runs as arrays of shape (n_level,); InputError if they cannot be."""
+    levels, k, m = (np.asarray(values, dtype=float) for values in (im, collapses, n))
+    if levels.ndim != 1 or levels.size == 0:
+        raise InputError(
+            f"im has shape {levels.shape}; a list of one intensity per level is needed"
+        )
+    m = np.full(levels.shape, m) if m.ndim == 0 else m
+    for name, values in (("collapses", k), ("n", m)):
+        if values.shape != levels.shape:
+            raise InputError(
+                f"{name} has shape {values.shape}, im {levels.shape}; one number per level"
+            )
+        bad = values[~((values >= 0.0) & (values == np.floor(values)) & np.isfinite(values))]
+        if bad.size:
+            raise InputError(f"{name} holds {bad[0]:g}; counts are whole numbers from 0 upwards")
+    positive(levels, "im")
+    if np.any(k > m):
+        i = int(np.argmax(k > m))
+        raise InputError(
+            f"collapses is {k[i]:g} at im = {levels[i]:g}, more than the n = {m[i]:g} runs"
+        )
+    return levels, k, m
+
+
+def clopper_pearson(
+    collapses: ArrayLike, n: ArrayLike, confidence: float = 0.9
+) -> tuple[FloatArray, FloatArray]:
+    """Exact interval of each binomial fraction (Clopper and Pearson 1934, Biometrika 26).
+
+    Parameters
+    ----------
+    collapses, n : array_like of int, (n_level,)
+        Collapses among n runs; `n` may be one number for all levels.
+    confidence : float
+        Two-sided, between 0 and 1; each side holds at least half of it.
+
+    Returns
+    -------
+    (ndarray, ndarray)
+        Lower and upper end, (n_level,); nan where n = 0.
+
+    Raises
+    ------
+    InputError
+        If a count is negative, not whole, or collapses exceed n.
+
+    Examples
+    --------
+    >>> from archfrag.fragility.counts import clopper_pearson
+    >>> [round(float(end[0]), 4) for end in clopper_pearson([5], 10, confidence=0.95)]
+    [0.1871, 0.8129]
+    """
+    low, high = tails(confidence)
+    given = np.atleast_1d(np.asarray(collapses, dtype=float))
+    _, k, m = checked_stripes(np.ones(given.shape), given, n)
+    lower = np.where(k > 0, betaincinv(np.maximum(k, 1), m - k + 1, low), 0.0)
+    upper = np.where(k < m, betaincinv(k + 1, np.maximum(m - k, 1), high), 1.0)
+    return np.where(m > 0, lower, np.nan), np.where(m > 0, upper, np.nan)
+
+
+def wilson(k: ArrayLike, n: ArrayLike, confidence: float = 0.9) -> tuple[FloatArray, FloatArray]:
+    """Score interval of k among n, which need not be whole (Wilson 1927); nan where n = 0."""
+    z = ndtri(tails(confidence)[1])
+    k = np.asarray(k, dtype=float)
+    n = np.where(np.asarray(n) > 0, n, np.nan).astype(float)
+    centre = (k + 0.5 * z * z) / (n + z * z)
+    reach = z / (n + z * z) * np.sqrt(np.maximum(k * (n - k) / n, 0.0) + 0.25 * z * z)
+    # At k = 0 and k = n the ends are 0 and 1 but for rounding.
+    lower = np.where(k > 0.0, np.maximum(centre - reach, 0.0), 0.0 * n)
+    upper = np.where(k < n, np.minimum(centre + reach, 1.0), 1.0 + 0.0 * n)
+    return lower, upper

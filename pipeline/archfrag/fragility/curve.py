@@ -1,4 +1,4 @@
-"""The lognormal fragility curve."""
+"""The lognormal fragility curve, a band about a curve, and checks that all modules share."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,6 +10,8 @@ from scipy.special import ndtr
 from archfrag.errors import InputError
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -100,17 +102,61 @@ class Fragility:
             raise InputError(f"a stored fragility lacks the key {error}") from error
 
 
-def log_intensity(im: ArrayLike) -> FloatArray:
-    """Natural logarithm of intensities at which a curve is asked for; -inf at zero.
+@dataclass(frozen=True)
+class Band:
+    """Pointwise confidence band of a curve.
 
-    Raises
-    ------
-    InputError
-        If an intensity is negative or not a number.
+    Attributes
+    ----------
+    lower, upper : ndarray, shape of the intensities asked for
+        Probabilities of collapse.
+    confidence : float
+        Two-sided confidence at each intensity, e.g. 0.9.
+    n_degenerate : int
+        Bootstrap only: resamples without a lognormal curve.
+    theta, beta : (float, float)
+        Bootstrap of records only: quantiles over the resamples that have a lognormal curve; nan
+        if none has.
     """
+
+    lower: FloatArray
+    upper: FloatArray
+    confidence: float
+    n_degenerate: int = 0
+    theta: tuple[float, float] = (np.nan, np.nan)
+    beta: tuple[float, float] = (np.nan, np.nan)
+
+
+def log_intensity(im: ArrayLike) -> FloatArray:
+    """ln of intensities at which a curve is asked for, -inf at 0; InputError if one is < 0."""
     im = np.asarray(im, dtype=float)
     bad = im[~(im >= 0.0)]
     if bad.size:
         raise InputError(f"im holds {bad[0]:g}; an intensity is a number from 0 upwards")
     with np.errstate(divide="ignore"):
         return np.log(im)
+
+
+def positive(values: ArrayLike, name: str, unknown: bool = False) -> FloatArray:
+    """Values as floats, > 0 and finite, nan only where `unknown` is allowed; else InputError."""
+    given = np.asarray(values, dtype=float)
+    bad = given[~((given > 0.0) & np.isfinite(given) | (unknown & np.isnan(given)))]
+    if bad.size:
+        allowed = "positive finite numbers" + (", or nan where not known" if unknown else "")
+        raise InputError(f"{name} holds {bad[0]:g}; only {allowed} are allowed")
+    return given
+
+
+def rising(values: ArrayLike, name: str) -> FloatArray:
+    """A list of positive finite numbers that increase; else InputError."""
+    given = positive(values, name)
+    if given.ndim != 1 or not np.all(np.diff(given) > 0.0):
+        raise InputError(f"{name} must be a list of positive numbers that increase")
+    return given
+
+
+def tails(confidence: float) -> list[float]:
+    """Probabilities below the ends of a central interval; InputError unless within 0 and 1."""
+    if not 0.0 < confidence < 1.0:
+        raise InputError(f"confidence is {confidence:g}; it lies between 0 and 1, such as 0.9")
+    return [0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence]

@@ -1,47 +1,37 @@
-"""Lognormal fragility curves by maximum likelihood, from stripes and from capacities.
+"""Lognormal curves by maximum likelihood: from stripes, from capacities, from brackets of them.
 
 A curve is P(collapse | im) = Phi((ln im - ln theta) / beta). On the probit scale it is the
-straight line Phi^-1(P) = intercept + slope ln im with slope = 1 / beta, in which the binomial
-likelihood is concave: it has one maximum, and none exactly where the data are separated.
+straight line Phi^-1(P) = intercept + slope ln im with slope = 1 / beta, in which all likelihoods
+are concave: there is one maximum, and none exactly where the data are separated.
 """
 
-from dataclasses import dataclass
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import gammaln
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.binomial_lines import Lines, binomial_lines
-from archfrag.fragility.capacities import curve_of_line, fit_moments, fit_truncated
-from archfrag.fragility.curve import FloatArray, Fragility
+from archfrag.fragility.brackets import checked_brackets
+from archfrag.fragility.counts import checked_stripes
+from archfrag.fragility.curve import BoolArray, FloatArray, Fragility, positive
+from archfrag.fragility.lines import LOG_ROOT_TWO_PI, Lines, binomial_lines, normal_lines
 
-__all__ = ["FitMany", "Fragility", "checked_stripes", "fit_ida", "fit_many", "fit_stripes"]
+__all__ = ["Fragility", "fit_brackets", "fit_ida", "fit_stripes"]
 
 _LARGEST_LOG = 600.0
+_EXACT = 1e-7  # width of a bracket, in deviations of all ends, below which it is one value
 
 
-@dataclass(frozen=True)
-class FitMany:
-    """Curves of many draws; nan where the likelihood of a draw has no maximum.
-
-    Attributes
-    ----------
-    theta, beta : ndarray, (n_draw,)
-        Median, in the unit of the levels, and dispersion.
-    covariance : ndarray, (n_draw, 2, 2)
-        Of (ln theta, beta).
-    log_likelihood : ndarray, (n_draw,)
-        With the binomial coefficients.
-    fitted : ndarray of bool, (n_draw,)
-        Where there is a curve.
-    """
+class ManyCurves(NamedTuple):
+    """Curves of many draws, arrays of shape (n_draw, ...); nan where there is no maximum."""
 
     theta: FloatArray
     beta: FloatArray
-    covariance: FloatArray
+    covariance: FloatArray  #: (n_draw, 2, 2), of (ln theta, beta)
     log_likelihood: FloatArray
-    fitted: NDArray[np.bool_]
+    fitted: BoolArray
 
 
 def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Fragility:
@@ -65,7 +55,7 @@ def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Fragility:
     InputError
         If an argument has the wrong shape or a value that cannot be.
     FitError
-        If the likelihood has no maximum with beta > 0; the sentence says what is known instead.
+        If the likelihood has no maximum with beta > 0; the message states what is known instead.
 
     Examples
     --------
@@ -93,47 +83,14 @@ def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Fragility:
     )
 
 
-def fit_many(levels: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> FitMany:
-    """Fit a curve to each of many draws of collapse counts, all at once.
-
-    The estimates are those of `fit_stripes`.
-
-    Parameters
-    ----------
-    levels : array_like, (n_level,)
-        Intensities, > 0.
-    collapses : array_like, (n_draw, n_level)
-        Runs that collapsed, 0 to `n`; weights that are not whole are allowed.
-    n : array_like, (n_draw, n_level) or what broadcasts to it
-        Runs that collapsed or stood.
-
-    Raises
-    ------
-    InputError
-        If a shape or a value cannot be.
-
-    Examples
-    --------
-    >>> from archfrag.fragility.fit import fit_many
-    >>> many = fit_many([0.2, 0.4, 0.8], [[1, 5, 9], [0, 0, 10]], 10)
-    >>> many.theta.round(3), many.fitted
-    (array([0.4, nan]), array([ True, False]))
-    """
-    levels, collapses = np.asarray(levels, dtype=float), np.asarray(collapses, dtype=float)
-    if collapses.ndim != 2 or levels.shape != collapses.shape[1:] or not levels.size:
-        raise InputError(
-            f"collapses has shape {collapses.shape}, levels {levels.shape}; draws by levels are "
-            "needed"
-        )
-    n = np.broadcast_to(np.asarray(n, dtype=float), collapses.shape)
-    if not np.all((collapses >= 0.0) & (collapses <= n) & np.isfinite(n)):
-        raise InputError("collapses holds a value that is not between 0 and n")
-    if not np.all((levels > 0.0) & np.isfinite(levels)):
-        raise InputError("levels holds a value that is not a positive finite number")
-    return curves_of_lines(binomial_lines(np.log(levels), collapses, n), collapses, n)
+def fit_many(levels: FloatArray, collapses: ArrayLike, n: ArrayLike) -> ManyCurves:
+    """Curves of counts of many draws, (n_draw, n_level), as `fit_stripes` but not checked."""
+    k = np.asarray(collapses, dtype=float)
+    n = np.broadcast_to(np.asarray(n, dtype=float), k.shape)
+    return curves_of_lines(binomial_lines(np.log(levels), k, n), k, n)
 
 
-def curves_of_lines(lines: Lines, collapses: FloatArray, n: FloatArray) -> FitMany:
+def curves_of_lines(lines: Lines, collapses: FloatArray, n: FloatArray) -> ManyCurves:
     """Curves of probit lines in ln im, (n_draw,), of draws (n_draw, n_level)."""
     theta, beta, log_likelihood = (np.full(len(n), np.nan) for _ in range(3))
     covariance = np.full((len(n), 2, 2), np.nan)
@@ -141,14 +98,26 @@ def curves_of_lines(lines: Lines, collapses: FloatArray, n: FloatArray) -> FitMa
     fitted = ~lines.degenerate & (lines.slope > np.abs(lines.intercept) / _LARGEST_LOG)
     draws = np.flatnonzero(fitted)
     if draws.size:
-        both = np.stack([lines.intercept, lines.slope], axis=1)[draws]
-        theta[draws], beta[draws], covariance[draws] = curve_of_line(
-            both, lines.information[draws], 0.0, 1.0
-        )
+        line = np.stack([lines.intercept, lines.slope], axis=1)[draws]
+        theta[draws], beta[draws], covariance[draws] = _curves(line, lines.information[draws])
         k, m = collapses[draws], n[draws]
         coefficients = gammaln(m + 1) - gammaln(k + 1) - gammaln(m - k + 1)
         log_likelihood[draws] = coefficients.sum(axis=1) - lines.loss[draws]
-    return FitMany(theta, beta, covariance, log_likelihood, fitted)
+    return ManyCurves(theta, beta, covariance, log_likelihood, fitted)
+
+
+def _curves(
+    lines: FloatArray, information: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Theta, beta (n,) and covariance of (ln theta, beta) (n, 2, 2) of lines (n, 2) in ln im."""
+    a, b = lines.T
+    beta = 1.0 / b
+    jacobian = np.zeros((len(a), 2, 2))
+    jacobian[:, 0, 0] = -beta
+    jacobian[:, 0, 1] = beta * a / b
+    jacobian[:, 1, 1] = -beta / b
+    covariance = jacobian @ np.linalg.inv(information) @ jacobian.transpose(0, 2, 1)
+    return np.exp(-beta * a), beta, covariance
 
 
 def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragility:
@@ -156,8 +125,9 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragilit
 
     Complete data: mean and standard deviation of the logarithms (Baker 2015), the latter with
     n - 1, as is usual for IDA: dividing by n, as maximum likelihood would, makes beta too small
-    by about 1 / (2 n) of itself, and the lower tail unsafe. Truncated data: maximum likelihood
-    with the records above `truncate_at` censored.
+    by about 1 / (2 n) of itself, and the lower tail unsafe; the covariance is
+    beta^2 diag(1 / n, 1 / (2 (n - 1))). Truncated data: maximum likelihood with the records above
+    `truncate_at` censored.
 
     Parameters
     ----------
@@ -179,48 +149,124 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragilit
     --------
     >>> import archfrag as af
     >>> curve = af.fit_ida([0.5, 0.7, 0.9, 1.3], truncate_at=None)
-    >>> round(curve.theta, 3)
-    0.8
+    >>> round(curve.theta, 3), round(curve.beta, 3)
+    (0.8, 0.403)
     """
+    values = np.asarray(capacities, dtype=float)
+    if values.ndim != 1 or values.size == 0:
+        raise InputError(f"capacities has shape {values.shape}; a list of one number per record")
     if truncate_at is None:
-        return fit_moments(capacities)
-    return fit_truncated(capacities, truncate_at)
+        return _fit_moments(positive(values, "capacities"))
+    limit = float(positive(truncate_at, "truncate_at"))
+    positive(np.where(values == np.inf, limit, values), "capacities")
+    known = values <= limit
+    if known.all():
+        return _fit_moments(values)
+    if not known.any():
+        raise FitError(
+            f"no capacity lies at or below truncate_at = {limit:g}: theta lies above it; try "
+            "higher intensities"
+        )
+    if np.all(values[known] == limit):
+        raise FitError(
+            f"all observed capacities equal truncate_at = {limit:g}, so beta tends to 0; "
+            "resolve the capacities more finely"
+        )
+    fit = _fit(np.where(known, values, limit), np.where(known, values, np.inf), "ida_truncated")
+    return replace(fit, n_levels=int(np.unique(values[known]).size))
 
 
-def checked_stripes(
-    im: ArrayLike, collapses: ArrayLike, n: ArrayLike
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Arguments of `fit_stripes` as arrays of shape (n_level,).
+def _fit_moments(values: FloatArray) -> Fragility:
+    """Curve from the mean and standard deviation of ln capacity."""
+    logs, n = np.log(values), values.size
+    if np.all(logs == logs[0]):
+        raise FitError(
+            f"all {n} capacities are {np.exp(logs[0]):g}, so beta tends to 0 and no "
+            "dispersion can be estimated; add records"
+        )
+    mean, deviation = float(logs.mean()), float(logs.std(ddof=1))
+    z = (logs - mean) / deviation
+    return Fragility(
+        theta=float(np.exp(mean)),
+        beta=deviation,
+        covariance=deviation**2 * np.diag([1.0 / n, 0.5 / (n - 1)]),
+        log_likelihood=float(-0.5 * z @ z - n * (np.log(deviation) + LOG_ROOT_TWO_PI)),
+        n_levels=int(np.unique(logs).size),
+        n_total=n,
+        kind="ida",
+    )
+
+
+def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Fragility:
+    """Lognormal curve of capacities of which each is known to lie between two intensities.
+
+    Maximum likelihood of interval-censored data: the capacity of a record lies in
+    (lower, upper]. The covariance is the inverse of the observed information.
+
+    Parameters
+    ----------
+    lower, upper : array_like, (n_record,)
+        Any unit, 0 <= lower <= upper, not both 0 or infinite; `lower` may be 0 (collapse at the
+        lowest level tried), `upper` inf (none up to the highest). Equal values are a capacity
+        known exactly.
+
+    Returns
+    -------
+    Fragility
+        Of kind ``"brackets"``; ``n_total`` counts records, ``n_levels`` distinct ends.
 
     Raises
     ------
     InputError
-        If a shape or a value cannot be.
+        If an argument cannot be.
+    FitError
+        If the likelihood has no maximum with beta > 0.
+
+    Examples
+    --------
+    >>> from archfrag.fragility.fit import fit_brackets
+    >>> curve = fit_brackets([0.0, 0.2, 0.3, 0.4, 0.4], [0.2, 0.3, 0.4, 0.5, float("inf")])
+    >>> round(curve.theta, 3), round(curve.beta, 3)
+    (0.317, 0.467)
     """
-    im = np.asarray(im, dtype=float)
-    collapses = np.asarray(collapses, dtype=float)
-    n = np.asarray(n, dtype=float)
-    if im.ndim != 1 or im.size == 0:
-        raise InputError(f"im has shape {im.shape}; a list of one intensity per level is needed")
-    if n.ndim == 0:
-        n = np.full(im.shape, n)
-    for name, values in (("collapses", collapses), ("n", n)):
-        if values.shape != im.shape:
-            raise InputError(
-                f"{name} has shape {values.shape}, im {im.shape}; one number per level is needed"
-            )
-        bad = values[~((values >= 0.0) & (values == np.floor(values)) & np.isfinite(values))]
-        if bad.size:
-            raise InputError(f"{name} holds {bad[0]:g}; counts are whole numbers from 0 upwards")
-    bad = im[~((im > 0.0) & np.isfinite(im))]
-    if bad.size:
-        raise InputError(f"im holds {bad[0]:g}; intensities are positive finite numbers")
-    if np.any(collapses > n):
-        i = int(np.argmax(collapses > n))
-        raise InputError(
-            f"collapses is {collapses[i]:g} at im = {im[i]:g}, more than the n = {n[i]:g} runs"
+    return _fit(*checked_brackets(lower, upper), kind="brackets")
+
+
+def _fit(lower: FloatArray, upper: FloatArray, kind: str) -> Fragility:
+    last, first = lower.max(), upper.min()
+    if last <= first:
+        raise FitError(
+            f"one capacity between {last:g} and {first:g} would agree with all {lower.size} "
+            "records, so beta tends to 0 and no dispersion can be estimated; add levels there, "
+            "or records"
         )
-    return im, collapses, n
+    if not np.any((lower > 0.0) & np.isfinite(upper)):
+        raise FitError(
+            "no capacity is bracketed from both sides, so brackets cannot tell theta from beta; "
+            "add levels below and above"
+        )
+    with np.errstate(divide="ignore"):
+        low, high = np.log(lower), np.log(upper)
+    ends = np.concatenate([low[np.isfinite(low)], high[np.isfinite(high)]])
+    # A bracket of almost no width is taken as its middle, with the density times the width.
+    narrow = (high > low) & (high - low < _EXACT * ends.std())
+    constant = float(np.log((high - low)[narrow]).sum())
+    low[narrow] = high[narrow] = 0.5 * (low + high)[narrow]
+    pairs, number = np.unique(np.stack([low, high]), axis=1, return_counts=True)
+    ones = np.ones((pairs.shape[1], 1))
+    found = normal_lines(ones, pairs[0], pairs[1], number[None].astype(float))
+    line = np.array([[-found.coefficients[0, 0], 1.0]]) / found.deviation[0]
+    sign = np.array([[1.0, -1.0], [-1.0, 1.0]])  # the intercept is minus the first parameter
+    theta, beta, covariance = _curves(line, found.information * sign)
+    return Fragility(
+        theta=float(theta[0]),
+        beta=float(beta[0]),
+        covariance=covariance[0],
+        log_likelihood=constant - float(found.loss[0]),
+        n_levels=int(np.unique(ends).size),
+        n_total=lower.size,
+        kind=kind,
+    )
 
 
 def _require_overlap(im: FloatArray, collapses: FloatArray, n: FloatArray) -> None:
@@ -242,19 +288,17 @@ def _require_overlap(im: FloatArray, collapses: FloatArray, n: FloatArray) -> No
             f"all runs are at one level, im = {im[0]:g}, which cannot tell theta from beta; "
             "add levels"
         )
-    first_collapse = im[collapses > 0].min()
-    last_standing = im[collapses < n].max()
-    if first_collapse > last_standing:
+    first, last = im[collapses > 0].min(), im[collapses < n].max()
+    if first > last:
         raise FitError(
-            f"all runs stand up to {last_standing:g} and all collapse from {first_collapse:g} "
-            "(perfect separation), so beta tends to 0: theta lies between "
-            f"{last_standing:g} and {first_collapse:g}; add levels between them"
+            f"all runs stand up to {last:g} and all collapse from {first:g} (perfect "
+            f"separation), so beta tends to 0: theta lies between {last:g} and {first:g}; add "
+            "levels between them"
         )
-    if first_collapse == last_standing:
+    if first == last:
         raise FitError(
-            f"only the level {first_collapse:g} has both collapses and standing runs (perfect "
-            f"separation), so beta tends to 0 and theta to {first_collapse:g}; add levels close "
-            "to it"
+            f"only the level {first:g} has both collapses and standing runs (perfect "
+            f"separation), so beta tends to 0 and theta to {first:g}; add levels close to it"
         )
     if im[collapses > 0].max() <= im[collapses < n].min():
         raise _not_rising(im)
@@ -262,6 +306,6 @@ def _require_overlap(im: FloatArray, collapses: FloatArray, n: FloatArray) -> No
 
 def _not_rising(im: FloatArray) -> FitError:
     return FitError(
-        f"the share of collapses does not rise with intensity over the levels from "
+        f"the fraction of collapses does not rise with intensity over the levels from "
         f"{im.min():g} to {im.max():g}, so no lognormal curve fits; add levels or records"
     )

@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr, xlogy
 
 from archfrag.errors import FitError
-from archfrag.fragility.binomial_lines import Lines, binomial_lines
-from archfrag.fragility.curve import FloatArray
+from archfrag.fragility.curve import FloatArray, IntArray
+from archfrag.fragility.lines import Lines, binomial_lines
 from archfrag.fragility.runs import Resampling, Runs
 from archfrag.fragility.shapes import pooled
 
@@ -18,25 +17,14 @@ _TRIALS = 60
 
 @dataclass(frozen=True)
 class FitTest:
-    """Outcome of `check_lognormal`.
+    """Outcome of `check_lognormal`."""
 
-    Attributes
-    ----------
-    deviance : float
-        Twice the log-likelihood by which the isotonic curve is better than the lognormal one.
-    p_value : float
-        Probability of so large a deviance if the lognormal curve is the true one.
-    record_correlation : float
-        Correlation of ln capacity between two runs of a record that was supposed in the draws: 1
-        where no verdicts contradict each other; nan where each record serves once.
-    n_resamples : int
-        Draws that had a curve.
-    """
-
-    deviance: float
-    p_value: float
+    deviance: float  #: twice the log-likelihood by which the isotonic curve is better
+    p_value: float  #: probability of so large a deviance if the lognormal curve is the true one
+    #: Correlation of ln capacity between two runs of a record that was supposed in the draws: 1
+    #: where no verdicts contradict each other; nan where each record serves once.
     record_correlation: float
-    n_resamples: int
+    n_resamples: int  #: draws that had a curve
 
     @property
     def message(self) -> str:
@@ -147,7 +135,7 @@ def _record_correlation(runs: Runs, line: Lines, generator: np.random.Generator)
     return float(np.interp(-seen, -counts, _CORRELATIONS))
 
 
-def _cells(runs: Runs) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _cells(runs: Runs) -> tuple[IntArray, IntArray]:
     """Record and level of each run, rising levels within a record."""
     record, level = np.nonzero(runs.n)
     copies = runs.n[record, level].astype(np.int64)
@@ -155,7 +143,7 @@ def _cells(runs: Runs) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def _scatter(
-    runs: Runs, record: NDArray[np.int64], generator: np.random.Generator
+    runs: Runs, record: IntArray, generator: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
     """Normal numbers of the record and of the run, (n_run,) each."""
     return generator.standard_normal(len(runs.n))[record], generator.standard_normal(record.size)

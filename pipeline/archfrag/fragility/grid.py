@@ -23,26 +23,14 @@ _ROWS, _NODES = 28, 28
 
 @dataclass(frozen=True)
 class LineGrid:
-    """Distribution of (a, b) of z = a + b x.
+    """Distribution of (a, b) of z = a + b x, row by row; the rows are even in ln b."""
 
-    Attributes
-    ----------
-    slope : ndarray, (n_row,)
-        b, even in its logarithm.
-    mass : ndarray, (n_row,)
-        Of each row; sums to 1.
-    first, step : ndarray, (n_row,)
-        Intercepts of row i are first + step j.
-    density, below : ndarray, (n_row, n_node)
-        Of the intercept within its row, and its integral up to the node.
-    """
-
-    slope: FloatArray
-    mass: FloatArray
-    first: FloatArray
-    step: FloatArray
-    density: FloatArray
-    below: FloatArray
+    slope: FloatArray  #: (n_row,), b
+    mass: FloatArray  #: (n_row,), sums to 1
+    first: FloatArray  #: (n_row,), intercepts of row i are first + step j
+    step: FloatArray  #: (n_row,)
+    density: FloatArray  #: (n_row, n_node), of the intercept within its row
+    below: FloatArray  #: (n_row, n_node), its integral up to the node
 
     def probability(self, x: FloatArray, c: FloatArray) -> FloatArray:
         """P(a + b x <= c), shape of x and c."""
@@ -109,17 +97,10 @@ class LineGrid:
 def line_grid(
     log_density: LogDensity, x: FloatArray, slopes: tuple[float, float] | None = None
 ) -> LineGrid:
-    """Lay a grid where a density of (a, ln b) is.
+    """Lay a grid where a density of (a, ln b) is, with one peak along each row and over the rows.
 
-    Parameters
-    ----------
-    log_density : callable
-        Of intercepts (n_row, n_node) and slopes (n_row,); with one peak along each row, and the
-        masses of the rows with one peak.
-    x : ndarray, (n_level,)
-        Distinct levels, at least two: the search spans all lines that rise near or between them.
-    slopes : (float, float), optional
-        Between which b is known to be, to search less.
+    `log_density` takes intercepts (n_row, n_node) and slopes (n_row,). The search spans all lines
+    that rise near or between the distinct levels `x`, at least two, or the given `slopes`.
     """
     x = np.sort(x)
     low, high = slopes or (1e-4 / (x[-1] - x[0]), 20.0 / np.diff(x).min())
@@ -144,7 +125,9 @@ def line_grid(
     )
 
 
-def _limits(log_density, slope: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _limits(
+    log_density: LogDensity, slope: FloatArray, x: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Intercepts between which each row has its mass."""
     first, last = -_REACH - slope * x[-1], _REACH - slope * x[0]
     fraction = np.linspace(0.0, 1.0, 12)
@@ -161,7 +144,9 @@ def _limits(log_density, slope: FloatArray, x: FloatArray) -> tuple[FloatArray, 
     return first, last
 
 
-def _rows(log_density, slope, first, last, n_node):
+def _rows(
+    log_density: LogDensity, slope: FloatArray, first: FloatArray, last: FloatArray, n_node: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Log mass (n_row,), step (n_row,) and density by node relative to its greatest."""
     step = (last - first) / (n_node - 1)
     value = log_density(first[:, None] + step[:, None] * np.arange(n_node), slope)
@@ -178,13 +163,17 @@ def _integral(density: FloatArray) -> FloatArray:
     return np.maximum.accumulate(np.clip(below, 0.0, None), axis=1)
 
 
-def _cubic(t: FloatArray, low: FloatArray, high: FloatArray, p: FloatArray, q: FloatArray):
+def _cubic(
+    t: FloatArray, low: FloatArray, high: FloatArray, p: FloatArray, q: FloatArray
+) -> FloatArray:
     """Hermite's cubic between values `low`, `high` with slopes `p`, `q`, at 0 <= t <= 1."""
     rise = high - low
     return low + t * (p + t * (3.0 * rise - 2.0 * p - q + t * (p + q - 2.0 * rise)))
 
 
-def _root(function, low: FloatArray, high: FloatArray) -> FloatArray:
+def _root(
+    function: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray
+) -> FloatArray:
     """Where increasing functions cross zero, by halving."""
     low, high = low.copy(), high.copy()
     for _ in range(_HALVINGS):

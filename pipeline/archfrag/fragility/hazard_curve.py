@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from archfrag.errors import InputError
-from archfrag.fragility.curve import FloatArray, log_intensity
+from archfrag.fragility.curve import FloatArray, log_intensity, positive
 
 
 @dataclass(frozen=True)
@@ -42,13 +42,7 @@ class HazardCurve:
 
     def __post_init__(self) -> None:
         for name in ("im", "rate"):
-            values = np.asarray(getattr(self, name), dtype=float)
-            bad = values[~((values > 0.0) & np.isfinite(values))]
-            if bad.size:
-                raise InputError(
-                    f"the hazard curve's {name} holds {bad.flat[0]:g}; positive finite numbers "
-                    "are needed"
-                )
+            values = positive(getattr(self, name), f"the hazard curve's {name}")
             object.__setattr__(self, name, values)
         if self.im.ndim != 1 or self.im.shape != self.rate.shape or self.im.size < 2:
             raise InputError(
@@ -101,13 +95,7 @@ class HazardCurve:
 
     @classmethod
     def from_rates(cls, im: ArrayLike, rate: ArrayLike) -> "HazardCurve":
-        """Curve from its points, those with a rate of 0 or infinity left out.
-
-        Raises
-        ------
-        InputError
-            If what is left is no curve.
-        """
+        """Curve from its points, those with a rate of 0 or infinity left out."""
         im, rate = np.asarray(im, dtype=float), np.asarray(rate, dtype=float)
         if im.shape != rate.shape:
             return cls(im, rate)  # which refuses it
@@ -129,11 +117,6 @@ class HazardCurve:
         """Annual frequency of exceedance at intensities of any shape [1/year].
 
         At im = 0 it is infinite where the first power is above 0.
-
-        Raises
-        ------
-        InputError
-            If an intensity is negative or not a number.
         """
         x = log_intensity(im)
         knots = np.log(self.im)

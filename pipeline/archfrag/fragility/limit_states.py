@@ -5,16 +5,14 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.special import log_ndtr, ndtri
+from numpy.typing import ArrayLike
+from scipy.special import ndtri
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.curve import FloatArray, Fragility
+from archfrag.fragility.curve import FloatArray, Fragility, IntArray, positive
 from archfrag.fragility.fit import fit_stripes
-from archfrag.fragility.newton import Terms, least
+from archfrag.fragility.lines import LOG_ROOT_TWO_PI, Terms, least, log_between
 from archfrag.fragility.posterior import fit_posterior
-
-IntArray = NDArray[np.int64]
 
 _FAR = 40.0
 _FLAT = 1e-6
@@ -22,42 +20,23 @@ _FLAT = 1e-6
 
 @dataclass(frozen=True)
 class LimitState:
-    """One limit state and its curve.
-
-    Attributes
-    ----------
-    name, meaning : str
-        As given.
-    fit : Fragility or None
-        Kind ``"stripes"`` if fitted by itself, ``"ordered"`` if together with the others,
-        ``"posterior"`` if the state has no likeliest curve.
-    none : str
-        Why there is no likeliest curve; empty where there is.
-    """
+    """One limit state and its curve."""
 
     name: str
     meaning: str
+    #: Kind "stripes" if fitted by itself, "ordered" if together with the others, "posterior" if
+    #: the state has no likeliest curve.
     fit: Fragility | None
-    none: str = ""
+    none: str = ""  #: why there is no likeliest curve; empty where there is
 
 
 @dataclass(frozen=True)
 class LimitStates:
-    """Curves of limit states, from the least to the most severe.
-
-    Attributes
-    ----------
-    states : tuple of LimitState
-    common_beta : bool
-        Whether the curves have one beta, because they would have crossed.
-    n_contradictions : int
-        Cells in which a state was given as not exceeded though a more severe one was.
-    message : str
-    """
+    """Curves of limit states, from the least to the most severe."""
 
     states: tuple[LimitState, ...]
-    common_beta: bool
-    n_contradictions: int
+    common_beta: bool  #: whether the curves have one beta, because they would have crossed
+    n_contradictions: int  #: states given as not exceeded though a more severe one was
     message: str
 
 
@@ -125,19 +104,10 @@ def fit_limit_states(
 
 
 def nest_exceedance(exceeded: ArrayLike) -> tuple[IntArray, int]:
-    """Exceedance in which each state is exceeded if a more severe one is.
+    """Exceedance (..., n_state) in which each state is exceeded if a more severe one is.
 
-    Parameters
-    ----------
-    exceeded : array_like of int, (..., n_state)
-        1 exceeded, 0 not, any other number not decided; from the least severe to the most.
-
-    Returns
-    -------
-    (ndarray of int, int)
-        The same with 1, 0, and -1 for not decided; a state that is not decided is 0 where a less
-        severe one is not exceeded. And the number of states that were given as not exceeded
-        though a more severe one was.
+    1, 0, and -1 for not decided; a state that is not decided is 0 where a less severe one is not
+    exceeded. And the number of states given as not exceeded though a more severe one was.
     """
     codes = np.asarray(exceeded)
     yes = np.flip(np.logical_or.accumulate(np.flip(codes == 1, axis=-1), axis=-1), axis=-1)
@@ -212,10 +182,7 @@ def _told_apart(nested: IntArray) -> tuple[list[int], IntArray]:
 
 
 def _ordered_probit(x: FloatArray, nested: IntArray) -> list[Fragility] | None:
-    """Ordered probit with one slope: P(state i exceeded) = Phi(a_i + b (x - centre)).
-
-    None if the likeliest slope does not rise.
-    """
+    """Ordered probit with one slope, P(state i exceeded) = Phi(a_i + b x); None if it falls."""
     n_state = nested.shape[1]
     used = (nested >= 0).any(axis=1)
     x, nested = x[used], nested[used]
@@ -275,13 +242,9 @@ def _derivatives(
     lower = a[spared + 1] + np.where(bottom, 0.0, p[-1] * u)
     if np.any(upper <= lower):
         return np.inf, np.zeros_like(p), np.eye(p.size)
-    # ln(Phi(upper) - Phi(lower)) by the tail in which both are small.
-    flip = upper + lower > 0.0
-    high, low = np.where(flip, -lower, upper), np.where(flip, -upper, lower)
-    log_p = log_ndtr(high) + np.log1p(-np.exp(log_ndtr(low) - log_ndtr(high)))
-    half_log = 0.5 * np.log(2.0 * np.pi)
-    f = np.where(top, 0.0, np.exp(-0.5 * upper**2 - half_log - log_p))
-    g = np.where(bottom, 0.0, np.exp(-0.5 * lower**2 - half_log - log_p))
+    log_p = log_between(lower, upper)
+    f = np.where(top, 0.0, np.exp(-0.5 * upper**2 - LOG_ROOT_TWO_PI - log_p))
+    g = np.where(bottom, 0.0, np.exp(-0.5 * lower**2 - LOG_ROOT_TWO_PI - log_p))
     by_upper, by_lower = np.zeros((u.size, p.size)), np.zeros((u.size, p.size))
     rows = np.arange(u.size)
     by_upper[rows[~top], reached[~top] - 1] = 1.0
@@ -296,15 +259,12 @@ def _derivatives(
 
 def _checked(
     exceeded: ArrayLike, im: ArrayLike, names: Sequence[str], meanings: Sequence[str]
-) -> tuple[NDArray[np.int64], FloatArray, list[str], list[str]]:
-    codes, intensity = np.asarray(exceeded), np.asarray(im, dtype=float)
+) -> tuple[IntArray, FloatArray, list[str], list[str]]:
+    codes, intensity = np.asarray(exceeded), positive(im, "im")
     if codes.ndim != 3 or codes.size == 0:
         raise InputError(f"exceeded has shape {codes.shape}; (n_record, n_level, n_state)")
     if intensity.shape not in (codes.shape[:2], codes.shape[1:2]):
         raise InputError(f"im has shape {intensity.shape}, exceeded {codes.shape}")
-    bad = intensity[~((intensity > 0.0) & np.isfinite(intensity))]
-    if bad.size:
-        raise InputError(f"im holds {bad[0]:g}; intensities are positive finite numbers")
     labels, texts = list(names), list(meanings) or [""] * len(names)
     if len(labels) != codes.shape[2] or len(texts) != len(labels):
         raise InputError(

@@ -1,215 +1,355 @@
 """One row per intensity measure, from a grid of runs or from scattered ones."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.special import log_ndtr
+from numpy.typing import ArrayLike
+from scipy.special import chdtrc, log_ndtr, stdtr
 
 from archfrag.errors import InputError
-from archfrag.fragility.binomial_lines import binomial_lines
 from archfrag.fragility.brackets import Brackets
 from archfrag.fragility.counts import Verdict
-from archfrag.fragility.curve import FloatArray
-from archfrag.fragility.measure_fits import (
-    LogCapacities,
-    MeasureFits,
-    fit_capacities,
-    fit_verdicts,
-    log_capacities,
-    weighted_normal,
-)
+from archfrag.fragility.curve import BoolArray, FloatArray, IntArray
+from archfrag.fragility.lines import binomial_lines, inverse_mills, normal_lines
 
 SIGNIFICANCE = 0.05
+_LEAST = 5  # records with a covariate that its test needs
 
 
 @dataclass(frozen=True)
 class MeasureRow:
-    """One measure in the comparison; numbers are nan where they are not known.
-
-    Attributes
-    ----------
-    measure : str
-    theta : float
-        Median capacity, in the unit of the measure.
-    beta : float
-        Dispersion of ln capacity in the measure.
-    efficiency : float
-        beta / exponent: dispersion of the amplitude at collapse of motions scaled to one value
-        of the measure. The smaller the better; the same for a measure and its powers.
-    practicality : float
-        Slope of ln demand on ln im. Of a cloud with responses, that of the regression; else the
-        demand is the margin ln(factor / factor at collapse), whose slope is 1 / exponent.
-    proficiency : float
-        Dispersion of demand over practicality (Padgett, Nielson and DesRoches 2008, EESD 37). With
-        the margin as demand this is beta.
-    slope_magnitude, p_magnitude : float
-        Slope of ln capacity on magnitude, and the probability of so large a one by chance.
-    slope_distance, p_distance : float
-        The same on ln distance.
-    sufficient : bool or None
-        Neither p-value below 0.05; None where neither is known.
-    log_likelihood : float
-        Of the verdicts, for scattered runs.
-    n_records, n_bracketed : int
-        Records used; those whose capacity lies between two levels that were run.
-    none : str
-        Why there is no curve in this measure; empty where there is.
-    """
+    """One measure in the comparison; numbers are nan where they are not known."""
 
     measure: str
-    theta: float
-    beta: float
+    theta: float  #: median capacity, in the unit of the measure
+    beta: float  #: dispersion of ln capacity in the measure
+    #: beta / exponent: dispersion of the amplitude at collapse of motions scaled to one value of
+    #: the measure. The smaller the better; the same for a measure and its powers.
     efficiency: float
+    #: Slope of ln demand on ln im. Of a cloud with responses, that of the regression; else the
+    #: demand is the margin ln(factor / factor at collapse), whose slope is 1 / exponent.
     practicality: float
+    #: Dispersion of demand over practicality (Padgett, Nielson and DesRoches 2008, EESD 37). With
+    #: the margin as demand this is beta.
     proficiency: float
-    slope_magnitude: float
-    p_magnitude: float
-    slope_distance: float
+    slope_magnitude: float  #: of ln capacity on magnitude
+    p_magnitude: float  #: probability of so large a slope by chance
+    slope_distance: float  #: of ln capacity on ln distance
     p_distance: float
-    sufficient: bool | None
-    log_likelihood: float
-    n_records: int
-    n_bracketed: int
-    none: str = ""
+    sufficient: bool | None  #: neither p-value below 0.05; None where neither is known
+    log_likelihood: float  #: of the verdicts, for scattered runs
+    n_records: int  #: records used
+    n_bracketed: int  #: those whose capacity lies between two levels that were run
+    none: str = ""  #: why there is no curve in this measure; empty where there is
 
 
-class Compared:
-    """Runs of one arch in all measures; a measure not known for all records has fewer."""
+class MeasureFits(NamedTuple):
+    """Fits in each measure, arrays (n_measure,); nan where there is none."""
+
+    log_theta: FloatArray
+    beta: FloatArray
+    log_likelihood: FloatArray
+    slopes: FloatArray  #: (n_measure, n_covariate), of ln capacity on the covariate
+    p_values: FloatArray  #: (n_measure, n_covariate), probability of so large a one by chance
+
+
+class LogCapacities(NamedTuple):
+    """ln capacities of records in each measure, (n_measure, n_record), some as bounds only."""
+
+    lower: FloatArray  #: the middle of each record's bracket, or -inf
+    upper: FloatArray  #: the same middle, or inf
+    rounding: FloatArray  #: variance that the bracket's width adds: its square over 12, or 0
+
+    @property
+    def exact(self) -> BoolArray:
+        """Which records have a value, the same in all measures, (n_record,)."""
+        return self.lower[0] == self.upper[0]
+
+    def of(self, records: BoolArray) -> "LogCapacities":
+        """The same of some records."""
+        return LogCapacities(*(part[:, records] for part in self))  # type: ignore[call-arg]
+
+
+def log_capacities(found: Brackets, log_value: FloatArray, exponent: FloatArray) -> LogCapacities:
+    """Capacities in measures, from brackets of the scale factor of decided records.
+
+    `log_value`, (n_measure, n_record), is of the unscaled motion, `exponent`, (n_measure,), the
+    power of the scale factor in each measure.
+    """
+    known = found.bracketed
+    lower, upper = np.where(known, found.middle, (found.lower, found.upper))
+    low, high = np.where(known, (found.lower, found.upper), 1.0)
+    power = exponent[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = (
+            np.where(np.isfinite(end), log_value + power * end, end)
+            for end in (np.log(lower), np.log(upper))
+        )
+        low_end, high_end = ends
+        return LogCapacities(low_end, high_end, (power * np.log(high / low)) ** 2 / 12.0)
+
+
+def weighted_normal(known: LogCapacities, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean and deviation of ln capacity for each row of weights or of capacities, (n_fit,) each.
+
+    Without bounds they are the moments, with n - 1; with bounds the likeliest values, with the
+    same factor. The variance that the brackets' width adds is taken out (Sheppard's correction)
+    unless nothing would be left.
+    """
+    exact = known.exact
+    y, counted = np.where(exact, known.lower, 0.0), weight * exact
+    total, number = weight.sum(axis=1), counted.sum(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = (counted * y).sum(axis=1) / number
+        square = (counted * (y - mean[:, None]) ** 2).sum(axis=1) / number
+        if not exact.all():
+            # Where the values do not differ the likelihood has no maximum.
+            sound = np.flatnonzero(np.broadcast_to(square > 1e-18, mean.shape))
+            mean, square = (np.full(mean.shape, np.nan) for _ in range(2))
+            if sound.size:
+                rows = [np.broadcast_to(part, (mean.size, exact.size)) for part in known[:2]]
+                weights = np.broadcast_to(weight, rows[0].shape)
+                found = normal_lines(
+                    np.ones((exact.size, 1)), rows[0][sound], rows[1][sound], weights[sound]
+                )
+                mean[sound], square[sound] = found.coefficients[:, 0], found.deviation**2
+        square = square * total / (total - 1.0)
+        rounding = (weight * known.rounding).sum(axis=1) / number
+        square = np.where(square > rounding, square - rounding, square)
+    return mean, np.where(square > 0.0, np.sqrt(np.maximum(square, 0.0)), np.nan)
+
+
+def fit_capacities(known: LogCapacities, covariates: FloatArray) -> MeasureFits:
+    """Normal distribution of ln capacity in each measure, and its regression on each covariate.
+
+    `covariates`, (n_covariate, n_record), are nan where not known.
+    """
+    n_measure, n_record = known.lower.shape
+    log_theta, beta = weighted_normal(known, np.ones((1, n_record)))
+    slopes, p_values = (np.full((n_measure, len(covariates)), np.nan) for _ in range(2))
+    for j, used in _testable(covariates):
+        part = known.of(used)
+        slopes[:, j], p_values[:, j] = _regressions(part, covariates[j, used])
+    return MeasureFits(log_theta, beta, np.full(n_measure, np.nan), slopes, p_values)
+
+
+def _testable(covariates: FloatArray) -> list[tuple[int, BoolArray]]:
+    """Covariates that enough runs know and that vary, and which runs know them."""
+    known = [(j, np.isfinite(values)) for j, values in enumerate(covariates)]
+    return [
+        (j, used)
+        for j, used in known
+        if np.count_nonzero(used) >= _LEAST and np.ptp(covariates[j, used]) > 0.0
+    ]
+
+
+def _regressions(known: LogCapacities, covariate: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Slope of ln capacity on a covariate, and p-value, in each measure.
+
+    A t test of the slope; where there are bounds, the likelihood ratio.
+    """
+    off, exact = covariate - covariate.mean(), known.exact
+    if exact.all():
+        y = known.lower - known.lower.mean(axis=1, keepdims=True)
+        slope = y @ off / (off @ off)
+        freedom = off.size - 2
+        residual = ((y - slope[:, None] * off) ** 2).sum(axis=1) / freedom
+        with np.errstate(divide="ignore", invalid="ignore"):
+            statistic = np.abs(slope) / np.sqrt(residual / (off @ off))
+        return slope, 2.0 * stdtr(freedom, -statistic)
+    slope, p_value = (np.full(len(known.lower), np.nan) for _ in range(2))
+    if np.count_nonzero(exact) < 4:
+        return slope, p_value
+    once, constant = np.ones((1, off.size)), np.ones((off.size, 1))
+    design = np.column_stack([constant, off])
+    # Where the values lie on a line exactly the likelihood has no maximum.
+    y = known.lower[:, exact]
+    fitted = design[exact] @ np.linalg.lstsq(design[exact], y.T, rcond=None)[0]
+    sound = np.abs(y.T - fitted).max(axis=0) > 1e-9
+    ends = known.lower[sound], known.upper[sound]
+    without, found = normal_lines(constant, *ends, once), normal_lines(design, *ends, once)
+    slope[sound] = found.coefficients[:, 1]
+    p_value[sound] = chdtrc(1, np.maximum(2.0 * (without.loss - found.loss), 0.0))
+    return slope, p_value
+
+
+def fit_verdicts(log_im: FloatArray, fell: FloatArray, covariates: FloatArray) -> MeasureFits:
+    """Probit lines of verdicts on ln im in each measure, and score tests of covariates.
+
+    The score test asks whether a covariate, added to the line, would raise the likelihood (Rao
+    1948, Proc. Camb. Phil. Soc. 44); its first Newton step is the slope that is given. `log_im` is
+    (n_measure, n_run), `fell`, (n_run,), is 1 where the run collapsed and 0 where it stood.
+    """
+    lines = binomial_lines(log_im, np.broadcast_to(fell, log_im.shape), np.ones(log_im.shape))
+    sound = ~lines.degenerate
+    slopes, p_values = (np.full((len(log_im), len(covariates)), np.nan) for _ in range(2))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for j, used in _testable(covariates):
+            x, k = log_im[:, used], fell[used]
+            part = binomial_lines(x, np.broadcast_to(k, x.shape), np.ones(x.shape))
+            z = part.intercept[:, None] + part.slope[:, None] * x
+            score, information = _score(z, x, k, covariates[j, used])
+            keep = ~part.degenerate & (information > 0.0) & sound
+            slopes[keep, j] = (-score / information / part.slope)[keep]
+            p_values[keep, j] = chdtrc(1, score**2 / information)[keep]
+        parts = (-lines.intercept / lines.slope, 1.0 / lines.slope, -lines.loss)
+        theta, beta, likelihood = (np.where(sound, part, np.nan) for part in parts)
+        return MeasureFits(theta, beta, likelihood, slopes, p_values)
+
+
+def _score(
+    z: FloatArray, x: FloatArray, fell: FloatArray, extra: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Score of an added covariate, and its information given the line z, (n_measure,) each."""
+    up, down = inverse_mills(z), inverse_mills(-z)
+    first, weight = fell * up - (1.0 - fell) * down, up * down
+    extra = extra - extra.mean()
+    a, b, c = weight.sum(1), (weight * x).sum(1), (weight * x * x).sum(1)
+    u, v = weight @ extra, (weight * x) @ extra
+    determinant = np.where(a * c > b * b, a * c - b * b, np.inf)
+    taken = (c * u * u - 2.0 * b * u * v + a * v * v) / determinant
+    return first @ extra, weight @ (extra * extra) - taken
+
+
+class Compared(ABC):
+    """Runs of one arch in all measures; a measure not known for all records has fewer.
+
+    `log_value` is (n_measure, n_record), `exponent` (n_measure,), `times`, how often each resample
+    draws each record, (n_draw, n_record).
+    """
 
     def __init__(
-        self,
-        used: NDArray[np.bool_],
-        log_value: FloatArray,
-        exponent: FloatArray,
-        times: FloatArray,
+        self, used: BoolArray, log_value: FloatArray, exponent: FloatArray, times: FloatArray
     ) -> None:
-        self.log_value = log_value
-        self.exponent = exponent
-        self.times = times
+        self.log_value, self.exponent, self.times = log_value, exponent, times
         self.used = used & np.isfinite(log_value)
 
     def rows(self, names: tuple[str, ...], covariates: FloatArray) -> list[MeasureRow]:
-        rows: list[MeasureRow | None] = [None] * len(names)
+        """One row per measure; measures that the same records know are fitted together."""
+        rows: dict[int, MeasureRow] = {}
         patterns, pattern = np.unique(self.used, axis=0, return_inverse=True)
         for i, keep in enumerate(patterns):
             members = np.flatnonzero(pattern.ravel() == i)
             fits, n_bracketed = self.fit(members, keep, covariates[:, keep])
             for j, member in enumerate(members.tolist()):
-                rows[member] = self.row(names[member], member, fits, j, n_bracketed)
-        return [row for row in rows if row is not None]
+                one = MeasureFits(*(part[j] for part in fits))
+                rows[member] = self._row(names[member], member, one, n_bracketed)
+        return [rows[member] for member in sorted(rows)]
 
-    def row(
-        self, name: str, member: int, fits: MeasureFits, j: int, n_bracketed: int
-    ) -> MeasureRow:
-        exponent, beta = float(self.exponent[member]), float(fits.beta[j])
-        slopes, p_values = fits.slopes[j], fits.p_values[j]
-        known = p_values[np.isfinite(p_values)]
-        practicality = self.practicality(member)
+    def _row(self, name: str, member: int, fit: MeasureFits, n_bracketed: int) -> MeasureRow:
+        exponent, beta = float(self.exponent[member]), float(fit.beta)
+        known = fit.p_values[np.isfinite(fit.p_values)]
+        practicality, proficiency = self.practicality(member)
         none = "" if np.isfinite(beta) else self.why_none(member)
         return MeasureRow(
             measure=name,
-            theta=float(np.exp(fits.log_theta[j])),
+            theta=float(np.exp(fit.log_theta)),
             beta=beta,
             efficiency=beta / exponent if exponent > 0.0 else np.nan,
-            practicality=practicality[0],
-            proficiency=practicality[1] if np.isfinite(practicality[1]) else beta,
-            slope_magnitude=float(slopes[0]),
-            p_magnitude=float(p_values[0]),
-            slope_distance=float(slopes[1]),
-            p_distance=float(p_values[1]),
+            practicality=practicality,
+            proficiency=proficiency if np.isfinite(proficiency) else beta,
+            slope_magnitude=float(fit.slopes[0]),
+            p_magnitude=float(fit.p_values[0]),
+            slope_distance=float(fit.slopes[1]),
+            p_distance=float(fit.p_values[1]),
             sufficient=bool(np.all(known >= SIGNIFICANCE)) if known.size and not none else None,
-            log_likelihood=float(fits.log_likelihood[j]),
+            log_likelihood=float(fit.log_likelihood),
             n_records=int(np.count_nonzero(self.used[member])),
             n_bracketed=n_bracketed,
             none=none,
         )
 
     def practicality(self, member: int) -> tuple[float, float]:
-        exponent = self.exponent[member]
-        return (1.0 / float(exponent) if exponent > 0.0 else np.nan), np.nan
+        """Practicality and proficiency of a measure; nan: the latter is beta."""
+        exponent = float(self.exponent[member])
+        return (1.0 / exponent if exponent > 0.0 else np.nan), np.nan
 
+    @abstractmethod
     def fit(
-        self, members: NDArray[np.int64], keep: NDArray[np.bool_], covariates: FloatArray
+        self, members: IntArray, keep: BoolArray, covariates: FloatArray
     ) -> tuple[MeasureFits, int]:
-        raise NotImplementedError
+        """Fits of some measures from the records to keep, and the number of bracketed ones."""
 
+    @abstractmethod
     def why_none(self, member: int) -> str:
-        raise NotImplementedError
+        """Why a measure has no curve."""
 
+    @abstractmethod
     def merit(self, row: MeasureRow) -> float:
         """The larger the better."""
-        raise NotImplementedError
 
+    @abstractmethod
     def better_by(self, best: int, own: int) -> FloatArray:
         """By how much one measure is better than another in each resample; nan if unknown."""
-        raise NotImplementedError
 
 
 class GridRuns(Compared):
+    """Capacities of records, as brackets of their scale factors."""
+
     def __init__(
         self, found: Brackets, log_value: FloatArray, exponent: FloatArray, times: FloatArray
     ) -> None:
         super().__init__(found.decided > 0, log_value, exponent, times)
         self.found = found
 
-    def capacities(self, members: NDArray[np.int64], keep: NDArray[np.bool_]) -> LogCapacities:
-        return log_capacities(
-            self.found.rows(keep), self.log_value[members][:, keep], self.exponent[members]
-        )
+    def _capacities(self, members: IntArray | list[int], keep: BoolArray) -> LogCapacities:
+        log_value = self.log_value[members][:, keep]
+        return log_capacities(self.found.rows(keep), log_value, self.exponent[members])
 
-    def fit(self, members, keep, covariates):
+    def fit(
+        self, members: IntArray, keep: BoolArray, covariates: FloatArray
+    ) -> tuple[MeasureFits, int]:
         if np.count_nonzero(keep) < 2:
-            nothing = np.full(len(members), np.nan)
-            missing = np.full((len(members), len(covariates)), np.nan)
-            return MeasureFits(nothing, nothing, nothing, missing, missing), 0
-        fits = fit_capacities(self.capacities(members, keep), covariates)
-        steady = self.exponent[members] <= 0.0
-        fits.beta[steady] = fits.log_theta[steady] = np.nan
+            one, two = np.full(len(members), np.nan), np.full((len(members), 2), np.nan)
+            return MeasureFits(one, one, one, two, two), 0
+        fits = fit_capacities(self._capacities(members, keep), covariates)
+        fits.beta[self.exponent[members] <= 0.0] = np.nan
+        fits.log_theta[self.exponent[members] <= 0.0] = np.nan
         return fits, int(np.count_nonzero(self.found.bracketed & keep))
 
-    def why_none(self, member):
+    def why_none(self, member: int) -> str:
         if self.exponent[member] <= 0.0:
             return "scaling does not change this measure, so a grid has no capacity in it"
         return "fewer than two records with different capacities in this measure"
 
-    def merit(self, row):
+    def merit(self, row: MeasureRow) -> float:
         return -row.efficiency
 
-    def better_by(self, best, own):
+    def better_by(self, best: int, own: int) -> FloatArray:
         keep = self.used[best] & self.used[own]
-        known = self.capacities(np.array([best, own]), keep)
         times = self.times[:, keep]
+        betas = [weighted_normal(self._capacities([i], keep), times)[1] for i in (best, own)]
         with np.errstate(invalid="ignore", divide="ignore"):
-            betas = [weighted_normal(known.only(i), times)[1] for i in (0, 1)]
             return np.log(betas[1] / self.exponent[own]) - np.log(betas[0] / self.exponent[best])
 
 
 class ScatteredRuns(Compared):
+    """Verdicts of runs at levels of their own, one a record, and responses of those that stood."""
+
     def __init__(
         self,
-        codes: NDArray[np.int64],
+        codes: IntArray,
         log_factor: FloatArray,
         log_value: FloatArray,
         exponent: FloatArray,
         times: FloatArray,
+        response: ArrayLike | None = None,
     ) -> None:
         decided = (codes == Verdict.STANDING) | (codes == Verdict.COLLAPSED)
         super().__init__(decided, log_value, exponent, times)
         self.fell = (codes == Verdict.COLLAPSED).astype(float)
         self.log_im = log_value + exponent[:, None] * log_factor
         self.log_response: FloatArray | None = None
+        if response is not None:
+            values = np.asarray(response, dtype=float)
+            if values.shape != codes.shape:
+                raise InputError(f"response has shape {values.shape}; one per record is needed")
+            usable = (values > 0.0) & np.isfinite(values) & (self.fell == 0.0)
+            self.log_response = np.where(usable, np.log(np.where(usable, values, 1.0)), np.nan)
 
-    def use_response(self, response: ArrayLike | None) -> None:
-        if response is None:
-            return
-        values = np.asarray(response, dtype=float)
-        if values.shape != self.fell.shape:
-            raise InputError(f"response has shape {values.shape}; one per record is needed")
-        usable = (values > 0.0) & np.isfinite(values) & (self.fell == 0.0)
-        self.log_response = np.where(usable, np.log(np.where(usable, values, 1.0)), np.nan)
-
-    def practicality(self, member):
+    def practicality(self, member: int) -> tuple[float, float]:
         if self.log_response is None:
             return super().practicality(member)
         keep = self.used[member] & np.isfinite(self.log_response)
@@ -221,21 +361,21 @@ class ScatteredRuns(Compared):
         residual = y - y.mean() - slope * off
         return slope, float(np.sqrt(residual @ residual / (y.size - 2)) / slope)
 
-    def fit(self, members, keep, covariates):
+    def fit(
+        self, members: IntArray, keep: BoolArray, covariates: FloatArray
+    ) -> tuple[MeasureFits, int]:
         return fit_verdicts(self.log_im[members][:, keep], self.fell[keep], covariates), 0
 
-    def why_none(self, member):
+    def why_none(self, member: int) -> str:
         return "collapses and standing runs give no rising probit line in this measure"
 
-    def merit(self, row):
+    def merit(self, row: MeasureRow) -> float:
         return row.log_likelihood
 
-    def better_by(self, best, own):
+    def better_by(self, best: int, own: int) -> FloatArray:
         keep = self.used[best] & self.used[own]
-        gains = []
-        for member in (best, own):
-            x, fell = self.log_im[member, keep], self.fell[keep]
-            lines = binomial_lines(x, fell[None], np.ones((1, x.size)))
-            z = lines.intercept[0] + lines.slope[0] * x
-            gains.append(log_ndtr(np.where(fell == 1.0, z, -z)))
+        x, fell = self.log_im[[best, own]][:, keep], self.fell[keep]
+        lines = binomial_lines(x, np.broadcast_to(fell, x.shape), np.ones(x.shape))
+        z = lines.intercept[:, None] + lines.slope[:, None] * x
+        gains = log_ndtr(np.where(fell == 1.0, z, -z))
         return self.times[:, keep] @ (gains[0] - gains[1])

@@ -7,11 +7,11 @@ The motion of every run is known in all measures, (value of the unscaled motion)
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.brackets import find_brackets
-from archfrag.fragility.curve import FloatArray
+from archfrag.fragility.curve import FloatArray, IntArray, positive
 from archfrag.fragility.measure_rows import SIGNIFICANCE, GridRuns, MeasureRow, ScatteredRuns
 from archfrag.fragility.runs import Resampling, event_groups
 
@@ -20,60 +20,34 @@ __all__ = ["MeasureRow", "MeasureTable", "Motions", "compare_measures"]
 
 @dataclass(frozen=True)
 class Motions:
-    """What is known of the unscaled motions of a study.
+    """What is known of the unscaled motions of a study."""
 
-    Attributes
-    ----------
-    measures : sequence of str
-        Names, (n_measure,).
-    value : array_like, (n_record, n_measure)
-        Of the unscaled motions, > 0; nan where a measure is not known.
-    exponent : array_like, (n_measure,)
-        Power of the scale factor in each measure: 1 for PGA, 2 for Arias intensity, 0 for a
-        duration.
-    magnitude, distance : array_like, (n_record,), optional
-        Of the earthquake, and from it (any unit, > 0); nan where not known.
-    event : array_like of str, (n_record,), optional
-        Records of one event are resampled together.
-    """
-
-    measures: tuple[str, ...]
-    value: ArrayLike
+    measures: tuple[str, ...]  #: names, (n_measure,)
+    value: ArrayLike  #: (n_record, n_measure), > 0; nan where a measure is not known
+    #: (n_measure,), power of the scale factor in each measure: 1 for PGA, 2 for Arias intensity, 0
+    #: for a duration.
     exponent: ArrayLike
-    magnitude: ArrayLike | None = None
-    distance: ArrayLike | None = None
-    event: ArrayLike | None = None
+    magnitude: ArrayLike | None = None  #: (n_record,), of the earthquake; nan where not known
+    distance: ArrayLike | None = None  #: (n_record,), from it, any unit, > 0; likewise
+    event: ArrayLike | None = None  #: (n_record,); records of one event are resampled together
 
 
 @dataclass(frozen=True)
 class MeasureTable:
-    """Outcome of `compare_measures`.
+    """Outcome of `compare_measures`."""
 
-    Attributes
-    ----------
-    rows : tuple of MeasureRow
-        In the order of the measures given.
-    own : str
-        The study's measure.
-    best : str
-        Of the sufficient measures with a curve for all records (of all such measures if none is
-        sufficient) the most efficient one: least `efficiency` for grids, greatest
-        `log_likelihood` for scattered runs.
-    p_value : float
-        Probability that the best is no better than the study's own, times the number of measures
-        it was chosen from; 1 if it is the study's own. From the bootstrap of records: of the
-        ratio of efficiencies for grids, of the sum over runs of the difference in log-likelihood
-        for scattered runs (as Vuong 1989, Econometrica 57).
-    ratio : float
-        Efficiency of the best over that of the study's own.
-    message : str
-    """
-
-    rows: tuple[MeasureRow, ...]
-    own: str
+    rows: tuple[MeasureRow, ...]  #: in the order of the measures given
+    own: str  #: the study's measure
+    #: Of the sufficient measures with a curve for all records (of all such measures if none is
+    #: sufficient) the most efficient one: least `efficiency` for grids, greatest `log_likelihood`
+    #: for scattered runs.
     best: str
+    #: Probability that the best is no better than the study's own, times the number of measures it
+    #: was chosen from; 1 if it is the study's own. From the bootstrap of records: of the ratio of
+    #: efficiencies for grids, of the sum over runs of the difference in log-likelihood for
+    #: scattered runs (as Vuong 1989, Econometrica 57).
     p_value: float
-    ratio: float
+    ratio: float  #: efficiency of the best over that of the study's own
     message: str
 
 
@@ -143,8 +117,8 @@ def compare_measures(
     times = resampling.multiplicities(int(group.max()) + 1).astype(float)[:, group]
     compared: ScatteredRuns | GridRuns
     if codes.shape[1] == 1:
-        compared = ScatteredRuns(codes[:, 0], np.log(factors[:, 0]), log_value, exponent, times)
-        compared.use_response(response)
+        log_factor = np.log(factors[:, 0])
+        compared = ScatteredRuns(codes[:, 0], log_factor, log_value, exponent, times, response)
     elif response is not None:
         raise InputError("response belongs to scattered runs, one level a record")
     else:
@@ -203,15 +177,13 @@ def _message(
 
 def _checked(
     verdict: ArrayLike, factor: ArrayLike, motions: Motions, own: str
-) -> tuple[NDArray[np.int64], FloatArray, FloatArray, FloatArray]:
-    codes, factors = np.asarray(verdict), np.asarray(factor, dtype=float)
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+    codes, factors = np.asarray(verdict), positive(factor, "factor")
     if codes.ndim != 2 or codes.shape != factors.shape or codes.size == 0:
         raise InputError(
             f"verdict has shape {codes.shape}, factor {factors.shape}; (n_record, n_level) each"
         )
-    if not np.all((factors > 0.0) & np.isfinite(factors)):
-        raise InputError("factor holds a number that is not positive and finite")
-    value = np.asarray(motions.value, dtype=float)
+    value = positive(motions.value, "value", unknown=True)
     exponent = np.asarray(motions.exponent, dtype=float)
     names = list(motions.measures)
     if value.shape != (len(codes), len(names)) or exponent.shape != (len(names),):
@@ -223,9 +195,6 @@ def _checked(
         raise InputError(f"own is {own!r}, which is none of {', '.join(names)}")
     if not np.all(exponent >= 0.0):
         raise InputError("exponent holds a negative number; powers of the factor are 0 or more")
-    bad = value[~np.isnan(value) & ~((value > 0.0) & np.isfinite(value))]
-    if bad.size:
-        raise InputError(f"value holds {bad[0]:g}; measures are positive, nan where not known")
     return codes, factors, np.log(value.T), exponent
 
 

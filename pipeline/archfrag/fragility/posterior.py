@@ -16,11 +16,11 @@ from scipy.special import log_ndtr, ndtr
 
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.brackets import checked_brackets
-from archfrag.fragility.curve import FloatArray, Fragility, log_intensity
-from archfrag.fragility.fit import checked_stripes, fit_many
+from archfrag.fragility.counts import checked_stripes
+from archfrag.fragility.curve import Band, FloatArray, Fragility, log_intensity, tails
+from archfrag.fragility.fit import fit_many
 from archfrag.fragility.grid import LineGrid, line_grid
-from archfrag.fragility.intervals import Band, check_confidence, tails
-from archfrag.fragility.likelihood import log_between
+from archfrag.fragility.lines import log_between
 
 Terms = tuple[FloatArray, FloatArray]
 _HALF = np.array([0.5])
@@ -49,21 +49,17 @@ class Posterior:
 
     def theta_interval(self, confidence: float = 0.9) -> tuple[float, float]:
         """Central credible interval of the median capacity, unit of the levels."""
-        check_confidence(confidence)
-        low, high = self.grid.log_medians(np.array(tails(confidence)))
-        return float(np.exp(self.centre + self.width * low)), float(
-            np.exp(self.centre + self.width * high)
-        )
+        ends = self.centre + self.width * self.grid.log_medians(np.array(tails(confidence)))
+        low, high = np.exp(ends)
+        return float(low), float(high)
 
     def beta_interval(self, confidence: float = 0.9) -> tuple[float, float]:
         """Central credible interval of the dispersion."""
-        check_confidence(confidence)
         high, low = self.width / self.grid.slopes(np.array(tails(confidence)))
         return float(low), float(high)
 
     def band(self, im: ArrayLike, confidence: float = 0.9) -> Band:
         """Central credible interval of the probability of collapse at each `im`, >= 0."""
-        check_confidence(confidence)
         lower, upper = self._probabilities(im, np.array(tails(confidence)))
         return Band(lower, upper, confidence)
 
@@ -90,28 +86,8 @@ def fit_posterior(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Posterio
     beta too small; the factor cures this as the right Haar measure does for capacities, and
     stops growing where beta exceeds what the levels span, so that the prior stays proper. It
     assumes nothing of the arch but that levels were chosen to span the curve; it depends on the
-    design, so that it moves a little when runs are added. Runs that share their records are not
-    independent: use `fit_capacity_posterior`.
-
-    Parameters
-    ----------
-    im, collapses, n : array_like, (n_level,)
-        As for `fit_stripes`; single runs are levels with n = 1. All may have collapsed, or none.
-
-    Raises
-    ------
-    InputError
-        If an argument cannot be.
-    FitError
-        If there are runs at fewer than two levels.
-
-    Examples
-    --------
-    >>> from archfrag.fragility.posterior import fit_posterior
-    >>> known = fit_posterior([0.2, 0.3, 0.4, 0.6], [0, 0, 1, 1], 1)
-    >>> low, high = known.theta_interval(0.9)
-    >>> low < 0.35 < high
-    True
+    design, so that it moves a little when runs are added. Arguments as for `fit_stripes`; all
+    runs may have collapsed, or none, but they must be at two levels or more (else FitError).
     """
     im, collapses, n = checked_stripes(im, collapses, n)
     levels, place = np.unique(im[n > 0], return_inverse=True)
@@ -130,7 +106,8 @@ def fit_posterior(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Posterio
         weight = m * np.exp(-z * z - small - large)
         total, first, second = weight.sum(axis=-1), weight @ x, weight @ (x * x)
         tilt = np.log(b / (b + 1.0 / (x[-1] - x[0])))
-        return likelihood, _log_root(total * second - first**2) + tilt[:, None]
+        determinant = np.maximum(total * second - first**2, 1e-250)
+        return likelihood, 0.5 * np.log(determinant) + tilt[:, None]
 
     slopes = _known_slopes(np.exp(x), k, m)
     return _summed(terms, x, (centre, width), int(m.sum()), slopes)
@@ -139,7 +116,7 @@ def fit_posterior(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Posterio
 def fit_capacity_posterior(
     lower: ArrayLike, upper: ArrayLike, n_effective: float | None = None
 ) -> Posterior:
-    """Posterior of the curve of records whose capacities lie in brackets.
+    """Posterior of the curve of records whose capacities lie in brackets, lower < upper.
 
     Prior: the right Haar measure 1 / beta of (ln theta, beta), under which the intervals of a
     normal sample are exact (Student's t for theta, chi-square for beta, the non-central t for
@@ -147,23 +124,8 @@ def fit_capacity_posterior(
     ln im, so that it stays proper where one capacity would agree with all records, and times
     1 / (1 + (beta / r)^2) with r that of all their ends, so that it does where few records are
     bracketed from both sides. Assumes lognormal, independent capacities, and a beta between
-    what the levels resolve and what they span.
-
-    Parameters
-    ----------
-    lower, upper : array_like, (n_record,)
-        As for `fit_brackets`, but lower < upper.
-    n_effective : float, optional
-        Independent records that these are worth; all if left out. The likelihood is raised to
-        the power n_effective / n.
-
-    Raises
-    ------
-    InputError
-        If an argument cannot be, or a capacity is exact.
-    FitError
-        If no capacity is known to be above any level, or none to be below, or there is one end
-        only.
+    what the levels resolve and what they span. The likelihood is raised to the power
+    `n_effective` / n where records are worth fewer independent ones.
     """
     lower, upper = checked_brackets(lower, upper)
     if np.any(lower == upper):
@@ -208,10 +170,6 @@ def _known_slopes(levels: FloatArray, k: FloatArray, m: FloatArray) -> tuple[flo
         return None
     reach = np.exp(9.0 * error / beta)
     return 1.0 / (beta * reach), reach / beta
-
-
-def _log_root(determinant: FloatArray) -> FloatArray:
-    return 0.5 * np.log(np.maximum(determinant, 1e-250))
 
 
 def _require_two(levels: FloatArray) -> None:

@@ -12,8 +12,7 @@ from scipy.special import ndtr
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.brackets import Brackets, find_brackets
 from archfrag.fragility.counts import Verdict, count_verdicts
-from archfrag.fragility.curve import FloatArray, Fragility
-from archfrag.fragility.intervals import Band
+from archfrag.fragility.curve import Band, FloatArray, Fragility
 from archfrag.fragility.posterior import Posterior, fit_capacity_posterior, fit_posterior
 
 SAME_RECORDS = ("stripes", "ida", "two_stage")
@@ -23,37 +22,17 @@ _RHO_ERRORS = 0.5
 
 @dataclass(frozen=True)
 class QuotedBand:
-    """The curve of a study, how well it is known, and on what assumptions.
+    """The curve of a study, how well it is known, and on what assumptions."""
 
-    Attributes
-    ----------
-    curve : Fragility
-        Medians of theta and beta, kind ``"posterior"``.
-    theta, beta : (float, float)
-        Intervals; theta in the unit of the levels.
-    im : ndarray
-        Intensities of the band.
-    band : Band
-        Of the probability of collapse at `im`.
-    method : str
-        Name of the method, for a caption.
-    assumptions : str
-        One sentence.
-    n_independent : float
-        Records or runs that the data are worth.
-    n_islands : int
-        Runs against the bracket of their record (see `Brackets`).
-    """
-
-    curve: Fragility
-    theta: tuple[float, float]
-    beta: tuple[float, float]
-    im: FloatArray
-    band: Band
-    method: str
+    curve: Fragility  #: medians of theta and beta, kind "posterior"
+    theta: tuple[float, float]  #: interval, in the unit of the levels
+    beta: tuple[float, float]  #: interval
+    im: FloatArray  #: intensities of the band
+    band: Band  #: of the probability of collapse at `im`
+    method: str  #: name of the method, for a caption
     assumptions: str
-    n_independent: float
-    n_islands: int
+    n_independent: float  #: records or runs that the data are worth
+    n_islands: int  #: runs against the bracket of their record (see `Brackets`)
 
 
 def quoted_band(
@@ -86,7 +65,7 @@ def quoted_band(
         Label of what rows share, such as the event of each record. Rows of one group are worth
         fewer, by how alike their capacities are.
     unit : str
-        What a group is, for the sentence on assumptions.
+        What a group is, for `assumptions`.
 
     Raises
     ------
@@ -193,17 +172,12 @@ def shared_events(event: ArrayLike) -> NDArray[np.str_] | None:
 
 
 def independent_records(found: Brackets, groups: ArrayLike) -> float:
-    """Independent records that records of shared events are worth.
+    """Independent records that records of two or more shared events are worth.
 
     n / (1 + (m - 1) rho) with m = sum n_i^2 / n the records of an event (Kish 1965, Survey
     Sampling) and rho the correlation within events, by analysis of variance of ln capacity. As
     rho is poorly known from few events, half its standard error is added: without it 90 % bands
     held the truth in 84 to 88 % at 4 to 8 events of 3 records and rho = 0.5.
-
-    Raises
-    ------
-    FitError
-        If there is only one event.
     """
     events, place, size = np.unique(np.asarray(groups), return_inverse=True, return_counts=True)
     n, n_event = place.size, events.size

@@ -6,17 +6,18 @@ such piece the integral has a closed form, so that nothing is lost by quadrature
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import log_ndtr, ndtr
+from scipy.special import ndtr
 
 from archfrag.errors import InputError
-from archfrag.fragility.curve import FloatArray, Fragility
+from archfrag.fragility.curve import FloatArray, Fragility, positive, rising, tails
 from archfrag.fragility.hazard_curve import HazardCurve
-from archfrag.fragility.intervals import check_confidence
+from archfrag.fragility.lines import log_between
 
-__all__ = ["CollapseRate", "TabulatedCurve", "collapse_rate", "rate_by_level"]
+__all__ = ["CollapseRate", "collapse_rate", "parameter_draws", "rate_by_level"]
 
 # A steep first slope of the hazard and a wide curve overflow; such a rate stays finite, and all
 # of it is seen to be from below the hazard curve.
@@ -24,70 +25,18 @@ _LARGEST_LOG = 600.0
 
 
 @dataclass(frozen=True)
-class TabulatedCurve:
-    """Probabilities of collapse at several intensities, linear in ln im between them.
-
-    Below the first point the probability is 0, above the last one that of the last.
-
-    Attributes
-    ----------
-    im : ndarray, (n,)
-        Increasing, > 0.
-    probability_of_collapse : ndarray, (n,)
-        From 0 to 1, not falling.
-
-    Raises
-    ------
-    InputError
-        If the arrays are none of this.
-    """
-
-    im: FloatArray
-    probability_of_collapse: FloatArray
-
-    def __post_init__(self) -> None:
-        im = np.asarray(self.im, dtype=float)
-        p = np.asarray(self.probability_of_collapse, dtype=float)
-        if im.ndim != 1 or im.shape != p.shape or im.size == 0:
-            raise InputError(
-                f"the curve's im has shape {im.shape}, its probabilities {p.shape}; two lists of "
-                "one number per point are needed"
-            )
-        if not (np.all(im > 0.0) and np.all(np.isfinite(im)) and np.all(np.diff(im) > 0.0)):
-            raise InputError("the curve's im must be positive finite numbers that increase")
-        if not (np.all(p >= 0.0) and np.all(p <= 1.0) and np.all(np.diff(p) >= 0.0)):
-            raise InputError("the curve's probabilities must lie from 0 to 1 and never fall")
-        object.__setattr__(self, "im", im)
-        object.__setattr__(self, "probability_of_collapse", p)
-
-    def probability(self, im: ArrayLike) -> FloatArray:
-        """Probability of collapse at intensities of any shape."""
-        with np.errstate(divide="ignore"):
-            x = np.log(np.asarray(im, dtype=float))
-        return np.interp(x, np.log(self.im), self.probability_of_collapse, left=0.0)
-
-
-@dataclass(frozen=True)
 class CollapseRate:
     """Mean annual frequency of collapse and its band.
 
-    Attributes
-    ----------
-    rate : float
-        [1/year], of the curve as fitted.
-    lower, upper : float
-        Ends of the band [1/year]; nan where no draws were given. Only the uncertainty of the
-        fragility curve's parameters is in it, none of the hazard.
-    confidence : float
-    below, above : float
-        Fraction of `rate` from intensities below the first and above the last point of the hazard
-        curve, where its extension is an assumption.
+    Only the uncertainty of the fragility curve's parameters is in the band, none of the hazard.
     """
 
-    rate: float
-    lower: float
+    rate: float  #: of the curve as fitted [1/year]
+    lower: float  #: ends of the band [1/year]; nan where no draws were given
     upper: float
     confidence: float
+    #: Fraction of `rate` from intensities below the first and above the last point of the hazard
+    #: curve, where its extension is an assumption.
     below: float
     above: float
 
@@ -102,24 +51,18 @@ class CollapseRate:
         return 1.0 / self.rate if self.rate > 0.0 else np.inf
 
     def probability_in(self, years: float) -> tuple[float, float, float]:
-        """Probability of a collapse in a time, with its band: 1 - exp(-rate years).
+        """Probability of a collapse in some years, with its band: 1 - exp(-rate years).
 
         Collapses are a Poisson process: the arch is put up again at once each time.
-
-        Raises
-        ------
-        InputError
-            If `years` is not positive.
         """
-        if not 0.0 < years < np.inf:
-            raise InputError(f"years is {years:g}; a positive finite time is needed")
+        positive(years, "years")
         value, low, high = -np.expm1(-years * np.array([self.rate, self.lower, self.upper]))
         return float(value), float(low), float(high)
 
 
 def collapse_rate(
     hazard: HazardCurve,
-    curve: Fragility | TabulatedCurve,
+    curve: Fragility,
     draws: tuple[ArrayLike, ArrayLike] | None = None,
     confidence: float = 0.9,
 ) -> CollapseRate:
@@ -129,10 +72,10 @@ def collapse_rate(
     ----------
     hazard : HazardCurve
         Intensity in the unit of the curve.
-    curve : Fragility or TabulatedCurve
+    curve : Fragility
     draws : (array_like, array_like), each (n_draw,), optional
         theta and beta as uncertain as they are, from
-        `archfrag.fragility.parameters.parameter_draws` or a bootstrap; the band runs between the
+        `parameter_draws` or a bootstrap; the band runs between the
         quantiles of their rates.
     confidence : float
         Two-sided, between 0 and 1.
@@ -156,28 +99,25 @@ def collapse_rate(
     >>> round(float(found.rate / (1e-4 * 0.5**-2.5 * np.exp(0.5))), 12)
     1.0
     """
-    check_confidence(confidence)
+    ends = tails(confidence)
     parts = rate_by_level(hazard, curve, hazard.im[[0, -1]])
     rate = float(parts.sum())
     lower = upper = np.nan
     if draws is not None:
         pieces = _pieces(hazard, np.empty(0))
         rates = _lognormal(pieces, *_parameters(*draws)).sum(axis=-1)
-        tail = 0.5 - 0.5 * confidence
-        lower, upper = map(float, np.quantile(rates, [tail, 1.0 - tail]))
+        lower, upper = map(float, np.quantile(rates, ends))
     below, _, above = parts / rate if rate > 0.0 else (0.0, 0.0, 0.0)
     return CollapseRate(rate, lower, upper, confidence, float(below), float(above))
 
 
-def rate_by_level(
-    hazard: HazardCurve, curve: Fragility | TabulatedCurve, edges: ArrayLike
-) -> FloatArray:
+def rate_by_level(hazard: HazardCurve, curve: Fragility, edges: ArrayLike) -> FloatArray:
     """Rate of collapse by motions of each range of intensity.
 
     Parameters
     ----------
     hazard : HazardCurve
-    curve : Fragility or TabulatedCurve
+    curve : Fragility
     edges : array_like, (n_edge,)
         Increasing, > 0.
 
@@ -192,26 +132,82 @@ def rate_by_level(
     InputError
         If the edges are not positive and increasing.
     """
-    edges = np.asarray(edges, dtype=float)
-    if edges.ndim != 1 or not np.all(edges > 0.0) or not np.all(np.diff(edges) > 0.0):
-        raise InputError("edges must be a list of positive intensities that increase")
-    if isinstance(curve, TabulatedCurve):
-        pieces = _pieces(hazard, np.concatenate([edges, curve.im]))
-        rates = _tabulated(pieces, curve)
-    else:
-        pieces = _pieces(hazard, edges)
-        rates = _lognormal(pieces, *_parameters(curve.theta, curve.beta))
+    edges = rising(edges, "edges")
+    pieces = _pieces(hazard, edges)
+    rates = _lognormal(pieces, *_parameters(curve.theta, curve.beta))
     level = np.searchsorted(np.log(edges), pieces.left, side="right")
     return np.bincount(level, weights=rates, minlength=edges.size + 1).astype(float)
 
 
-@dataclass(frozen=True)
-class _Pieces:
+def parameter_draws(
+    fit: Fragility, seed: int, n_record: int | None = None, draws: int = 4000
+) -> tuple[FloatArray, FloatArray]:
+    """theta and beta as uncertain as the data leave them.
+
+    Where the data are the capacities of n records, or n records serve at all levels (which tell
+    no more than their n capacities do): from the distributions of mean and variance of a normal
+    sample, (n - 1) s^2 / sigma^2 being chi-squared and the mean normal about the true one by
+    sigma / sqrt(n) (the reference posterior; Box and Tiao 1973, section 2.4). Otherwise (ln theta,
+    ln beta) are normal with the covariance of the fit, as they also are where that is the wider
+    one, for instance as the levels end below the median.
+
+    Parameters
+    ----------
+    fit : Fragility
+        Of kind ``"posterior"``: its covariance is that of the posterior, which already knows what
+        the data are worth, and nothing is widened.
+    seed : int
+        Of numpy's default generator.
+    n_record : int, optional
+        Records that served at all levels; None if every run had a record of its own.
+    draws : int
+
+    Returns
+    -------
+    (ndarray, ndarray), each (draws,)
+
+    Raises
+    ------
+    InputError
+        If the covariance is not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from archfrag.fragility.curve import Fragility
+    >>> from archfrag.fragility.risk import parameter_draws
+    >>> fit = Fragility(0.5, 0.4, np.eye(2) * 1e-4, 0.0, 1, 1, "stripes")
+    >>> [round(float(np.median(draws)), 2) for draws in parameter_draws(fit, seed=1)]
+    [0.5, 0.4]
+    """
+    generator = np.random.default_rng(seed)
+    count = fit.n_total if fit.kind == "ida" else n_record
+    if fit.kind == "posterior":
+        count = None
+    variances = np.diag(fit.covariance)
+    if count is not None and count > 1:
+        of_sample = fit.beta**2 * np.array([1.0 / count, 0.5 / (count - 1)])
+        if fit.kind == "ida" or np.all(variances <= of_sample):
+            beta = fit.beta * np.sqrt((count - 1) / generator.chisquare(count - 1, draws))
+            noise = generator.standard_normal(draws) / np.sqrt(count)
+            return fit.theta * np.exp(beta * noise), beta
+        scale = np.sqrt(np.maximum(of_sample / variances, 1.0))
+    else:
+        scale = np.ones(2)
+    jacobian = np.diag(scale / np.array([1.0, fit.beta]))
+    covariance = jacobian @ fit.covariance @ jacobian.T
+    if not np.isfinite(covariance).all():
+        raise InputError("the fit's covariance is not finite, so its rate has no band")
+    shift = generator.multivariate_normal(np.zeros(2), covariance, draws, method="eigh")
+    return fit.theta * np.exp(shift[:, 0]), fit.beta * np.exp(shift[:, 1])
+
+
+class _Pieces(NamedTuple):
     """Where the hazard is one power: ln im from `left` to `right`, all arrays (n_piece,)."""
 
     left: FloatArray
     right: FloatArray
-    anchor: FloatArray  # ln im at which the rate is exp(log_rate)
+    anchor: FloatArray  #: ln im at which the rate is exp(log_rate)
     log_rate: FloatArray
     slope: FloatArray
 
@@ -236,12 +232,7 @@ def _pieces(hazard: HazardCurve, edges: FloatArray) -> _Pieces:
 
 def _parameters(theta: ArrayLike, beta: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """ln theta and beta with an axis for the pieces."""
-    theta, beta = np.asarray(theta, dtype=float), np.asarray(beta, dtype=float)
-    for name, values in (("theta", theta), ("beta", beta)):
-        bad = values[~((values > 0.0) & np.isfinite(values))]
-        if bad.size:
-            raise InputError(f"{name} holds {bad.flat[0]:g}; positive finite numbers are needed")
-    return np.log(theta)[..., None], beta[..., None]
+    return np.log(positive(theta, "theta"))[..., None], positive(beta, "beta")[..., None]
 
 
 def _lognormal(pieces: _Pieces, log_theta: FloatArray, beta: FloatArray) -> FloatArray:
@@ -253,7 +244,7 @@ def _lognormal(pieces: _Pieces, log_theta: FloatArray, beta: FloatArray) -> Floa
     k = pieces.slope
     a, b = (pieces.left - log_theta) / beta, (pieces.right - log_theta) / beta
     log_centre = pieces.log_rate - k * (log_theta - pieces.anchor) + 0.5 * (k * beta) ** 2
-    log_moved = log_centre + _log_difference(a + k * beta, b + k * beta)
+    log_moved = log_centre + log_between(a + k * beta, b + k * beta)
     moved = np.exp(np.minimum(log_moved, _LARGEST_LOG))
     lower = np.where(np.isneginf(pieces.left), 0.0, ndtr(a) * _finite_rate(pieces, pieces.left))
     upper = np.where(np.isposinf(pieces.right), 0.0, ndtr(b) * _finite_rate(pieces, pieces.right))
@@ -263,34 +254,3 @@ def _lognormal(pieces: _Pieces, log_theta: FloatArray, beta: FloatArray) -> Floa
 
 def _finite_rate(pieces: _Pieces, x: FloatArray) -> FloatArray:
     return pieces.rate_at(np.where(np.isfinite(x), x, pieces.anchor))
-
-
-def _log_difference(a: FloatArray, b: FloatArray) -> FloatArray:
-    """ln(Phi(b) - Phi(a)) for a < b, without cancellation in either tail."""
-    swap = a > 0.0
-    a, b = np.where(swap, -b, a), np.where(swap, -a, b)
-    upper = log_ndtr(b)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.where(np.isneginf(upper), 0.0, np.exp(log_ndtr(a) - upper))
-        return upper + np.log1p(-ratio)
-
-
-def _tabulated(pieces: _Pieces, curve: TabulatedCurve) -> FloatArray:
-    """Rates of a tabulated curve on each piece, (n_piece,); its points are cuts.
-
-    P = p0 + q (x - x0) and lambda = c e^(-k x) give p0 lambda0 - p1 lambda1 + q (lambda0 -
-    lambda1) / k.
-    """
-    knots = np.log(curve.im)
-    inside = (pieces.left >= knots[0]) & (pieces.slope > 0.0)
-    left = np.where(inside, pieces.left, pieces.anchor)
-    first, last = pieces.rate_at(left), np.zeros(left.size)
-    bounded = inside & np.isfinite(pieces.right)
-    right = np.where(bounded, pieces.right, left)
-    last[bounded] = pieces.rate_at(right)[bounded]
-    p0 = np.interp(left, knots, curve.probability_of_collapse)
-    p1 = np.interp(right, knots, curve.probability_of_collapse)
-    width = np.where(bounded, right - left, 1.0)
-    k = np.where(pieces.slope > 0.0, pieces.slope, 1.0)
-    rates = p0 * first - p1 * last + (p1 - p0) / width * (first - last) / k
-    return np.where(inside, np.maximum(rates, 0.0), 0.0)

@@ -3,14 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict
-from archfrag.fragility.curve import FloatArray
-from archfrag.fragility.intervals import check_confidence, tails
-
-IntArray = NDArray[np.int64]
+from archfrag.fragility.curve import FloatArray, IntArray, positive, tails
 
 MOST_LEVELS = 500
 MOST_GROUPS = 2000
@@ -39,7 +36,7 @@ class Resampling:
             raise InputError(
                 f"resamples is {self.resamples}; at least 100 are needed for quantiles"
             )
-        check_confidence(self.confidence)
+        tails(self.confidence)
 
     @property
     def generator(self) -> np.random.Generator:
@@ -170,10 +167,7 @@ def gather_runs(
     decided = (codes == Verdict.STANDING) | (codes == Verdict.COLLAPSED)
     if not decided.any():
         raise InputError("verdict holds no run that collapsed or stood")
-    used = intensity[decided]
-    if not np.all((used > 0.0) & np.isfinite(used)):
-        bad = used[~((used > 0.0) & np.isfinite(used))][0]
-        raise InputError(f"im holds {bad:g}; intensities are positive finite numbers")
+    used = positive(intensity[decided], "im")
     n_record = int(row.max()) + 1
     group = event_groups(event, n_record)
     levels, column = _levels(used)

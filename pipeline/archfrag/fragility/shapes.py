@@ -7,17 +7,15 @@ from numpy.typing import ArrayLike
 from scipy.optimize import isotonic_regression
 from scipy.special import ndtr
 
-from archfrag.errors import FitError, InputError
-from archfrag.fragility.binomial_lines import binomial_lines
-from archfrag.fragility.curve import FloatArray, log_intensity
-from archfrag.fragility.intervals import Band, tails
+from archfrag.errors import FitError
+from archfrag.fragility.curve import Band, FloatArray, log_intensity, positive, tails
+from archfrag.fragility.lines import binomial_lines
 from archfrag.fragility.runs import Resampling, Runs
 
 _FOLDS = 5
 _CANDIDATES = 7
 _GRID = 17
 _BINS = 40
-_DEGREES = ("constant", "linear")
 
 
 @dataclass(frozen=True)
@@ -25,35 +23,18 @@ class FreeCurve:
     """A curve given by its values at some intensities, with the draws of its bootstrap.
 
     Between the intensities it is linear in ln im; beyond them it keeps its last value, for the
-    data say nothing there.
-
-    Attributes
-    ----------
-    kind : str
-        ``"isotonic"`` or ``"kernel"``.
-    im, value : ndarray, (n_point,)
-        Intensities, rising, and probabilities of collapse there.
-    confidence : float
-        Two-sided, of the band.
-    bandwidth : float
-        Of the kernel, in ln im; nan for the isotonic curve.
+    data hold nothing there.
     """
 
-    kind: str
-    im: FloatArray
-    value: FloatArray
-    confidence: float
-    bandwidth: float = np.nan
+    kind: str  #: "isotonic" or "kernel"
+    im: FloatArray  #: (n_point,), rising
+    value: FloatArray  #: (n_point,), probabilities of collapse at `im`
+    confidence: float  #: two-sided, of the band
+    bandwidth: float = np.nan  #: of the kernel, in ln im
     _draws: FloatArray = field(repr=False, compare=False, default_factory=lambda: np.empty((0, 0)))
 
     def probability(self, im: ArrayLike) -> FloatArray:
-        """Probability of collapse at intensity `im`, same shape.
-
-        Raises
-        ------
-        InputError
-            If an intensity is negative or not a number.
-        """
+        """Probability of collapse at intensities >= 0 of any shape."""
         return np.interp(log_intensity(im), np.log(self.im), self.value)
 
     def band(self, im: ArrayLike) -> Band:
@@ -66,11 +47,6 @@ class FreeCurve:
         curve (beta 0.4, 15 levels, 200 studies, standard error 2 %) at p = 0.1, 0.25, 0.5, 0.75,
         0.9 in 86, 90, 88, 87, 79 % with 24 records and in 88, 86, 88, 86, 81 % with 44
         (isotonic), and within 4 % of that for the kernel.
-
-        Raises
-        ------
-        InputError
-            If an intensity is negative or not a number.
         """
         x, nodes = log_intensity(im), np.log(self.im)
         place = np.clip(np.searchsorted(nodes, x.ravel()), 1, len(nodes) - 1)
@@ -125,36 +101,29 @@ def pooled(collapses: FloatArray, n: FloatArray) -> FloatArray:
 
 
 def kernel_curve(
-    runs: Runs,
-    resampling: Resampling,
-    *,
-    degree: str = "linear",
-    bandwidth: float | None = None,
+    runs: Runs, resampling: Resampling, *, bandwidth: float | None = None
 ) -> FreeCurve:
-    """Local likelihood: at each intensity, a probit fit to the runs near it.
+    """Local likelihood: at each intensity, a probit line fitted to the runs near it.
 
-    Runs count by a Gaussian kernel in ln im. The local fit is a probit line ('linear'; Fan,
-    Heckman and Wand 1995, J. Am. Stat. Assoc. 90), which for a wide kernel is the lognormal
-    curve itself, or a fraction ('constant'; Nadaraya-Watson). The curve may fall where the data
-    do. The bandwidth, if not given, is the one of seven from the mean distance of the levels to
-    twice their range under which records left out (a fifth at a time, events together) are
-    likeliest; the band is drawn with this bandwidth kept. More than 40 levels are gathered into
-    40 of neighbours.
+    Runs count by a Gaussian kernel in ln im (Fan, Heckman and Wand 1995, J. Am. Stat. Assoc. 90);
+    for a wide kernel the curve is the lognormal one itself. It may fall where the data do. The
+    bandwidth, if not given, is the one of seven from the mean distance of the levels to twice
+    their range under which records left out (a fifth at a time, events together) are likeliest;
+    the band is drawn with this bandwidth kept. More than 40 levels are gathered into 40 of
+    neighbours.
 
     Parameters
     ----------
     runs : Runs
         From `gather_runs`, of at least two levels.
     resampling : Resampling
-    degree : str
-        ``"linear"`` or ``"constant"``.
     bandwidth : float, optional
         Standard deviation of the kernel in ln im, > 0.
 
     Raises
     ------
     InputError
-        If `degree` or `bandwidth` cannot be.
+        If `bandwidth` cannot be.
     FitError
         If all runs are at one level.
 
@@ -168,45 +137,33 @@ def kernel_curve(
     True
     """
     _require_levels(runs)
-    if degree not in _DEGREES:
-        raise InputError(f"degree is {degree!r}; it is one of {', '.join(_DEGREES)}")
-    if bandwidth is not None and not 0.0 < bandwidth < np.inf:
-        raise InputError(f"bandwidth is {bandwidth:g}; a positive number in ln im is needed")
+    if bandwidth is not None:
+        positive(bandwidth, "bandwidth")
     runs = runs.binned(_BINS)
     x = np.log(runs.levels)
     nodes = np.linspace(x[0], x[-1], _GRID)
-    width = bandwidth if bandwidth is not None else _bandwidth(runs, x, nodes, degree)
+    width = bandwidth if bandwidth is not None else _bandwidth(runs, x, nodes)
     collapses, n = (part[None] for part in runs.totals)
-    value = _local(x, collapses, n, nodes, width, degree)[0]
-    draws = _local(x, *runs.resample(resampling), nodes, width, degree)
+    value = _local(x, collapses, n, nodes, width)[0]
+    draws = _local(x, *runs.resample(resampling), nodes, width)
     return FreeCurve(
         "kernel", np.exp(nodes), value, resampling.confidence, bandwidth=width, _draws=draws
     )
 
 
 def _local(
-    x: FloatArray,
-    collapses: FloatArray,
-    n: FloatArray,
-    nodes: FloatArray,
-    width: float,
-    degree: str,
+    x: FloatArray, collapses: FloatArray, n: FloatArray, nodes: FloatArray, width: float
 ) -> FloatArray:
     """Local fits of each data set at each node, (n_fit, n_node)."""
     kernel = np.exp(-0.5 * ((x - nodes[:, None]) / width) ** 2)
     kernel /= kernel.max(axis=1, keepdims=True)
-    weighted_runs = n @ kernel.T
-    if degree == "constant":
-        smallest = np.finfo(float).tiny
-        return np.clip(collapses @ kernel.T / np.maximum(weighted_runs, smallest), 0.0, 1.0)
-    values = np.empty(weighted_runs.shape)
-    distinct = x[None, :]
+    values = np.empty((len(n), nodes.size))
     for j, node in enumerate(nodes):
         near = kernel[j] > 1e-8
         if np.count_nonzero(near) < 2:
             near = np.argsort(np.abs(x - node)) < 2
         lines = binomial_lines(
-            distinct[:, near] - node,
+            x[near] - node,
             collapses[:, near] * kernel[j, near],
             n[:, near] * kernel[j, near],
         )
@@ -214,7 +171,7 @@ def _local(
     return values
 
 
-def _bandwidth(runs: Runs, x: FloatArray, nodes: FloatArray, degree: str) -> float:
+def _bandwidth(runs: Runs, x: FloatArray, nodes: FloatArray) -> float:
     """Bandwidth under which the records left out are likeliest."""
     extent = x[-1] - x[0]
     candidates = np.geomspace(
@@ -231,7 +188,7 @@ def _bandwidth(runs: Runs, x: FloatArray, nodes: FloatArray, degree: str) -> flo
     k_out, n_out = all_collapses - collapses, all_n - n
     scores = []
     for width in candidates:
-        values = _local(x, collapses, n, nodes, float(width), degree)
+        values = _local(x, collapses, n, nodes, float(width))
         p = np.stack([np.interp(x, nodes, value) for value in values])
         p = np.clip(p, 1e-4, 1.0 - 1e-4)
         scores.append(np.sum(k_out * np.log(p) + (n_out - k_out) * np.log1p(-p)))

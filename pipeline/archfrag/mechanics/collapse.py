@@ -2,7 +2,7 @@
 
 A joint whose last contact has vanished is noted and the motion goes on, since bodies may land
 again. A collapse is a loss that is not regained (METHOD of Sinopoli, section 3.5): the gap at both
-corners has passed a limit, the faces no longer overlap, or a joint has turned by 90 degrees.
+corners has passed a limit, the faces no longer overlap, or a joint has rotated by 90 degrees.
 """
 
 import math

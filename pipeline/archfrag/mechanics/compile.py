@@ -1,7 +1,7 @@
 """How kernels are compiled: IEEE division, no reordering of sums, each once, kept on disk.
 
 A kernel is compiled for the kernels that call it without what only a call from Python needs: the
-wrapper that unpacks its arguments, hundreds of them for a whole chain, and machine code of its
+wrapper that unpacks its arguments, hundreds of them for a full chain, and machine code of its
 own beside the copy in its caller. A call from Python has it compiled with both. Numbers written
 out in a call make no version of their own.
 """
@@ -39,8 +39,8 @@ PATIENCE = 600.0
 class KernelCache(NullCache):
     """Compiled versions of one kernel: a file for each, named after the types of its arguments.
 
-    Each file appears whole or not at all and names no other file, so that processes may write at
-    the same time. A file that is damaged, or is of something else, counts as missing.
+    Each file appears module_ir or not at all and names no other file, so that processes may
+    write at the same time. A file that is damaged, or is of something else, counts as missing.
     """
 
     def __init__(self, py_func: Callable, options: dict[str, Any]) -> None:
@@ -76,7 +76,7 @@ class KernelCache(NullCache):
         path = self.path(sig, data.target_context)
         if path is None or data.library.has_dynamic_globals:
             return
-        called = sorted(_Compiled.under_way[-1])
+        called = sorted(_Compiled.compiling[-1])
         content = dumps((self._what, sig, called, data._reduce()))
         temporary = path.with_name(f"{path.name}.{uuid.uuid4().hex[:8]}.tmp")
         try:
@@ -97,7 +97,7 @@ class KernelCache(NullCache):
         lock = path.with_suffix(".lock")
         try:
             file = os.open(lock, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
-        except OSError:  # no room or no right: saving will say so
+        except OSError:  # no space or no permission: saving will report it
             yield
             return
         try:
@@ -139,10 +139,10 @@ def read_version(path: Path) -> tuple[str, Any, list[str], Any] | None:
         versions that it calls, and numba's result; None if there is no such file or it is damaged.
     """
     try:
-        whole = path.read_bytes()
+        module_ir = path.read_bytes()
     except OSError:
         return None
-    digest, content = whole[:32], whole[32:]
+    digest, content = module_ir[:32], module_ir[32:]
     return loads(content) if hashlib.sha256(content).digest() == digest else None
 
 
@@ -173,7 +173,7 @@ class _ForLinking(JITCodeLibrary):
     """Code of a kernel that is only linked into its callers, and optimised there, once.
 
     What is made machine code in its place are the variables in which numba keeps what belongs to
-    a function; a caller's copy shares them.
+    a function; they are common to a caller's copies.
     """
 
     def _optimize_final_module(self) -> None:
@@ -184,12 +184,12 @@ class _ForLinking(JITCodeLibrary):
         passes.run(self._final_module, self._codegen._pass_builder())
 
     def _finalize_final_module(self) -> None:
-        whole = self._final_module
+        module_ir = self._final_module
         self._finalize_dynamic_globals()
         self._verify_declare_only_symbols()
-        module = ir.Module(whole.name)
-        module.triple, module.data_layout = whole.triple, whole.data_layout
-        for variable in whole.global_variables:
+        module = ir.Module(module_ir.name)
+        module.triple, module.data_layout = module_ir.triple, module_ir.data_layout
+        for variable in module_ir.global_variables:
             if variable.name.startswith("_ZN08NumbaEnv"):
                 pointer = ir.IntType(8).as_pointer()
                 shared = ir.GlobalVariable(module, pointer, variable.name)
@@ -197,7 +197,7 @@ class _ForLinking(JITCodeLibrary):
                 shared.initializer = ir.Constant(pointer, None)
         self._final_module = llvm.parse_assembly(str(module))
         super()._finalize_final_module()
-        self._final_module = whole
+        self._final_module = module_ir
 
 
 def _of_many(given: Any) -> bool:
@@ -215,7 +215,7 @@ class _CompilerForLinking(compiler.Compiler):
             library = _ForLinking(targetctx.codegen(), "kernel")
             library.enable_object_caching()
         # Several runs are stepped by kernels that are called from one place each; a call that
-        # hands over State and Work writes hundreds of pointers and sizes.
+        # passes State and Work writes hundreds of pointers and sizes.
         flags.forceinline = any(map(_of_many, args))
         super().__init__(typingctx, targetctx, library, args, result, flags, *others)
 
@@ -224,7 +224,7 @@ class _Compiled(CPUDispatcher):
     """A numba function with our cache."""
 
     # Names of the versions that those being compiled now have called so far, the innermost last.
-    under_way: ClassVar[list[set[str]]] = []
+    compiling: ClassVar[list[set[str]]] = []
 
     def enable_caching(self) -> None:
         self._cache = KernelCache(self.py_func, self.targetoptions)
@@ -233,16 +233,16 @@ class _Compiled(CPUDispatcher):
         """Compile a version, or take it from the cache, or from whoever compiles it now."""
         with global_compiler_lock:
             path = self._cache.path(sig, self.targetctx)
-            if path is not None and self.under_way:
-                self.under_way[-1].add(path.name)
+            if path is not None and self.compiling:
+                self.compiling[-1].add(path.name)
             if sig in self.overloads:
                 return super().compile(sig)
-            self.under_way.append(set())
+            self.compiling.append(set())
             try:
                 with self._cache.claim(sig, self.targetctx):
                     return super().compile(sig)
             finally:
-                self.under_way.pop()
+                self.compiling.pop()
 
 
 class Kernel(_Compiled):

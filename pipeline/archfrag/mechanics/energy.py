@@ -37,14 +37,14 @@ def contact_works(state, work, part):
 
     Returns
     -------
-    friction, impact, stray : number
-        Stray is what neither law explains: the energy balance error [J].
+    friction, impact, balance_error : number
+        `balance_error` is what neither law explains [J].
     before : number
         What of it has been done up to the instant of the positions [J].
     hits : mask
         Where an impact is going on.
     """
-    friction = impact = stray = before = 0.0
+    friction = impact = balance_error = before = 0.0
     hits = False
     for j in range(state.slip.shape[0]):
         fx, fy, moment = work.reaction[j, 0], work.reaction[j, 1], work.reaction[j, 2]
@@ -64,26 +64,28 @@ def contact_works(state, work, part):
             b = select(slides, tangential * (by * nx - bx * ny), 0.0)
             friction += 0.5 * (a + b)
             start, finish = start - a, finish - b
-        stray += select(fresh, 0.0, 0.5 * (start + finish))
+        balance_error += select(fresh, 0.0, 0.5 * (start + finish))
         before += select(fresh, 0.0, part * (start + 0.5 * part * (finish - start)))
-    return friction, impact, stray, before, hits
+    return friction, impact, balance_error, before, hits
 
 
 @inlined
-def record_work(friction, impact, stray, at_instant, where, energy):
+def record_work(friction, impact, balance_error, at_instant, where, energy):
     """Works of all joints over one step [J].
 
     An impact at one joint and the friction that it causes at others belong together: only what
     both give in sum is the integrator's error. `at_instant` is the error within the step, where
     velocities and positions belong to one instant.
     """
-    most = larger(energy[Energy.STRAY_PEAK], abs(energy[Energy.STRAY] + at_instant))
-    energy[Energy.STRAY_PEAK] = select(where, most, energy[Energy.STRAY_PEAK])
+    most = larger(
+        energy[Energy.BALANCE_ERROR_PEAK], abs(energy[Energy.BALANCE_ERROR] + at_instant)
+    )
+    energy[Energy.BALANCE_ERROR_PEAK] = select(where, most, energy[Energy.BALANCE_ERROR_PEAK])
     makes = friction + impact > 0.0
     energy[Energy.FRICTION] += select(where & opposite(makes), friction, 0.0)
     energy[Energy.IMPACT] += select(where & opposite(makes), impact, 0.0)
-    stray += select(makes, friction + impact, 0.0)
-    energy[Energy.STRAY] += select(where, stray, 0.0)
+    balance_error += select(makes, friction + impact, 0.0)
+    energy[Energy.BALANCE_ERROR] += select(where, balance_error, 0.0)
 
 
 @inlined
@@ -109,11 +111,11 @@ def record_step(model, state, work, step, previous, where):
     """Works of a solved step, before its velocities are taken over."""
     relative_velocity(state.position, state.velocity, work.pivot, work.earlier)
     part = previous / (previous + step)
-    friction, impact, stray, before, hits = contact_works(state, work, part)
+    friction, impact, balance_error, before, hits = contact_works(state, work, part)
     lift = 0.25 * model.gravity * _lift(model, state, work)
-    stray += (step - previous) * lift
-    before = select(hits, -state.energy[Energy.STRAY], before - part * previous * lift)
-    record_work(friction, impact, stray, before, where, state.energy)
+    balance_error += (step - previous) * lift
+    before = select(hits, -state.energy[Energy.BALANCE_ERROR], before - part * previous * lift)
+    record_work(friction, impact, balance_error, before, where, state.energy)
 
 
 @inlined

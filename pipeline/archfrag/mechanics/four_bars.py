@@ -67,7 +67,7 @@ def linkage_of(model: Model, mechanism: np.ndarray) -> Linkage | None:
     touch[joint, intrados.astype(int)] = 0.0
     place = model.corner[joint, 1, 1 - intrados] + model.centroid[joint + 1]
     rest = place[:, 0] + 1j * place[:, 1]
-    # A joint opens about its extrados where the later body turns forwards.
+    # A joint opens about its extrados where the later body rotates forwards.
     opening = np.where(intrados, -1.0, 1.0)
     sense = float(opening[0])
     if free_end:
@@ -93,16 +93,16 @@ def inner_sine(linkage, state, k):
 
 
 @inlined
-def _carry(model, linkage, k, pin, moves, angle, spin, state):
+def _propagate(model, linkage, k, pin, moves, angle, spin, state):
     """Place the voussoirs of a body about its first pin; place and velocity of the second."""
-    turned = cmath.exp(1j * angle)
+    rotated = cmath.exp(1j * angle)
     for i in range(linkage.joint[k] + 1, linkage.joint[k + 1] + 1):
         arm = complex(model.centroid[i, 0], model.centroid[i, 1]) - linkage.rest[k]
-        place, speed = pin + turned * arm, moves + 1j * spin * turned * arm
+        place, speed = pin + rotated * arm, moves + 1j * spin * rotated * arm
         state.position[i, 0], state.position[i, 1] = place.real, place.imag
         state.velocity[i, 0], state.velocity[i, 1] = speed.real, speed.imag
         state.position[i, 2], state.velocity[i, 2] = angle, spin
-    bar = turned * (linkage.rest[k + 1] - linkage.rest[k])
+    bar = rotated * (linkage.rest[k + 1] - linkage.rest[k])
     return pin + bar, moves + 1j * spin * bar
 
 
@@ -129,7 +129,7 @@ def place_linkage(model, linkage, q, speed, state):
             state.position[i, c] = model.centroid[i, c] if c < 2 else 0.0
             state.velocity[i, c] = 0.0
     spin = sense * speed
-    pin, moves = _carry(model, linkage, 0, rest[0], 0j, sense * q, spin, state)
+    pin, moves = _propagate(model, linkage, 0, rest[0], 0j, sense * q, spin, state)
     if rest.size == 2:
         return True
     a, b, c, d = pin - rest[0], rest[2] - rest[1], rest[3] - rest[2], rest[3] - pin
@@ -143,10 +143,10 @@ def place_linkage(model, linkage, q, speed, state):
     third = d - second
     # The bars close: the sum of spin times bar vanishes.
     wide = spin / cross(second, third)
-    turn, rate = cmath.phase(second / b), wide * cross(third, a)
-    pin, moves = _carry(model, linkage, 1, pin, moves, turn, rate, state)
-    turn, rate = cmath.phase(third / c), wide * cross(a, second)
-    _carry(model, linkage, 2, pin, moves, turn, rate, state)
+    angle, rate = cmath.phase(second / b), wide * cross(third, a)
+    pin, moves = _propagate(model, linkage, 1, pin, moves, angle, rate, state)
+    angle, rate = cmath.phase(third / c), wide * cross(a, second)
+    _propagate(model, linkage, 2, pin, moves, angle, rate, state)
     return True
 
 

@@ -7,7 +7,7 @@ from archfrag.mechanics.compile import allocating, kernel
 
 @kernel
 def rest_margin(horizontal, vertical, gravity, limit_plus, limit_minus):
-    """Distance of a body force from the border of the rest range; negative outside [m/s2].
+    """Distance of a body force from the border of the range of rest; negative outside [m/s2].
 
     Rest depends on the direction of the body force only: ``-limit_minus <= k_h / (1 + k_v) <=
     limit_plus``, a convex cone, so that a force linear in time between two samples inside it
@@ -57,7 +57,7 @@ def segment_at(time, ground, next_break):
     -------
     end : float
         Until when [s]; inf after the record.
-    gx, sx, gy, sy : float
+    horizontal, horizontal_rate, vertical, vertical_rate : float
         Acceleration at `time` and its rate [m/s2], [m/s3].
     """
     dt = ground.time_step
@@ -66,8 +66,8 @@ def segment_at(time, ground, next_break):
     if i >= last:
         return np.inf, 0.0, 0.0, 0.0, 0.0
     part = time - i * dt
-    sx = (ground.horizontal[i + 1] - ground.horizontal[i]) / dt
-    sy = (ground.vertical[i + 1] - ground.vertical[i]) / dt
-    gx = ground.horizontal[i] + sx * part
-    gy = ground.vertical[i] + sy * part
-    return next_break[i] * dt, gx, sx, gy, sy
+    horizontal_rate = (ground.horizontal[i + 1] - ground.horizontal[i]) / dt
+    vertical_rate = (ground.vertical[i + 1] - ground.vertical[i]) / dt
+    horizontal = ground.horizontal[i] + horizontal_rate * part
+    vertical = ground.vertical[i] + vertical_rate * part
+    return next_break[i] * dt, horizontal, horizontal_rate, vertical, vertical_rate

@@ -2,7 +2,7 @@
 
 A joint has two corners, 0 (intrados) and 1 (extrados). Which of them touch, and whether they
 stick or slide, is its *mode*. Vectors are written in the ground frame and belong to the body
-after the joint relative to the body before it; the tangent is the normal turned by +90 degrees.
+after the joint relative to the body before it; the tangent is the normal rotated by +90 degrees.
 
 At an open joint the two faces have different normals and Signorini's law splits into Eqs 23a
 and 23b. Where two vertices meet, the first holds for slip that brings the later body's vertex

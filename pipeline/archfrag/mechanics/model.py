@@ -84,13 +84,13 @@ class Work(NamedTuple):
     tangent: np.ndarray  # (n_joint, 2, 2) side, xy: their unit tangents
     next_face: np.ndarray  # (n_joint, 2, 2, 2) where the present velocities take them
     next_tangent: np.ndarray  # (n_joint, 2, 2)
-    turned: np.ndarray  # (n_body + 2, 2) cosine and sine of the rotations
+    rotated: np.ndarray  # (n_body + 2, 2) cosine and sine of the rotations
     point: np.ndarray  # (n_joint, 2, 2) corner, xy: contact points [m]
     pivot: np.ndarray  # (n_joint, 2) in the middle between them [m]
     normal: np.ndarray  # (n_joint, 2) common normal of a closed joint
     side_normal: np.ndarray  # (n_joint, 2, 2, 2) corner, PLUS or MINUS, xy: Eqs 23a and 23b
     candidate: np.ndarray  # (n_joint, 2) one where the corner may touch in this step
-    known: np.ndarray  # (n_joint,) sense of the friction of a slip under way; zero: not known
+    known: np.ndarray  # (n_joint,) sense of the friction of a slip in progress; zero: not known
     bias: np.ndarray  # (n_joint, 2, 2) corner, xy: added to the relative velocity [m/s]
     free: np.ndarray  # (n_body + 2, 3) velocities without reactions
     solved: np.ndarray  # (n_body + 2, 3) velocities that the contact problem gives
@@ -124,7 +124,7 @@ OF_JOINTS = {
     "block": (3, 3), "lower": (3, 3), "upper": (3, 3), "unknown": (3,), "residual": (3,),
     "reaction": (3,), "relative": (3,), "earlier": (3,), "parting": (2, 2),
 }  # fmt: skip
-OF_BODIES = {"turned": (2,), "free": (3,), "solved": (3,), "position": (3,)}
+OF_BODIES = {"rotated": (2,), "free": (3,), "solved": (3,), "position": (3,)}
 WORK_SHAPES = tuple({**OF_JOINTS, **OF_BODIES}[name] for name in Work._fields)
 STATE_SHAPES = ((3,), (3,), (2,)) + ((),) * (len(State._fields) - 3)
 MODEL_SHAPES = ((), (), (), (), (2,), (2, 2, 2), (2, 2), (), (), (2,), (), ())
@@ -194,7 +194,7 @@ def new_work(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) -
     arrays = {name: zeros((n_joint, *shape)) for name, shape in OF_JOINTS.items()}
     for name, shape in OF_BODIES.items():
         arrays[name] = zeros((n_row, *shape))
-    turned = arrays["turned"]
-    runs = runs_of(turned) if isinstance(turned, LaneArray) else turned
+    rotated = arrays["rotated"]
+    runs = runs_of(rotated) if isinstance(rotated, LaneArray) else rotated
     runs[:, 0] = 1.0
     return Work(**arrays)

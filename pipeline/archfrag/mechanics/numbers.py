@@ -3,7 +3,7 @@
 A kernel written for a float runs for four runs at once where its arrays hold `LANES` numbers in
 each element: numba types such an element as a vector of the processor, and the operators below
 give every lane the bits that a float would get. Nothing may branch on such a number: `select`
-takes the place of ``if``, and what a lane must not do is masked. ``some(mask)`` tells whether any
+takes the place of ``if``, and what a lane must not do is masked. ``some(mask)`` is whether any
 lane asks for a piece of work, so that it can be left out where none does.
 """
 
@@ -111,17 +111,17 @@ def lane_array(shape: tuple[int, ...]) -> LaneArray:
     size = 8 * LANES * math.prod(shape)
     memory = np.zeros(size + _ALIGNMENT, np.uint8)
     start = -memory.ctypes.data % _ALIGNMENT
-    whole = memory[start : start + size].view(np.dtype((np.void, 8 * LANES)))
-    return whole.reshape(shape).view(LaneArray)
+    record = memory[start : start + size].view(np.dtype((np.void, 8 * LANES)))
+    return record.reshape(shape).view(LaneArray)
 
 
 def runs_of(array: np.ndarray) -> np.ndarray:
-    """The numbers of a `LaneArray` as floats, the lane last; changes go both ways."""
+    """The numbers of a `LaneArray` as floats, the lane last; changes are seen in both."""
     plain = array.view(np.ndarray).reshape(-1).view(np.float64)
     return plain.reshape((*array.shape, LANES))
 
 
-def _spread(builder: Any, value: Any, kind: Any) -> Any:
+def _broadcast(builder: Any, value: Any, kind: Any) -> Any:
     first = ir.Constant(ir.IntType(32), 0)
     everywhere = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
     nothing = ir.Constant(kind, ir.Undefined)
@@ -133,12 +133,12 @@ def _spread(builder: Any, value: Any, kind: Any) -> Any:
 @lower_cast(types.Float, _LanesType)
 @lower_cast(types.Integer, _LanesType)
 def _float_to_lanes(context: Any, builder: Any, of: Any, to: Any, value: Any) -> Any:
-    return _spread(builder, context.cast(builder, value, of, types.float64), _VECTOR)
+    return _broadcast(builder, context.cast(builder, value, of, types.float64), _VECTOR)
 
 
 @lower_cast(types.Boolean, _MaskType)
 def _bool_to_mask(context: Any, builder: Any, of: Any, to: Any, value: Any) -> Any:
-    return _spread(builder, context.cast(builder, value, of, types.boolean), _BITS)
+    return _broadcast(builder, context.cast(builder, value, of, types.boolean), _BITS)
 
 
 def _operator(
@@ -317,11 +317,11 @@ def _fused_number(x, y, z):
 @intrinsic
 def _shaped(typingctx: Any, arrays: Any, shapes: Any) -> Any:
     def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        whole, known = args
+        record, known = args
         for k, kind in enumerate(arrays):
             if not isinstance(kind, types.Array) or len(shapes[k]) == 0:
                 continue
-            array = make_array(kind)(context, builder, builder.extract_value(whole, k))
+            array = make_array(kind)(context, builder, builder.extract_value(record, k))
             sizes = cgutils.unpack_tuple(builder, array.shape)[:1]
             sizes += cgutils.unpack_tuple(builder, builder.extract_value(known, k))
             item = context.get_abi_sizeof(context.get_data_type(kind.dtype))
@@ -330,8 +330,8 @@ def _shaped(typingctx: Any, arrays: Any, shapes: Any) -> Any:
                 strides.insert(0, builder.mul(strides[0], size))
             array.shape = cgutils.pack_array(builder, sizes)
             array.strides = cgutils.pack_array(builder, strides)
-            whole = builder.insert_value(whole, array._getvalue(), k)
-        return impl_ret_borrowed(context, builder, arrays, whole)
+            record = builder.insert_value(record, array._getvalue(), k)
+        return impl_ret_borrowed(context, builder, arrays, record)
 
     return arrays(arrays, shapes), lower
 
@@ -447,9 +447,9 @@ def flag(mask):
     return select(mask, 1.0, 0.0)
 
 
-# Nearest integers by adding what leaves no room for a fraction.
+# Nearest integers by adding what leaves no bits for a fraction.
 _ROUNDER = 6755399441055744.0
-_QUARTER_TURNS = 0.63661977236758134308
+_PER_QUARTER = 0.63661977236758134308
 _QUARTER_HIGH = 1.57079632673412561417
 _QUARTER_MIDDLE = 6.07710050630396597660e-11
 _QUARTER_LOW = 2.02226624879595063154e-21
@@ -463,12 +463,13 @@ def nearest(x):
 
 @inlined
 def sine_cosine(angle):
-    """Sine and cosine of angles up to some thousand turns, right to two units in the last place.
+    """Sine and cosine of angles up to some thousand revolutions, right to two units in the last
+    place.
 
-    Reduced by quarter turns in three parts; polynomials of Sun's fdlibm (1993), `k_sin.c` and
-    `k_cos.c`.
+    Reduced by quarter revolutions in three parts; polynomials of Sun's fdlibm (1993), `k_sin.c`
+    and `k_cos.c`.
     """
-    quarters = nearest(angle * _QUARTER_TURNS)
+    quarters = nearest(angle * _PER_QUARTER)
     x = angle - quarters * _QUARTER_HIGH - quarters * _QUARTER_MIDDLE - quarters * _QUARTER_LOW
     z = x * x
     sine = -2.50507602534068634195e-8 + z * 1.58969099521155010221e-10
@@ -483,12 +484,12 @@ def sine_cosine(angle):
     cosine = -1.38888888888741095749e-3 + z * cosine
     cosine = 4.16666666666666019037e-2 + z * cosine
     cosine = 1.0 - 0.5 * z + z * z * cosine
-    # In which quarter: 0, 1, 2 or 3 of a turn on.
+    # In which quarter: 0, 1, 2 or 3 of a revolution on.
     part = quarters * 0.25
     part = 4.0 * (part - nearest(part))
     crossed = abs(part) == 1.0
     first = select(crossed, cosine, sine)
     second = select(crossed, sine, cosine)
-    turned_sine = (abs(part) == 2.0) | (part == -1.0)
-    turned_cosine = (abs(part) == 2.0) | (part == 1.0)
-    return select(turned_sine, -first, first), select(turned_cosine, -second, second)
+    negative_sine = (abs(part) == 2.0) | (part == -1.0)
+    negative_cosine = (abs(part) == 2.0) | (part == 1.0)
+    return select(negative_sine, -first, first), select(negative_cosine, -second, second)

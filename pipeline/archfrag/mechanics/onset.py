@@ -25,7 +25,7 @@ SLIDING = 4
 
 
 class RestLimit(NamedTuple):
-    """One end of the rest range."""
+    """One end of the range of rest."""
 
     found: bool  # False: no admissible reactions for any load factor
     load_factor: float  # signed largest k in the direction asked for [g]; inf: no limit
@@ -197,7 +197,7 @@ def _vertex(basis, inverse, level, x):
 
 @allocating
 def rest_limit(mass, centroid, point, normal, candidate, friction, gravity, sense):
-    """One end of the rest range of a chain in a given configuration.
+    """One end of the range of rest of a chain in a given configuration.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def rest_limit(mass, centroid, point, normal, candidate, friction, gravity, sens
     friction : ndarray, (n_joint,)
     gravity : float [m/s2]
     sense : float
-        1: ground accelerating towards +x (body force towards -x); -1: the other way.
+        1: ground accelerating towards +x (body force towards -x); -1: towards -x.
 
     Returns
     -------

@@ -1,9 +1,9 @@
 """How far motions and reactions are from the contact laws: one measure for every method.
 
-`state_residual` looks at what a method says of one instant and at nothing inside the method:
+`state_residual` looks at what a method gives at one instant and at nothing inside the method:
 positions, velocities and reactions. Gaps are measured over joint lengths, slip rates over the
 speed of a fall through them, forces over the weight or the largest of them; the residual is the
-smallest violation over the ways in which a joint can obey Signorini and Coulomb.
+smallest violation over the modes in which a joint can obey Signorini and Coulomb.
 """
 
 import math
@@ -59,8 +59,8 @@ def _if_corner(j, k, model, work, scale, force):
         if work.known[j] == -sense:
             continue
         wrong = 0.0 if work.known[j] == sense else max(0.0, sense * (nx * uy - ny * ux))
-        pull = max(0.0, -(rx * fx + ry * fy))
-        best = min(best, max(common, abs(beyond), pull, abs(nx * ux + ny * uy), wrong))
+        tension = max(0.0, -(rx * fx + ry * fy))
+        best = min(best, max(common, abs(beyond), tension, abs(nx * ux + ny * uy), wrong))
     if work.known[j] == 0.0:
         best = min(best, max(common, outside, abs(ux), abs(uy)))
     return best
@@ -74,11 +74,11 @@ def _if_closed(j, model, work, scale, force):
     fx, fy = work.reaction[j, 0] / force, work.reaction[j, 1] / force
     normal, tangential = nx * fx + ny * fy, nx * fy - ny * fx
     difference = work.reaction[j, 2] / force / (px * ny - py * nx)
-    pull = max(0.0, -0.5 * (normal + difference), -0.5 * (normal - difference))
+    tension = max(0.0, -0.5 * (normal + difference), -0.5 * (normal - difference))
     parts = work.parting[j]
     rate = max(abs(nx * parts[0, 0] + ny * parts[0, 1]), abs(nx * parts[1, 0] + ny * parts[1, 1]))
     slip = nx * (parts[0, 1] + parts[1, 1]) - ny * (parts[0, 0] + parts[1, 0])
-    common, slip = max(pull, rate / scale), 0.5 * slip / scale
+    common, slip = max(tension, rate / scale), 0.5 * slip / scale
     best, mu = math.inf, model.friction[j]
     rough = math.isinf(mu)
     if work.known[j] == 0.0:

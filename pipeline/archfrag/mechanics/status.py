@@ -4,7 +4,7 @@ from enum import IntEnum
 
 
 class Status(IntEnum):
-    """How a run or a contact problem ended; `archfrag.errors` has a sentence for each."""
+    """How a run or a contact problem ended; `archfrag.errors` has a message for each."""
 
     STANDING = 0
     COLLAPSED = 1
@@ -48,22 +48,22 @@ class Model(IntEnum):
 class Cause(IntEnum):
     """Why a mechanism, or the model of it, changed."""
 
-    START = 0  # the initial state, or the body force left the rest range
+    START = 0  # the initial state, or the body force left the range of rest
     HINGE = 1  # the thrust reached the edge of a joint
     SLIDE = 2  # Coulomb's limit was reached
-    STICK = 3  # a slip came to its end or turned round
+    STICK = 3  # a slip came to its end or reversed
     IMPACT = 4  # an open joint closed
     LOSS = 5  # the force at a hinge vanished: contact lost
-    CLOSE = 6  # a hinge that was not turning became a closed joint without an impact
+    CLOSE = 6  # a hinge that was not rotating became a closed joint without an impact
     REST = 7  # the chain came to rest
-    CROWD = 8  # events accumulated: handed over to time stepping
-    UNSOLVED = 9  # a law could not be met on few mega-voussoirs: handed over to time stepping
-    CALM = 10  # taken back from time stepping
+    ACCUMULATION = 8  # events accumulated: switched to time stepping
+    UNSOLVED = 9  # a law could not be met on mega-voussoirs: switched to time stepping
+    QUIESCENT = 10  # taken back from time stepping
     END = 11  # the run ended
 
 
 class Count(IntEnum):
-    """Entries of ``Ledger.count``."""
+    """Entries of ``Diagnostics.count``."""
 
     STEPS = 0  # integration steps, of whatever method
     ITERATIONS = 1  # linear contact problems solved on all voussoirs
@@ -79,7 +79,7 @@ class Count(IntEnum):
     LEVELS = 11  # contact problems solved by the first and second level
     LEVEL_ITERATIONS = 12  # of these, those that needed more than one round
     GENERAL = 13  # contact problems that were left to the general solver
-    HAND_OVERS = 14  # times that event-driven integration gave way to time stepping
+    SWITCHES = 14  # times that event-driven integration switched to time stepping
     FRAMES = 15  # frames of the history written
     LOG_ENTRIES = 16  # changes of the mechanism
     SWEEPS = 17  # passes over all contacts, by methods that relax them one by one
@@ -89,21 +89,21 @@ class Count(IntEnum):
 
 
 class Energy(IntEnum):
-    """Entries of ``Ledger.energy`` [J]."""
+    """Entries of ``Diagnostics.energy`` [J]."""
 
     GROUND = 0  # work of the inertia forces of the ground motion
     POTENTIAL = 1  # gained in gravity
     KINETIC = 2  # at the end
     FRICTION = 3
     IMPACT = 4
-    STRAY = 5  # work that no law explains: the integrator's error
-    STRAY_PEAK = 6  # its largest magnitude on the way
+    BALANCE_ERROR = 5  # work that no law explains: the integrator's error
+    BALANCE_ERROR_PEAK = 6  # its largest magnitude in between
     LARGEST_KINETIC = 7
     START_KINETIC = 8  # of the initial state
 
 
 class Peak(IntEnum):
-    """Entries of ``Ledger.peak``."""
+    """Entries of ``Diagnostics.peak``."""
 
     ROTATION = 0  # of any body [rad]
     DISPLACEMENT = 1  # of any centroid [m]

@@ -13,7 +13,7 @@ class Chain(NamedTuple):
     Face corners are given in the frame of the body they belong to (origin at its centroid, axes
     as at rest); those of the ground in the ground's frame. Corner 0 is the intrados, 1 the
     extrados; the tangent of a joint runs from corner 0 to corner 1 and its normal from body
-    ``j - 1`` to body ``j``: the tangent is the normal turned by +90 degrees.
+    ``j - 1`` to body ``j``: the tangent is the normal rotated by +90 degrees.
     """
 
     mass: np.ndarray  # (n_body,) [kg]
@@ -35,7 +35,7 @@ class GroundMotion(NamedTuple):
 
 
 class Options(NamedTuple):
-    """What every method is told; each uses what concerns it."""
+    """What every method is given; each uses what concerns it."""
 
     time_step: float  # at impacts, where steps grow between them [s]
     tolerance: float  # relative error allowed by methods with step control [1]
@@ -50,7 +50,7 @@ class Options(NamedTuple):
 
 
 class Frames(NamedTuple):
-    """Room for a history; empty arrays where none is wanted."""
+    """Buffers for a history; empty arrays where none is wanted."""
 
     time: np.ndarray  # (n_frame,) [s]
     position: np.ndarray  # (n_frame, n_body, 3) displacement from rest: x, y [m], rotation [rad]
@@ -60,9 +60,9 @@ class Frames(NamedTuple):
 
 
 class MechanismLog(NamedTuple):
-    """Room for the history of the mechanism, an entry for each change; empty for none.
+    """Buffers for the history of the mechanism, an entry for each change; empty for none.
 
-    Entry i holds from ``time[i]`` until the next entry. Entries beyond the room are counted in
+    Entry i holds from ``time[i]`` until the next entry. Entries beyond the buffer are counted in
     ``Count.LOG_ENTRIES`` but not kept.
     """
 
@@ -73,7 +73,7 @@ class MechanismLog(NamedTuple):
     mode: np.ndarray  # (n_entry, n_joint) int8: contact modes from then on
 
 
-class Ledger(NamedTuple):
+class Diagnostics(NamedTuple):
     """What a run counts while it goes on; filled by every method alike."""
 
     # (len(Count),) int64, by archfrag.mechanics.status.Count
@@ -92,4 +92,4 @@ class Outcome(NamedTuple):
     collapse_joint: int  # -1 if none
     collapse_mode: int  # archfrag.mechanics.status.CollapseMode
     loss: np.ndarray  # (len(Loss),) by archfrag.mechanics.collapse.Loss
-    ledger: Ledger
+    diagnostics: Diagnostics

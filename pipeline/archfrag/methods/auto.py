@@ -1,18 +1,18 @@
 """`auto`: the cheapest of our methods that holds a tolerance.
 
-1. Rest, while the body force stays inside the rest range: nothing is integrated.
+1. Rest, while the body force stays inside the range of rest: nothing is integrated.
 2. Mega-voussoirs from event to event for tolerances of `coarse` (2e-4) and below: after impacts
    steps are of first order, and a hundredth of the error would take a hundred times as many.
-   Above it, too, where events are few and so cheaper and far more accurate than steps: for
-   `FEWEST_BODIES` bodies, or for `FEW_BODIES` whose ground motion has few breaks, as a pulse.
-   Where many events follow each other more closely than `hand_over` steps, all voussoirs are
-   stepped.
+   Above it, too, where events are rare and so cheaper and far more accurate than steps: for
+   `FEWEST_BODIES` bodies, or for `SMALL_CHAIN` whose ground motion has at most `SHORT_PULSE`
+   breaks, as a pulse. Where many events follow each other more closely than `switch_steps`
+   steps, all voussoirs are stepped.
 3. Otherwise steps on all voussoirs, short at impacts and long between them, or equal ones for
    more than 20 voussoirs: per step a linear problem or two, and four runs at a time.
 4. A run that has made or lost more energy, or let bodies overlap more, than its tolerance
    allows is made again with a tenth of it, and again by steps; then it is refused.
 
-The mechanism log of a run says which of them moved it when.
+The mechanism log of a run states which of them moved it when.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -46,8 +46,9 @@ ATTEMPTS = 3
 NEGLIGIBLE = 1e-6
 # Between events all voussoirs are stepped at so many times the step that steps at impacts take.
 STEADY = 2.0
-FEWEST_BODIES, FEW_BODIES, FEW_BREAKS = 2, 10, 50
-# Tolerances above these ask for no more than a few long steps: with few breaks, and with many.
+FEWEST_BODIES, SMALL_CHAIN, SHORT_PULSE = 2, 10, 50
+# Tolerances above these ask for no more than some long steps: with up to `SHORT_PULSE` breaks,
+# and with more.
 COARSEST, COARSEST_OF_MANY = 0.2, 0.01
 
 
@@ -69,7 +70,7 @@ def goes_by_events(n_body: int, n_break: int, tolerance: float, coarse: float) -
     """
     if tolerance <= coarse:
         return True
-    pulse = n_body <= FEW_BODIES and n_break <= FEW_BREAKS and tolerance <= COARSEST
+    pulse = n_body <= SMALL_CHAIN and n_break <= SHORT_PULSE and tolerance <= COARSEST
     return coarse > 0.0 and (pulse or (n_body <= FEWEST_BODIES and tolerance <= COARSEST_OF_MANY))
 
 
@@ -98,7 +99,7 @@ def _sparse(chain: Chain, ground: GroundMotion, options: Options, coarse: float)
 
 
 def _rests(ground: GroundMotion, factor: float, gravity: float, rest: tuple) -> bool:
-    """Whether the body force never leaves the rest range [g]; then nothing is integrated."""
+    """Whether the body force never leaves the range of rest [g]; then nothing is integrated."""
     upward, across = gravity + factor * ground.vertical, factor * ground.horizontal
     if not upward.min() > 0.0:
         return False
@@ -115,7 +116,7 @@ def refined(options: Options, factor: float) -> Options:
 
 
 def _attempts(
-    options: Options, by_events: bool, hand_over: float, coarse: float
+    options: Options, by_events: bool, switch_steps: float, coarse: float
 ) -> Iterator[tuple[ModuleType, Options]]:
     """Methods and their options, each for runs that the one before did not make well enough."""
     if not by_events:
@@ -123,8 +124,8 @@ def _attempts(
             yield stepper, refined(options, TIGHTER**number)
         return
     fixed = options.largest_step <= options.time_step
-    # Where events are few, those that follow each other closely are soon over.
-    closest = hand_over if options.tolerance <= coarse else 0.0
+    # Where events are rare, those that follow each other closely are soon over.
+    closest = switch_steps if options.tolerance <= coarse else 0.0
     for number in range(ATTEMPTS - 1):
         given = refined(options, TIGHTER**number)
         step = given.time_step if fixed else STEADY * given.time_step
@@ -147,8 +148,8 @@ def _made_well(
         if results is None:
             results = made
         else:
-            for whole, part in zip(results, made):
-                whole[rows] = part
+            for gathered, part in zip(results, made):
+                gathered[rows] = part
         rows = rows[~good]
         if rows.size == 0:
             break
@@ -163,7 +164,7 @@ def run_many(
     motion: np.ndarray,
     factor: np.ndarray,
     options: Options,
-    hand_over: float,
+    switch_steps: float,
     coarse: float,
 ) -> Results:
     """Many runs; as `archfrag.methods.time_stepping.front.run_many`, settings as for `run`."""
@@ -182,10 +183,10 @@ def run_many(
     for by_events in (False, True):
         runs = np.flatnonzero(sparse == by_events)
         if runs.size:
-            attempts = _attempts(options, by_events, hand_over, coarse)
+            attempts = _attempts(options, by_events, switch_steps, coarse)
             made = _made_well(chain, attempts, runs.size, partial(make, runs))
-            for whole, part in zip(results, made):
-                whole[runs] = part
+            for gathered, part in zip(results, made):
+                gathered[runs] = part
     return results
 
 
@@ -198,17 +199,17 @@ def run(
     options: Options,
     frames: Frames,
     log: MechanismLog,
-    hand_over: float,
+    switch_steps: float,
     coarse: float,
 ) -> Outcome:
     """Integrate one chain under one ground motion; arguments as `event_driven.run`.
 
     Parameters
     ----------
-    hand_over : float
+    switch_steps : float
         Mean time between events, in time steps, below which all voussoirs are stepped.
     coarse : float
-        Tolerance above which all voussoirs are stepped, unless events are few; 0: always.
+        Tolerance above which all voussoirs are stepped, unless events are rare; 0: always.
 
     Returns
     -------
@@ -224,5 +225,5 @@ def run(
     if sparse and from_rest:
         rest = stepper.rest_of(model_of(chain), options, stepper.joined_grounds([ground]))
         sparse = not _rests(ground, ground.factor, chain.gravity, rest)
-    attempts = _attempts(options, sparse, hand_over, coarse)
+    attempts = _attempts(options, sparse, switch_steps, coarse)
     return stepper.outcome_of(_made_well(chain, attempts, 1, make), 0)

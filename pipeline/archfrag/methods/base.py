@@ -1,4 +1,5 @@
-"""What methods share with time stepping: beginning, rests, end of a run, and its accuracy."""
+"""What methods have in common with time stepping: beginning, rests, end of a run, and its
+accuracy."""
 
 from collections.abc import Callable
 
@@ -44,7 +45,7 @@ def is_accurate(chain: Chain, options: Options, results: Results, negligible: fl
     weight = chain.gravity * float(np.sum(chain.mass))
     tiny = negligible * weight * float(model_of(chain).length.max())
     deepest = max(OVERLAP_ALLOWED * options.accuracy, LEAST_OVERLAP)
-    good = energy[:, Energy.STRAY_PEAK] <= allowed * largest + tiny
+    good = energy[:, Energy.BALANCE_ERROR_PEAK] <= allowed * largest + tiny
     ended = np.isin(results.status, (int(Status.STANDING), int(Status.COLLAPSED)))
     return ~ended | (good & (overlap <= deepest))
 

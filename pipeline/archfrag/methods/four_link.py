@@ -3,19 +3,20 @@
 The model of Oppenheim (1992, *Earthquake Engng Struct. Dyn.* 21(11), 1005-1017), Clemente (1998,
 ibid. 27(5), 513-522) and De Lorenzis, DeJong and Ochsendorf (2007, ibid. 36(14), 2119-2136):
 
-- At rest until the ground acceleration leaves the rest range. Limit analysis at that limit says
-  which four hinges open; they stay for as long as the arch moves that way.
+- At rest until the ground acceleration leaves the range of rest. Limit analysis at that limit
+gives
+  which four hinges open; they stay for as long as the arch moves in that direction.
 - Then three bodies, four pins, one angle (`archfrag.mechanics.four_bars`). Its acceleration and
   the reactions at all joints are those of the contact problem with the modes of the linkage; it
   is integrated by the classical method of Runge and Kutta with equal steps.
 - Where the linkage returns to its undeformed shape all joints close, and the hinges jump to those
   of limit analysis in the other direction: in a symmetric arch the mirror image. Balance of
   impulse for the three bodies of the new linkage gives its speed. It goes on, or rests when that
-  speed is negligible and the body force lies inside the rest range.
+  speed is negligible and the body force lies inside the range of rest.
 - Collapse is where it cannot recover: three pins in a row have come into line (`STRAIGHT`), a
-  joint has turned by 90 degrees, or a pin would have to pull on a linkage that opens beyond its
-  unstable equilibrium (Signorini loss). A pull before that is counted as a loss of contact, and
-  the pin holds.
+  joint has rotated by 90 degrees, or a pin would need a tensile force on a linkage that opens
+  beyond its unstable equilibrium (Signorini loss). Tension before that is counted as a loss of
+  contact, and the pin holds.
 
 A chain with a free end moves about one hinge: for a single block this is Housner's (1963) rocking
 block with his impact. Where the onset mechanism is no linkage, because a joint slides in it, or
@@ -32,8 +33,9 @@ projected on one mechanism, which throws energy away on the unsafe side. Oppenhe
   voussoirs need 0.634, 0.365, 0.2197 s: 3 to 6 % less;
 - under +a for 0.3 s and then -a/2 for 0.6 s it collapses from a = 1.596 g, without an impact;
   all voussoirs collapse from 0.6805 g: a capacity 2.35 times too large;
-- pins hold where they would have to pull: under three of the shipped records scaled to a peak of
-  4 g they pull 9 to 21 times in runs that end standing.
+- pins hold where they would need a tensile force: under three of the shipped records scaled to a
+peak of
+  4 g they are in tension 9 to 21 times in runs that end standing.
 
 The contact laws at closed joints are not looked at while it moves; the residual that a response
 reports is how far they are broken.
@@ -83,13 +85,13 @@ STILL = 1e-7
 # Of an initial state, over joint length and the speed of that fall: still a linkage's.
 MATCHES = 1e-6
 # Three pins are in line where the sine of the angle at the middle one is this part of that at
-# rest: there the first or the last bar turns back, and the arch snaps through.
+# rest: there the first or the last bar rotates back, and the arch snaps through.
 STRAIGHT = 0.05
 # Steps over the time of a fall through a joint's length: times the fourth root of the tolerance,
 # and the largest.
 STEP, LONGEST = 1.8, 0.1
 # What a root is sought of, and how closely, over the step.
-OF_CLOSING, OF_TURNING, OF_FALLING = 0, 1, 2
+OF_CLOSING, OF_ROTATION, OF_COLLAPSE = 0, 1, 2
 ROOT = 1e-13
 
 
@@ -106,7 +108,7 @@ class Motion(NamedTuple):
     now: np.ndarray  # (3,) angle [rad], speed [rad/s], work of the ground since `now` [J]
     then: np.ndarray  # (3,) at the end of the step taken last
     shake: np.ndarray  # (2, 2) ground acceleration `now`, and its rate: x, y
-    pulls: np.ndarray  # (1,) one where a pin pulls
+    tensile: np.ndarray  # (1,) one where a pin is in tension
     fell: np.ndarray  # (2,) joint and mode that are nearest to collapse
 
 
@@ -157,7 +159,7 @@ def accelerate(case, linkage, motion, q, speed, late):
     model, state, work = case.model, case.state, case.work
     if not place_linkage(model, linkage, q, speed, state):
         return np.nan, np.nan
-    move_faces(model, state.position, work.turned, work.face, work.tangent)
+    move_faces(model, state.position, work.rotated, work.face, work.tangent)
     place_contacts(model, state.slip, work.face, work.tangent, work)
     power = 0.0
     for i in range(1, state.position.shape[0] - 1):
@@ -204,7 +206,8 @@ def _go_to(case, linkage, motion, step):
 
 @kernel
 def _weakest_pin(case, linkage):
-    """The joint that presses least, and how much, halfway between its faces' normals [N]."""
+    """The joint with the least compression, and its value, halfway between its faces' normals
+    [N]."""
     weakest, least = -1, np.inf
     for j in range(case.work.slide.size):
         if linkage.touch[j, 0] + linkage.touch[j, 1] < 2.0:
@@ -227,7 +230,7 @@ def fall_margin(case, linkage, motion):
         weight += model.mass[i] * model.gravity
         rise += model.mass[i] * model.gravity * state.velocity[i, 1]
     joint, press = _weakest_pin(case, linkage)
-    # A pull that the linkage may still return from: it rises in opening, or it closes.
+    # Tension that the linkage may still return from: it rises in opening, or it closes.
     margin, mode = max(press / weight, rise / weight, -motion.then[1]), HINGING
     for j in range(linkage.touch.shape[0]):
         left = 0.5 * np.pi - abs(state.position[j + 1, 2] - state.position[j, 2])
@@ -247,9 +250,9 @@ def _left(case, linkage, motion, kind, step):
     _go_to(case, linkage, motion, step)
     if not np.isfinite(motion.then[0]):
         return -1.0
-    if kind == OF_FALLING:
+    if kind == OF_COLLAPSE:
         return fall_margin(case, linkage, motion)
-    if kind == OF_TURNING:
+    if kind == OF_ROTATION:
         return motion.then[1]
     return motion.then[0] / (step if motion.now[0] == 0.0 else 1.0)
 
@@ -258,8 +261,8 @@ def _left(case, linkage, motion, kind, step):
 def locate(case, linkage, motion, kind, step):
     """Size of the step that ends at an event, by regula falsi; ``motion.then`` is there."""
     low, high, at_low, at_high = 0.0, step, 1.0, _left(case, linkage, motion, kind, step)
-    if kind != OF_FALLING:
-        at_low = motion.now[1] if kind == OF_TURNING or motion.now[0] == 0.0 else motion.now[0]
+    if kind != OF_COLLAPSE:
+        at_low = motion.now[1] if kind == OF_ROTATION or motion.now[0] == 0.0 else motion.now[0]
     here, last, size = step, 0.0, max(at_low, -at_high)
     while high - low > ROOT * step:
         here = (low * at_high - high * at_low) / (at_high - at_low)
@@ -286,11 +289,11 @@ def end_of_step(case, linkage, motion, step):
     if then[0] <= 0.0:
         return locate(case, linkage, motion, OF_CLOSING, step), CLOSED
     if not np.isfinite(then[0]) or fall_margin(case, linkage, motion) < 0.0:
-        size = locate(case, linkage, motion, OF_FALLING, step)
+        size = locate(case, linkage, motion, OF_COLLAPSE, step)
         fall_margin(case, linkage, motion)
         return size, FALLEN
     if motion.now[1] > 0.0 > then[1]:
-        locate(case, linkage, motion, OF_TURNING, step)
+        locate(case, linkage, motion, OF_ROTATION, step)
         record_motion(case.model, case.state, True)
         _go_to(case, linkage, motion, step)
     return step, GO
@@ -298,7 +301,7 @@ def end_of_step(case, linkage, motion, step):
 
 @kernel
 def write_due(case, linkage, motion, step):
-    """Frames that are due in a step; ``motion.then`` is that of the whole step again."""
+    """Frames that are due in a step; ``motion.then`` is that of the full step again."""
     clock, output = case.state.clock, case.output
     time = clock[Clock.TIME]
     if output.frames.time.size == 0 or output.due[0] > time + step:
@@ -317,24 +320,27 @@ def balance_energy(case):
     """What of the present energy no law explains [J]."""
     kinetic, potential = energies_of(case.model, case.state)
     energy = case.state.energy
-    stray = kinetic - energy[Energy.START_KINETIC] + potential - case.state.clock[Clock.START]
-    stray -= energy[Energy.GROUND] + energy[Energy.IMPACT]
-    energy[Energy.STRAY] = stray
-    energy[Energy.STRAY_PEAK] = max(energy[Energy.STRAY_PEAK], abs(stray))
+    balance_error = (
+        kinetic - energy[Energy.START_KINETIC] + potential - case.state.clock[Clock.START]
+    )
+    balance_error -= energy[Energy.GROUND] + energy[Energy.IMPACT]
+    energy[Energy.BALANCE_ERROR] = balance_error
+    energy[Energy.BALANCE_ERROR_PEAK] = max(energy[Energy.BALANCE_ERROR_PEAK], abs(balance_error))
 
 
 @allocating
 def _accept(case, linkage, motion, step):
-    """Take the end of a step over; peaks, energies and pulls there, now and then the residual."""
+    """Take the end of a step over; peaks, energies and tension there, now and then the
+    residual."""
     state, now, then = case.state, motion.now, motion.then
     state.clock[Clock.TIME] += step
     state.energy[Energy.GROUND] += then[2]
     now[0], now[1], now[2] = then[0], then[1], 0.0
     record_motion(case.model, state, True)
     balance_energy(case)
-    pulls = 1.0 if _weakest_pin(case, linkage)[1] < 0.0 else 0.0
-    state.count[Count.LOSSES] += max(pulls - motion.pulls[0], 0.0)
-    motion.pulls[0] = pulls
+    tensile = 1.0 if _weakest_pin(case, linkage)[1] < 0.0 else 0.0
+    state.count[Count.LOSSES] += max(tensile - motion.tensile[0], 0.0)
+    motion.tensile[0] = tensile
     state.count[Count.STEPS] += 1.0
     if int(state.count[Count.STEPS]) % case.limits.check_interval == 0:
         measure_state(case.model, state, case.work)
@@ -353,7 +359,7 @@ def move(case, linkage, motion, ground, largest, stop, most):
     most : float
         Steps that the run may take.
     """
-    clock, motion.pulls[0] = case.state.clock, 0.0
+    clock, motion.tensile[0] = case.state.clock, 0.0
     while clock[Clock.TIME] < stop:
         if case.state.count[Count.STEPS] >= most:
             return EXHAUSTED
@@ -475,7 +481,7 @@ class Run:
         if code != CLOSED:
             return code
         if self.clock[Clock.TIME] - began <= ROOT * self.step:
-            # The force was outside the rest range for less than time can resolve.
+            # The force was outside the range of rest for less than time can resolve.
             self.clock[Clock.TIME] = (np.floor(began / self.dt + 1e-9) + 1.0) * self.dt
         self.side = 1 - self.side
         other = self.linkages[self.side]
@@ -510,9 +516,9 @@ class Run:
         self.clock[Clock.CODE] = IDLE if code == NOT_APPLICABLE else code
         outcome = finish(self.case, position, velocity)
         balance_energy(self.case)
-        ledger = outcome.ledger
-        ledger.energy[:] = self.state.energy
-        ledger.model_time[FOUR_HINGES] = outcome.end_time - self.clock[Clock.RESTING]
+        diagnostics = outcome.diagnostics
+        diagnostics.energy[:] = self.state.energy
+        diagnostics.model_time[FOUR_HINGES] = outcome.end_time - self.clock[Clock.RESTING]
         if code == NOT_APPLICABLE:
             return outcome._replace(status=int(Status.NOT_APPLICABLE))
         if code != FALLEN:

@@ -19,7 +19,7 @@ class Parameter(NamedTuple):
 
 
 class MethodInfo(NamedTuple):
-    """A method of integration; all share one signature (`load`).
+    """A method of integration; all have one signature (`load`).
 
     Parameters that only one method has follow the shared arguments, by keyword.
     """
@@ -49,7 +49,7 @@ def own_step(rtol: float, n_body: int) -> tuple[float, float]:
 
 
 # More bodies than this collide so often that impacts are not worth locating.
-FEW_IMPACTS = 20
+RARE_IMPACTS = 20
 
 
 def steps_of_tolerance(rtol: float, n_body: int) -> tuple[float, float]:
@@ -68,7 +68,7 @@ def steps_of_tolerance(rtol: float, n_body: int) -> tuple[float, float]:
     -------
     impact, largest : float
         Over the root of the shortest joint's length over gravity [1]: 0.25 and 4 ms for joints of
-        1.5 m at the default tolerance, 2 ms both for more than `FEW_IMPACTS` bodies.
+        1.5 m at the default tolerance, 2 ms both for more than `RARE_IMPACTS` bodies.
 
     Examples
     --------
@@ -78,7 +78,7 @@ def steps_of_tolerance(rtol: float, n_body: int) -> tuple[float, float]:
     """
     scale = rtol / 1e-3
     impact = 0.5 * OWN_STEP * min(max(scale**0.6, 0.04), 32.0)
-    if n_body > FEW_IMPACTS:
+    if n_body > RARE_IMPACTS:
         return 8.0 * impact, 8.0 * impact
     return impact, max(8.0 * OWN_STEP * min(max(scale**0.4, 0.1), 4.0), impact)
 
@@ -200,7 +200,7 @@ METHODS = {
             ),
             FOLLOW,
             Parameter(
-                "hand_over",
+                "switch_steps",
                 "steps",
                 3.0,
                 "mean time between events, in time steps, below which all voussoirs are stepped",
@@ -211,7 +211,7 @@ METHODS = {
                 "coarse",
                 "1",
                 2e-4,
-                "tolerance above which voussoirs are stepped, unless events are few; 0: always",
+                "tolerance above which voussoirs are stepped, unless events are rare; 0: always",
                 0.0,
                 1.0,
             ),

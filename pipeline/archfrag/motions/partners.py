@@ -1,4 +1,4 @@
-"""Which components belong together: by their files' names, their headers, and their start."""
+"""Which components belong together, and which directions they have: by names, headers, starts."""
 
 import os
 import re
@@ -16,8 +16,22 @@ VERTICAL = re.compile(r"[-+]?(U|V|Z|UD\d?|UP|DWN|DOWN|VERT|VERTICAL|..Z)", re.IG
 HORIZONTAL = re.compile(
     r"[-+]?((EW|NS)\d?|[ENXYRTHL]\d?|[NS]\d+(\.\d+)?[EW]|\d{1,3}|..[ENXYRT12])", re.IGNORECASE
 )
+AZIMUTHS = {"N": 0.0, "NORTH": 0.0, "NS": 0.0, "E": 90.0, "EAST": 90.0, "EW": 90.0, "WE": 90.0,
+            "S": 180.0, "SOUTH": 180.0, "W": 270.0, "WEST": 270.0}  # fmt: skip
+_QUADRANT = re.compile(r"([NS])(\d+(?:\.\d+)?)([EW])", re.IGNORECASE)
 _LONGEST_CODE = 5
-_SHARED = ("event", "date", "station")
+_COMMON = ("event", "date", "station")
+_Frame = tuple[str, str]
+
+
+def quadrant(text: str) -> float | None:
+    """Azimuth of a bearing such as S16W [degrees clockwise from north], None if it is none."""
+    found = _QUADRANT.fullmatch(text)
+    if found is None:
+        return None
+    origin, angle, towards = found.group(1).upper(), float(found.group(2)), found.group(3).upper()
+    angle = angle if origin == "N" else 180.0 - angle
+    return (angle if towards == "E" else -angle) % 360.0
 
 
 def sibling(path: Path, names: Sequence[str], vertical: bool) -> Path | None:
@@ -35,8 +49,8 @@ def sibling(path: Path, names: Sequence[str], vertical: bool) -> Path | None:
     Returns
     -------
     Path or None
-        The file whose name differs from that of `path` in the code of the component only, in as
-        few characters as any. None if there is none.
+        The file whose name differs from that of `path` in the code of the component only, in the
+        smallest number of characters. None if there is none.
 
     Examples
     --------
@@ -61,9 +75,8 @@ def vertical_files(paths: Sequence[Path]) -> set[Path]:
     found: set[Path] = set()
     for folder, names in folders.items():
         verticals, horizontals = _by_frame(tuple(names))
-        for frame, owners in verticals.items():
-            if frame in horizontals:
-                found.update(folder / name for name in owners)
+        for frame in verticals.keys() & horizontals.keys():
+            found.update(folder / name for name in verticals[frame])
     return found
 
 
@@ -78,8 +91,8 @@ def with_vertical(motion: Motion, upward: Motion) -> Motion:
     Raises
     ------
     RecordError
-        If headers say that they are of different stations or events, time steps differ, or they
-        have no time in common.
+        If headers state different stations or events, time steps differ, or they have no time in
+        common.
     """
     joined = _joined(motion, upward, "vertical")
     code = upward.metadata.get("component", "")
@@ -92,10 +105,9 @@ def with_vertical(motion: Motion, upward: Motion) -> Motion:
 def with_across(motion: Motion, other: Motion) -> Motion:
     """A motion with the other horizontal component; parameters and errors as `with_vertical`."""
     joined = _joined(motion, other, "across")
-    facts = {"component": "component_across", "azimuth": "azimuth_across",
-             "trace": "trace_across", "file": "file_across"}  # fmt: skip
-    labels = {name: other.metadata[key] for key, name in facts.items() if other.metadata.get(key)}
-    return joined._replaced(metadata={**joined.metadata, **labels})
+    keys = ("component", "azimuth", "trace", "file")
+    found = {f"{key}_across": other.metadata[key] for key in keys if other.metadata.get(key)}
+    return joined._replaced(metadata={**joined.metadata, **found})
 
 
 def other_horizontal(motion: Motion, motions: Sequence[Motion]) -> Motion | None:
@@ -111,7 +123,7 @@ def _family(motion: Motion) -> str:
 
 
 @lru_cache(maxsize=8192)
-def _frames(name: str) -> tuple[tuple[tuple[str, str], ...], tuple[tuple[str, str], ...]]:
+def _frames(name: str) -> tuple[tuple[_Frame, ...], tuple[_Frame, ...]]:
     """What stands before and after a code of a vertical and of a horizontal component.
 
     The shortest codes come first, so that what surrounds them is the longest.
@@ -119,19 +131,16 @@ def _frames(name: str) -> tuple[tuple[tuple[str, str], ...], tuple[tuple[str, st
     return tuple(_matching(name, VERTICAL)), tuple(_matching(name, HORIZONTAL))
 
 
-def _matching(name: str, code: re.Pattern[str]) -> Iterator[tuple[str, str]]:
+def _matching(name: str, code: re.Pattern[str]) -> Iterator[_Frame]:
     for length in range(1, min(_LONGEST_CODE, len(name)) + 1):
         for start in range(len(name) - length, -1, -1):
             if code.fullmatch(name, start, start + length):
                 yield name[:start].lower(), name[start + length :].lower()
 
 
-_Table = dict[tuple[str, str], list[str]]
-
-
 @lru_cache(maxsize=16)
-def _by_frame(names: tuple[str, ...]) -> tuple[_Table, _Table]:
-    tables: tuple[_Table, _Table] = ({}, {})
+def _by_frame(names: tuple[str, ...]) -> tuple[dict[_Frame, list[str]], dict[_Frame, list[str]]]:
+    tables: tuple[dict[_Frame, list[str]], dict[_Frame, list[str]]] = ({}, {})
     for name in sorted(names):
         for table, frames in zip(tables, _frames(name)):
             for frame in frames:
@@ -147,10 +156,17 @@ def folder_names(folder: Path) -> list[str]:
         return []
 
 
+def common_span(later: int, *sizes: int) -> tuple[slice, slice, int]:
+    """Samples that two rows have in common, of which the second begins that much later."""
+    first, its_first = max(0, later), max(0, -later)
+    count = min(sizes[0] - first, sizes[1] - its_first)
+    return slice(first, first + count), slice(its_first, its_first + count), count
+
+
 def _joined(motion: Motion, other: Motion, key: str) -> Motion:
     own, its = motion.metadata, other.metadata
     name = f"{motion.id} and {its.get('file') or other.id}"
-    for fact in _SHARED:
+    for fact in _COMMON:
         one, two = str(own.get(fact) or ""), str(its.get(fact) or "")
         if one and two and one.casefold() != two.casefold():
             raise RecordError(
@@ -159,27 +175,21 @@ def _joined(motion: Motion, other: Motion, key: str) -> Motion:
             )
     if not np.isclose(motion.dt, other.dt, rtol=1e-6, atol=0.0):
         raise RecordError(f"{name}: time steps {motion.dt:g} s and {other.dt:g} s must be equal")
-    later = round((_start(other) - _start(motion)) / motion.dt) if _both_timed(own, its) else 0
-    first, its_first = max(0, later), max(0, -later)
-    size = motion.acceleration.size
-    count = min(size - first, other.acceleration.size - its_first)
+    timed = own.get("start_time") and its.get("start_time")
+    later = round((_start(other) - _start(motion)) / motion.dt) if timed else 0
+    sizes = motion.acceleration.size, other.acceleration.size
+    kept, its_kept, count = common_span(later, *sizes)
     if count < 2:
         raise RecordError(f"{name}: have no time in common")
     log = motion.log
-    if count < max(size, other.acceleration.size):
+    if count < max(sizes):
         log = (*log, f"Cut to the {count} samples in common with {its.get('file') or other.id}.")
-    kept = slice(first, first + count)
     arrays = {
         part: None if samples is None else samples[kept]
         for part, samples in (("acceleration", motion.acceleration),
                               ("vertical", motion.vertical), ("across", motion.across))
     }  # fmt: skip
-    arrays[key] = other.acceleration[its_first : its_first + count]
-    return motion._replaced(**arrays, log=log)
-
-
-def _both_timed(*metadata: object) -> bool:
-    return all(isinstance(entry, dict) and entry.get("start_time") for entry in metadata)
+    return motion._replaced(**(arrays | {key: other.acceleration[its_kept]}), log=log)
 
 
 def _start(motion: Motion) -> float:

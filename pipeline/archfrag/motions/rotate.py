@@ -1,4 +1,4 @@
-"""Two horizontal components turned into the plane of an arch."""
+"""Two horizontal components rotated into the plane of an arch."""
 
 import re
 
@@ -6,33 +6,21 @@ import numpy as np
 
 from archfrag.errors import InputError, RecordError
 from archfrag.motions.motion import Motion
+from archfrag.motions.partners import AZIMUTHS, quadrant
 
-_LETTERS = {"N": 0.0, "NS": 0.0, "E": 90.0, "EW": 90.0, "S": 180.0, "W": 270.0}
-_QUADRANT = re.compile(r"([NS])(\d+(?:\.\d+)?)([EW])", re.IGNORECASE)
 _LEAST_SINE = 0.5  # of the angle between two components that a plane can be made of
 
 
 def azimuth_of_code(code: str) -> float | None:
-    """Azimuth [degrees clockwise from north] that the name of a component says, None if none.
-
-    ``N``, ``E``, ``NS``, ``EW1``, ``HNE``, ``180``, ``S45E``.
-
-    Examples
-    --------
-    >>> from archfrag.motions.rotate import azimuth_of_code
-    >>> [azimuth_of_code(code) for code in ("HNE", "180", "S45E", "H1")]
-    [90.0, 180.0, 135.0, None]
-    """
+    """Azimuth [degrees] by the name of a component: ``N``, ``EW1``, ``HNE``, ``180``, ``S45E``."""
     text = code.strip().upper().lstrip("-+")
-    quadrant = _QUADRANT.fullmatch(text)
-    if quadrant:
-        angle = float(quadrant.group(2)) * (1.0 if quadrant.group(3) == "E" else -1.0)
-        return (angle if quadrant.group(1) == "N" else 180.0 - angle) % 360.0
+    if (bearing := quadrant(text)) is not None:
+        return bearing
     if re.fullmatch(r"\d{1,3}", text):
         return float(text) % 360.0 if len(text) > 1 else None
     if re.fullmatch(r"[A-Z][A-Z][NE]", text):
         text = text[-1]
-    return _LETTERS.get(re.sub(r"\d$", "", text))
+    return AZIMUTHS.get(re.sub(r"\d$", "", text))
 
 
 def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = None) -> Motion:
@@ -55,6 +43,14 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
         If there is one component only, an azimuth is not known, or both are nearly parallel.
     InputError
         Unless one of `azimuth` and `angle` is given.
+
+    Examples
+    --------
+    >>> import numpy as np, archfrag as af
+    >>> from archfrag.motions.rotate import rotate
+    >>> motion = af.Motion([0.0, 1.0, 0.0], 0.01, across=[0.0, 1.0, 0.0])
+    >>> rotate(motion, angle=45.0).acceleration.round(3).tolist()
+    [0.0, 1.414, 0.0]
     """
     name = motion.id or "motion"
     if (azimuth is None) == (angle is None):
@@ -62,14 +58,8 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
     if motion.across is None:
         raise RecordError(f"{name}: rotate needs two horizontal components, and there is one")
     codes = [str(motion.metadata.get(key, "")) for key in ("component", "component_across")]
-    if angle is not None:
-        own = (0.0, 90.0)
-        wanted, words = angle, f"by {angle:g} degrees from {codes[0]} towards {codes[1]}"
-    else:
-        assert azimuth is not None
-        own = _azimuths(motion, codes)
-        wanted = azimuth
-        words = f"to azimuth {azimuth:g} degrees (from {own[0]:g} and {own[1]:g})"
+    own = (0.0, 90.0) if azimuth is None else _azimuths(motion, codes)
+    wanted = float(angle or 0.0) if azimuth is None else azimuth
     one, other = np.deg2rad(own)
     sine = np.sin(other - one)
     if abs(sine) < _LEAST_SINE:
@@ -79,19 +69,19 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
         )
     along = np.deg2rad(wanted)
     # a(azimuth) = N cos + E sin holds for both components; solved for the wanted direction.
-    rows = [
-        (np.sin(other - direction) / sine, np.sin(direction - one) / sine)
-        for direction in (along, along + 0.5 * np.pi)
-    ]
     first, second = (
-        np.float64(p) * motion.acceleration + np.float64(q) * motion.across for p, q in rows
+        np.float64(np.sin(other - direction) / sine) * motion.acceleration
+        + np.float64(np.sin(direction - one) / sine) * motion.across
+        for direction in (along, along + 0.5 * np.pi)
     )
     labels: dict[str, str | float] = {
         "component": f"{wanted:g}",
         "component_across": f"{wanted + 90.0:g}",
     }
+    words = f"by {wanted:g} degrees from {codes[0]} towards {codes[1]}"
     if azimuth is not None:
         labels |= {"azimuth": wanted % 360.0, "azimuth_across": (wanted + 90.0) % 360.0}
+        words = f"to azimuth {azimuth:g} degrees (from {own[0]:g} and {own[1]:g})"
     return motion._replaced(
         acceleration=first,
         across=second,

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from archfrag.fragility.counts import clopper_pearson
 from archfrag.fragility.curve import Fragility
-from archfrag.fragility.intervals import clopper_pearson
 from archfrag.report import picture as look
 from archfrag.report.axes import BELOW, BESIDE, axis_x, axis_y, even_ticks
 from archfrag.report.picture import Picture

@@ -10,7 +10,7 @@ from archfrag.report.summary import reading_scale
 from archfrag.simulate import onset
 from archfrag.study.cautions import cautions_of_cube
 from archfrag.study.config import Study
-from archfrag.study.cube import CUBE, read_cube, read_timings, refuse_foreign_cube
+from archfrag.study.cube import read_timings
 from archfrag.study.curves import Answer
 from archfrag.study.fits import FITS, load_answers, load_fits, open_cube
 from archfrag.study.members import members, shown
@@ -37,20 +37,20 @@ def report_inputs(study: Study, beside: Path | None = None) -> ReportInputs:
     require(study, "cube")
     require(study, "fit")
     prepared = load_prepared(study)
-    refuse_foreign_cube(study)
-    cube = read_cube(study.folder / CUBE)
+    with open_cube(study) as opened:
+        cube = opened.load()
     answers = load_answers(study.folder / FITS)
     entries = {entry.id: entry for entry in members(study, len(prepared)).entries}
     names = list(answers)
     arches = [(names[i], entries[names[i]].build()) for i in shown(_medians(answers))]
     return ReportInputs(
-        cube=cube,  # type: ignore[arg-type]  # has the names that the report uses
+        cube=cube,
         measure=study.intensity.measure,
         motions=[load_record(study, record) for record in prepared],
         arches=[(name, arch, onset(arch)) for name, arch in arches],
         answers=answers,
         classes=load_answers(study.folder / FITS, "classes"),
-        cautions=cautions_of_cube(study, cube),  # type: ignore[arg-type]
+        cautions=cautions_of_cube(study, cube),
         timings=read_timings(study),
         title=study.title,
         confidence=study.report.confidence,

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from archfrag.fragility.deaggregate import Deaggregation, deaggregate
+from archfrag.fragility.contributions import Deaggregation, deaggregate
 from archfrag.mechanics.status import CollapseMode
 from archfrag.report import picture as look
 from archfrag.report.axes import axis_y, heading, level_axis, panes

@@ -21,7 +21,6 @@ from archfrag.report.motion_section import motion_section
 from archfrag.report.picture import SVG_STYLE, Picture, standalone
 from archfrag.report.plot import hatch_definitions
 from archfrag.report.summary import Scale, arch_results, reading_scale
-from archfrag.study.cube import read_cube
 from archfrag.study.members import SHOWN
 from archfrag.study.steps import ALL_CURVES, REPORT_FILES
 
@@ -156,11 +155,13 @@ def _opened(inputs: ReportInputs) -> "Iterator[xr.Dataset]":
     if not isinstance(inputs.cube, Path):
         yield inputs.cube
         return
+    import xarray
+
     try:
-        cube = read_cube(inputs.cube)
+        cube = xarray.load_dataset(inputs.cube)
     except (OSError, ValueError) as error:
         raise InputError(f"the cube {inputs.cube} cannot be read: {error}") from error
-    yield cube  # type: ignore[misc]  # has those of its names that the report uses
+    yield cube
 
 
 def render(study_results: ReportInputs) -> str:

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.fragility.counts import Verdict
+from archfrag.fragility.counts import Verdict, clopper_pearson
 from archfrag.fragility.curve import Fragility
-from archfrag.fragility.intervals import clopper_pearson
 from archfrag.report.summary import ArchResults, Scale, digits
 
 if TYPE_CHECKING:

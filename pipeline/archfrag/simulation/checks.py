@@ -50,12 +50,7 @@ def default_steps(info: MethodInfo, tolerance: Any, arch: Arch) -> tuple[float, 
 
 
 def check_arch(arch: Any) -> None:
-    """See that it is an `Arch`.
-
-    Raises
-    ------
-    InputError
-    """
+    """See that it is an `Arch`."""
     if not isinstance(arch, Arch):
         raise InputError(f"arch is {type(arch).__name__}; it must be an archfrag Arch or Block")
 
@@ -152,12 +147,7 @@ def _within(parameter: Parameter, value: float) -> bool:
 
 
 def check_number(name: str, value: Any, allowed: str, fits: Callable[[float], bool]) -> None:
-    """See that a value is a number that `fits`; `allowed` says in words what that means.
-
-    Raises
-    ------
-    InputError
-    """
+    """See that a value is a number that `fits`; `allowed` says in words what that means."""
     try:
         good = not isinstance(value, bool) and fits(float(value))
     except (TypeError, ValueError):
@@ -167,13 +157,7 @@ def check_number(name: str, value: Any, allowed: str, fits: Callable[[float], bo
 
 
 def check_initial(initial: Any, arch: Arch) -> tuple[NDArray, NDArray]:
-    """Displacement and velocity as arrays, each (n_voussoir, 3).
-
-    Raises
-    ------
-    InputError
-        If they have another shape, hold anything that is not finite, or let voussoirs overlap.
-    """
+    """Displacement and velocity as arrays, each (n_voussoir, 3)."""
     n_voussoir = arch.n_voussoir
     try:
         shift, velocity = (np.array(part, float) for part in initial)
@@ -196,7 +180,7 @@ def _check_overlap(shift: NDArray, arch: Arch) -> None:
     work, place = new_work(model), new_state(model).position
     place[:, :2] = model.centroid
     place[1:-1] += shift
-    move_faces(model, place, work.turned, work.face, work.tangent)
+    move_faces(model, place, work.rotated, work.face, work.tangent)
     for j in range(arch.n_joint):
         for corner in range(2):
             gap = clearance(j, corner, work.face, work.tangent) / model.length[j]

@@ -22,9 +22,9 @@ CAUSE_WORDS = {
     Cause.LOSS: "contact lost",
     Cause.CLOSE: "hinge closes",
     Cause.REST: "comes to rest",
-    Cause.CROWD: "events accumulate",
+    Cause.ACCUMULATION: "events accumulate",
     Cause.UNSOLVED: "laws not met on few bodies",
-    Cause.CALM: "taken back from time stepping",
+    Cause.QUIESCENT: "taken back from time stepping",
     Cause.END: "end of the run",
 }
 MODEL_WORDS = {

@@ -19,7 +19,7 @@ _EVENTS = {
     "contact_losses": Count.LOSSES,
     "rests": Count.RESTS,
     "events": Count.EVENTS,
-    "hand_overs": Count.HAND_OVERS,
+    "hand_overs": Count.SWITCHES,
 }
 _WORK = {
     entry.name.lower(): entry
@@ -38,7 +38,7 @@ _ENERGY = {
     "ground": Energy.GROUND,
     "friction": Energy.FRICTION,
     "impacts": Energy.IMPACT,
-    "stray": Energy.STRAY,
+    "balance_error": Energy.BALANCE_ERROR,
     "largest_kinetic": Energy.LARGEST_KINETIC,
 }
 
@@ -85,7 +85,7 @@ class Response:
         over the largest kinetic energy [1].
     energy : dict of str to float
         Kinetic and potential energy at the end, work of the ground, friction, impacts, and what
-        is left over ("stray") [J].
+        is left over ("balance_error") [J].
     work : dict of str to int
         Counts of what was computed: "steps"; "iterations", linear contact problems on all
         voussoirs (of quadratic_programme: iterations of its solver); "paths", contact problems
@@ -189,7 +189,7 @@ def response_of(
         As in `Response`.
     """
     status = Status(outcome.status)
-    count, energy, model_time, peak = (values.tolist() for values in outcome.ledger)
+    count, energy, model_time, peak = (values.tolist() for values in outcome.diagnostics)
     loss, largest = outcome.loss.tolist(), energy[Energy.LARGEST_KINETIC]
     return Response(
         status=status,
@@ -207,7 +207,7 @@ def response_of(
         residual_displacement=peak[Peak.END_DISPLACEMENT],
         events={name: int(count[entry]) for name, entry in _EVENTS.items()},
         model_time={name: model_time[model] for name, model in _MODELS.items()},
-        energy_error=energy[Energy.STRAY_PEAK] / largest if largest > 0.0 else 0.0,
+        energy_error=energy[Energy.BALANCE_ERROR_PEAK] / largest if largest > 0.0 else 0.0,
         energy={name: energy[entry] for name, entry in _ENERGY.items()},
         work={name: int(count[entry]) for name, entry in _WORK.items()},
         wall_time=wall_time,

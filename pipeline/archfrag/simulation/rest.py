@@ -14,13 +14,7 @@ from archfrag.mechanics.contact.path import new_path
 from archfrag.mechanics.contact.placing import move_faces, place_contacts
 from archfrag.mechanics.contact.problem import solve_anyhow
 from archfrag.mechanics.model import Model, State, Work, model_of, new_state, new_work
-from archfrag.mechanics.onset import (
-    HINGE_EXTRADOS,
-    HINGE_INTRADOS,
-    SLIDING,
-    RestLimit,
-    rest_limit,
-)
+from archfrag.mechanics.onset import HINGE_EXTRADOS, HINGE_INTRADOS, SLIDING, RestLimit, rest_limit
 from archfrag.mechanics.status import Status
 from archfrag.simulation.checks import check_arch
 
@@ -151,7 +145,7 @@ def _placed_at_rest(arch: Arch) -> tuple[Model, State, Work]:
     model = model_of(arch.chain)
     state, work = new_state(model), new_work(model)
     state.position[:, :2] = model.centroid
-    move_faces(model, state.position, work.turned, work.face, work.tangent)
+    move_faces(model, state.position, work.rotated, work.face, work.tangent)
     place_contacts(model, state.slip, work.face, work.tangent, work)
     work.candidate[:], state.touch[:] = 1.0, 1.0
     return model, state, work

@@ -65,14 +65,7 @@ def _last_time(base: Path, method: str) -> float:
 def compiling(
     methods: Sequence[str], progress: Callable[[str], Any] | None = None
 ) -> Iterator[None]:
-    """Around what compiles the kernels of some methods: help, messages, and a note at the end.
-
-    Parameters
-    ----------
-    methods : sequence of str
-    progress : callable, optional
-        Called with a message at once and then about every second, from another thread.
-    """
+    """Around what compiles the kernels of some methods: help, messages, and a note at the end."""
     started = time.perf_counter()
     compiled = are_compiled(methods) or bool(config.DISABLE_JIT)  # type: ignore[attr-defined]
     with contextlib.ExitStack() as stack:

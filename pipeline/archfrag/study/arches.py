@@ -1,6 +1,7 @@
 """Arches as a study file gives them: one model for each profile, told apart by `profile`."""
 
 import math
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -56,8 +57,7 @@ Numbers = Annotated[tuple[float, ...], Field(strict=False, max_length=MOST_VOUSS
 _Load = Annotated[float, Field(le=MOST_LOAD, json_schema_extra={"minimum": 0})]
 _Loads = Annotated[tuple[_Load, ...], Field(strict=False, max_length=MOST_VOUSSOIRS)]
 LoadOrEach = Annotated[
-    Annotated[_Load, Tag("one")] | Annotated[_Loads, Tag("each")],
-    Discriminator(_one_or_each),
+    Annotated[_Load, Tag("one")] | Annotated[_Loads, Tag("each")], Discriminator(_one_or_each)
 ]
 _Coefficient = Annotated[
     float,
@@ -74,14 +74,21 @@ Friction = Annotated[
     Discriminator(_one_or_each),
 ]
 _Point = Annotated[tuple[float, float], Field(strict=False)]
+_Corner = Annotated[
+    Annotated[tuple[float, float], Field(strict=False)]
+    | Annotated[tuple[float, float, float], Field(strict=False)],
+    Field(union_mode="left_to_right"),
+]
 Points = Annotated[tuple[_Point, ...], Field(strict=False, max_length=MOST_VOUSSOIRS + 1)]
 _Depth = Annotated[float, Field(ge=0.0, le=LARGEST)]
 _Depths = Annotated[tuple[_Depth, ...], Field(strict=False, max_length=MOST_VOUSSOIRS + 1)]
 DepthOrEach = Annotated[
-    Annotated[_Depth, Tag("one")] | Annotated[_Depths, Tag("each")],
-    Discriminator(_one_or_each),
+    Annotated[_Depth, Tag("one")] | Annotated[_Depths, Tag("each")], Discriminator(_one_or_each)
 ]
 Identifier = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$", max_length=80)]
+
+
+_MAKER = {"polygons": "from_polygons"}  # of profiles whose class method has another name
 
 
 class Recess(Section):
@@ -136,19 +143,15 @@ class Chain(Section):
         return self
 
     def build(self) -> "Arch":
-        """The arch of this entry; of one that varies, that of its own values.
-
-        Raises
-        ------
-        GeometryError
-            If it cannot exist.
-        """
+        """The arch of this entry; of one that varies, that of its own values."""
         from archfrag import arch
 
         given = self.model_dump(exclude={"id", "profile", "recess", "vary"})
         profile = getattr(self, "profile")  # noqa: B009
-        kind = arch.Block if profile == "block" else getattr(arch.Arch, profile)
-        built: Arch = kind(**given)
+        if profile == "block":
+            built: Arch = arch.Block(**given)
+        else:
+            built = getattr(arch.Arch, _MAKER.get(profile, profile))(**given)
         if self.recess is None:
             return built
         from archfrag.arch.recess import recessed
@@ -247,8 +250,70 @@ class Block(Chain):
     """[m]"""
 
 
+class Drawn(Chain):
+    """What blocks of any shape share, whether a file or the study has them."""
+
+    dead_load: LoadOrEach | None = None
+    """Weight on the back of all voussoirs, or a list with one for each from the left [N]."""
+    thickness_factor: Annotated[float, Field(gt=0.0, le=100.0)] = 1.0
+    """Joints are longer by it about their middles, and the sides between them follow."""
+    tolerance: Length | None = None
+    """Within which edges of neighbours agree [m]; 1e-5 of the size of all if not given."""
+
+
+class Polygons(Drawn):
+    """Blocks of any shape, which form a chain by the edges that they share."""
+
+    profile: Literal["polygons"]
+    outlines: Annotated[
+        tuple[Annotated[tuple[_Corner, ...], Field(strict=False)], ...],
+        Field(strict=False, max_length=MOST_VOUSSOIRS),
+    ]
+    """Corners of each block: x, y [m] and the bulge of the side to the next one, 0 if straight."""
+    ground: Annotated[
+        tuple[Annotated[tuple[_Point, _Point], Field(strict=False)], ...],
+        Field(strict=False, max_length=2),
+    ] = ()
+    """Lines on which ends stand; without any the sides opposite to the joints of the two ends."""
+
+
+class FromDrawing(Drawn):
+    """Blocks of a DXF drawing, which form a chain by the edges that they share."""
+
+    profile: Literal["drawing"] = "drawing"
+    drawing: PathText
+    """DXF file, relative to the study file, with blocks as closed polylines on one layer and
+    lines where they stand on the ground."""
+    layer: str | None = None
+    """Of the blocks; the only one with polylines if not given."""
+    unit: Literal["m", "dm", "cm", "mm", "in", "ft"] | None = None
+    """Of the drawing, over what it states."""
+
+    def read(self) -> Polygons:
+        """The same with what the drawing holds in its place.
+
+        Raises
+        ------
+        GeometryError
+        """
+        from archfrag.arch.drawing import read_drawing
+        from archfrag.arch.polygons import polygon_ring
+
+        drawn = read_drawing(self.drawing, self.layer, self.unit)
+        names = drawn.names, drawn.ground_names
+        polygon_ring(drawn.outlines, drawn.ground, *names, self.tolerance)
+        given = self.model_dump(exclude={"profile", "drawing", "layer", "unit"})
+        blocks = {"outlines": drawn.outlines, "ground": drawn.ground}
+        listed = {name: [each.tolist() for each in value] for name, value in blocks.items()}
+        return Polygons.model_validate({**given, **listed, "profile": "polygons"})
+
+    def build(self) -> "Arch":
+        """The arch of the drawing; see `Chain.build`."""
+        return self.read().build()
+
+
 ArchEntry = Annotated[
-    Circular | Segmental | Pointed | Elliptic | Catenary | FromJoints | Block,
+    Circular | Segmental | Pointed | Elliptic | Catenary | FromJoints | Block | Polygons,
     Field(discriminator="profile"),
 ]
 
@@ -279,13 +344,14 @@ class Table(Section):
         return self.model_dump(exclude={"id", "table"}, exclude_none=True, exclude_unset=True)
 
     def build(self) -> "Arch":
-        """Refuses: a table has no one arch.
-
-        Raises
-        ------
-        StudyError
-        """
+        """Refuses: a table has no one arch."""
         raise StudyError(f"{self.id}: is a table of arches, of which one must be chosen")
+
+
+def file_of(entry: Any) -> Path | None:
+    """File of which an entry's arches follow: a table or a drawing; None for others."""
+    name = getattr(entry, "table", None) or getattr(entry, "drawing", None)
+    return None if name is None else Path(name)
 
 
 def _defaults() -> dict[str, Any]:
@@ -308,12 +374,16 @@ else:
     )
 
 
-def _one_or_many(given: Any) -> str:
-    many = "table" in given if isinstance(given, dict) else isinstance(given, Table)
-    return "many" if many else "single"
+def _kind_of(given: Any) -> str:
+    for key, kind, tag in (("table", Table, "many"), ("drawing", FromDrawing, "drawn")):
+        if key in given if isinstance(given, dict) else isinstance(given, kind):
+            return tag
+    return "single"
 
 
 StudyArch = Annotated[
-    Annotated[ArchEntry, Tag("single")] | Annotated[Fleet, Tag("many")],
-    Discriminator(_one_or_many),
+    Annotated[ArchEntry, Tag("single")]
+    | Annotated[Fleet, Tag("many")]
+    | Annotated[FromDrawing, Tag("drawn")],
+    Discriminator(_kind_of),
 ]

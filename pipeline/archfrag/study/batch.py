@@ -36,7 +36,7 @@ from archfrag.study.worker import run_chunk, run_chunks
 # A worker is to stay below 400 MB; dask ends one that reaches 95 % of the limit.
 MEMORY_LIMIT = 800 * 10**6
 IN_FLIGHT = 2
-HERE = 5.0  # [s]
+IN_PROCESS = 5.0  # of runs that this process makes before workers are started [s]
 # A chunk is one call: four of its runs go side by side to near its end, workers share a round.
 LANES, SMALLEST_CHUNK, LARGEST_CHUNK, CHUNKS_EACH = 4, 8, 200, 3
 # Where that makes many parts they hold more, so that looking for those there takes seconds.
@@ -84,30 +84,7 @@ class BatchLog:
 def run_batch(
     study: Study, batch: int = 0, workers: int | None = None, quiet: bool = False
 ) -> BatchLog:
-    """Make the runs of one batch that the design asks for; those that are there are kept.
-
-    Parameters
-    ----------
-    study : Study
-        Whose motions are prepared.
-    batch : int
-        Which of the study's batches.
-    workers : int, optional
-        Processes; as the study says, or as many as cores, if not given.
-    quiet : bool
-        No progress bar.
-
-    Raises
-    ------
-    InputError
-        If the motions are not prepared, or there is no such batch.
-    StabilityError
-        If an arch does not stand.
-    OutputError
-        If the output cannot be written; finished parts are kept.
-    WorkerError
-        If workers are lost again and again, or no scheduler answers.
-    """
+    """Make the runs of one batch that the design asks for; those that are there are kept."""
     started = time.perf_counter()
     plan = make_plan(study)
     for folder in (plan.parts, timings_folder(plan.parts)):
@@ -117,7 +94,7 @@ def run_batch(
     count = workers or study.execution.workers or available_cores()
     with contextlib.ExitStack() as stack:
         bar = stack.enter_context(_progress(quiet))
-        hands = _Hands(study, plan, count, bar, stack)
+        executor = _Executor(study, plan, count, bar, stack)
         while len(rounds.wanted):
             factors = plan.factors(rounds.wanted)
             keys = plan.keys(rounds.wanted, factors)
@@ -128,7 +105,7 @@ def run_batch(
             if missing.size:
                 chunks = cut(rounds.wanted[missing], study.execution.chunk, count)
                 work = [(cases, factors[missing[rows]]) for rows, cases in chunks]
-                for done in hands.results(work):
+                for done in executor.results(work):
                     if not store.add(Path(done["part"])):
                         raise WorkerError(
                             f"{done['part']}: a worker wrote it, but it cannot be read back; "
@@ -138,7 +115,7 @@ def run_batch(
                     log.kernel_time += done["kernel_time"]
                     log.peak_memory[str(done["pid"])] = done["peak_memory"]
             rounds.answer(store.verdicts(keys))
-    log.rounds, log.workers = rounds.count, hands.workers
+    log.rounds, log.workers = rounds.count, executor.count
     log.wall_time = time.perf_counter() - started
     add_to_log(study.work, {"step": "batch", **asdict(log), **machine()})
     return log
@@ -164,7 +141,7 @@ def cut(cases: Cases, chunk: int | None, workers: int) -> list[tuple[slice, Case
     return chunks
 
 
-class _Hands:
+class _Executor:
     """Makes runs: the first ones in this process, then on workers, if there is work for them.
 
     Workers take seconds to start, which is more than all runs of a small study take.
@@ -173,43 +150,43 @@ class _Hands:
     def __init__(
         self, study: Study, plan: Plan, count: int, bar: tqdm, stack: contextlib.ExitStack
     ) -> None:
-        self.workers = 0
-        self._study, self._plan, self._count = study, plan, count
+        self.count = 0
+        self._study, self._plan, self._wanted = study, plan, count
         self._bar, self._stack = bar, stack
         asked = study.execution.scheduler is not None or study.execution.workers is not None
-        self._left = 0.0 if asked else HERE  # [s]
-        self._crew: _Crew | None = None
+        self._left = 0.0 if asked else IN_PROCESS  # of that time [s]
+        self._workers: _Workers | None = None
 
     def results(self, work: list[tuple[Cases, NDArray]]) -> Iterator[dict[str, Any]]:
-        """Run chunks, in this process for as long as `HERE` says."""
-        if not self.workers:
+        """Run chunks, in this process for `IN_PROCESS` seconds."""
+        if not self.count:
             self._plan.save()
             with _ticking(self._bar):
                 _compile_kernels(kernels_needed(self._study, self._plan), self._bar)
                 if self._left > 0.0:
                     check_arches(self._study, len(self._plan.records))
-            self.workers = 1
+            self.count = 1
         waiting = deque(work)
         while waiting and self._left > 0.0:
             done = run_chunk(str(self._plan.path), *waiting.popleft())
             self._left -= done["wall_time"]
             yield done
         if waiting:
-            if self._crew is None:
-                self._crew = self._started()
-            yield from self._crew.results(self._plan, list(waiting))
+            if self._workers is None:
+                self._workers = self.start_workers()
+            yield from self._workers.results(self._plan, list(waiting))
 
-    def _started(self) -> "_Crew":
+    def start_workers(self) -> "_Workers":
         """Workers that are ready, and arches checked."""
         with _ticking(self._bar):
             self._bar.set_description("starting workers")
             with ThreadPoolExecutor(1) as beside:
                 checked = beside.submit(check_arches, self._study, len(self._plan.records))
-                client = self._stack.enter_context(_client(self._study, self._count))
+                client = self._stack.enter_context(_client(self._study, self._wanted))
             checked.result()
         _start_clock(self._bar)
-        self.workers = self._count
-        return _Crew(client)
+        self.count = self._wanted
+        return _Workers(client)
 
 
 def _compile_kernels(names: list[str], bar: tqdm) -> None:
@@ -344,7 +321,7 @@ def _result(future: Future) -> list[dict[str, float]] | None:
         ) from error
 
 
-class _Crew:
+class _Workers:
     """Workers, watched for those that vanish: dask itself would wait for ever."""
 
     def __init__(self, client: Client) -> None:

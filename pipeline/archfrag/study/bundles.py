@@ -34,16 +34,6 @@ class Bundles:
 
     A bundle is as long as the chunks before it suggest, and shorter towards the end. Of a kind of
     which nothing is known yet a bundle is one chunk.
-
-    Parameters
-    ----------
-    lengths : sequence of float
-        Simulated time of the records of each chunk [s].
-    kinds : sequence
-        What decides the pace of each chunk, such as its arch.
-    workers : int
-    rates : Rates
-        Of chunks before these; learns from these.
     """
 
     def __init__(

@@ -41,29 +41,9 @@ def simulate_case(
 
 
 def tabulate_cases(
-    method: Mapping[str, Any],
-    arch: "Arch",
-    motions: Sequence["Motion"],
-    factors: Sequence[float],
+    method: Mapping[str, Any], arch: "Arch", motions: Sequence["Motion"], factors: Sequence[float]
 ) -> tuple[dict[str, NDArray], NDArray[np.float64]]:
-    """As `simulate_case` for several runs of one arch, four at a time where the method can.
-
-    Parameters
-    ----------
-    method, arch
-        As in `simulate_case`.
-    motions : sequence of Motion
-        One for each run, unscaled.
-    factors : sequence of float
-        On them.
-
-    Returns
-    -------
-    dict
-        Columns of `archfrag.study.outcome`.
-    ndarray, (n_run,)
-        Wall times [s].
-    """
+    """As `simulate_case` for several runs of one arch, four at a time where the method can."""
     from archfrag.simulation.many import results_of_runs
     from archfrag.study.outcome import columns_of, table_of
 

@@ -19,18 +19,7 @@ MOST_NAMED = 12  # arches; of more only their number
 
 
 def study_cautions(study: Study) -> list[str]:
-    """All that a study's cube gives reason to say, levels in the study's unit.
-
-    Returns
-    -------
-    list of str
-        Sentences; none for a cube in order.
-
-    Raises
-    ------
-    InputError, OutputError
-        See `archfrag.study.fits.open_cube`.
-    """
+    """All that a study's cube gives reason to say, levels in the study's unit."""
     with open_cube(study) as cube:
         return cautions_of_cube(study, cube)
 
@@ -62,13 +51,7 @@ def one_event(cube: "xr.Dataset") -> str:
 
 
 def design_cautions(design: Mapping[str, Any]) -> list[str]:
-    """Sentences on what a design did not reach, or found against its own assumption.
-
-    Parameters
-    ----------
-    design : mapping
-        The cube's attribute `archfrag_design`.
-    """
+    """Sentences on what a design did not reach, or found against its own assumption."""
     found, against = [], dict[str, tuple[int, int]]()
     for name, note in design.get("arches", {}).items():
         if note.get("why"):
@@ -95,14 +78,7 @@ def _counts(cube: "xr.Dataset", arch: int) -> VerdictCounts:
 
 
 def undecided(counts: VerdictCounts, levels: Sequence[str]) -> str:
-    """Sentence on unfinished and failed runs; empty if at no level they are too many.
-
-    Parameters
-    ----------
-    counts : VerdictCounts
-    levels : sequence of str, (n_level,)
-        With their unit.
-    """
+    """Sentence on unfinished and failed runs; empty if at no level they are too many."""
     lost = counts.unfinished + counts.solver_failures
     share = lost / np.maximum(counts.runs, 1)
     many = int(np.count_nonzero(share > MOST_UNDECIDED))
@@ -118,12 +94,7 @@ def undecided(counts: VerdictCounts, levels: Sequence[str]) -> str:
 
 
 def scaled_far(cube: "xr.Dataset") -> str:
-    """Sentence on motions that are scaled too far; empty if there is none.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-    """
+    """Sentence on motions that are scaled too far; empty if there is none."""
     made = cube["verdict"].transpose("arch", "record", "level").values != Verdict.NOT_SIMULATED
     factors = np.broadcast_to(cube["scale_factor"].values, made.shape)
     largest = np.where(made, factors, 0.0).max(axis=(0, 2))

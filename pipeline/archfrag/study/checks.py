@@ -28,26 +28,7 @@ STUDY_FILE = "study.yaml"
 
 
 def check_arches(study: Study, n_record: int = 1) -> Members:
-    """See that all arches of a study can exist and stand under their own weight.
-
-    Parameters
-    ----------
-    study : Study
-    n_record : int
-        Its records, where each meets arches of its own.
-
-    Returns
-    -------
-    Members
-        The arches.
-
-    Raises
-    ------
-    StudyError
-        Naming the first that cannot exist.
-    StabilityError
-        Naming the first that does not stand, and how many samples of its class do not.
-    """
+    """See that all arches of a study can exist and stand under their own weight."""
     found = members(study, n_record)
     check_buildable(found)
     check_standing(found)
@@ -55,13 +36,7 @@ def check_arches(study: Study, n_record: int = 1) -> Members:
 
 
 def check_output(study: Study) -> None:
-    """See that the output folder can be written and is no other study's; nothing is created.
-
-    Raises
-    ------
-    OutputError
-        Naming the folder, and the other study.
-    """
+    """See that the output folder can be written and is no other study's; nothing is created."""
     _check_writable(study.folder)
     refuse_foreign_cube(study)
     resolved = study.work / STUDY_FILE
@@ -94,29 +69,16 @@ def _check_writable(folder: Path) -> None:
 
 @dataclass(frozen=True)
 class Summary:
-    """What a study amounts to.
-
-    Attributes
-    ----------
-    study : str
-    arches, records, levels : int
-    design : str
-        Its kind.
-    runs : int
-        By the study's own method.
-    extent : str
-        What is meant by `runs`: exactly, about, or at most so many.
-    coarse_runs : int
-        About so many runs by the coarse method come before, for a design in two stages.
-    """
+    """What a study amounts to."""
 
     study: str
     arches: int
     records: int
     levels: int
-    design: str
-    runs: int
-    extent: str = "exactly"
+    design: str  # its kind
+    runs: int  # by the study's own method
+    extent: str = "exactly"  # what is meant by `runs`: exactly, about, or at most so many
+    # About so many runs by the coarse method come before, for a design in two stages.
     coarse_runs: int = 0
     classes: tuple[ClassSummary, ...] = ()  # of arches that were drawn or come from a table
 
@@ -132,13 +94,7 @@ class Summary:
 
 
 def check_study(study: Study) -> Summary:
-    """Check all of a study without running it: arches stand, records are read and scaled.
-
-    Raises
-    ------
-    StudyError, RecordError, StabilityError, OutputError
-        With the first thing that is wrong.
-    """
+    """Check all of a study without running it: arches stand, records are read and scaled."""
     found = check_arches(study)
     study_inputs(study)
     records = 0

@@ -52,15 +52,7 @@ def _as_given(runs: Runs) -> FloatArray:
 
 
 def cloud_curves(cube: "xr.Dataset", runs: Runs, confidence: float) -> dict[str, Any]:
-    """Curves of a cloud by logistic regression and by the modified method, on peak rotation.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        Of one arch, as `runs`.
-    runs : Runs
-    confidence : float
-    """
+    """Curves of a cloud by logistic regression and by the modified method, on peak rotation."""
     from archfrag.fragility.cloud import cloud_binary, cloud_modified
     from archfrag.fragility.runs import Resampling
 
@@ -120,16 +112,7 @@ def measures_compared(cube: "xr.Dataset", runs: Runs) -> dict[str, Any]:
 
 
 def limit_states(cube: "xr.Dataset", runs: Runs, keys: Mapping[str, float]) -> dict[str, Any]:
-    """Curves of damage short of collapse, from the same runs, ordered.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        Of one arch, as `runs`.
-    runs : Runs
-    keys : mapping
-        The study's `limit_states`.
-    """
+    """Curves of damage short of collapse, from the same runs, ordered."""
     from archfrag.fragility.limit_states import fit_limit_states
 
     def values(name: str) -> NDArray:
@@ -179,32 +162,38 @@ def _filled(exceeded: NDArray[np.int64], states: Sequence[Any]) -> NDArray[np.in
     return filled
 
 
-def dispersion_split(members: Sequence[Runs]) -> dict[str, Any]:
-    """Dispersion of a class: from record to record, and between its arches."""
-    from archfrag.fragility.dispersion import split_capacities
+def dispersion_split(members: Sequence[Runs], answers: Sequence[Answer]) -> dict[str, Any]:
+    """Dispersion of a class: from record to record, and between its arches.
 
-    if members[0].design not in GRIDS or len({len(each.verdict) for each in members}) > 1:
+    By the capacities of all runs; by the likeliest curve of each arch where records withstand the
+    largest level, since without these, the mildest, what is left would differ less.
+    """
+    from archfrag.fragility.dispersion import split_capacities, split_curves
+
+    n_record = len(members[0].verdict)
+    if members[0].design not in GRIDS or any(len(each.verdict) != n_record for each in members):
         return {}
     rule = "fewest" if members[0].design == "stripes" else "first"
     capacity = np.stack([find_brackets(each.verdict, each.level, rule).middle for each in members])
     try:
-        split = split_capacities(capacity)
+        if np.isnan(capacity).any():
+            fits = [a.likelihood for a in answers if isinstance(a.likelihood, Fragility)]
+            split = split_curves(
+                [fit.theta for fit in fits], [fit.beta for fit in fits],
+                [fit.standard_errors[0] for fit in fits],
+                shared=_shared_error(capacity), n_record=n_record,
+            )  # fmt: skip
+        else:
+            split = split_capacities(capacity)
     except (FitError, InputError) as error:
         return {"none": str(error)}
-    message = split.message
-    if np.isnan(capacity).any():
-        # Those that withstand the largest level are the mildest: what is left differs less.
-        message += " Records that some arch withstands are left out; quote the mixture instead."
-    return {**asdict(split), "combined": split.combined(), "message": message}
+    return {**asdict(split), "combined": split.combined(), "message": split.message}
 
 
-def class_mixture(found: Sequence[Answer]) -> dict[str, Any]:
-    """Dispersion of a class by the likeliest curves of its arches, which use all their runs."""
-    from archfrag.fragility.classes import class_curve
-
-    known = [each.likelihood for each in found if isinstance(each.likelihood, Fragility)]
-    if len(known) < 2:
-        return {"none": f"{len(known)} of {len(found)} arches have a curve; two are needed"}
-    curve = class_curve([each.theta for each in known], [each.beta for each in known])
-    names = ("theta", "beta", "beta_record_to_record", "beta_model", "median", "misfit")
-    return {**{name: getattr(curve, name) for name in names}, "n_arch": len(known)}
+def _shared_error(capacity: FloatArray) -> float:
+    """Mean correlation of ln capacities between arches, by the records known for all."""
+    logs = np.log(capacity[:, ~np.isnan(capacity).any(axis=0)])
+    if logs.shape[1] < 3 or (np.ptp(logs, axis=1) == 0.0).any():
+        return 0.0
+    pairs = np.triu_indices(len(logs), k=1)
+    return float(np.clip(np.corrcoef(logs)[pairs].mean(), 0.0, 0.99))

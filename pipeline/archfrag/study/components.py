@@ -106,13 +106,7 @@ class Components:
         self._kept: set[Any] = set()
 
     def read(self, source: "Source") -> Iterator["Motion"]:
-        """The motions of a source.
-
-        Raises
-        ------
-        RecordError
-            Naming the record, if a component is missing or a step cannot be done.
-        """
+        """The motions of a source."""
         motions = _read(source)
         others = tuple(motions) if self._pairs else ()
         while motions:
@@ -128,13 +122,7 @@ class Components:
             yield self._processed(held, source)
 
     def check_choice(self) -> None:
-        """See that no record was left out whole.
-
-        Raises
-        ------
-        RecordError
-            Naming one that was.
-        """
+        """See that no record was left out whole."""
         for record, name in self._left_out.items():
             if record not in self._kept:
                 wanted = ", ".join(self._wanted())

@@ -367,6 +367,7 @@ def study_schema() -> str:
 _PATHS = {
     ("output",),
     ("arches", "*", "table"),
+    ("arches", "*", "drawing"),
     ("motions", "index"),
     ("motions", "files", "*"),
     ("motions", "files", "*", "path"),

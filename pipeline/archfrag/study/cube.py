@@ -15,7 +15,7 @@ from archfrag.errors import OutputError
 from archfrag.fragility.counts import Verdict
 from archfrag.study.config import Study
 from archfrag.study.design import GRIDS
-from archfrag.study.files import make_folder, replacing
+from archfrag.study.files import is_ours_damaged, make_folder, replacing
 from archfrag.study.members import Members, members
 from archfrag.study.outcome import COLUMNS, Column
 from archfrag.study.plan import Plan, make_plan
@@ -25,8 +25,6 @@ from archfrag.study.replay import Gathered, Results, replay
 from archfrag.study.rounds import CASE, COARSE, FINE, Cases
 from archfrag.study.store import Store
 from archfrag.study.vary import VARIABLE
-from archfrag.study.view import Variable, View
-from archfrag.study.written import is_ours_damaged
 
 CUBE = "cube.nc"
 TIMINGS = "timings.csv"
@@ -40,13 +38,7 @@ _UDUNITS = {"m/s2": "m s-2", "m/s": "m s-1", "m": "m", "s": "s"}
 
 
 def refuse_foreign_cube(study: Study) -> None:
-    """See that no other study's cube stands where this study's is to be; ours may be damaged.
-
-    Raises
-    ------
-    OutputError
-        Naming both studies.
-    """
+    """See that no other study's cube stands where this study's is to be; ours may be damaged."""
     path = study.folder / CUBE
     if not path.exists():
         return
@@ -70,20 +62,6 @@ def write_cube(study: Study) -> Path:
 
     The same parts give the same bytes. It is written arch by arch: memory grows by about 150 bytes
     a run, whatever the results hold.
-
-    Returns
-    -------
-    Path
-        ``cube.nc`` in the study's folder.
-
-    Raises
-    ------
-    InputError
-        If the motions are not prepared or parts are missing.
-    StabilityError
-        If an arch does not stand.
-    OutputError
-        If another study's cube is in the way, or the file cannot be written.
     """
     refuse_foreign_cube(study)
     plan = make_plan(study)
@@ -102,13 +80,6 @@ def write_timings(study: Study) -> Path:
     """Gather the wall times of all runs into ``timings.csv``; not part of the cube.
 
     Parts that hold no run of the study any more are removed.
-
-    Raises
-    ------
-    InputError
-        If the motions are not prepared.
-    OutputError
-        If the file cannot be written.
     """
     import pandas as pd
 
@@ -137,25 +108,6 @@ def write_timings(study: Study) -> Path:
         if old != plan.path:
             old.unlink(missing_ok=True)
     return path
-
-
-def read_cube(path: Path) -> View:
-    """All of a cube, in memory.
-
-    Raises
-    ------
-    OSError
-        If the file is missing or damaged.
-    """
-    with netCDF4.Dataset(path) as file:
-        file.set_auto_mask(False)
-        found = {}
-        for name, each in file.variables.items():
-            values = np.asarray(each[...])
-            # The last dimension of a text is that of its letters.
-            dims = each.dimensions[: values.ndim]
-            found[name] = Variable(dims, values, {k: each.getncattr(k) for k in each.ncattrs()})
-        return View(found, {key: file.getncattr(key) for key in file.ncattrs()})
 
 
 def read_timings(study: Study) -> dict[str, list[float]] | None:

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.bands import beta_interval, confidence_band, theta_interval
 from archfrag.fragility.brackets import find_brackets
-from archfrag.fragility.capacities import fit_brackets
 from archfrag.fragility.control_variates import estimate_two_fidelity
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, Fragility
-from archfrag.fragility.fit import fit_stripes
+from archfrag.fragility.fit import fit_brackets, fit_stripes
 from archfrag.fragility.quoted import quoted_band, shared_events
 from archfrag.study.design import GRIDS
 
@@ -26,35 +25,19 @@ POINTS = 120  # of a band
 
 @dataclass(frozen=True)
 class Runs:
-    """Runs of one arch, or of all arches of a class under each other.
-
-    Attributes
-    ----------
-    name : str
-    design : str
-    verdict : ndarray of int, (n_record, n_level)
-    level : ndarray, (n_level,) or (n_record, n_level)
-        [SI]
-    factor : ndarray, (n_record, n_level)
-        On the record.
-    group : ndarray of str, (n_record,), or None
-        What rows share: an earthquake, or for a class the record.
-    unit : str
-        Which of the two.
-    coarse : ndarray of int, (n_record, n_level), or None
-        Verdicts by the coarse method of a design in two stages.
-    rows : ndarray of int, (n_record,)
-        Numbers of the records in the cube.
-    """
+    """Runs of one arch, or of all arches of a class under each other."""
 
     name: str
     design: str
-    verdict: NDArray[np.int64]
-    level: FloatArray
-    factor: FloatArray
+    verdict: NDArray[np.int64]  # (n_record, n_level)
+    level: FloatArray  # (n_level,): [SI]
+    factor: FloatArray  # (n_record, n_level): on the record
+    # (n_record,): what rows share: an earthquake, or for a class the record.
     group: NDArray[np.str_] | None = None
-    unit: str = "event"
+    unit: str = "event"  # which of the two
+    # (n_record, n_level): verdicts by the coarse method of a design in two stages.
     coarse: NDArray[np.int64] | None = None
+    # (n_record,): numbers of the records in the cube.
     rows: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, int))
 
     @property
@@ -260,13 +243,7 @@ def two_fidelities(runs: Runs, im: FloatArray, confidence: float) -> Answer | No
 
 
 def likeliest(runs: Runs) -> Fragility:
-    """Curve by maximum likelihood: of stripes and single runs binomial, else of brackets.
-
-    Raises
-    ------
-    FitError
-        If the likelihood has no maximum.
-    """
+    """Curve by maximum likelihood: of stripes and single runs binomial, else of brackets."""
     if runs.design in ("ida", "two_stage"):
         found = find_brackets(runs.verdict, runs.level, "first").known()
         return fit_brackets(found.lower, found.upper)

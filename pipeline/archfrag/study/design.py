@@ -87,8 +87,5 @@ class Cloud(Section):
     """On every record."""
 
 
-Design = Annotated[
-    Stripes | Ida | TwoStage | Scattered | Cloud,
-    Field(discriminator="kind"),
-]
+Design = Annotated[Stripes | Ida | TwoStage | Scattered | Cloud, Field(discriminator="kind")]
 GRIDS = ("stripes", "ida", "two_stage")

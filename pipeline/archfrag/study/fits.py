@@ -2,10 +2,9 @@
 
 import json
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FITS = "fits.json"
-T = TypeVar("T")
 
 
 def open_cube(study: Study) -> "xr.Dataset":
@@ -48,63 +46,48 @@ def open_cube(study: Study) -> "xr.Dataset":
 
 
 def fit_cube(study: Study) -> dict[str, Answer]:
-    """Find the curve of each arch and class of the cube and store all in ``fits.json``.
-
-    Returns
-    -------
-    dict
-        By arch; theta in the SI unit of the measure; sentences with levels in the study's unit.
-
-    Raises
-    ------
-    InputError, OutputError
-        See `open_cube`.
-    """
+    """Find the curve of each arch and class of the cube and store all in ``fits.json``."""
     confidence, keys = study.report.confidence, study.limit_states.model_dump()
     factor = _si_factor(study)
     with open_cube(study) as cube:
         runs = [
             replace(each, level=each.level / factor) for each in curves.runs_of_cube(cube.load())
         ]
-        grouped = curves.classes_of_cube(cube, runs)
         answers = {each.name: curves.answer(each, confidence) for each in runs}
-        medians = [
-            np.nan if isinstance(found.curve, str) else found.curve.theta
-            for found in answers.values()
-        ]
+        medians = [np.nan if isinstance(a.curve, str) else a.curve.theta for a in answers.values()]
         for number in shown(medians):
             each, one = runs[number], cube.isel(arch=number)
-            answers[each.name].more.update(
-                free=comparisons.free_shapes(each, confidence),
-                measures=comparisons.measures_compared(one, each),
-                limit_states=comparisons.limit_states(one, each, keys),
-            )
+            more = answers[each.name].more
+            more["free"] = comparisons.free_shapes(each, confidence)
+            more["measures"] = comparisons.measures_compared(one, each)
+            more["limit_states"] = comparisons.limit_states(one, each, keys)
             if each.design == "cloud":
-                own = comparisons.cloud_curves(one, each, confidence)
-                answers[each.name].more["cloud"] = own
-        classes = {name: curves.answer(each, confidence) for name, each in grouped.items()}
+                more["cloud"] = comparisons.cloud_curves(one, each, confidence)
+        classes = {}
         names = cube["arch_class"].values.astype(str)
-        for name, found in classes.items():
+        for name, group in curves.classes_of_cube(cube, runs).items():
             members = [each for each, own in zip(runs, names) if own == name]
-            found.more["dispersion"] = comparisons.dispersion_split(members)
-            found.more["mixture"] = comparisons.class_mixture(
-                [answers[each.name] for each in members]
-            )
+            own_answers = [answers[each.name] for each in members]
+            classes[name] = curves.answer(group, confidence)
+            classes[name].more["dispersion"] = comparisons.dispersion_split(members, own_answers)
         unit = cube["intensity"].attrs["units"]
         design = json.loads(cube.attrs["archfrag_design"])
-    answers = {name: _in_si(each, study) for name, each in answers.items()}
+    plain, of_classes = (
+        {name: _in_si(each.to_dict(), factor, study.intensity.unit) for name, each in some.items()}
+        for some in (answers, classes)
+    )
     content = {
         "study": study.id,
         "measure": study.intensity.measure,
         "unit": unit,
         "design": design,
-        "fits": {name: curves.curve_to_dict(each.curve) for name, each in answers.items()},
-        "arches": {name: each.to_dict() for name, each in answers.items()},
-        "classes": {name: _in_si(each, study).to_dict() for name, each in classes.items()},
+        "fits": {name: each["curve"] for name, each in plain.items()},
+        "arches": plain,
+        "classes": of_classes,
     }
     text = json.dumps(null(content), indent=1, ensure_ascii=False, allow_nan=False)
     write_text(study.folder / FITS, text + "\n")
-    return answers
+    return {name: Answer.from_dict(each) for name, each in plain.items()}
 
 
 def null(value: Any) -> Any:
@@ -118,45 +101,17 @@ def null(value: Any) -> Any:
     return value
 
 
-def _in_si(found: Answer, study: Study) -> Answer:
-    """An answer in the unit of the study, as one in SI."""
-    factor = _si_factor(study)
-
-    def scaled(curve: Fragility | str) -> Fragility | str:
-        if isinstance(curve, str):
-            return f"{curve} (levels in {study.intensity.unit})"
-        return replace(curve, theta=curve.theta * factor)
-
-    more = dict(found.more)
-    if "limit_states" in more:
-        states = [
-            {**state, "curve": curves.curve_to_dict(scaled(curves.curve_of_dict(state["curve"])))}
-            for state in more["limit_states"]["states"]
-        ]
-        more["limit_states"] = {**more["limit_states"], "states": states}
-    for key in ("dispersion", "mixture"):
-        if key in more:
-            medians = {n: more[key][n] * factor for n in ("theta", "median") if n in more[key]}
-            more[key] = {**more[key], **medians}
-    for cloud in more.get("cloud", {}).values():
-        if "theta" in cloud:
-            cloud["theta"] *= factor
-            cloud["theta_interval"] = [end * factor for end in cloud["theta_interval"]]
-    for shape in more.get("free", {}).values():
-        if isinstance(shape, dict) and "im" in shape:
-            shape["im"] = [value * factor for value in shape["im"]]
-    if isinstance(found.curve, str):
-        return replace(
-            found, curve=scaled(found.curve), likelihood=scaled(found.likelihood), more=more
-        )
-    return replace(
-        found,
-        curve=scaled(found.curve),
-        likelihood=scaled(found.likelihood),
-        theta=(found.theta[0] * factor, found.theta[1] * factor),
-        im=[value * factor for value in found.im],
-        more=more,
-    )
+def _in_si(value: Any, factor: float, unit: str, key: str = "") -> Any:
+    """Plain values of an answer in the unit of the study, as one in SI."""
+    if key in ("theta", "theta_interval", "im") and not isinstance(value, dict):
+        return [v * factor for v in value] if isinstance(value, list | tuple) else value * factor
+    if isinstance(value, dict) and key != "measures":
+        if key in ("curve", "likelihood") and "none" in value:
+            return {"none": f"{value['none']} (levels in {unit})"}
+        return {name: _in_si(each, factor, unit, name) for name, each in value.items()}
+    if isinstance(value, list):
+        return [_in_si(each, factor, unit) for each in value]
+    return value
 
 
 def _si_factor(study: Study) -> float:
@@ -164,7 +119,7 @@ def _si_factor(study: Study) -> float:
     return study.intensity.si[0] / study.intensity.given[0]
 
 
-def fit_sentence(study: Study, name: str, found: Answer) -> str:
+def fit_text(study: Study, name: str, found: Answer) -> str:
     """A curve in the unit of the study, or why there is none."""
     if isinstance(found.curve, str):
         return f"{name}: no curve: {found.curve}"
@@ -185,7 +140,13 @@ def load_answers(path: Path, of: str = "arches") -> dict[str, Answer]:
     InputError
         If the file is missing or damaged.
     """
-    return _load(path, lambda stored: {n: Answer.from_dict(a) for n, a in stored[of].items()})
+    try:
+        stored = json.loads(path.read_text(encoding="utf-8"))[of]
+        return {name: Answer.from_dict(answer) for name, answer in stored.items()}
+    except FileNotFoundError:
+        raise InputError(f"{path}: there are no fits yet; `archfrag fit` makes them") from None
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, InputError) as error:
+        raise InputError(f"{path}: is damaged ({error}); `archfrag fit` makes it anew") from None
 
 
 def load_fits(path: Path) -> dict[str, Fragility | str]:
@@ -196,15 +157,4 @@ def load_fits(path: Path) -> dict[str, Fragility | str]:
     InputError
         If the file is missing or damaged.
     """
-    return _load(
-        path, lambda stored: {n: curves.curve_of_dict(fit) for n, fit in stored["fits"].items()}
-    )
-
-
-def _load(path: Path, read: Callable[[Any], T]) -> T:
-    try:
-        return read(json.loads(path.read_text(encoding="utf-8")))
-    except FileNotFoundError:
-        raise InputError(f"{path}: there are no fits yet; `archfrag fit` makes them") from None
-    except (OSError, ValueError, LookupError, TypeError, AttributeError, InputError) as error:
-        raise InputError(f"{path}: is damaged ({error}); `archfrag fit` makes it anew") from None
+    return {name: answer.curve for name, answer in load_answers(path).items()}

@@ -22,34 +22,17 @@ _ALIKE = 0.85  # of a column's name to a key, by difflib's ratio, for a slip of 
 
 @dataclass(frozen=True)
 class Row:
-    """An arch of a table.
+    """An arch of a table."""
 
-    Attributes
-    ----------
-    entry : Chain
-        The arch, with what the table's entry says for all.
-    numbers : dict
-        Its numbers of the keys that are columns of the table.
-    attributes : dict
-        Its text from the columns that are no keys of an arch; empty cells too.
-    place : str
-        File and line, for messages.
-    """
-
-    entry: Chain
-    numbers: dict[str, float]
+    entry: Chain  # the arch, with what the table's entry says for all
+    numbers: dict[str, float]  # its numbers of the keys that are columns of the table
+    # Its text from the columns that are no keys of an arch; empty cells too.
     attributes: dict[str, str]
-    place: str
+    place: str  # file and line, for messages
 
 
 def read_fleet(table: Table) -> list[Row]:
-    """Arches of a table.
-
-    Raises
-    ------
-    StudyError
-        Naming the file, the line, the column and the value, and what is allowed.
-    """
+    """Arches of a table."""
     path = Path(table.table)
     columns, lines = _cells(path)
     _check_columns(columns, path)

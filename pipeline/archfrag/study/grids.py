@@ -27,25 +27,15 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Grid:
-    """Records and levels of one arch's share of a study.
-
-    Attributes
-    ----------
-    arch : int
-    records : ndarray of int, (n_record,)
-        Their numbers.
-    levels : ndarray, (n_level,)
-        [SI]
-    measures : ndarray, (n_record, n_measure)
-        Logarithms of other intensity measures of the records where the study's own is 1.
-    groups : ndarray, (n_record,), or None
-        Labels of the records' earthquakes, where several share one.
-    """
+    """Records and levels of one arch's share of a study."""
 
     arch: int
-    records: NDArray[np.int64]
-    levels: FloatArray
+    records: NDArray[np.int64]  # (n_record,): their numbers
+    levels: FloatArray  # (n_level,): [SI]
+    # (n_record, n_measure): logarithms of other intensity measures of the records where the
+    # study's own is 1.
     measures: FloatArray
+    # (n_record,): labels of the records' earthquakes, where several share one.
     groups: NDArray[np.str_] | None = None
 
     def cases(self, rows: ArrayLike, places: ArrayLike, stage: int = FINE) -> Cases:
@@ -143,11 +133,6 @@ def expected_by_measures(borders: Borders, known: range, rows: range) -> tuple[F
 
     Straight lines in the logarithm of one other measure at the study's own; the one with the
     least error where each record is predicted from the others.
-
-    Returns
-    -------
-    (ndarray, float)
-        Expected ln capacities of `rows` and their standard deviation.
     """
     capacity = borders.middles()[known.start : known.stop]
     best = (capacity.mean() + np.zeros(len(rows)), float(capacity.std(ddof=1)))

@@ -113,14 +113,7 @@ def load_hazard(
 
 
 def check_measure(stated: str, measure: str, component_known: bool) -> tuple[str, ...]:
-    """Notes on a hazard of the measure `stated` used for a study of `measure`.
-
-    Raises
-    ------
-    InputError
-        If they differ. Where the file cannot name the component (OpenQuake's), RotD50 and RotD100
-        of the study are let pass, with a note.
-    """
+    """Notes on a hazard of the measure `stated` used for a study of `measure`."""
     wanted = parse_measure(measure)
     try:
         given: Measure | None = parse_measure(stated)
@@ -136,13 +129,7 @@ def check_measure(stated: str, measure: str, component_known: bool) -> tuple[str
 
 
 def unit_factor(unit: str | None, measure: str) -> float:
-    """SI unit of a measure in multiples of `unit`.
-
-    Raises
-    ------
-    InputError
-        If there is no unit or it is none of the measure.
-    """
+    """SI unit of a measure in multiples of `unit`."""
     allowed = LEVEL_UNITS.get(measure_unit(measure), {})
     if unit not in allowed:
         stated = "no unit is stated" if unit is None else f"unit {unit!r} is none of {measure}"
@@ -156,13 +143,7 @@ def in_si(curve: HazardCurve, factor: float) -> HazardCurve:
 
 
 def number(text: str, place: str) -> float:
-    """A number of a file.
-
-    Raises
-    ------
-    InputError
-        Saying where it is none.
-    """
+    """A number of a file."""
     try:
         value = float(text)
     except ValueError:

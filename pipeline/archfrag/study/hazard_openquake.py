@@ -36,13 +36,7 @@ class _Site:
 def read_openquake_csv(
     text: str, measure: str, unit: str | None, site: tuple[float, float] | None
 ) -> Hazard:
-    """One statistic or branch of a calculation, from ``hazard_curve-mean-PGA_1.csv`` or such.
-
-    Raises
-    ------
-    InputError
-        Without the file's name.
-    """
+    """One statistic or branch of a calculation, from ``hazard_curve-mean-PGA_1.csv`` or such."""
     lines = [line for line in text.splitlines() if line.strip()]
     about = lines[0] if lines[0].startswith("#") else ""
     imt, years = _of_comment(about, "imt"), _of_comment(about, "investigation_time")
@@ -83,13 +77,7 @@ def read_openquake_csv(
 def read_nrml(
     text: str, measure: str, unit: str | None, site: tuple[float, float] | None
 ) -> Hazard:
-    """Mean, quantiles or one branch from the elements ``hazardCurves`` of an NRML file.
-
-    Raises
-    ------
-    InputError
-        Without the file's name.
-    """
+    """Mean, quantiles or one branch from the elements ``hazardCurves`` of an NRML file."""
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise InputError("declares a document type or entities, which NRML does not have")
     try:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from archfrag.motions.index import INDEX_NAME
-from archfrag.study.digests import sha256_if_there
+from archfrag.study.files import sha256_if_there
 
 if TYPE_CHECKING:
     from archfrag.study.records import Source
@@ -15,17 +15,7 @@ KINDS = ("record", "index", "inventory")
 
 
 def read_inputs(index: str | None, sources: Sequence["Source"]) -> Inputs:
-    """SHA-256 of all files that the motions of a study follow from, by kind and path.
-
-    Parameters
-    ----------
-    index : str or None
-        Of the study.
-    sources : sequence of Source
-        The study's record files. A table of records beside or above one is among the inputs, and
-        each StationXML beside it that may be its own, because reading takes both where they are.
-        So are files of components that belong to it.
-    """
+    """SHA-256 of all files that the motions of a study follow from, by kind and path."""
     partners = (path for s in sources for path in (s.upward, s.beside) if path is not None)
     records = [*(source.path for source in sources), *partners]
     places = list(dict.fromkeys(path.parent for path in records))

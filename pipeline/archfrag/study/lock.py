@@ -25,20 +25,11 @@ _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
 
 @dataclass
 class Lock:
-    """The lock of a folder of results, held.
-
-    Attributes
-    ----------
-    path : Path
-    stopped : str
-        Who held it last, if that run was stopped in the middle; else empty.
-    left : bool
-        Whether an error leaves the lock to the run that is to go on.
-    """
+    """The lock of a folder of results, held."""
 
     path: Path
-    stopped: str
-    left: bool = False
+    stopped: str  # who held it last, if that run was stopped in the middle; else empty
+    left: bool = False  # whether an error leaves the lock to the run that is to go on
     _beaten: float = 0.0
 
     def beat(self) -> None:
@@ -51,13 +42,7 @@ class Lock:
 
 @contextlib.contextmanager
 def only_run(study: Study) -> Iterator[Lock]:
-    """Hold the lock of a study's folder; a run that is stopped leaves its name in it.
-
-    Raises
-    ------
-    OutputError
-        If another run holds it, naming host and process, or it cannot be written.
-    """
+    """Hold the lock of a study's folder; a run that is stopped leaves its name in it."""
     path = study.work / LOCK
     try:
         file = open(path, "a+", encoding="utf-8")  # noqa: SIM115

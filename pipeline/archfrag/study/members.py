@@ -5,7 +5,6 @@ import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from archfrag.errors import GeometryError, InputError, StabilityError, StudyError
-from archfrag.study.arches import Chain, StudyArch, Table
+from archfrag.study.arches import Chain, FromDrawing, StudyArch, Table, file_of
 from archfrag.study.fleet import read_fleet
 from archfrag.study.sampling import draw, listed
 
@@ -26,33 +25,17 @@ SHOWN = 12  # arches that a report shows one by one; of more it shows three
 
 @dataclass(frozen=True)
 class Member:
-    """An arch of a study.
+    """An arch of a study."""
 
-    Attributes
-    ----------
-    entry : Chain
-        The arch as a study file could have given it; its `id` is unique in the study.
-    arch_class : str
-        Id of the study's entry that it was drawn for or listed in; its own id otherwise.
-    number : int
-        Of the sample, from 1; 0 if it was not drawn.
-    record : int or None
-        Place of the one record that it meets, from 0; None: it meets all.
-    values : dict
-        What it differs by within its class: numbers drawn, and numbers from a table [SI, degrees].
-    attributes : dict
-        Text from a table.
-    place : str
-        Where it comes from, for messages.
-    """
-
-    entry: Chain
+    entry: Chain  # the arch as a study file could have given it; its `id` is unique in the study
+    # Id of the study's entry that it was drawn for or listed in; its own id otherwise.
     arch_class: str
-    number: int
-    record: int | None
+    number: int  # of the sample, from 1; 0 if it was not drawn
+    record: int | None  # place of the one record that it meets, from 0; None: it meets all
+    # What it differs by within its class: numbers drawn, and numbers from a table [SI, degrees].
     values: dict[str, float]
-    attributes: dict[str, str]
-    place: str
+    attributes: dict[str, str]  # text from a table
+    place: str  # where it comes from, for messages
 
     @property
     def id(self) -> str:
@@ -62,12 +45,7 @@ class Member:
 
 @dataclass(frozen=True)
 class Members:
-    """All arches of a study, in the order of its entries.
-
-    Attributes
-    ----------
-    members : tuple of Member
-    """
+    """All arches of a study, in the order of its entries."""
 
     members: tuple[Member, ...]
 
@@ -170,49 +148,18 @@ def needs_records(entries: Sequence[Any]) -> bool:
 
 
 def expand(entries: Sequence[Any], n_record: int | None = None) -> Members:
-    """The arches that entries of a study file amount to.
-
-    Parameters
-    ----------
-    entries : sequence of Chain or Table
-        The study's `arches`.
-    n_record : int, optional
-        As in `members`.
-
-    Returns
-    -------
-    Members
-        For `crossed: false` the arches of the first record come first; sample k of record r has
-        the number ``r * samples + k + 1``, so that a record more leaves the others' arches as
-        they are (scheme sobol).
-
-    Raises
-    ------
-    StudyError
-        If a table is bad, two arches have the same id, there are too many, or `n_record` is
-        missing.
-    """
+    """The arches that entries of a study file amount to."""
     return Members(_expanded(_text(entries), _state_of_tables(entries), n_record))
 
 
 @dataclass(frozen=True)
 class ClassSummary:
-    """What a class of arches amounts to.
-
-    Attributes
-    ----------
-    id : str
-    arches : int
-    ranges : dict
-        Least and largest value of what its arches differ by.
-    attributes : dict
-        Number of different texts of each attribute.
-    """
+    """What a class of arches amounts to."""
 
     id: str
     arches: int
-    ranges: dict[str, tuple[float, float]]
-    attributes: dict[str, int]
+    ranges: dict[str, tuple[float, float]]  # least and largest value of what its arches differ by
+    attributes: dict[str, int]  # number of different texts of each attribute
 
     def __str__(self) -> str:
         parts = [f"{self.id}: {self.arches} arches"]
@@ -239,14 +186,7 @@ def summaries(given: Members) -> tuple[ClassSummary, ...]:
 
 
 def check_buildable(given: Members) -> None:
-    """See that all arches can exist.
-
-    Raises
-    ------
-    StudyError
-        Naming the first that cannot, what was drawn for it, and how many samples of its class
-        cannot either.
-    """
+    """See that all arches can exist."""
     wrong: list[tuple[Member, GeometryError]] = []
     for member in given:
         try:
@@ -267,13 +207,7 @@ def check_buildable(given: Members) -> None:
 
 
 def check_standing(given: Members) -> None:
-    """See that all arches stand under their own weight.
-
-    Raises
-    ------
-    StabilityError
-        Naming the first that does not, and how many samples of its class do not either.
-    """
+    """See that all arches stand under their own weight."""
     from archfrag.simulate import onset
 
     fallen = [member for member in given if not onset(member.entry.build()).stands]
@@ -303,7 +237,7 @@ def _state_of_tables(entries: Sequence[Any]) -> tuple[tuple[int, int], ...]:
     """What tells an edited table from the one that was read."""
     found = []
     for entry in entries:
-        path = Path(entry.table) if isinstance(entry, Table) else None
+        path = file_of(entry)
         if path is not None and path.is_file():
             state = path.stat()
             found.append((state.st_mtime_ns, state.st_size))
@@ -320,6 +254,11 @@ def _expanded(
     seen: dict[str, str] = {}
     for i, entry in enumerate(entries):
         where = f"arches[{i}] ({entry.id})"
+        if isinstance(entry, FromDrawing):
+            try:
+                entry = entry.read()
+            except GeometryError as error:
+                raise StudyError(f"{where}: {error}") from None
         new = _of_table(entry, where, n_record) if isinstance(entry, Table) else _of_entry(
             entry, entry.id, where, n_record
         )  # fmt: skip
@@ -355,11 +294,7 @@ def _of_table(table: Table, where: str, n_record: int | None) -> list[Member]:
 
 
 def _of_entry(
-    entry: Chain,
-    arch_class: str,
-    where: str,
-    n_record: int | None,
-    stream: tuple[int, ...] = (),
+    entry: Chain, arch_class: str, where: str, n_record: int | None, stream: tuple[int, ...] = ()
 ) -> list[Member]:
     vary = entry.vary
     if vary is None:

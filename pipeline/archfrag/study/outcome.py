@@ -23,25 +23,14 @@ _VERDICTS = {
 
 @dataclass(frozen=True)
 class Column:
-    """One value of each run.
+    """One value of each run."""
 
-    Attributes
-    ----------
-    name, dtype, units, long_name : str
-        As in the cube; no units for a code.
-    fill : int or float or None
-        What stands where a run has no such value.
-    flags : sequence of (int, str)
-        Codes with their meanings.
-    comment : str
-    """
-
-    name: str
-    dtype: str
-    units: str
-    long_name: str
-    fill: float | None = None
-    flags: Sequence[tuple[int, str]] = ()
+    name: str  # as in the cube; no units for a code
+    dtype: str  # as in the cube; no units for a code
+    units: str  # as in the cube; no units for a code
+    long_name: str  # as in the cube; no units for a code
+    fill: float | None = None  # what stands where a run has no such value
+    flags: Sequence[tuple[int, str]] = ()  # codes with their meanings
     comment: str = ""
 
     @property
@@ -137,36 +126,19 @@ COLUMNS = (
     Column("refined", "i8", "1", "times that auto made the run again with a tighter tolerance"),
     Column("fallbacks", "i8", "1", "number of contact problems left to the fallback"),
 )  # fmt: skip
-EVENTS = (
-    "impacts", "openings", "slides", "contact_losses", "rests", "events", "hand_overs",
-)  # fmt: skip
-WORK = ("steps", "levels", "level_iterations", "general", "refined")
 
 
 def row_of(response: "Response") -> dict[str, Any]:
     """Values of all columns for one run."""
-    return {
+    known = vars(response) | response.work | response.events
+    known |= {
         "verdict": _VERDICTS.get(response.status, Verdict.SOLVER_FAILURE),
-        "status": response.status,
-        "collapse_time": response.collapse_time,
-        "collapse_joint": response.collapse_joint,
         "collapse_mode": CollapseMode[response.collapse_mode.upper()],
-        "lost_contact_time": response.lost_contact_time,
-        "lost_contact_joint": response.lost_contact_joint,
         "lost_contact_mode": CollapseMode[response.lost_contact_mode.upper()],
-        "widest_gap": response.widest_gap,
-        "overlap": response.overlap,
-        "peak_rotation": response.peak_rotation,
-        "peak_displacement": response.peak_displacement,
-        "residual_rotation": response.residual_rotation,
-        "residual_displacement": response.residual_displacement,
-        "energy_error": response.energy_error,
-        "end_time": response.end_time,
         "contact_residual": response.residual,
         "fallbacks": response.fallbacks,
-        **{name: response.events[name] for name in EVENTS},
-        **{name: response.work[name] for name in WORK},
     }
+    return {column.name: known[column.name] for column in COLUMNS}
 
 
 def table_of(responses: Sequence["Response"]) -> dict[str, NDArray]:
@@ -202,7 +174,7 @@ _HELD: dict[str, tuple[str, int]] = {
     "contact_losses": ("count", Count.LOSSES),
     "rests": ("count", Count.RESTS),
     "events": ("count", Count.EVENTS),
-    "hand_overs": ("count", Count.HAND_OVERS),
+    "hand_overs": ("count", Count.SWITCHES),
     "steps": ("count", Count.STEPS),
     "levels": ("count", Count.LEVELS),
     "level_iterations": ("count", Count.LEVEL_ITERATIONS),
@@ -224,7 +196,7 @@ def columns_of(results: "Results") -> dict[str, NDArray]:
     values: dict[str, NDArray] = {
         "verdict": verdict,
         "energy_error": np.divide(
-            energy[:, Energy.STRAY_PEAK], largest, out=np.zeros(len(largest)), where=moved
+            energy[:, Energy.BALANCE_ERROR_PEAK], largest, out=np.zeros(len(largest)), where=moved
         ),
         **{name: getattr(results, name) for name in _OWN},
         **{name: getattr(results, array)[:, entry] for name, (array, entry) in _HELD.items()},

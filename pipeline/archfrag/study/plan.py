@@ -18,8 +18,7 @@ from archfrag.fragility.quoted import shared_events
 from archfrag.kernel_cache import kernel_hash
 from archfrag.study.config import Study
 from archfrag.study.design import Cloud, Design, Ida, Scattered
-from archfrag.study.digests import canonical_json, digest_of, source_hash
-from archfrag.study.files import write_text
+from archfrag.study.files import canonical_json, digest_of, source_hash, write_text
 from archfrag.study.grids import Grid, ida, stripes
 from archfrag.study.members import check_buildable, members, needs_records
 from archfrag.study.records import PreparedRecord, load_prepared
@@ -47,41 +46,20 @@ def _mixed(bits: NDArray[np.uint64]) -> NDArray[np.uint64]:
 
 @dataclass(frozen=True)
 class Plan:
-    """All that decides what the runs of a study are, and nothing that does not.
-
-    Attributes
-    ----------
-    study : str
-    folder : str
-        Of work.
-    arches : tuple of dict
-        As their models dump them.
-    meets : tuple of int, (n_arch,)
-        The one record that an arch meets, -1 if all.
-    records : tuple of PreparedRecord
-    levels : tuple of float, (n_level,)
-        In the SI unit of the measure.
-    power : float
-        A level grows with the factor to the power 1 / `power`.
-    measure : str
-    methods : tuple of dict
-        By stage: the study's, and the coarse one of a design in two stages.
-    design : dict
-    identity : str
-        Hash of the code that makes the results.
-    """
+    """All that decides what the runs of a study are, and nothing that does not."""
 
     study: str
-    folder: str
-    arches: tuple[dict[str, Any], ...]
-    meets: tuple[int, ...]
+    folder: str  # of work
+    arches: tuple[dict[str, Any], ...]  # as their models dump them
+    meets: tuple[int, ...]  # (n_arch,): the one record that an arch meets, -1 if all
     records: tuple[PreparedRecord, ...]
-    levels: tuple[float, ...]
-    power: float
+    levels: tuple[float, ...]  # (n_level,): in the SI unit of the measure
+    power: float  # A level grows with the factor to the power 1 / `power`
     measure: str
+    # By stage: the study's, and the coarse one of a design in two stages.
     methods: tuple[dict[str, Any], ...]
     design: dict[str, Any]
-    identity: str
+    identity: str  # hash of the code that makes the results
     _digests: dict[Any, bytes] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     @property
@@ -107,12 +85,7 @@ class Plan:
         }  # fmt: skip
 
     def save(self) -> None:
-        """Store the plan for workers.
-
-        Raises
-        ------
-        OutputError
-        """
+        """Store the plan for workers."""
         write_text(self.path, canonical_json(self._dump()) + "\n")
 
     @classmethod
@@ -162,13 +135,7 @@ class Plan:
         return known[stage, arch] + self.records[record].prepared.encode()
 
     def rounds(self, batch: int = 0, batches: int = 1) -> Rounds:
-        """What the design asks for, of all of it or of one of several batches.
-
-        Raises
-        ------
-        InputError
-            If there is no such batch.
-        """
+        """What the design asks for, of all of it or of one of several batches."""
         if not 0 <= batch < batches:
             raise InputError(f"--batch {batch}: must be from 0 to {batches - 1}")
         return Rounds(dict(self._strands(batch, batches)))
@@ -209,15 +176,7 @@ class Plan:
 
 
 def make_plan(study: Study) -> Plan:
-    """Plan of a study whose motions are prepared.
-
-    Raises
-    ------
-    InputError
-        If they are not.
-    StudyError
-        If an arch that a record has of its own cannot exist.
-    """
+    """Plan of a study whose motions are prepared."""
     from archfrag.motions.measures import scaling_exponent
 
     design, records = study.design, load_prepared(study)

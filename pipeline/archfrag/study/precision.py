@@ -22,18 +22,11 @@ BETWEEN_LOOKS = 0.05  # of the runs so far are added at least, so that a second 
 
 @dataclass(frozen=True)
 class Known:
-    """Curve so far.
+    """Curve so far."""
 
-    Attributes
-    ----------
-    log_median, beta : float
-        Posterior medians; nan if there is no curve yet.
-    half_width : float
-        The farther end of the interval of ln(median) is this far from it; inf if there is none.
-    """
-
-    log_median: float = np.nan
-    beta: float = np.nan
+    log_median: float = np.nan  # posterior medians; nan if there is no curve yet
+    beta: float = np.nan  # posterior medians; nan if there is no curve yet
+    # The farther end of the interval of ln(median) is this far from it; inf if there is none.
     half_width: float = np.inf
 
 

@@ -186,23 +186,7 @@ def described(steps: Sequence[Step]) -> list[dict[str, Any]]:
 
 
 def apply_step(step: Step, motion: "Motion", record: Path, inventory: str | None) -> "Motion":
-    """Do one step to a motion.
-
-    Parameters
-    ----------
-    record, inventory
-        File of the record and its StationXML, for the removal of a response.
-
-    Returns
-    -------
-    Motion
-        With the step, its settings and the version in its log.
-
-    Raises
-    ------
-    InputError, RecordError
-        With the record, if the step cannot be done to it.
-    """
+    """Do one step to a motion."""
     from archfrag.motions import process
 
     settings = getattr(step, step.name).model_dump()

@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import archfrag
-from archfrag.study.arches import Table
+from archfrag.study.arches import FromDrawing, Table
 from archfrag.study.config import Study
-from archfrag.study.digests import PACKAGE
-from archfrag.study.files import write_text
+from archfrag.study.files import PACKAGE, sha256_if_there, write_text
 from archfrag.study.inputs import by_name
 from archfrag.study.plan import Plan
 from archfrag.study.processing import described
@@ -41,6 +40,8 @@ def _portable_arch(entry: Any) -> dict[str, Any]:
     if isinstance(entry, Table):
         return {**entry.model_dump(exclude_none=True), "table": Path(entry.table).name}
     facts = {"id": entry.id, **entry.build().parameters}
+    if isinstance(entry, FromDrawing):
+        facts |= {"drawing": Path(entry.drawing).name, "sha256": sha256_if_there(entry.drawing)}
     if entry.vary is not None:
         facts["vary"] = entry.vary.model_dump(exclude_none=True)
     return facts
@@ -58,8 +59,8 @@ def versions() -> dict[str, str]:
 def commit() -> str:
     """Git commit of the checkout that this package runs from, "-dirty" if it has changes.
 
-    Without a checkout ARCHFRAG_COMMIT of the environment, which those who install from an
-    archive may set, or else "unknown".
+    Without a checkout the commit that the wheel was built from, then ARCHFRAG_COMMIT of the
+    environment, which those who install from an archive may set, or else "unknown".
     """
     checkout = PACKAGE.parents[1]
     if (checkout / ".git").exists():
@@ -75,17 +76,14 @@ def commit() -> str:
             return "unknown"
         if found.returncode == 0:
             return found.stdout.strip()
+    built_from = PACKAGE / "commit.txt"
+    if built_from.is_file():
+        return built_from.read_text().strip()
     return os.environ.get("ARCHFRAG_COMMIT", "unknown")
 
 
 def attributes(study: Study, plan: Plan) -> dict[str, str]:
-    """Global attributes of the cube: the same on every run of the same study with this code.
-
-    Returns
-    -------
-    dict
-        Mappings as strict JSON texts.
-    """
+    """Global attributes of the cube: the same on every run of the same study with this code."""
     inputs = read_manifest(study)["inputs"]
     return {
         "archfrag_study": study.id,
@@ -134,13 +132,7 @@ def machine() -> dict[str, Any]:
 
 
 def add_to_log(folder: Path, entry: dict[str, Any]) -> None:
-    """Add an entry to ``run_log.json`` in a folder.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-    """
+    """Add an entry to ``run_log.json`` in a folder."""
     path = folder / "run_log.json"
     entries: list[Any] = []
     with contextlib.suppress(OSError, ValueError):

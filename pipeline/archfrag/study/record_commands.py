@@ -95,25 +95,7 @@ def reading_of(file: Path, reading: dict[str, Any]) -> dict[str, Any]:
 def measure_files(
     files: Sequence[Path], out: Path, periods: str | None, reading: dict[str, Any]
 ) -> "pd.DataFrame":
-    """Flatfile of record files, with what it takes to read them again.
-
-    Parameters
-    ----------
-    files : sequence of Path
-    out : Path
-        Of the flatfile: its column ``file`` is relative to the folder.
-    periods : str, optional
-        Of Sa [s] beside the usual ones, with commas between.
-    reading : dict
-        Passed to `archfrag.motions.read.read_motions`.
-
-    Raises
-    ------
-    RecordError
-        If a file cannot be used.
-    InputError
-        If a period is none.
-    """
+    """Flatfile of record files, with what it takes to read them again."""
     import pandas as pd
 
     from archfrag.motions.partners import vertical_files
@@ -183,15 +165,7 @@ def table_spectra(table: "pd.DataFrame") -> dict[float, NDArray[np.float64]]:
 
 
 def select_from(flatfile: Path, options: dict[str, Any]) -> "Selection":
-    """Selection of the records of a flatfile by the options of the command.
-
-    Raises
-    ------
-    InputError
-        If the target is not given, or twice.
-    RecordError
-        If the flatfile cannot be used or has too few records.
-    """
+    """Selection of the records of a flatfile by the options of the command."""
     from archfrag.motions.flatfile import read_flatfile
     from archfrag.motions.selection import select_records
 
@@ -254,23 +228,7 @@ def save_selection(selection: "Selection", path: Path) -> None:
 
 
 def make_chosen(out: Path, wanted: dict[str, Any]) -> list[Path]:
-    """Make synthetic motions with their index.
-
-    Parameters
-    ----------
-    out : Path
-    wanted : dict
-        Keys of `motions.synthetic` of a study as text or numbers, None where not given; without
-        any of them the shipped suite is made.
-
-    Raises
-    ------
-    InputError
-        If a key is missing or has a value that is not allowed, or the folder has an index of
-        other records.
-    OutputError
-        If they cannot be written.
-    """
+    """Make synthetic motions with their index."""
     from pydantic import ValidationError
 
     from archfrag.motions.index import index_table

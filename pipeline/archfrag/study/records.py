@@ -18,8 +18,15 @@ from archfrag.motions.index import IndexEntry, find_entry, load_index
 from archfrag.motions.plausible import check_name
 from archfrag.study.components import Components, with_partners, without_verticals
 from archfrag.study.config import FileSet, Study
-from archfrag.study.digests import canonical_json, digest_of, sha256_if_there, sha256_of
-from archfrag.study.files import cannot_write, make_folder, write_text
+from archfrag.study.files import (
+    cannot_write,
+    canonical_json,
+    digest_of,
+    make_folder,
+    sha256_if_there,
+    sha256_of,
+    write_text,
+)
 from archfrag.study.inputs import Inputs, read_inputs
 from archfrag.study.synthetic import made_motions, motion_of
 
@@ -81,15 +88,7 @@ class PreparedRecord:
 
 
 def find_sources(study: Study) -> list[Source]:
-    """Record files of a study in the order of its results.
-
-    Raises
-    ------
-    StudyError
-        If `select` names an id that is nowhere, or a pattern matches nothing.
-    RecordError
-        If an index cannot be used, a record file is missing or its name is not UTF-8.
-    """
+    """Record files of a study in the order of its results."""
     sources, rows = [], []
     if study.motions.index is not None:
         entries = rows = load_index(study.motions.index)
@@ -194,19 +193,7 @@ def _distinct_names(name: str, paths: list[Path]) -> list[str]:
 
 
 def read_sources(study: Study) -> Iterator["Motion"]:
-    """Read the motions of a study one after the other.
-
-    Yields
-    ------
-    Motion
-        With its name in the study as `id`, and with what is known of it, the name and the
-        SHA-256 of its file in `metadata`.
-
-    Raises
-    ------
-    StudyError, RecordError
-        Naming the file: see `find_sources` and `archfrag.motions.read`.
-    """
+    """Read the motions of a study one after the other."""
     taken: dict[str, Path | str] = {}
     select = study.motions.select
     for source, motion in _all_motions(study):
@@ -237,13 +224,7 @@ def _all_motions(study: Study) -> Iterator[tuple[Path | str, "Motion"]]:
 
 
 def measured(motion: "Motion", study: Study) -> tuple[float, dict[str, float]]:
-    """Factor that brings a motion to 1 in the study's measure, and its value in all measures.
-
-    Raises
-    ------
-    RecordError
-        If no factor can.
-    """
+    """Factor that brings a motion to 1 in the study's measure, and its value in all measures."""
     from archfrag.motions.measures import measure_all
     from archfrag.motions.scale import factor_of
 
@@ -261,19 +242,6 @@ def prepare_motions(study: Study, progress: Any = None) -> list[PreparedRecord]:
     """Store the motions of a study, one file each, with a manifest.
 
     They take the place of older ones together, when the last is stored, or not at all.
-
-    Parameters
-    ----------
-    study : Study
-    progress : callable, optional
-        Called with the number of motions stored so far.
-
-    Raises
-    ------
-    StudyError, RecordError
-        See `read_sources` and `measured`.
-    OutputError
-        If the output folder cannot be written.
     """
     inputs = study_inputs(study)
     folder = make_folder(study.work / "motions")
@@ -360,13 +328,7 @@ def _take_place(new: Path, place: Path) -> None:
 
 
 def read_manifest(study: Study) -> dict[str, Any]:
-    """What `prepare_motions` wrote of its work.
-
-    Raises
-    ------
-    InputError
-        If there is nothing, or it is damaged.
-    """
+    """What `prepare_motions` wrote of its work."""
     path = study.work / MANIFEST
     try:
         manifest = json.loads(path.read_text(encoding="utf-8"))
@@ -413,26 +375,14 @@ def load_record(study: Study, record: PreparedRecord) -> "Motion":
 
 
 def motion_of_record(work: Path, record: PreparedRecord) -> "Motion":
-    """The stored motion of a record, or the one that its recipe gives.
-
-    Raises
-    ------
-    InputError
-        If it is not the one that was prepared.
-    """
+    """The stored motion of a record, or the one that its recipe gives."""
     if record.recipe:
         return motion_of(record.recipe, record.prepared)
     return load_stored(work / record.file, record.prepared)
 
 
 def load_stored(path: Path, prepared: str) -> "Motion":
-    """A stored motion, if it is still the one that was prepared.
-
-    Raises
-    ------
-    InputError
-        If it is not, by its SHA-256.
-    """
+    """A stored motion, if it is still the one that was prepared."""
     from archfrag.motions.store import load_motions
 
     if sha256_if_there(path) != prepared:
@@ -445,10 +395,7 @@ def load_stored(path: Path, prepared: str) -> "Motion":
 
 def motions_key(study: Study) -> dict[str, Any]:
     """What a study says of its motions and its measure."""
-    return {
-        "motions": study.motions.model_dump(mode="json"),
-        "measure": study.intensity.measure,
-    }
+    return {"motions": study.motions.model_dump(mode="json"), "measure": study.intensity.measure}
 
 
 def _number(value: Any) -> float | None:

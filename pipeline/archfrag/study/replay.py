@@ -15,30 +15,15 @@ from archfrag.study.store import Store
 
 @dataclass(frozen=True)
 class Results:
-    """Runs that a design asked for.
+    """Runs that a design asked for."""
 
-    Attributes
-    ----------
-    cases : ndarray of CASE, (n_run,)
-        Sorted by stage, arch, record and place.
-    factors : ndarray, (n_run,)
-    table : dict of ndarray
-        Columns of the runs, each (n_run,); `model_time` (n_run, n_model).
-    """
-
-    cases: Cases
-    factors: NDArray[np.float64]
-    table: dict[str, NDArray]
+    cases: Cases  # (n_run,): sorted by stage, arch, record and place
+    factors: NDArray[np.float64]  # (n_run,)
+    table: dict[str, NDArray]  # columns of the runs, each (n_run,); `model_time` (n_run, n_model)
 
 
 def replay(plan: Plan, store: Store) -> tuple[Cases, Rounds]:
-    """All runs that the design of a plan asks for, sorted, and its rounds at their end.
-
-    Raises
-    ------
-    InputError
-        If results are missing.
-    """
+    """All runs that the design of a plan asks for, sorted, and its rounds at their end."""
     rounds, asked = plan.rounds(), []
     while len(rounds.wanted):
         keys = plan.keys(rounds.wanted, plan.factors(rounds.wanted))
@@ -70,11 +55,6 @@ class Gathered:
     models : tuple of str
     notes : dict
         By number of the arch: what the design says of itself.
-
-    Raises
-    ------
-    InputError
-        If results are missing.
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -88,13 +68,7 @@ class Gathered:
             self.models = rows.table.dtype["model_time"].names or ()
 
     def read(self, arch: int, stage: int) -> Results:
-        """Results of the runs of an arch in a stage.
-
-        Raises
-        ------
-        InputError
-            If they were made by another ladder of models than the first run.
-        """
+        """Results of the runs of an arch in a stage."""
         # They are sorted by stage, then by arch.
         count = len(self._plan.arches)
         kinds = self.cases["stage"] * np.int64(count) + self.cases["arch"]
@@ -117,8 +91,3 @@ class Gathered:
             for number, name in enumerate(self.models):
                 table["model_time"][rows, number] = part["model_time"][name]
         return Results(self.cases[own], self._factors[own], table)
-
-
-def gather(plan: Plan) -> Results:
-    """Results of all runs that the design of a plan asks for; errors as of `Gathered`."""
-    return Gathered(plan).read_all()

@@ -17,8 +17,7 @@ from archfrag.fragility.contributions import (
 )
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, Fragility
-from archfrag.fragility.parameters import parameter_draws
-from archfrag.fragility.risk import CollapseRate, collapse_rate, rate_by_level
+from archfrag.fragility.risk import CollapseRate, collapse_rate, parameter_draws, rate_by_level
 from archfrag.mechanics.status import CollapseMode
 from archfrag.study.hazard import Hazard
 

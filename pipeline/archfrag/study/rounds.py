@@ -27,11 +27,7 @@ NO_CASES: Cases = np.empty(0, CASE)
 
 
 def cases_of(
-    arch: int,
-    record: ArrayLike,
-    place: ArrayLike,
-    level: ArrayLike,
-    stage: int = FINE,
+    arch: int, record: ArrayLike, place: ArrayLike, level: ArrayLike, stage: int = FINE
 ) -> Cases:
     """Runs of one arch, (n,) of `CASE`."""
     cases = np.empty(np.size(record), CASE)
@@ -42,11 +38,6 @@ def cases_of(
 
 class Rounds:
     """The strands of a design, in step: a round is all that they ask for at once.
-
-    Parameters
-    ----------
-    strands : mapping of int to generator
-        By number of the arch.
 
     Attributes
     ----------
@@ -80,13 +71,7 @@ class Rounds:
         self.wanted: Cases = np.concatenate(asked) if asked else NO_CASES
 
     def answer(self, verdicts: Verdicts) -> None:
-        """Take the verdicts of all runs of the round, in the order of `wanted`.
-
-        Raises
-        ------
-        ValueError
-            If a run has no verdict: a design would ask for it for ever.
-        """
+        """Take the verdicts of all runs of the round, in the order of `wanted`."""
         if len(verdicts) != len(self.wanted) or not np.isin(verdicts, _MADE).all():
             raise ValueError("each run of a round must have been made")
         asked, self._asked = self._asked, []

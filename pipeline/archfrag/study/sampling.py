@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from archfrag.errors import InputError
-from archfrag.study.arches import Chain, FromJoints, Recess, Ring
+from archfrag.study.arches import Chain, FromJoints, Polygons, Recess, Ring
 from archfrag.study.sentences import first_sentence
 from archfrag.study.vary import JointScatter
 
@@ -21,28 +21,6 @@ def draw(
 ) -> list[tuple[Chain, dict[str, float]]]:
     """Arches drawn for an entry with `vary`, and the values of its keys that were drawn.
 
-    Parameters
-    ----------
-    entry : Chain
-    count : int
-        Arches.
-    stream : tuple of int
-        With the seed: entries of different streams are drawn independently.
-
-    Returns
-    -------
-    list of (Chain, dict)
-        Arches with ids such as ``ring-0001``, whether or not they can exist, and what they
-        differ by (what differs from joint to joint is not among it). Of a key with a list, such
-        as ``friction``, it is the factor on it, as ``friction_factor``.
-
-    Raises
-    ------
-    InputError
-        If the id is too long for a number behind it, or a value is beyond what its key allows.
-
-    Notes
-    -----
     Keys are drawn by the scheme of `vary` (`archfrag.arch.uncertain.sample`). What differs from
     joint to joint is drawn by plain random numbers, the same for the n-th sample of a seed
     whatever their number: it has as many coordinates as joints, in which no design of a few
@@ -156,4 +134,6 @@ def _joints(entry: Chain) -> int:
         return entry.voussoirs + 1
     if isinstance(entry, FromJoints):
         return len(entry.intrados) - entry.free_end
+    if isinstance(entry, Polygons):
+        return entry.build().n_joint
     return 1

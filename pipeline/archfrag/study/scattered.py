@@ -22,14 +22,6 @@ def scattered(
 
     Levels of the pilot are a scrambled Sobol sequence in their logarithm. After it each round is
     placed by the curve estimated so far. Records are taken in their order, each once.
-
-    Parameters
-    ----------
-    arch : int
-    records : ndarray of int, (n_record,)
-    levels : ndarray, (n_level,)
-        Whose ends are those of the pilot [SI].
-    design : Scattered
     """
     ends = np.log([levels[0], levels[-1]])
     most = design.runs if design.precision is None else design.precision.runs

@@ -53,14 +53,7 @@ def key_path(parts: list[Any]) -> str:
 
 
 def first_sentence(error: ValidationError, given: Any) -> str:
-    """Sentence about the first thing that is wrong, and how many more there are.
-
-    Parameters
-    ----------
-    error : ValidationError
-    given : mapping
-        What was validated: it tells keys from names of union members in pydantic's places.
-    """
+    """Sentence about the first thing that is wrong, and how many more there are."""
     problems = error.errors(include_url=False)
     sentence = _sentence(problems[0], given)
     more = len(problems) - 1

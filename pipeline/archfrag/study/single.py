@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import TypeAdapter, ValidationError
 
 from archfrag.errors import InputError, StudyError
-from archfrag.study.arches import ArchEntry
+from archfrag.study.arches import StudyArch
 from archfrag.study.config import load_study
 from archfrag.study.members import members
 from archfrag.study.provenance import finite
@@ -24,13 +24,7 @@ _NAMES = 12  # of arches, in a message
 
 
 def arch_of_study(path: Path, name: str | None) -> "Arch":
-    """An arch of a study file; its only one if `name` is None.
-
-    Raises
-    ------
-    StudyError
-        If it has no arch of that name, or several and none is named.
-    """
+    """An arch of a study file; its only one if `name` is None."""
     # Of arches that each record has of its own, those of the first.
     entries = {entry.id: entry for entry in members(load_study(path), n_record=1).entries}
     if name is None and len(entries) == 1:
@@ -47,21 +41,16 @@ def _some(names: Collection[str]) -> str:
 
 
 def arch_by_numbers(options: dict[str, Any]) -> "Arch":
-    """An arch from the options of the command line, None where not given.
-
-    Raises
-    ------
-    InputError
-        If one is missing or belongs to another profile.
-    GeometryError
-        If the arch cannot exist.
-    """
+    """An arch from the options of the command line, None where not given."""
     given = {key: value for key, value in options.items() if value is not None}
     if given.pop("straight"):
         given["sector"] = False
     given["id"] = "arch"
+    if "drawing" in given:
+        given["profile"] = "drawing"
+        given["unit"] = given.pop("drawing_unit", None)
     try:
-        entry = TypeAdapter(ArchEntry).validate_python(given)
+        entry: Any = TypeAdapter(StudyArch).validate_python(given)
     except ValidationError as error:
         raise InputError(
             f"--profile {given['profile']}: {first_sentence(error, given)}; give the arch by "

@@ -11,15 +11,21 @@ from typing import Any
 
 from archfrag.errors import InputError
 from archfrag.study.config import Study
-from archfrag.study.digests import canonical_json, digest_of, sha256_if_there, source_hash
-from archfrag.study.files import make_folder, write_text
+from archfrag.study.files import (
+    canonical_json,
+    digest_of,
+    make_folder,
+    remember,
+    sha256_if_there,
+    source_hash,
+    write_text,
+)
 from archfrag.study.inputs import changes
 from archfrag.study.members import SHOWN, members, needs_records
 from archfrag.study.plan import Plan, make_plan
 from archfrag.study.records import MANIFEST, motions_key, read_manifest, study_inputs
 from archfrag.study.replay import replay
 from archfrag.study.store import Store
-from archfrag.study.written import remember
 
 STEPS = "steps"
 FITTING = ("study/fits.py", "study/curves.py", "study/comparisons.py")
@@ -69,13 +75,7 @@ def _curve_files(study: Study) -> list[str]:
 
 
 def finish(study: Study, step: str) -> None:
-    """Note that a step is done.
-
-    Raises
-    ------
-    OutputError
-        If that cannot be written.
-    """
+    """Note that a step is done."""
     files = [path for path in products(study, step) if path.is_file()]
     stamp = {
         "from": _made_from(study, step),
@@ -105,13 +105,7 @@ def require(study: Study, step: str) -> None:
 
 
 def stale_steps(study: Study) -> tuple[list[str], list[str]]:
-    """Steps to be done, and what has changed since they were done last.
-
-    Raises
-    ------
-    StudyError, RecordError
-        If records are missing.
-    """
+    """Steps to be done, and what has changed since they were done last."""
     names = step_names(study)
     changed = _changed_motions(study)
     if changed is not None:

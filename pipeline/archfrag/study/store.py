@@ -46,13 +46,7 @@ def new_table(keys: NDArray[np.void], columns: dict[str, NDArray]) -> Table:
 
 
 def write_part(folder: Path, table: Table) -> Path:
-    """Write a part; the same results give the same bytes under the same name.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written; no half of it is left.
-    """
+    """Write a part; the same results give the same bytes under the same name."""
     content = io.BytesIO()
     np.save(content, table, allow_pickle=False)
     digest = hashlib.blake2b(content.getbuffer(), digest_size=KEY).hexdigest()
@@ -92,11 +86,6 @@ class Store:
     """All runs of which the parts of a folder hold the results.
 
     Only keys and verdicts are kept in memory, 25 bytes a run.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the parts; need not exist.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -163,13 +152,7 @@ class Store:
         return found
 
     def rows(self, places: NDArray[np.int64]) -> Iterator["Rows"]:
-        """Rows at some places, part by part.
-
-        Raises
-        ------
-        InputError
-            If a part has been damaged since it was taken in.
-        """
+        """Rows at some places, part by part."""
         ends = np.cumsum(self._of_part)
         order = np.argsort(places, kind="stable")
         starts = np.searchsorted(places[order], np.concatenate([[0], ends]))

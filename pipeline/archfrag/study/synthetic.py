@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from archfrag.errors import InputError
-from archfrag.study.digests import canonical_json
+from archfrag.study.files import canonical_json
 from archfrag.study.section import Section, refuse
 
 if TYPE_CHECKING:
@@ -118,20 +118,7 @@ def made_motions(wanted: Synthetic) -> Iterator["Motion"]:
 
 
 def motion_of(recipe: str, digest: str) -> "Motion":
-    """The motion that a recipe gives.
-
-    Parameters
-    ----------
-    recipe : str
-        JSON, as in the metadata that `made_motions` gives.
-    digest : str
-        Of the samples that it gave when the study was prepared.
-
-    Raises
-    ------
-    InputError
-        If it gives others now.
-    """
+    """The motion that a recipe gives."""
     from archfrag.motions.synthetic import Options, Recipe, Seeds
 
     given = json.loads(recipe)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 # Keys of an arch that may vary, of all profiles.
 VARIABLE = (
     "radius", "thickness", "embrace", "span", "rise", "width", "height", "density", "depth",
-    "friction", "dead_load",
+    "friction", "dead_load", "thickness_factor",
 )  # fmt: skip
 MOST_SAMPLES = 8192
 Value = Annotated[float, Field(ge=-1e12, le=1e12)]
@@ -25,14 +25,22 @@ class Distribution(Section):
     """What all distributions share."""
 
     relative: bool = False
-    """Whether values are factors on what the arch's own key says, which may be a list."""
+    """Whether values are factors on what the arch's own key states, which may be a list."""
+
+    def marginal(self) -> "Marginal":
+        """Distribution to draw from, by its own name in `archfrag.arch.uncertain`."""
+        from archfrag.arch import uncertain
+
+        given = self.model_dump(exclude={"distribution", "relative"}, exclude_none=True)
+        kind: type[Marginal] = getattr(uncertain, type(self).__name__.removesuffix("Distribution"))
+        return kind(**given)
 
 
 class Truncated(Distribution):
     """A distribution without bounds of its own."""
 
     lower: Value | None = None
-    """Values below do not occur (the rest of the distribution is scaled up)."""
+    """Values below do not occur (the remainder of the distribution is scaled up)."""
     upper: Value | None = None
     """Values above do not occur."""
 
@@ -45,15 +53,6 @@ class Truncated(Distribution):
         except InputError as error:
             raise refuse(f"is cut too far: {error}") from None
         return self
-
-    def bounds(self) -> dict[str, float]:
-        """Those given, by name."""
-        given = {"lower": self.lower, "upper": self.upper}
-        return {name: value for name, value in given.items() if value is not None}
-
-    def marginal(self) -> "Marginal":
-        """Distribution to draw from."""
-        raise NotImplementedError
 
 
 class NormalDistribution(Truncated):
@@ -80,7 +79,8 @@ class NormalDistribution(Truncated):
         from archfrag.arch.uncertain import Normal
 
         sd = self.sd or (self.cov or 1.0) * abs(self.mean)
-        return Normal(mean=self.mean, sd=sd or 1.0, **self.bounds())
+        bounds = self.model_dump(include={"lower", "upper"}, exclude_none=True)
+        return Normal(mean=self.mean, sd=sd or 1.0, **bounds)
 
 
 class LognormalDistribution(Truncated):
@@ -91,12 +91,6 @@ class LognormalDistribution(Truncated):
     """Before truncation, in the unit of the key."""
     beta: Dispersion
     """Standard deviation of the natural logarithm."""
-
-    def marginal(self) -> "Marginal":
-        """Distribution to draw from."""
-        from archfrag.arch.uncertain import Lognormal
-
-        return Lognormal(median=self.median, beta=self.beta, **self.bounds())
 
 
 class UniformDistribution(Distribution):
@@ -114,12 +108,6 @@ class UniformDistribution(Distribution):
             raise refuse(f"must have stop above start = {self.start:g}, not {self.stop:g}")
         return self
 
-    def marginal(self) -> "Marginal":
-        """Distribution to draw from."""
-        from archfrag.arch.uncertain import Uniform
-
-        return Uniform(start=self.start, stop=self.stop)
-
 
 class TriangularDistribution(Distribution):
     """Triangular distribution."""
@@ -135,17 +123,9 @@ class TriangularDistribution(Distribution):
     @model_validator(mode="after")
     def _rise(self) -> Self:
         if not (self.start <= self.mode <= self.stop and self.start < self.stop):
-            raise refuse(
-                f"must have start <= mode <= stop, not {self.start:g}, {self.mode:g}, "
-                f"{self.stop:g}"
-            )
+            ends = f"{self.start:g}, {self.mode:g}, {self.stop:g}"
+            raise refuse(f"must have start <= mode <= stop, not {ends}")
         return self
-
-    def marginal(self) -> "Marginal":
-        """Distribution to draw from."""
-        from archfrag.arch.uncertain import Triangular
-
-        return Triangular(start=self.start, mode=self.mode, stop=self.stop)
 
 
 AnyDistribution = Annotated[

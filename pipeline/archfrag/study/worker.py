@@ -90,27 +90,7 @@ def run_chunks(plan_path: str, chunks: Sequence[tuple[Cases, NDArray]]) -> list[
 
 
 def run_chunk(plan_path: str, cases: Cases, factors: NDArray) -> dict[str, Any]:
-    """Run some cases, write their part and then their wall times.
-
-    Parameters
-    ----------
-    plan_path : str
-        Stored plan.
-    cases : ndarray of CASE, (n,)
-    factors : ndarray, (n,)
-        On the records.
-
-    Returns
-    -------
-    dict
-        part (its file), runs, kernel_time [s], wall_time [s] with all that is done beside the
-        runs, peak_memory [MB] and pid of this process.
-
-    Raises
-    ------
-    OutputError
-        If the part cannot be written.
-    """
+    """Run some cases, write their part and then their wall times."""
     started = time.perf_counter()
     place = Path(plan_path)
     plan = _plan(plan_path, _modified(place))

@@ -16,8 +16,7 @@ from archfrag.errors import ArchfragError, OutputError
 from archfrag.study import tree
 from archfrag.study.checks import STUDY_FILE, check_output
 from archfrag.study.config import Study, dump_study
-from archfrag.study.digests import PACKAGE
-from archfrag.study.files import make_folder, sweep, write_text
+from archfrag.study.files import PACKAGE, make_folder, sweep, write_text
 from archfrag.study.lock import Lock, only_run
 from archfrag.study.provenance import available_cores
 from archfrag.study.steps import forget_stale, stale_steps
@@ -30,29 +29,22 @@ _EXIT = re.compile(
 _MOST_LINES = 8
 
 
-def snakefile() -> Path:
-    """The Snakefile: of the checkout, or the one inside the installed package.
-
-    Raises
-    ------
-    OutputError
-        If there is neither.
-    """
-    for path in (PACKAGE.parents[1] / "Snakefile", PACKAGE / "workflow" / "Snakefile"):
-        if path.is_file() and (path.parent / "pipeline" / "rules").is_dir():
-            return path
+def shipped_folder() -> Path:
+    """Folder with Snakefile, rules and records: the checkout, or one of the installed package."""
+    for folder in (PACKAGE.parents[1], PACKAGE / "workflow"):
+        if (folder / "Snakefile").is_file() and (folder / "pipeline" / "rules").is_dir():
+            return folder
     raise OutputError(f"{PACKAGE}: this installation has no Snakefile; install archfrag again")
+
+
+def snakefile() -> Path:
+    """The Snakefile of the checkout or of the installed package."""
+    return shipped_folder() / "Snakefile"
 
 
 @contextlib.contextmanager
 def step_log(path: Path | None) -> Iterator[Callable[[str], None]]:
-    """Say things on stderr and in a log; an error goes to the log with its exit code.
-
-    Yields
-    ------
-    callable
-        Takes one line of text.
-    """
+    """Say things on stderr and in a log; an error goes to the log with its exit code."""
     lines: list[str] = []
     inside = tree.INSIDE in os.environ and path is not None
 
@@ -82,56 +74,18 @@ def step_log(path: Path | None) -> Iterator[Callable[[str], None]]:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How a study is run.
+    """How a study is run."""
 
-    Attributes
-    ----------
-    resume : bool
-        Go on where a run was stopped.
-    cores : int or None
-        All that this process may use if None.
-    profile : Path or None
-        Snakemake profile, such as ``configs/profiles/slurm``; then `cores` is its business.
-    quiet : bool
-        Nothing but errors.
-    typed : str
-        The command, for the sentence that says what to type.
-    """
-
-    resume: bool = False
-    cores: int | None = None
+    resume: bool = False  # go on where a run was stopped
+    cores: int | None = None  # all that this process may use if None
+    # Snakemake profile, such as ``configs/profiles/slurm``; then `cores` is its business.
     profile: Path | None = None
-    quiet: bool = False
-    typed: str = "archfrag run STUDY"
+    quiet: bool = False  # nothing but errors
+    typed: str = "archfrag run STUDY"  # the command, for the sentence that says what to type
 
 
 def run_study(study: Study, options: RunOptions, stop: tree.Stop) -> bool:
-    """Bring all results of a study up to date.
-
-    Parameters
-    ----------
-    study : Study
-    options : RunOptions
-    stop : Stop
-        Of `archfrag.study.tree.stoppable`.
-
-    Returns
-    -------
-    bool
-        Whether there was anything to do.
-
-    Raises
-    ------
-    StudyError, RecordError
-        If records are missing.
-    OutputError
-        If the output cannot be written or is another study's, another run is at work in it, or
-        an earlier run was stopped and `options.resume` is not set.
-    Stopped
-        By a signal; then all processes of the run are gone.
-    ArchfragError
-        What stopped a step, with its exit code.
-    """
+    """Bring all results of a study up to date."""
     check_output(study)
     make_folder(study.work)
     with only_run(study) as lock:

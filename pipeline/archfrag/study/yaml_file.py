@@ -34,49 +34,26 @@ class _Loader(yaml.SafeLoader):
     def __init__(self, text: str) -> None:
         super().__init__(text)
         self._depth = 0
-        self._extent: dict[int, tuple[int, int]] = {}  # of each node: depth and values
+        self._complete: set[int] = set()  # nodes read to their end
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         event = self.peek_event()
-        alias = isinstance(event, yaml.AliasEvent)
         tag = getattr(event, "tag", None)
-        if tag not in (None, "!"):
+        if tag is not None and tag != "!":
             raise _marked(f"tags such as {_short(tag)} have no place in a study file", event)
         self._depth += 1
         if self._depth > DEEPEST:
             raise _marked(f"more than {DEEPEST} levels of nesting", event)
         node = super().compose_node(parent, index)
         self._depth -= 1
-        if node is None:
-            return None
-        if alias and id(node) not in self._extent:
-            raise _marked(f"the alias {_short(event.anchor)} stands inside what it repeats", event)
-        if not alias:
-            if isinstance(node, yaml.ScalarNode) and _CONTROL.search(node.value):
-                raise _marked("text must hold no control characters", event)
-            self._extent[id(node)] = self._measure(node)
-        depth, values = self._extent[id(node)]
-        if self._depth + depth > DEEPEST or values > MOST_VALUES:
+        if isinstance(event, yaml.AliasEvent) and id(node) not in self._complete:
             raise _marked(
-                f"more than {DEEPEST} levels of nesting or {MOST_VALUES} values, aliases counted "
-                "as what they repeat",
-                event,
+                f"the alias {_short(str(event.anchor))} stands inside what it repeats", event
             )
+        if isinstance(node, yaml.ScalarNode) and _CONTROL.search(node.value):
+            raise _marked("text must hold no control characters", event)
+        self._complete.add(id(node))
         return node
-
-    def _measure(self, node: yaml.Node) -> tuple[int, int]:
-        if isinstance(node, yaml.ScalarNode):
-            return 1, 1
-        items = (
-            [part for pair in node.value for part in pair]
-            if isinstance(node, yaml.MappingNode)
-            else node.value
-        )
-        extents = [self._extent[id(item)] for item in items]
-        return (
-            1 + max((depth for depth, _ in extents), default=0),
-            1 + sum(values for _, values in extents),
-        )
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen = set()
@@ -108,9 +85,26 @@ def _problem(error: yaml.YAMLError) -> str:
     return " ".join(str(error).split())
 
 
-def _parse(text: str, place: str) -> Any:
+def _count(value: Any, before: int, depth: int) -> int:
+    """Values so far with those inside a value, aliases counted as what they repeat."""
+    total = before + 1
+    if depth < 1 or total > MOST_VALUES:
+        raise yaml.YAMLError(
+            f"more than {DEEPEST} levels of nesting or {MOST_VALUES} values, aliases counted as "
+            "what they repeat"
+        )
+    inside = value.items() if isinstance(value, dict) else ()
+    for item in value if isinstance(value, list) else [part for pair in inside for part in pair]:
+        total = _count(item, total, depth - 1)
+    return total
+
+
+def parse_value(text: str, place: str) -> Any:
+    """A value in YAML; `place` is named where it is none."""
     try:
-        return yaml.load(text, Loader=_Loader)
+        value = yaml.load(text, Loader=_Loader)
+        _count(value, 0, DEEPEST)
+        return value
     except yaml.YAMLError as error:
         raise StudyError(f"{place}: {_problem(error)}") from error
 
@@ -124,13 +118,7 @@ def _read(path: Path) -> bytes:
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """Mapping in a YAML file.
-
-    Raises
-    ------
-    StudyError
-        If it cannot be read, is too large, is no YAML (with the line), or holds no mapping.
-    """
+    """Mapping in a YAML file."""
     try:
         content = _read(path)
         text = content.decode("utf-8")
@@ -142,21 +130,10 @@ def read_yaml(path: Path) -> dict[str, Any]:
         raise StudyError(
             f"the study file {path} is too large; it must have at most {LARGEST_FILE} bytes"
         )
-    given = _parse(text, str(path))
+    given = parse_value(text, str(path))
     if not isinstance(given, dict):
         raise StudyError(f"{path}: must hold keys with values, such as id, arches and motions")
     return given
-
-
-def parse_value(text: str, place: str) -> Any:
-    """A value in YAML.
-
-    Raises
-    ------
-    StudyError
-        Naming `place`.
-    """
-    return _parse(text, place)
 
 
 class _Dumper(yaml.SafeDumper):

@@ -59,7 +59,7 @@ def reach(block, side):
 
 
 @kernel
-def turned_arm(along, up, rotation):
+def rotated_arm(along, up, rotation):
     """Place of a point relative to G in the ground frame [m].
 
     Parameters
@@ -80,7 +80,7 @@ def turned_arm(along, up, rotation):
 @kernel
 def corner_arm(block, side, rotation):
     """Place of a corner of the base relative to G, (t, n) [m]."""
-    return turned_arm(side * reach(block, side), -block.rise, rotation)
+    return rotated_arm(side * reach(block, side), -block.rise, rotation)
 
 
 @kernel
@@ -150,13 +150,13 @@ def normal_gradient(block, arm):
 
 @kernel
 def tangential_gradient_rate(block, arm, angular_velocity):
-    """Time derivative of N_P,t while the block turns (Eq 17)."""
+    """Time derivative of N_P,t while the block rotates (Eq 17)."""
     return 0.0, 0.0, -angular_velocity * arm[0] / math.sqrt(block.inertia)
 
 
 @kernel
 def normal_gradient_rate(block, arm, angular_velocity):
-    """Time derivative of N_P,n while the block turns (Eq 17)."""
+    """Time derivative of N_P,n while the block rotates (Eq 17)."""
     return 0.0, 0.0, -angular_velocity * arm[1] / math.sqrt(block.inertia)
 
 

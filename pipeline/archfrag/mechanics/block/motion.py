@@ -4,8 +4,8 @@ All are one problem, as section 2.5 of the paper points out (Eq 21): an active v
 of smooth dynamics or the velocity before an impact, and the reactions that the contact laws add
 to it give the acceleration or the velocity afterwards. `base_problem` solves it for a block that
 stands flat, where the contact centre is unknown (Eq 14), `corner_problem` for contact at one
-corner (Eqs 15 to 20). Each tries the few mechanisms there are and takes the one that breaks no
-law; that two of them obey all laws, or none, happens only in Painleve's paradox and is told.
+corner (Eqs 15 to 20). Each tries the mechanisms that there are and takes the one that breaks no
+law; that two of them obey all laws, or none, happens only in Painleve's paradox and is reported.
 """
 
 import math
@@ -45,10 +45,10 @@ SAME = 1e-9
 class Mechanism(IntEnum):
     """How a block moves, or starts to move."""
 
-    REST = 0  # the whole base stays
-    SLIDE = 1  # the whole base slides
-    ROCK = 2  # turns about a corner that does not slide
-    SLIDE_ROCK = 3  # turns about a corner that slides
+    REST = 0  # the full base stays
+    SLIDE = 1  # the full base slides
+    ROCK = 2  # rotates about a corner that does not slide
+    SLIDE_ROCK = 3  # rotates about a corner that slides
     LIFT_OFF = 4  # no reaction: the ground does not hold the block
 
 
@@ -99,7 +99,7 @@ def _answer(block, mechanism, side, sense, place, tangential, normal, result, sl
 
 @kernel
 def _of_several(first, second, speed):
-    """The first of two admissible motions, told whether the second is another one."""
+    """The first of two admissible motions, and whether the second is another one."""
     apart = abs(first.x - second.x) + abs(first.y - second.y)
     apart += abs(first.slip - second.slip)
     if apart <= SAME * speed:
@@ -126,15 +126,15 @@ def _keep(best, found, speed):
 
 @kernel
 def _flat(block, active, friction, sense, sliding):
-    """Rest (sense 0) or sliding of the whole base; and whether that is admissible.
+    """Rest (sense 0) or sliding of the full base; and whether that is admissible.
 
-    The normal reaction stands where the block does not turn (Eqs 13, 14).
+    The normal reaction stands where the block does not rotate (Eqs 13, 14).
     """
-    x, y, turn = physical(block, active)
+    x, y, rotation = physical(block, active)
     normal = -block.mass * y
     tangential = -block.mass * x if sense == 0 else -sense * friction * normal
     slip = x + tangential / block.mass
-    moment = block.inertia * turn + block.rise * tangential
+    moment = block.inertia * rotation + block.rise * tangential
     good = inside_cone(tangential, normal, friction) if sense == 0 else normal > 0.0
     place = -moment / normal if normal > 0.0 else math.nan
     good = good and -block.reach_a <= place <= block.reach_b
@@ -187,7 +187,7 @@ def base_problem(block, active, friction, slip):
     friction : float
         Coulomb coefficient; inf: the limit of large friction.
     slip : float
-        Slip velocity under way, along t [m/s]; 0 if there is none, and for an impact.
+        Slip velocity in progress, along t [m/s]; 0 if there is none, and for an impact.
 
     Returns
     -------
@@ -232,7 +232,7 @@ def corner_problem(block, side, rotation, active, on_t, on_n, friction, slip):
     friction : float
         Coulomb coefficient; inf: the limit of large friction.
     slip : float
-        Slip velocity under way, along t [m/s]; 0 if there is none, and for an impact.
+        Slip velocity in progress, along t [m/s]; 0 if there is none, and for an impact.
 
     Returns
     -------
@@ -290,7 +290,7 @@ def starting_motion(block, ground_x, ground_y, friction, gravity):
 
 @kernel
 def sliding_motion(block, slip, ground_x, ground_y, friction, gravity):
-    """How a block goes on that slides on its whole base (section 2.5).
+    """How a block goes on that slides on its full base (section 2.5).
 
     Parameters
     ----------
@@ -311,7 +311,7 @@ def sliding_motion(block, slip, ground_x, ground_y, friction, gravity):
 def corner_motion(
     block, side, rotation, angular_velocity, slip, ground_x, ground_y, friction, gravity
 ):
-    """Accelerations and reactions while the block turns about a corner (section 2.5, Eqs 15-20).
+    """Accelerations and reactions while the block rotates about a corner (section 2.5, Eqs 15-20).
 
     Parameters
     ----------
@@ -389,7 +389,7 @@ def rocking_impact(block, side, angular_velocity, slip, friction):
     ----------
     block : RigidBlock
     side : int
-        Corner about which the block has turned.
+        Corner about which the block has rotated.
     angular_velocity : float
         Before the impact [rad/s]; closing, so negative for A and positive for B.
     slip : float

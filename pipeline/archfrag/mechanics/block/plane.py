@@ -1,7 +1,7 @@
 """The balance of a block's contact in plane pi: Eqs 15 to 20 of Sinopoli's paper.
 
 Plane pi is spanned by the gradient operators N_t and N_n of the contact point, and orthogonal to
-the mechanism u' that turns about it. What acts along u' moves the block and needs no reaction;
+the mechanism u' that rotates about it. What acts along u' moves the block and needs no reaction;
 what acts in pi has to be balanced by them. N_t and N_n are not orthogonal to each other unless G
 stands over the contact or beside it, so that each reaction changes the other.
 """
@@ -14,7 +14,7 @@ from archfrag.mechanics.compile import kernel
 
 @kernel
 def rocking_mechanism(block, arm, angular_velocity):
-    """Mechanism u'_A that turns about a contact point; orthogonal to N_t and N_n (Eq 16)."""
+    """Mechanism u'_A that rotates about a contact point; orthogonal to N_t and N_n (Eq 16)."""
     return generalised(
         block, angular_velocity * arm[1], -angular_velocity * arm[0], angular_velocity
     )
@@ -87,7 +87,7 @@ def cone_boundaries(n_t, n_n, friction):
 
 @kernel
 def inside_cone(tangential, normal, friction):
-    """Whether a reaction presses and lies in Coulomb's cone (Eqs 5, 6, 20)."""
+    """Whether a reaction is compressive and lies in Coulomb's cone (Eqs 5, 6, 20)."""
     if normal < 0.0:
         return False
     return math.isinf(friction) or abs(tangential) <= friction * normal

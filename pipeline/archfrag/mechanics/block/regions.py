@@ -27,8 +27,10 @@ def rocking_acceleration(block, side, rotation, ground_x, ground_y, gravity):
 
     Reactions have no power in the mechanism and drop out.
     """
-    turning = rocking_mechanism(block, corner_arm(block, side, rotation), 1.0)
-    return dot(active_force(block, ground_x, ground_y, gravity), turning) / dot(turning, turning)
+    rotating = rocking_mechanism(block, corner_arm(block, side, rotation), 1.0)
+    return dot(active_force(block, ground_x, ground_y, gravity), rotating) / dot(
+        rotating, rotating
+    )
 
 
 @kernel
@@ -38,9 +40,9 @@ def slender_rocking_acceleration(block, side, rotation, ground_x, gravity):
     p^2 (theta - alpha sgn theta - k_s), with the exact p and alpha.
     """
     alpha = math.atan2(reach(block, side), block.rise)
-    turning = rocking_mechanism(block, corner_arm(block, side, 0.0), 1.0)
+    rotating = rocking_mechanism(block, corner_arm(block, side, 0.0), 1.0)
     radius = math.hypot(reach(block, side), block.rise)
-    p_square = block.mass * gravity * radius / dot(turning, turning)
+    p_square = block.mass * gravity * radius / dot(rotating, rotating)
     return p_square * (rotation + side * alpha + ground_x)
 
 
@@ -55,7 +57,7 @@ def impact_ratio(block, side):
     ----------
     block : RigidBlock
     side : int
-        Corner about which the block has turned.
+        Corner about which the block has rotated.
     """
     other = reach(block, -side)
     gyration = block.inertia / block.mass + block.rise * block.rise
@@ -70,7 +72,7 @@ def impact_sticking_friction(block, side):
     """
     ratio = impact_ratio(block, side)
     if ratio < 0.0:
-        # Both corners stop: the impulse takes the whole momentum about the first corner.
+        # Both corners stop: the impulse takes all the momentum about the first corner.
         return block.rise / reach(block, side)
     return block.rise * (1.0 - ratio) / (reach(block, side) + reach(block, -side) * ratio)
 
@@ -115,7 +117,7 @@ def sliding_load(block, side, friction):
     side : int
         Corner over which it tips.
     friction : float
-        At least reach/rise, where tipping begins; below, the whole base slides.
+        At least reach/rise, where tipping begins; below, the full base slides.
 
     Returns
     -------
@@ -161,10 +163,10 @@ def starting_region(block, ground_x, ground_y, friction):
     side : int
         Corner over which the block tips; 0 where it does not.
     """
-    pressed = 1.0 + ground_y
-    if pressed <= 0.0:
+    vertical = 1.0 + ground_y
+    if vertical <= 0.0:
         return LIFT_OFF, 0
-    load = abs(ground_x) / pressed
+    load = abs(ground_x) / vertical
     side = CORNER_A if ground_x > 0.0 else CORNER_B
     slenderness = reach(block, side) / block.rise
     if load <= min(friction, slenderness):

@@ -118,9 +118,9 @@ def _set_diagonal(model, work, j, compliance):
     after, before = model.inverse_inertia[j + 1], model.inverse_inertia[j]
     for a in range(3):
         moved = _weighted(row, j, a, both, after, 2)
-        turned = before * row[j, a, 3]
+        rotated = before * row[j, a, 3]
         for b in range(3):
-            f[j, a, b] = fused(turned, column[j, b, 3], dot(moved, _on(column, j, b, 2)))
+            f[j, a, b] = fused(rotated, column[j, b, 3], dot(moved, _on(column, j, b, 2)))
         own = f[j, a, a]
         f[j, a, a] = select(own == 0.0, 1.0, fused(compliance, abs(own), own))
 
@@ -270,7 +270,7 @@ def correct(model, position, work, enough):
             work.reaction[j, c] = 0.0
     left = measure_residual(position, work)
     go = left == left
-    # One substitution leaves what the compliance gives way; where that counts it is corrected.
+    # One substitution leaves what the compliance yields; where that counts it is corrected.
     for _ in range(MOST_CORRECTIONS):
         substitute(work)
         for j in range(work.slide.shape[0]):

@@ -1,10 +1,10 @@
 """Which corners of the joints touch, and which stick: Newton's iteration on the modes.
 
-For given modes the contact problem is linear (`blocks`). Its solution tells of each joint whether
+For given modes the contact problem is linear (`blocks`). Its solution gives for each joint whether
 it keeps Signorini's and Coulomb's laws in the mode assumed, and which mode it asks for: three
 functions, for an open joint, a closed one and one that touches at a corner. The modes asked for
 are taken until none changes (`solve_contact`); where that goes round in circles, by a changing
-part of the joints (`settle_modes`), and behind that `archfrag.mechanics.contact.path` is left.
+part of the joints (`reconcile_modes`), and behind that `archfrag.mechanics.contact.path` is left.
 """
 
 import math
@@ -14,7 +14,7 @@ from archfrag.mechanics.contact.blocks import solve_modes
 from archfrag.mechanics.contact.placing import MINUS, PLUS, at_point, relative_velocity
 from archfrag.mechanics.numbers import flag, fused, larger, opposite, select, some
 
-# Part of the bodies' velocities below which relative ones are not told apart.
+# Part of the bodies' velocities below which relative ones are not distinguished.
 ROUNDING = 1e-5
 # Rounds that one run may take, beside four for each joint.
 MOST_ROUNDS = 60
@@ -45,8 +45,8 @@ def mode_if_open(closing_0, closing_1):
 def mode_if_closed(j, model, work, slide, ux, uy, slack, slack_force):
     """Mode asked by a joint that touches at both corners; as `mode_if_open`.
 
-    A corner that would have to pull opens (Eq 5); friction beyond Coulomb's limit makes a joint
-    slide, a slip against its friction makes it stick (Eq 6).
+    A corner that would need a tensile force opens (Eq 5); friction beyond Coulomb's limit makes
+    a joint slide, a slip against its friction makes it stick (Eq 6).
     """
     nx, ny = work.normal[j, 0], work.normal[j, 1]
     fx, fy = work.reaction[j, 0], work.reaction[j, 1]
@@ -74,7 +74,7 @@ def mode_if_corner(j, second, model, work, slide, ux, uy, slack, slack_force):
     Returns
     -------
     lost : mask
-        Where the contact would have to pull.
+        Where the contact would need a tensile force.
     slide : number
     """
     side = work.side_normal
@@ -91,13 +91,13 @@ def mode_if_corner(j, second, model, work, slide, ux, uy, slack, slack_force):
     below = (fx * low_y - fy * low_x) * size
     outside = larger(above, below) > slack_force
     sticks, onwards = slide == 0.0, slide > 0.0
-    pulls = fx * (ax + bx) + fy * (ay + by) <= 0.0
+    tensile = fx * (ax + bx) + fy * (ay + by) <= 0.0
     if_sticks = select(outside, select(above >= below, 1.0, -1.0), 0.0)
     push = select(onwards, fx * high_x + fy * high_y, fx * low_x + fy * low_y) * size
     nx, ny = select(onwards, ax, bx), select(onwards, ay, by)
     against = slide * (nx * uy - ny * ux) > slack
     if_slides = select(against, 0.0, slide)
-    lost = (sticks & outside & pulls) | (opposite(sticks) & (push < -slack_force))
+    lost = (sticks & outside & tensile) | (opposite(sticks) & (push < -slack_force))
     return lost, select(sticks, if_sticks, if_slides)
 
 
@@ -226,13 +226,13 @@ def take_asked(work, where, half):
 
 @inlined
 def straight_rounds(work):
-    """Rounds after which modes that have not settled hardly ever do so by themselves."""
+    """Rounds after which modes that have not been reconciled hardly ever are by themselves."""
     return 8 + work.slide.shape[0] // 4
 
 
 @inlined
 def _mark(work):
-    """A number that tells apart the modes asked for: their sum with irregular weights."""
+    """A number that distinguishes the modes asked for: their sum with irregular weights."""
     mark, weight = 0.0, 0.618
     for j in range(work.slide.shape[0]):
         mode = work.asked_touch[j, 0] + 2.0 * work.asked_touch[j, 1] + 5.0 * work.asked_slide[j]
@@ -245,7 +245,7 @@ def _mark(work):
 def solve_contact(model, position, work, live, looks, precision):
     """Solve one contact problem by Newton's iteration, every joint taking the mode it asks for.
 
-    A run whose modes come back after two rounds, or do not settle in a few, is given up.
+    A run whose modes come back after two rounds, or are not reconciled in several, is given up.
 
     Parameters
     ----------
@@ -291,7 +291,7 @@ def solve_contact(model, position, work, live, looks, precision):
 
 
 @kernel
-def settle_modes(model, position, work, scale, precision, straight):
+def reconcile_modes(model, position, work, scale, precision, straight):
     """Newton's iteration on the modes of one run, for as long as it takes.
 
     Parameters

@@ -4,7 +4,7 @@ modes could not solve.
 All joints are first pushed apart by an extra opening velocity, so that none touches and the
 solution is known. The extra velocity is then taken back, tau from 0 to 1, and the solution is
 followed exactly from piece to piece of the contact laws: at each break one joint changes its
-mode. Where the laws are not monotone (friction) the path may turn back in tau; its direction
+mode. Where the laws are not monotone (friction) the path may go back in tau; its direction
 after a break is the one that leads into the new piece. This is Lemke's complementary pivoting
 (Cottle, Pang and Stone, *The Linear Complementarity Problem*, ch. 4) written for the modes of a
 chain, with a block-tridiagonal solution for each piece.
@@ -17,18 +17,19 @@ import numpy as np
 
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.blocks import EXACT, Precision, correct, factorise, set_rows
-from archfrag.mechanics.contact.modes import settle_modes, straight_rounds, velocity_scale
+from archfrag.mechanics.contact.modes import reconcile_modes, straight_rounds, velocity_scale
 from archfrag.mechanics.contact.placing import MINUS, PLUS
 from archfrag.mechanics.model import Model
 
-# Friction without limit is at most this on the way; at its end joints stick again.
+# Friction without limit is at most this in between; at its end joints stick again.
 PATH_FRICTION = 1e3
-# Paths to try, from other opening velocities each, and their compliances in turn: they keep the
-# pieces of hyperstatic joints regular. Behind them paths of joints that stay compliant.
+# Paths to try, from other opening velocities each, and their compliances, one after another:
+# they keep the pieces of hyperstatic joints regular. Behind them paths of joints that stay
+# compliant.
 PATHS, SOFT_PATHS = 9, 3
 COMPLIANCES = (1e-6, 1e-8, 1e-10)
-# Where a corner neither presses nor parts, rounding decides: such a state may break a law by
-# this much, relative, and its residual says so.
+# Where a corner is neither compressed nor opening, rounding decides: such a state may break a
+# law by this much, relative, and its residual shows it.
 DEGENERATE = 1e-8
 ON, BACK = 1.0, -1.0
 N_FUNCTION = 4
@@ -366,7 +367,8 @@ def solve_by_path(model, position, work, path, most_paths, soft_paths):
     solved, compliant : bool
         Compliant where the solution is that of slightly compliant joints (relative compliance
         1e-6 to 1e-4). Where a ring closes, its last gaps contradict each other by the square of
-        their size, and of the many ways to leave one of them open by 1e-10 m rounding finds none.
+        their size, and of the many combinations that leave one of them open by 1e-10 m rounding
+        finds none.
     rounds, breaks : int
         Linear problems solved by the iteration on modes, and pieces of paths followed.
     """
@@ -385,11 +387,11 @@ def solve_by_path(model, position, work, path, most_paths, soft_paths):
         _stick_rough(model, work)
         while compliance > 2.0 * EXACT.compliance:
             soft = Precision(compliance, EXACT.slack, np.inf)
-            rounds += settle_modes(model, position, work, scale, soft, straight)[1]
+            rounds += reconcile_modes(model, position, work, scale, soft, straight)[1]
             compliance *= 0.1
         for slack in (EXACT.slack, DEGENERATE):
             exact = Precision(EXACT.compliance, slack, slack)
-            solved, more = settle_modes(model, position, work, scale, exact, straight)
+            solved, more = reconcile_modes(model, position, work, scale, exact, straight)
             rounds += more
             if solved:
                 return True, False, rounds, breaks
@@ -399,7 +401,7 @@ def solve_by_path(model, position, work, path, most_paths, soft_paths):
         breaks += max(more, 1)
         _stick_rough(model, work)
         soft = Precision(compliance, DEGENERATE, np.inf)
-        solved, more = settle_modes(model, position, work, scale, soft, straight)
+        solved, more = reconcile_modes(model, position, work, scale, soft, straight)
         rounds += more
         if solved:
             return True, True, rounds, breaks

@@ -19,7 +19,7 @@ PLUS, MINUS = 0, 1
 def later_vertex_meets(corner, slip):
     """Whether the contact at a corner of a slipped joint is the later body's vertex (Eq 23a).
 
-    Slip towards the extrados carries the later body's intrados vertex over the earlier body's
+    Slip towards the extrados moves the later body's intrados vertex over the earlier body's
     face, and the earlier body's extrados vertex under the later body's.
     """
     if corner == 0:
@@ -28,14 +28,14 @@ def later_vertex_meets(corner, slip):
 
 
 @kernel
-def move_faces(model, position, turned, face, tangent):
+def move_faces(model, position, rotated, face, tangent):
     """Corners and unit tangents of all joint faces, for given positions of the bodies.
 
     Parameters
     ----------
     model : archfrag.mechanics.model.Model
     position : array, (n_body + 2, 3)
-    turned : array, (n_body + 2, 2)
+    rotated : array, (n_body + 2, 2)
         Workspace: cosine and sine of the rotations.
     face : array, (n_joint, 2, 2, 2)
         Overwritten: side, corner, xy [m].
@@ -43,11 +43,11 @@ def move_faces(model, position, turned, face, tangent):
         Overwritten: side, xy.
     """
     for i in range(1, position.shape[0] - 1):
-        turned[i, 1], turned[i, 0] = sine_cosine(position[i, 2])
+        rotated[i, 1], rotated[i, 0] = sine_cosine(position[i, 2])
     for j in range(face.shape[0]):
         for side in range(2):
             i = j + side
-            c, s = turned[i, 0], turned[i, 1]
+            c, s = rotated[i, 0], rotated[i, 1]
             for k in range(2):
                 x, y = model.corner[j, side, k, 0], model.corner[j, side, k, 1]
                 face[j, side, k, 0] = position[i, 0] + (c * x - s * y)

@@ -1,8 +1,8 @@
-"""The contact problem of a state that is posed, by whichever way solves it."""
+"""The contact problem of a state that is posed, whichever solver is used."""
 
 from archfrag.mechanics.compile import kernel
 from archfrag.mechanics.contact.blocks import FOR_STEPS
-from archfrag.mechanics.contact.modes import settle_modes, velocity_scale
+from archfrag.mechanics.contact.modes import reconcile_modes, velocity_scale
 from archfrag.mechanics.contact.path import PATHS, SOFT_PATHS, solve_by_path
 from archfrag.mechanics.status import Count
 
@@ -31,7 +31,7 @@ def solve_anyhow(model, state, work, path):
         work.touch[j, 0], work.touch[j, 1] = state.touch[j, 0], state.touch[j, 1]
         work.slide[j], work.known[j] = state.slide[j], 0.0
     scale = velocity_scale(state.position, work)
-    solved, made = settle_modes(model, state.position, work, scale, FOR_STEPS, STRAIGHT)
+    solved, made = reconcile_modes(model, state.position, work, scale, FOR_STEPS, STRAIGHT)
     count[Count.ITERATIONS] += made
     if solved:
         return True, False

@@ -1,4 +1,4 @@
-"""Mega-voussoirs: a chain in as few bodies as move relative to each other.
+"""Mega-voussoirs: a chain in as many bodies as move relative to each other.
 
 Voussoirs whose common joint is closed and sticks move as one body (Sinopoli, section 3.3). Such
 mega-voussoirs in a row, with the ones that rest on the ground taken as ground, are again a chain
@@ -70,7 +70,7 @@ def in_use(mega):
         tangent=w.tangent,
         next_face=w.next_face,
         next_tangent=w.next_tangent,
-        turned=w.turned,
+        rotated=w.rotated,
         point=w.point,
         pivot=w.pivot[:m],
         normal=w.normal,
@@ -147,23 +147,23 @@ def _group(model, touch, slide, mega):
 def _place_at_rest(model, slip, mega):
     """Centroids with the slips of rigid joints, in the axes at rest, into ``mega.offset``."""
     n_row = mega.group.size
-    sx = sy = 0.0
+    shift_x = shift_y = 0.0
     for i in range(1, n_row - 1):
         if mega.group[i] == mega.group[i - 1]:
-            sx += slip[i - 1] * model.tangent[i - 1, BEFORE, 0]
-            sy += slip[i - 1] * model.tangent[i - 1, BEFORE, 1]
+            shift_x += slip[i - 1] * model.tangent[i - 1, BEFORE, 0]
+            shift_y += slip[i - 1] * model.tangent[i - 1, BEFORE, 1]
         else:
-            sx = sy = 0.0
-        mega.offset[i, 0] = model.centroid[i, 0] + sx
-        mega.offset[i, 1] = model.centroid[i, 1] + sy
+            shift_x = shift_y = 0.0
+        mega.offset[i, 0] = model.centroid[i, 0] + shift_x
+        mega.offset[i, 1] = model.centroid[i, 1] + shift_y
     if slip.size == n_row - 1 and mega.count[1] > 0:
         # What rests on the far springing is held from there.
-        sx = sy = 0.0
+        shift_x = shift_y = 0.0
         for i in range(n_row - 2, mega.joint[mega.count[1] - 1], -1):
-            sx -= slip[i] * model.tangent[i, BEFORE, 0]
-            sy -= slip[i] * model.tangent[i, BEFORE, 1]
-            mega.offset[i, 0] = model.centroid[i, 0] + sx
-            mega.offset[i, 1] = model.centroid[i, 1] + sy
+            shift_x -= slip[i] * model.tangent[i, BEFORE, 0]
+            shift_y -= slip[i] * model.tangent[i, BEFORE, 1]
+            mega.offset[i, 0] = model.centroid[i, 0] + shift_x
+            mega.offset[i, 1] = model.centroid[i, 1] + shift_y
 
 
 @inlined
@@ -235,7 +235,7 @@ def assemble(model, touch, slide, slip, mega):
     # The ground behind the last of them stands where a body may have been before.
     end, out, work = mega.count[0] + 1, mega.model, mega.work
     out.mass[end] = out.inverse_mass[end] = out.inverse_inertia[end] = 0.0
-    work.turned[end, 0], work.turned[end, 1] = 1.0, 0.0
+    work.rotated[end, 0], work.rotated[end, 1] = 1.0, 0.0
     for c in range(3):
         mega.position[end, c] = mega.velocity[end, c] = work.free[end, c] = 0.0
         mega.next_position[end, c] = mega.next_velocity[end, c] = work.solved[end, c] = 0.0

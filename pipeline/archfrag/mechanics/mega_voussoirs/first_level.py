@@ -3,7 +3,7 @@
 For three of them on four hinges they follow in closed form from the rotation centre of the middle
 one (Eqs 29-33); for any other mechanism from its joints' laws as equations (Eq 26).
 
-The paper takes the whole reaction at the hinges C12 and C23 to point at the rotation centre C2.
+The paper takes the full reaction at the hinges C12 and C23 to point at the rotation centre C2.
 That holds for the part in the plane orthogonal to the middle body's motion (Eqs 30-33). The part
 along the velocity of the hinge, through which the outer bodies take or give power, follows from
 their balance of moments about C1 and C3; without it the outer bodies would move without weight
@@ -32,7 +32,7 @@ from archfrag.mechanics.contact.placing import (
     place_contacts,
 )
 
-# Lines to the rotation centre closer to parallel than this leave too few digits (sine).
+# Lines to the rotation centre closer to parallel than this leave too little accuracy (sine).
 PARALLEL = 1e-3
 # Where more than this part of gravity is left of the equations they are near singular.
 ILL_CONDITIONED = 1e-7
@@ -40,7 +40,7 @@ ILL_CONDITIONED = 1e-7
 
 @inlined
 def cross(a, b):
-    """Scalar product of `a` turned by +90 degrees with `b`, both (x, y)."""
+    """Scalar product of `a` rotated by +90 degrees with `b`, both (x, y)."""
     return a[0] * b[1] - a[1] * b[0]
 
 
@@ -75,7 +75,7 @@ def centripetal_bias(position, velocity, slip, sense, work):
     position, velocity : ndarray, (n_body + 2, 3)
     slip : ndarray, (n_joint,) [m]
     sense : ndarray, (n_joint,)
-        Of the friction of slips under way; zero: none.
+        Of the friction of slips in progress; zero: none.
     work : archfrag.mechanics.model.Work
         With the contacts placed, and modes in `touch`; `bias` is overwritten [m/s2].
     """
@@ -116,7 +116,7 @@ def _hinge(j, work):
 
 
 @inlined
-def _turned(rate, arm):
+def _perpendicular(rate, arm):
     """Velocity at the end of an arm that rotates."""
     return -rate * arm[1], rate * arm[0]
 
@@ -124,7 +124,7 @@ def _turned(rate, arm):
 @inlined
 def _known(base, rate, acceleration, arm, k, work):
     """Acceleration of a body without that of the mechanism: of its centre, and by its rates."""
-    x, y = _turned(acceleration, arm)
+    x, y = _perpendicular(acceleration, arm)
     work.solved[k, 0] = base[0] + x - rate * rate * arm[0]
     work.solved[k, 1] = base[1] + y - rate * rate * arm[1]
     work.solved[k, 2] = acceleration
@@ -180,14 +180,14 @@ def four_hinges(model, position, velocity, work):
     ex = w1 * w1 * p[0] + w2 * w2 * d[0] - w3 * w3 * q[0]
     ey = w1 * w1 * p[1] + w2 * w2 * d[1] - w3 * w3 * q[1]
     a1, a3 = (ex * q[0] + ey * q[1]) / area, (ex * p[0] + ey * p[1]) / area
-    x, y = _turned(a1, p)
+    x, y = _perpendicular(a1, p)
     _known((0.0, 0.0), w1, a1, _arm(c1, position, 1), 1, work)
     _known((x - w1 * w1 * p[0], y - w1 * w1 * p[1]), w2, 0.0, _arm(c12, position, 2), 2, work)
     _known((0.0, 0.0), w3, a3, _arm(c3, position, 3), 3, work)
     # Balance along the mechanism (Eq 28 with inertia) gives the one unknown acceleration.
-    x1, y1 = _turned(u1, _arm(c1, position, 1))
-    x2, y2 = _turned(u2, _arm(c2, position, 2))
-    x3, y3 = _turned(u3, _arm(c3, position, 3))
+    x1, y1 = _perpendicular(u1, _arm(c1, position, 1))
+    x2, y2 = _perpendicular(u2, _arm(c2, position, 2))
+    x3, y3 = _perpendicular(u3, _arm(c3, position, 3))
     m1, f1 = _powers(model, work, 1, u1, x1, y1)
     m2, f2 = _powers(model, work, 2, u2, x2, y2)
     m3, f3 = _powers(model, work, 3, u3, x3, y3)
@@ -246,7 +246,7 @@ def pose(mega, position):
     The slip of a joint without contact is that of its nearer corner.
     """
     model, work, slip = mega.model, mega.work, mega.slip
-    move_faces(model, position, work.turned, work.face, work.tangent)
+    move_faces(model, position, work.rotated, work.face, work.tangent)
     for j in range(slip.shape[0]):
         at_0, at_1 = work.touch[j, 0] > 0.5, work.touch[j, 1] > 0.5
         if work.slide[j] != 0.0 or not (at_0 or at_1):

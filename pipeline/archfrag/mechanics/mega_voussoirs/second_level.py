@@ -1,4 +1,4 @@
-"""Second level: the balance carried from joint to joint inside mega-voussoirs (section 3.4).
+"""Second level: the balance propagated from joint to joint inside mega-voussoirs (section 3.4).
 
 It gives the contact centre e of Eq 34 at every joint that is closed and sticks, and with it new
 hinges and slides. Reactions are kept in the axes at rest of the body that they lie in, with the
@@ -69,27 +69,27 @@ def solve_second_level(model, mega, position, velocity, ground_x, ground_y, per_
         Coulomb's law if friction is limited.
     """
     n_row, work, offset = mega.group.size, mega.work, mega.offset
-    push_y = ground_y + model.gravity
+    body_y = ground_y + model.gravity
     for k in range(1, mega.count[0] + 1):
-        c, s = work.turned[k, 0], work.turned[k, 1]
+        c, s = work.rotated[k, 0], work.rotated[k, 1]
         x, y, moment = _boundary(mega, k - 1, (position[k, 0], position[k, 1]))
         fx, fy = c * x + s * y, c * y - s * x
-        x, y = work.solved[k, 0] + ground_x, work.solved[k, 1] + push_y
-        gx, gy = c * x + s * y, c * y - s * x
-        turn, square = work.solved[k, 2], velocity[k, 2] * velocity[k, 2]
+        x, y = work.solved[k, 0] + ground_x, work.solved[k, 1] + body_y
+        forward, across = c * x + s * y, c * y - s * x
+        angular, square = work.solved[k, 2], velocity[k, 2] * velocity[k, 2]
         for i in range(mega.first[k], mega.last[k]):
             x, y = offset[i, 0], offset[i, 1]
-            hx = model.mass[i] * (gx - turn * y - square * x)
-            hy = model.mass[i] * (gy + turn * x - square * y)
+            hx = model.mass[i] * (forward - angular * y - square * x)
+            hy = model.mass[i] * (across + angular * x - square * y)
             fx, fy = fx - hx, fy - hy
-            moment -= cross((x, y), (hx, hy)) + model.inertia[i] * turn
+            moment -= cross((x, y), (hx, hy)) + model.inertia[i] * angular
             _joint_margins(model, mega, i, fx, fy, moment, per_weight, value)
     if mega.count[1] == 0:
         return
     # Voussoirs that rest on the ground before the first joint, and behind the last.
     fx, fy, moment = _boundary(mega, 0, (0.0, 0.0))
     for i in range(mega.joint[0], 0, -1):
-        hx, hy = model.mass[i] * ground_x, model.mass[i] * push_y
+        hx, hy = model.mass[i] * ground_x, model.mass[i] * body_y
         fx, fy = fx + hx, fy + hy
         moment += cross((offset[i, 0], offset[i, 1]), (hx, hy))
         _joint_margins(model, mega, i - 1, fx, fy, moment, per_weight, value)
@@ -98,7 +98,7 @@ def solve_second_level(model, mega, position, velocity, ground_x, ground_y, per_
     last = mega.count[1] - 1
     fx, fy, moment = _boundary(mega, last, (0.0, 0.0))
     for i in range(mega.joint[last] + 1, n_row - 1):
-        hx, hy = model.mass[i] * ground_x, model.mass[i] * push_y
+        hx, hy = model.mass[i] * ground_x, model.mass[i] * body_y
         fx, fy = fx - hx, fy - hy
         moment -= cross((offset[i, 0], offset[i, 1]), (hx, hy))
         _joint_margins(model, mega, i, fx, fy, moment, per_weight, value)
@@ -121,7 +121,7 @@ def joint_reactions(mega, work):
             x, y, moment = _boundary(mega, k, (work.pivot[j, 0], work.pivot[j, 1]))
             k += 1
         else:
-            c, s = mega.work.turned[mega.group[j], 0], mega.work.turned[mega.group[j], 1]
+            c, s = mega.work.rotated[mega.group[j], 0], mega.work.rotated[mega.group[j], 1]
             x, y = mega.inner_reaction[j, 0], mega.inner_reaction[j, 1]
             moment = mega.inner_reaction[j, 2]
             px = 0.5 * (mega.inner_point[j, 0, 0] + mega.inner_point[j, 1, 0])

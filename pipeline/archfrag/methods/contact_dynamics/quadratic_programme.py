@@ -21,7 +21,7 @@ What it gets wrong, as measured:
   0.59 m/s, mu 0.4, 1 ms): an error of first order in the step. A contact that slides fast from one
   instant to the next, as after an impact, is thrown: a block set off at v leaves the ground at
   mu v / (1 + mu^2), 6.1 mm high for 1 m/s and mu 0.4, whatever the step, and 12 % of its energy
-  has no law to explain it. Coulomb's law then fails by the whole velocity.
+  has no law to explain it. Coulomb's law then fails by the full velocity.
 - Where little slides the difference is small but shows: on the arch of `gauss_seidel` with 7
   voussoirs nothing slides, and its verdicts are the same; with 27 and 81 the largest displacement
   is 1 % and 4 % off what Gauss-Seidel converges to, the contact laws by 0.02 to 0.03.
@@ -193,8 +193,8 @@ class Programme:
         bool
             Whether there are any, and the programme has to be solved again.
         """
-        presses = self.multiplier[..., 0] > NEGLIGIBLE * max(self.multiplier.max(), 0.0)
-        closes = presses & self.rough[:, None] & ~self.sticks[..., 1]
+        compressive = self.multiplier[..., 0] > NEGLIGIBLE * max(self.multiplier.max(), 0.0)
+        closes = compressive & self.rough[:, None] & ~self.sticks[..., 1]
         self.sticks = self.sticks.copy()
         self.sticks[..., 1] |= closes
         return bool(closes.any())

@@ -9,7 +9,7 @@ The scheme is Moreau's (1988, CISM 302; Jean 1999, *Comput. Methods Appl. Mech. 
 contacts are looked for half a step after the velocities, and Signorini's law holds on velocities.
 A corner that touches may not approach, one that is open by a gap g may close by no more than g in
 a step (the inelastic quasi-shock law of Dubois and Jean). Impacts are inelastic. Jean's theta is
-1/2: for rigid bodies it only says at which instant of a step positions are looked at.
+1/2: for rigid bodies it only sets at which instant of a step positions are looked at.
 
 What that gets wrong: velocities obey the law, positions only follow. Rotation in a step opens or
 closes a touching corner by the square of its angle; an opening heals in the next step, an overlap
@@ -97,7 +97,7 @@ def _go_to_middle(model, state, work):
     for i in range(1, state.position.shape[0] - 1):
         for c in range(3):
             state.position[i, c] += 0.5 * step * state.velocity[i, c]
-    move_faces(model, state.position, work.turned, work.face, work.tangent)
+    move_faces(model, state.position, work.rotated, work.face, work.tangent)
 
 
 @kernel

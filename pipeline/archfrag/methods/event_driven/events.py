@@ -102,7 +102,7 @@ def keep_margins(mega, laws):
 
 @inlined
 def _force_margins(k, work, per_weight, value):
-    """Normal forces at both corners of a joint that slides whole."""
+    """Normal forces at both corners of a joint that slides without opening."""
     nx, ny = work.normal[k, 0], work.normal[k, 1]
     normal = work.reaction[k, 0] * nx + work.reaction[k, 1] * ny
     px, py = work.point[k, 0, 0] - work.pivot[k, 0], work.point[k, 0, 1] - work.pivot[k, 1]
@@ -207,7 +207,7 @@ def _gap_at(motion, mega, part, k, c):
     """Gap at a corner at a part of a step, by the positions alone [m]."""
     work, position = mega.work, mega.next_position
     dense_state(motion.stages, part, position, mega.next_velocity)
-    move_faces(mega.model, position, work.turned, work.face, work.tangent)
+    move_faces(mega.model, position, work.rotated, work.face, work.tangent)
     return clearance(k, c, work.face, work.tangent)
 
 

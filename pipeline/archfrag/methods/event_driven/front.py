@@ -19,10 +19,10 @@ from archfrag.mechanics.types import (
 )
 from archfrag.methods.base import is_accurate, refuse
 from archfrag.methods.event_driven.events import Motion, Scales, new_laws
-from archfrag.methods.event_driven.integrate import FIRST, Pace, Run
+from archfrag.methods.event_driven.integrate import FIRST, Progress, Run
 from archfrag.methods.event_driven.phases import (
+    ACCUMULATION,
     BY_UNSOLVED,
-    CROWD,
     follow_phases,
 )
 from archfrag.methods.event_driven.runge_kutta import FIFTH_ORDER, THIRD_ORDER, new_stages
@@ -40,9 +40,9 @@ ROUNDING = 1e-12
 def new_run(chain: Chain, ground: GroundMotion, options: Options, rest: tuple) -> Run:
     model = model_of(chain)
     n_joint, length = model.friction.size, float(model.length.min())
-    pace, speed = np.zeros(len(Pace)), float(np.sqrt(model.gravity * length))
-    pace[Pace.STEP], pace[Pace.QUIET_UNTIL] = FIRST * length / speed, -np.inf
-    pace[Pace.SWITCH] = BY_UNSOLVED
+    progress, speed = np.zeros(len(Progress)), float(np.sqrt(model.gravity * length))
+    progress[Progress.STEP], progress[Progress.QUIESCENT_UNTIL] = FIRST * length / speed, -np.inf
+    progress[Progress.SWITCH] = BY_UNSOLVED
     resolved = model.gravity * min(1.0, max(1e-3, 1e3 * options.tolerance))
     per_weight = 1.0 / (model.gravity * float(model.mass.sum()))
     scales = Scales(length, speed, resolved, per_weight, float(options.tolerance))
@@ -54,8 +54,8 @@ def new_run(chain: Chain, ground: GroundMotion, options: Options, rest: tuple) -
         work=new_work(model),
         mega=new_mega_voussoirs(model),
         motion=Motion(model, new_stages(model.mass.size), scheme, laws, scales),
-        pace=pace,
-        recent=np.full(CROWD, -np.inf),
+        progress=progress,
+        recent=np.full(ACCUMULATION, -np.inf),
         outward=np.zeros(model.mass.size),
         ground=ground,
         next_break=find_breaks(ground),
@@ -153,6 +153,6 @@ def run_many(
         given.state.position[1:-1, :2] = chain.centroid
         one = new_results(1)
         follow_phases(given, not np.isnan(rest[0]), output, one)
-        for whole, part in zip(results, one):
-            whole[row] = part[0]
+        for gathered, part in zip(results, one):
+            gathered[row] = part[0]
     return _refused(chain, options, results)

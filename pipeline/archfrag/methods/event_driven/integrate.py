@@ -60,23 +60,23 @@ REGROUPED = 1e-6
 FARTHEST = 3e-5
 # Distances from the contacts, and rates, that are left after a step, over the error allowed to it.
 DRIFT = 0.01
-# Looks for a peak in a step in which a body came to a halt on its way out.
+# Looks for a peak in a step in which a body came to a halt moving outwards.
 PEAK_SAMPLES = 8
 # Motions smaller than this part of a joint's length, or of the speed of a fall through it, need
 # not be relatively exact.
 FLOOR = 0.02
 
 
-class Pace(IntEnum):
-    """Entries of ``Run.pace``: what a run remembers apart from its state."""
+class Progress(IntEnum):
+    """Entries of ``Run.progress``: what a run remembers apart from its state."""
 
     STEP = 0  # size of the next step [s]
     FARTHEST = 1  # square of the largest displacement of a body [m2]
     FOUR_HINGES = 2  # time spent in that model [s]
     MEGA_VOUSSOIRS = 3  # time spent in that model [s]
     WINDOW = 4  # for which all voussoirs are stepped [s]
-    CALM_STEPS = 5  # after so many steps without a change they are no longer
-    QUIET_UNTIL = 6  # stepped again before this the window doubles [s]
+    QUIESCENT_STEPS = 5  # after so many steps without a change they are no longer
+    QUIESCENT_UNTIL = 6  # stepped again before this the window doubles [s]
     LEAVES_REST = 7  # one where the chain has just begun to move
     JAMMED = 8  # one where a slip was ended by unlimited friction
     CAUSE = 9  # of the next entry of the log
@@ -92,7 +92,7 @@ class Run(NamedTuple):
     work: Work
     mega: MegaVoussoirs
     motion: Motion
-    pace: np.ndarray  # (len(Pace),)
+    progress: np.ndarray  # (len(Progress),)
     recent: np.ndarray  # (n,) times of the last events [s]
     outward: np.ndarray  # (n_body + 2,) rate of the squared displacement [m2/s]
     ground: GroundMotion
@@ -132,7 +132,7 @@ def look_outward(run, mega, position, velocity):
 @inlined
 def note_place(run, mega, position):
     """Largest displacement and rotation up to now."""
-    rotation, farthest = run.state.peak[Peak.ROTATION], run.pace[Pace.FARTHEST]
+    rotation, farthest = run.state.peak[Peak.ROTATION], run.progress[Progress.FARTHEST]
     for k in range(1, position.shape[0] - 1):
         rotation = max(rotation, abs(position[k, 2]))
         s, c = sine_cosine(position[k, 2])
@@ -141,7 +141,7 @@ def note_place(run, mega, position):
             dx = position[k, 0] + c * x - s * y - run.model.centroid[i, 0]
             dy = position[k, 1] + s * x + c * y - run.model.centroid[i, 1]
             farthest = max(farthest, dx * dx + dy * dy)
-    run.state.peak[Peak.ROTATION], run.pace[Pace.FARTHEST] = rotation, farthest
+    run.state.peak[Peak.ROTATION], run.progress[Progress.FARTHEST] = rotation, farthest
 
 
 @inlined
@@ -161,7 +161,7 @@ def _is_fallen(run, mega, position):
 
 
 @kernel
-def spread(mega, position, velocity, state):
+def recover_voussoirs(mega, position, velocity, state):
     """State of all voussoirs, and slips of their joints, from those of the mega-voussoirs."""
     split_state(mega, position, velocity, state.position, state.velocity)
     for k in range(mega.slip.shape[0]):
@@ -193,14 +193,15 @@ def begin_motion(run, mega, x, y):
 
 
 @kernel
-def spread_reactions(run, mega, position, velocity, x, y):
-    """State of all voussoirs as `spread`, and their reactions by both levels; whether it is."""
+def recover_reactions(run, mega, position, velocity, x, y):
+    """State of all voussoirs as `recover_voussoirs`, and their reactions by both levels; whether
+    it is."""
     state, work = run.state, run.work
     if not solve_first_level(mega, position, velocity, x, y, run.motion.scales.acceleration):
         return False
     find_margins(run.motion, mega, position, velocity, x, y)
-    spread(mega, position, velocity, state)
-    move_faces(run.model, state.position, work.turned, work.face, work.tangent)
+    recover_voussoirs(mega, position, velocity, state)
+    move_faces(run.model, state.position, work.rotated, work.face, work.tangent)
     place_contacts(run.model, state.slip, work.face, work.tangent, work)
     joint_reactions(mega, work)
     for j in range(state.slip.size):
@@ -220,7 +221,7 @@ def write_step(run, mega, start, step, part, ground, output):
         dense_state(run.motion.stages, later / step, position, velocity)
         x, y = ground_after(ground, later)
         clock[Clock.TIME] = output.due[0]
-        if spread_reactions(run, mega, position, velocity, x, y):
+        if recover_reactions(run, mega, position, velocity, x, y):
             write_frame(run.model, run.state, run.work, 0.0, 1.0, output)
         output.due[0] += output.interval
     clock[Clock.TIME] = now
@@ -240,7 +241,7 @@ def _accept(run, mega, part, comes_back):
         kinetic += 0.5 * mega.model.mass[i] * (vx * vx + vy * vy)
         kinetic += 0.5 * mega.model.inertia[i] * w * w
     energy[Energy.LARGEST_KINETIC] = max(energy[Energy.LARGEST_KINETIC], kinetic)
-    # The end, and if a body turned back on its way also between.
+    # The end, and if a body reversed, also between.
     for sample in range(PEAK_SAMPLES if comes_back else 1):
         note_place(run, mega, mega.next_position)
         inside = part * (sample + 1) / PEAK_SAMPLES
@@ -311,18 +312,18 @@ def integrate(run, mega, stop, output):
     int
         How it ends; for an event ``run.motion.laws.trigger`` has the law.
     """
-    motion, pace, clock, count = run.motion, run.pace, run.state.clock, run.state.count
+    motion, progress, clock, count = run.motion, run.progress, run.state.clock, run.state.count
     scales, last = motion.scales, motion.scheme.time.shape[0] - 1
     unit = scales.length / scales.speed
     while count[Count.STEPS] < run.most_steps:
         time = clock[Clock.TIME]
-        until, gx, sx, gy, sy = segment_at(time, run.ground, run.next_break)
-        until, ground = min(until, stop), GroundSegment(gx, sx, gy, sy)
-        step = min(pace[Pace.STEP], LONGEST * unit)
+        until, ground_x, rate_x, ground_y, rate_y = segment_at(time, run.ground, run.next_break)
+        until, ground = min(until, stop), GroundSegment(ground_x, rate_x, ground_y, rate_y)
+        step = min(progress[Progress.STEP], LONGEST * unit)
         cut = time + 1.001 * step >= until
         if cut:
             step = until - time
-        allowed = _allowed_errors(mega, motion, pace[Pace.FARTHEST])
+        allowed = _allowed_errors(mega, motion, progress[Progress.FARTHEST])
         error = take_step(
             mega, motion.stages, motion.scheme, step, ground, scales.acceleration, allowed
         )
@@ -343,8 +344,8 @@ def integrate(run, mega, stop, output):
         if not good:
             # Its error is too large, or its drift off the contacts.
             count[Count.SHORTENED] += 1.0
-            pace[Pace.STEP] = step * max(0.2, factor) if np.isfinite(error) else 0.1 * step
-            if pace[Pace.STEP] < SHORTEST * unit:
+            progress[Progress.STEP] = step * max(0.2, factor) if np.isfinite(error) else 0.1 * step
+            if progress[Progress.STEP] < SHORTEST * unit:
                 return BROKEN
             continue
         fallen = not event and _is_fallen(run, mega, mega.next_position)
@@ -359,7 +360,9 @@ def integrate(run, mega, stop, output):
             motion.laws.trigger[0], motion.laws.trigger[1] = joint, law
         if event:
             return EVENT
-        pace[Pace.STEP] = max(step * factor, pace[Pace.STEP]) if cut else step * factor
+        progress[Progress.STEP] = (
+            max(step * factor, progress[Progress.STEP]) if cut else step * factor
+        )
         if fallen:
             return FALLEN
         if clock[Clock.TIME] >= stop:

@@ -3,9 +3,9 @@
 Between events the mega-voussoirs that move relative to each other are integrated by a Runge-Kutta
 method with step control (`integrate`), every event is located on its dense output (`events`), and
 what follows it is the contact problem of all voussoirs (`transitions`). While the body force
-stays inside the rest range nothing is integrated. Where events accumulate faster than they can be
-told apart (a rocking body comes to rest through infinitely many impacts), or where a mechanism
-has no unique motion, all voussoirs are stepped for a while
+stays inside the range of rest nothing is integrated. Where events accumulate faster than they
+can be distinguished (a rocking body comes to rest through infinitely many impacts), or where a
+mechanism has no unique motion, all voussoirs are stepped for a while
 (`archfrag.methods.time_stepping`).
 """
 
@@ -35,11 +35,11 @@ from archfrag.methods.event_driven.integrate import (
     FALLEN,
     REGROUPED,
     STOPPED,
-    Pace,
+    Progress,
     begin_motion,
     integrate,
-    spread,
-    spread_reactions,
+    recover_reactions,
+    recover_voussoirs,
 )
 from archfrag.methods.event_driven.transitions import (
     BY_IMPACT,
@@ -60,7 +60,11 @@ from archfrag.methods.time_stepping.recording import log_change
 from archfrag.methods.time_stepping.run import code_after, try_step
 from archfrag.methods.time_stepping.step import record_overlap
 
-BY_START, BY_CROWD, BY_CALM = int(Cause.START), int(Cause.CROWD), int(Cause.CALM)
+BY_START, BY_ACCUMULATION, BY_QUIESCENCE = (
+    int(Cause.START),
+    int(Cause.ACCUMULATION),
+    int(Cause.QUIESCENT),
+)
 BY_UNSOLVED = int(Cause.UNSOLVED)
 FOUR, MEGA, ALL = int(Rung.FOUR_HINGES), int(Rung.MEGA_VOUSSOIRS), int(Rung.ALL_VOUSSOIRS)
 # Phases of a run: those that follow each other from event to event, and the others.
@@ -72,13 +76,13 @@ BEYOND = 1e-7
 SOONEST = 1e-9
 # So many events within this part of that time accumulate; and so many closer to each other than
 # the options allow.
-CROWD = 64
-CROWDED = 1e-2
+ACCUMULATION = 64
+ACCUMULATED = 1e-2
 SOME = 12
 # All voussoirs are stepped for this part of that time, or until nothing changes in so many steps.
 # Where they have to be again at once both are doubled, up to these.
 WINDOW, LONGEST_WINDOW = 0.05, 1.0
-CALM_STEPS, MOST_CALM_STEPS = 4.0, 64.0
+QUIESCENT_STEPS, MOST_QUIESCENT_STEPS = 4.0, 64.0
 # Every so many events the residual of the contact problem behind them is measured.
 MEASURED = 16
 
@@ -90,7 +94,7 @@ def _unit(run):
 
 @inlined
 def _set_cause(run, cause, joint):
-    run.pace[Pace.CAUSE], run.pace[Pace.JOINT] = cause, joint
+    run.progress[Progress.CAUSE], run.progress[Progress.JOINT] = cause, joint
 
 
 @inlined
@@ -98,7 +102,7 @@ def ground_now(run):
     """Ground acceleration from now on; at the end of a rest, just outside its range [m/s2]."""
     time, limits, g = run.state.clock[Clock.TIME], run.limits, run.model.gravity
     end, x, slope_x, y, slope_y = segment_at(time, run.ground, run.next_break)
-    if run.pace[Pace.LEAVES_REST] == 0.0 or np.isnan(limits.rest_plus):
+    if run.progress[Progress.LEAVES_REST] == 0.0 or np.isnan(limits.rest_plus):
         return x, y
     later = 0.0
     while time + later < end:
@@ -114,7 +118,7 @@ def ground_now(run):
 def impact(run):
     """Velocities after an impact (Eqs 8, 9, 11, 21)."""
     trigger, joint, corner = run.motion.laws.trigger, -1, -1
-    if run.pace[Pace.CAUSE] == BY_IMPACT:
+    if run.progress[Progress.CAUSE] == BY_IMPACT:
         joint, corner = trigger[0], trigger[1] - GAP_0
     trigger[0] = NONE
     model, state, work = run.model, run.state, run.work
@@ -130,12 +134,12 @@ def impact(run):
 def modes_of_accelerations(run):
     """Contact modes from now on (Eqs 15-19, 29-35)."""
     trigger = run.motion.laws.trigger
-    if run.pace[Pace.SWITCH] == BY_CROWD:
+    if run.progress[Progress.SWITCH] == BY_ACCUMULATION:
         return ALL_VOUSSOIRS
     x, y = ground_now(run)
-    run.pace[Pace.JAMMED] = 1.0 if pose_accelerations(run, x, y) else 0.0
+    run.progress[Progress.JAMMED] = 1.0 if pose_accelerations(run, x, y) else 0.0
     if trigger[0] != NONE:
-        change_mode(run, int(run.pace[Pace.CAUSE]), trigger[0], trigger[1])
+        change_mode(run, int(run.progress[Progress.CAUSE]), trigger[0], trigger[1])
         trigger[0] = NONE
     model, state, work = run.model, run.state, run.work
     solved = solve_posed(model, state, work)
@@ -161,24 +165,26 @@ def balance_energy(model, state):
     kinetic, potential = energies_of(model, state)
     change = kinetic - energy[Energy.START_KINETIC] + potential - state.clock[Clock.START]
     explained = energy[Energy.GROUND] + energy[Energy.FRICTION] + energy[Energy.IMPACT]
-    energy[Energy.STRAY] = change - explained
-    energy[Energy.STRAY_PEAK] = max(energy[Energy.STRAY_PEAK], abs(energy[Energy.STRAY]))
+    energy[Energy.BALANCE_ERROR] = change - explained
+    energy[Energy.BALANCE_ERROR_PEAK] = max(
+        energy[Energy.BALANCE_ERROR_PEAK], abs(energy[Energy.BALANCE_ERROR])
+    )
     return kinetic
 
 
 @kernel
 def assemble_mega_voussoirs(run, output):
     """Mega-voussoirs of the present modes (section 3.3), ready to move."""
-    model, state, work, pace = run.model, run.state, run.work, run.pace
+    model, state, work, progress = run.model, run.state, run.work, run.progress
     clock, scales = state.clock, run.motion.scales
     clock[Clock.FASTEST] = _fastest(run)
     if np.isnan(clock[Clock.FASTEST]):
         clock[Clock.CODE] = waits.BROKEN
         return DONE
     had = balance_energy(model, state)
-    if clock[Clock.FASTEST] < run.limits.still and pace[Pace.LEAVES_REST] == 0.0:
+    if clock[Clock.FASTEST] < run.limits.still and progress[Progress.LEAVES_REST] == 0.0:
         return STILL
-    pace[Pace.LEAVES_REST] = 0.0
+    progress[Progress.LEAVES_REST] = 0.0
     if int(state.count[Count.EVENTS]) % MEASURED == MEASURED - 1:
         service.measure_state(model, state, work)
         record_overlap(model, state, work, True)
@@ -193,13 +199,13 @@ def assemble_mega_voussoirs(run, output):
     _, x, _, y, _ = segment_at(clock[Clock.TIME], run.ground, run.next_break)
     if not begin_motion(run, mega, x, y):
         return ALL_VOUSSOIRS
-    if pace[Pace.JAMMED] == 1.0:
+    if progress[Progress.JAMMED] == 1.0:
         # What a corner without friction limit loses by sticking it loses by an impact.
-        spread(mega, mega.position, mega.velocity, run.state)
+        recover_voussoirs(mega, mega.position, mega.velocity, run.state)
         left, _ = energies_of(model, state)
         state.energy[Energy.IMPACT] += min(left - had, 0.0)
     rung = FOUR if is_four_hinges(mega.work, mega.position.shape[0]) else MEGA
-    cause, joint = int(pace[Pace.CAUSE]), int(pace[Pace.JOINT])
+    cause, joint = int(progress[Progress.CAUSE]), int(progress[Progress.JOINT])
     log_change(state, clock[Clock.TIME], cause, joint, rung, output)
     return INTEGRATE
 
@@ -213,10 +219,10 @@ def integrate_to_next_event(run, output):
     end = record_end + run.limits.follow
     code = integrate(run, mega, record_end if before < record_end else end, output)
     rung = is_four_hinges(mega.work, mega.position.shape[0])
-    spent = Pace.FOUR_HINGES if rung else Pace.MEGA_VOUSSOIRS
-    run.pace[spent] += clock[Clock.TIME] - before
+    spent = Progress.FOUR_HINGES if rung else Progress.MEGA_VOUSSOIRS
+    run.progress[spent] += clock[Clock.TIME] - before
     pose(mega, mega.position)
-    spread(mega, mega.position, mega.velocity, run.state)
+    recover_voussoirs(mega, mega.position, mega.velocity, run.state)
     if code == EVENT:
         return UPON_EVENT
     run.motion.laws.trigger[0] = NONE
@@ -227,7 +233,7 @@ def integrate_to_next_event(run, output):
         return ALL_VOUSSOIRS
     balance_energy(model, state)
     _, x, _, y, _ = segment_at(clock[Clock.TIME], run.ground, run.next_break)
-    spread_reactions(run, mega, mega.position, mega.velocity, x, y)
+    recover_reactions(run, mega, mega.position, mega.velocity, x, y)
     clock[Clock.CODE] = waits.AT_END if code == STOPPED else waits.EXHAUSTED
     if code == FALLEN:
         follow_joints(model, state, work, True, run.limits.loss_limit)
@@ -241,15 +247,15 @@ def integrate_to_next_event(run, output):
 @inlined
 def impact_or_mechanism_change(run):
     """What an event is; whether events accumulate."""
-    state, pace, recent = run.state, run.pace, run.recent
+    state, progress, recent = run.state, run.progress, run.recent
     cause, joint = cause_of(run)
     _set_cause(run, cause, joint)
     state.count[Count.EVENTS] += 1.0
-    time, slot = state.clock[Clock.TIME], int(state.count[Count.EVENTS]) % CROWD
+    time, slot = state.clock[Clock.TIME], int(state.count[Count.EVENTS]) % ACCUMULATION
     many, some = time - recent[slot], time - recent[slot - SOME]
     recent[slot] = time
-    if many < CROWDED * _unit(run) or some < SOME * run.crowding:
-        pace[Pace.SWITCH] = BY_CROWD
+    if many < ACCUMULATED * _unit(run) or some < SOME * run.crowding:
+        progress[Progress.SWITCH] = BY_ACCUMULATION
     if cause == BY_IMPACT:
         return IMPACT
     place_chain(run.model, run.state, run.work)
@@ -290,7 +296,7 @@ def step_until(run, until, output):
         clock[Clock.CODE] = code
         after = count[Count.IMPACTS] + count[Count.OPENINGS] + count[Count.SLIDES]
         quiet = quiet + 1.0 if after == before else 0.0
-        if quiet >= run.pace[Pace.CALM_STEPS]:
+        if quiet >= run.progress[Progress.QUIESCENT_STEPS]:
             return True
     return clock[Clock.TIME] >= until
 
@@ -298,36 +304,47 @@ def step_until(run, until, output):
 @kernel
 def step_all_voussoirs(run, output):
     """Step all voussoirs for a while, where events accumulate or the mechanism is not known."""
-    model, state, work, pace, clock = run.model, run.state, run.work, run.pace, run.state.clock
+    model, state, work, progress, clock = (
+        run.model,
+        run.state,
+        run.work,
+        run.progress,
+        run.state.clock,
+    )
     unit = run.motion.scales.length / run.motion.scales.speed
-    state.count[Count.HAND_OVERS] += 1.0
-    again = clock[Clock.TIME] < pace[Pace.QUIET_UNTIL]
-    pace[Pace.WINDOW] = min(2.0 * pace[Pace.WINDOW], LONGEST_WINDOW * unit)
-    pace[Pace.CALM_STEPS] = min(2.0 * pace[Pace.CALM_STEPS], MOST_CALM_STEPS)
+    state.count[Count.SWITCHES] += 1.0
+    again = clock[Clock.TIME] < progress[Progress.QUIESCENT_UNTIL]
+    progress[Progress.WINDOW] = min(2.0 * progress[Progress.WINDOW], LONGEST_WINDOW * unit)
+    progress[Progress.QUIESCENT_STEPS] = min(
+        2.0 * progress[Progress.QUIESCENT_STEPS], MOST_QUIESCENT_STEPS
+    )
     if not again:
-        pace[Pace.WINDOW], pace[Pace.CALM_STEPS] = WINDOW * unit, CALM_STEPS
-    cause, joint = int(pace[Pace.SWITCH]), int(pace[Pace.JOINT])
+        progress[Progress.WINDOW], progress[Progress.QUIESCENT_STEPS] = (
+            WINDOW * unit,
+            QUIESCENT_STEPS,
+        )
+    cause, joint = int(progress[Progress.SWITCH]), int(progress[Progress.JOINT])
     log_change(state, clock[Clock.TIME], cause, joint, ALL, output)
-    move_faces(model, state.position, work.turned, work.face, work.tangent)
+    move_faces(model, state.position, work.rotated, work.face, work.tangent)
     rest.start_moving(state, run.steps)
-    work.known[:] = 0.0  # the sense of friction at slips under way: no step may be held to it
+    work.known[:] = 0.0  # the sense of friction at slips in progress: no step may be held to it
     clock[Clock.CODE] = waits.GO
-    until, calm = clock[Clock.TIME] + pace[Pace.WINDOW], False
-    while not calm:
-        calm = step_until(run, until, output)
+    until, quiescent = clock[Clock.TIME] + progress[Progress.WINDOW], False
+    while not quiescent:
+        quiescent = step_until(run, until, output)
         if clock[Clock.CODE] != waits.GO:
             code = service.serve(
                 model, run.grounds, state, work, run.path, run.steps, run.limits, output
             )
             if code != waits.GO:
                 return DONE
-    pace[Pace.QUIET_UNTIL] = clock[Clock.TIME] + pace[Pace.WINDOW]
+    progress[Progress.QUIESCENT_UNTIL] = clock[Clock.TIME] + progress[Progress.WINDOW]
     if not service.synchronise(model, run.grounds, state, work, run.path):
         return ALL_VOUSSOIRS
-    for i in range(CROWD):
+    for i in range(ACCUMULATION):
         run.recent[i] = -np.inf
-    _set_cause(run, BY_CALM, -1)
-    pace[Pace.SWITCH], pace[Pace.LEAVES_REST] = BY_UNSOLVED, 0.0
+    _set_cause(run, BY_QUIESCENCE, -1)
+    progress[Progress.SWITCH], progress[Progress.LEAVES_REST] = BY_UNSOLVED, 0.0
     return IMPACT
 
 
@@ -338,7 +355,7 @@ def rest_if_still(run, output):
     code = service.serve_pause(
         run.model, run.grounds, state, run.work, run.path, run.steps, run.limits, output
     )
-    run.pace[Pace.LEAVES_REST] = 1.0
+    run.progress[Progress.LEAVES_REST] = 1.0
     if state.count[Count.RESTS] == rests:
         return ASSEMBLE
     state.clock[Clock.CODE] = code
@@ -352,7 +369,7 @@ def leave_rest(run, code, output):
         return DONE
     output.written[1] -= 1  # the mechanism that starts writes this entry of the log
     _set_cause(run, BY_START, -1)
-    run.pace[Pace.LEAVES_REST] = 1.0
+    run.progress[Progress.LEAVES_REST] = 1.0
     place_chain(run.model, run.state, run.work)
     return MODES
 
@@ -378,7 +395,7 @@ def start_in_motion(run):
     state.clock[Clock.FACTOR] = 1.0
     kinetic, state.clock[Clock.START] = energies_of(model, state)
     state.energy[Energy.START_KINETIC] = state.energy[Energy.LARGEST_KINETIC] = kinetic
-    move_faces(model, state.position, work.turned, work.face, work.tangent)
+    move_faces(model, state.position, work.rotated, work.face, work.tangent)
     service.read_joints(model, state, work)
     _set_cause(run, BY_START, -1)
     return IMPACT
@@ -408,7 +425,7 @@ def follow_phases(run, at_rest, output, results):
     service.end_run(
         run.model, run.grounds, run.state, run.work, run.path, run.limits, output, results, 0
     )
-    results.model_time[0, FOUR] = run.pace[Pace.FOUR_HINGES]
-    results.model_time[0, MEGA] = run.pace[Pace.MEGA_VOUSSOIRS]
-    farthest = np.sqrt(run.pace[Pace.FARTHEST])
+    results.model_time[0, FOUR] = run.progress[Progress.FOUR_HINGES]
+    results.model_time[0, MEGA] = run.progress[Progress.MEGA_VOUSSOIRS]
+    farthest = np.sqrt(run.progress[Progress.FARTHEST])
     results.peak[0, Peak.DISPLACEMENT] = max(results.peak[0, Peak.DISPLACEMENT], farthest)

@@ -2,7 +2,7 @@
 
 Both are the contact problem of all voussoirs, of velocities at an impact (Eqs 8, 9, 11, 21), else
 of accelerations (Eqs 15-19, 29-33). A problem is posed, solved, and its solution taken over; what
-Newton's iteration on the modes does not solve in a few rounds is solved patiently or along
+Newton's iteration on the modes does not solve in several rounds is solved patiently or along
 solution paths.
 """
 
@@ -13,7 +13,7 @@ from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.blocks import EXACT, solve_modes
 from archfrag.mechanics.contact.modes import (
     opening_rate,
-    settle_modes,
+    reconcile_modes,
     solve_contact,
     velocity_scale,
 )
@@ -69,7 +69,7 @@ def place_chain(model, state, work):
 
     The slip of a joint without contact is measured at its nearer corner.
     """
-    move_faces(model, state.position, work.turned, work.face, work.tangent)
+    move_faces(model, state.position, work.rotated, work.face, work.tangent)
     for j in range(state.slip.size):
         at_0, at_1 = state.touch[j, 0] > 0.5, state.touch[j, 1] > 0.5
         first = at_0
@@ -292,7 +292,7 @@ def solve_patiently(model, state, work, path):
     count = state.count
     count[Count.GENERAL] += 1.0
     scale = velocity_scale(state.position, work)
-    solved, rounds = settle_modes(model, state.position, work, scale, EXACT, 1)
+    solved, rounds = reconcile_modes(model, state.position, work, scale, EXACT, 1)
     count[Count.ITERATIONS] += rounds
     if solved:
         return True

@@ -71,7 +71,7 @@ from archfrag.methods.time_stepping.waits import AT_END, BROKEN, EXHAUSTED, FALL
 # A run of more steps than this is refused before it starts.
 MOST_STEPS = 1e9
 # The chain rests once, after the record, no body has been faster than this, over the square root
-# of gravity times joint length, for so long [s]: longer than a turning point of a motion lasts.
+# of gravity times joint length, for so long [s]: longer than a rotating point of a motion lasts.
 STILL = 1e-3
 REST_SPAN = 1.0
 # Energy made of nothing, over the largest kinetic energy, at which a run has diverged, and the
@@ -150,10 +150,10 @@ def balance_energy(case, springs, kick):
     Returns
     -------
     bool
-        Whether the balance still says that this is a motion, and not a divergence.
+        Whether by the balance this is still a motion, and not a divergence.
     """
     model, state, sums, energy = case.model, case.state, springs.sums, case.state.energy
-    if sums[Sum.FRICTION] + sums[Sum.DAMPING] <= 0.0:  # what both gave in sum stays stray
+    if sums[Sum.FRICTION] + sums[Sum.DAMPING] <= 0.0:  # what both gave in sum stays an error
         energy[Energy.FRICTION] += sums[Sum.FRICTION]
         energy[Energy.IMPACT] += sums[Sum.DAMPING]
     sums[Sum.FRICTION] = sums[Sum.DAMPING] = 0.0
@@ -168,11 +168,11 @@ def balance_energy(case, springs, kick):
         has += 0.5 * m * (kick.x * old[0] + kick.y * old[1])
         weight += m * model.gravity
     given = energy[Energy.GROUND] + energy[Energy.FRICTION] + energy[Energy.IMPACT]
-    energy[Energy.STRAY] = has - given
-    stray, scale = abs(has - given), weight * model.length[0]
-    if stray > ROUNDING * scale:
-        energy[Energy.STRAY_PEAK] = max(energy[Energy.STRAY_PEAK], stray)
-    return stray <= max(DIVERGED * energy[Energy.LARGEST_KINETIC], SLIGHT * scale)
+    energy[Energy.BALANCE_ERROR] = has - given
+    balance_error, scale = abs(has - given), weight * model.length[0]
+    if balance_error > ROUNDING * scale:
+        energy[Energy.BALANCE_ERROR_PEAK] = max(energy[Energy.BALANCE_ERROR_PEAK], balance_error)
+    return balance_error <= max(DIVERGED * energy[Energy.LARGEST_KINETIC], SLIGHT * scale)
 
 
 @inlined
@@ -249,7 +249,7 @@ def end_steps(case, springs):
     measure_state(model, state, case.work)
 
 
-def settle(case: Case, springs: Springs) -> None:
+def damp(case: Case, springs: Springs) -> None:
     """Bring a chain at rest on unloaded springs to its equilibrium under its weight.
 
     By Newton's iteration, with some stiffness left to open corners. Where it does not converge,
@@ -258,10 +258,10 @@ def settle(case: Case, springs: Springs) -> None:
     model, state, work = case.model, case.state, case.work
     weight = model.gravity * np.stack([0.0 * model.mass, model.mass, 0.0 * model.mass], axis=1)
     rounding = springs.normal_stiffness.max() * model.rounding
-    pressed, start = springs._replace(damping=0.0), state.position.copy()
+    undamped, start = springs._replace(damping=0.0), state.position.copy()
     for number in range(NEWTON_ROUNDS):
         work.touch[:] *= number > 0
-        press_joints(model, state, work, pressed, 1.0)
+        press_joints(model, state, work, undamped, 1.0)
         force = (springs.total - weight)[1:-1] if number > 0 else -weight[1:-1]
         if np.abs(force / (1.0, 1.0, model.length[0])).max() < rounding:
             break
@@ -269,13 +269,13 @@ def settle(case: Case, springs: Springs) -> None:
         stiffness = stiffness_matrix(model, state, work, springs, part)
         state.velocity[1:-1] = np.linalg.solve(stiffness, force.ravel()).reshape(-1, 3)
         state.position[:] += state.velocity
-        move_faces(model, state.position, work.turned, work.face, work.tangent)
+        move_faces(model, state.position, work.rotated, work.face, work.tangent)
     else:
         state.position[:] = start
         for array in (springs.shear, springs.dashpot, work.touch):
             array[:] = 0.0
     state.velocity[:] = 0.0
-    move_faces(model, state.position, work.turned, work.face, work.tangent)
+    move_faces(model, state.position, work.rotated, work.face, work.tangent)
 
 
 def critical_step(frequency: float, damping: float) -> float:
@@ -293,7 +293,7 @@ def _start(case: Case, springs: Springs, from_rest: bool) -> float:
     """Load the springs; returns their elastic energy, where the energy balance starts [J]."""
     model, state, work = case.model, case.state, case.work
     if from_rest:
-        settle(case, springs)
+        damp(case, springs)
     work.touch[:], work.slide[:] = state.touch, state.slide
     press_joints(model, state, work, springs, 0.0)
     state.touch[:], state.slide[:] = work.touch, work.slide
@@ -359,5 +359,5 @@ def run(
             frequency = highest_frequency(model, state, work, springs)
     end_steps(case, springs)
     outcome = finish(case, position, velocity)
-    outcome.ledger.energy[Energy.POTENTIAL] += springs.sums[Sum.ELASTIC] - elastic
+    outcome.diagnostics.energy[Energy.POTENTIAL] += springs.sums[Sum.ELASTIC] - elastic
     return outcome

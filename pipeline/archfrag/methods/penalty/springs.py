@@ -4,7 +4,7 @@ Each joint has a contact at either corner, with a normal and a shear spring (Cun
 1979; Cundall 1988, *Int. J. Rock Mech. Min. Sci.* 25, 107-116; Lemos 2007, *Int. J. Archit.
 Heritage* 1, 190-213). A corner touches where the later face overlaps the earlier one, vertex on
 face as in Eqs 23a and 23b. Where two vertices meet, their normals differ; over a short slip, the
-rounding of UDEC's corners, one turns into the other, so that the force has no jump there. Unlike
+rounding of UDEC's corners, one passes into the other, so that the force has no jump there. Unlike
 UDEC's arcs, this rounding does not draw the hinge inwards.
 """
 
@@ -33,7 +33,7 @@ class Springs(NamedTuple):
 
     normal_stiffness: np.ndarray  # (n_joint,) of either corner [N/m]
     shear_stiffness: np.ndarray  # (n_joint,) [N/m]
-    rounding: np.ndarray  # (n_joint,) slip over which the normal turns [m]
+    rounding: np.ndarray  # (n_joint,) slip over which the normal rotates [m]
     damping: float  # dashpots over springs [s]
     mass_rate: float  # mass-proportional damping force over momentum [1/s]
     local_damping: float  # part of the unbalanced force that opposes each motion
@@ -140,7 +140,7 @@ def _law(kn, ks, friction, damping, gap, parting, sliding, shear):
     slide = 0.0
     if abs(tangential) > friction * normal:
         slide = 1.0 if tangential > 0.0 else -1.0
-        # The dashpot gives way first: it must not load the spring.
+        # The dashpot yields first: it must not load the spring.
         shear = min(max(shear, -friction * normal), friction * normal)
         tangential = slide * friction * normal
     return normal, tangential, shear, slide
@@ -243,10 +243,10 @@ def stiffness_matrix(
     stiffness = np.stack([springs.normal_stiffness, springs.shear_stiffness], axis=1)
     stiffness = stiffness[:, None] * part[..., None]
     block = np.einsum("jkap,jka,jkaq->jpq", row, stiffness, row)
-    whole = np.zeros((3 * model.mass.size, 3 * model.mass.size))
+    stiffness = np.zeros((3 * model.mass.size, 3 * model.mass.size))
     for j in range(n_joint):
-        whole[3 * j : 3 * j + 6, 3 * j : 3 * j + 6] += block[j]
-    return whole[3:-3, 3:-3]
+        stiffness[3 * j : 3 * j + 6, 3 * j : 3 * j + 6] += block[j]
+    return stiffness[3:-3, 3:-3]
 
 
 def highest_frequency(model: Model, state: State, work: Work, springs: Springs) -> float:

@@ -1,11 +1,11 @@
 """How long steps are: short at impacts, long between them.
 
 A step in which a corner would close is refused after its first linear problem. Its gap, the rate
-at which it closes and the acceleration that the problem gives tell when it will close; the step
-is made again so that it ends one and a half of the shortest steps before. These follow until the
-impact is over: velocities lie half a step from the positions, an impact spreads over two steps,
-and between unequal ones it would change the velocities of another instant and so make or lose
-energy. Then steps grow again. Where shortest and largest steps are equal none is refused.
+at which it closes and the acceleration that the problem gives determine when it will close; the
+step is made again so that it ends one and a half of the shortest steps before. These follow
+until the impact is over: velocities lie half a step from the positions, an impact extends over
+two steps, and between unequal ones it would change the velocities of another instant and so make
+or lose energy. Then steps grow again. Where shortest and largest steps are equal none is refused.
 """
 
 import math

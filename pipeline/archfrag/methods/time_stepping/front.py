@@ -11,9 +11,9 @@ from archfrag.mechanics.numbers import LANES
 from archfrag.mechanics.status import Count
 from archfrag.mechanics.types import (
     Chain,
+    Diagnostics,
     Frames,
     GroundMotion,
-    Ledger,
     MechanismLog,
     Options,
     Outcome,
@@ -83,7 +83,7 @@ def case_of(
     chain: Chain, ground: GroundMotion, from_rest: bool, options: Options, frames: Frames,
     log: MechanismLog,
 ) -> Case:  # fmt: skip
-    """A case that has not been started; its rest range is known where it begins at rest."""
+    """A case that has not been started; its range of rest is known where it begins at rest."""
     model, grounds = model_of(chain), joined_grounds([ground])
     rest = rest_of(model, options, grounds) if from_rest else (np.nan, np.nan)
     one = new_one(model)
@@ -201,7 +201,7 @@ def run_many(
 
 def outcome_of(results: Results, row: int) -> Outcome:
     """One row of results as what every method returns."""
-    ledger = Ledger(
+    diagnostics = Diagnostics(
         results.count[row].astype(np.int64),
         results.energy[row],
         results.model_time[row],
@@ -214,5 +214,5 @@ def outcome_of(results: Results, row: int) -> Outcome:
         int(results.collapse_joint[row]),
         int(results.collapse_mode[row]),
         results.loss[row],
-        ledger,
+        diagnostics,
     )

@@ -1,4 +1,4 @@
-"""What single runs write on their way: frames of the history and the log of the mechanism."""
+"""What single runs write as they go: frames of the history and the log of the mechanism."""
 
 from typing import NamedTuple
 

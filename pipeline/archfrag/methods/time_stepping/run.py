@@ -1,9 +1,9 @@
 """Runs by time stepping: one, or many of one arch four at a time.
 
-While the body force stays inside the rest range of the configuration nothing is integrated. Four
-runs go side by side for as long as nothing but Newton's iteration on the modes is needed; what
-else a run may need is done for it alone (`service`), and a run that has ended makes place for
-the next. A run's results are the same to the last bit whichever way it goes.
+While the body force stays inside the range of rest of the configuration nothing is integrated.
+Four runs go side by side for as long as nothing but Newton's iteration on the modes is needed;
+what else a run may need is done for it alone (`service`), and a run that has ended makes place for
+the next. A run's results are the same to the last bit whichever path it takes.
 """
 
 from typing import NamedTuple
@@ -55,7 +55,7 @@ from archfrag.methods.time_stepping.waits import (
 )
 
 # Work that a run may take: so many of the shortest steps for as long as it lasts, and some to
-# begin with. Steps need one or a few linear problems each; so many on average are no progress.
+# begin with. Steps need one or several linear problems each; so many on average mean no advance.
 MOST_STEPS, FIRST_STEPS, ROUNDS_PER_STEP = 2.0, 1000.0, 16.0
 
 
@@ -67,7 +67,7 @@ def try_step(model, grounds, state, work, steps, live):
     -------
     kick : archfrag.methods.time_stepping.motion.Kick
     solved, unsolved : mask
-        Where the step can be made, and where modes do not settle in the shortest step.
+        Where the step can be made, and where modes are not reconciled in the shortest step.
     """
     step = state.clock[Clock.STEP]
     kick = due_kick(grounds, state.clock)
@@ -169,7 +169,7 @@ def start_given(model, state, work, steps, output):
     clock[Clock.FACTOR] = factor
     kinetic, clock[Clock.START] = energies_of(model, state)
     state.energy[Energy.START_KINETIC] = state.energy[Energy.LARGEST_KINETIC] = kinetic
-    move_faces(model, state.position, work.turned, work.face, work.tangent)
+    move_faces(model, state.position, work.rotated, work.face, work.tangent)
     read_joints(model, state, work)
     log_change(state, 0.0, BY_START, -1, ALL, output)
     start_moving(state, steps)
@@ -206,12 +206,12 @@ def return_run(one, number, four):
 
 
 class Jobs(NamedTuple):
-    """Many runs, and which of them are under way."""
+    """Many runs, and which of them are in progress."""
 
     motion: np.ndarray  # (n_run,) int64: which ground motion moves each
     factor: np.ndarray  # (n_run,) on it
     upcoming: np.ndarray  # (1,) int64: the next to start
-    runs: np.ndarray  # (4,) int64: those under way side by side; -1: none
+    runs: np.ndarray  # (4,) int64: those in progress side by side; -1: none
 
 
 class Four(NamedTuple):
@@ -234,7 +234,7 @@ class One(NamedTuple):
 
 
 def new_one(model: Model) -> One:
-    """Room for one run."""
+    """Buffers for one run."""
     state, work = new_state(model), new_work(model)
     returned = tuple(array.reshape(-1) for array in state)
     fetched = (*returned, work.reaction.reshape(-1), work.pivot.reshape(-1))
@@ -242,7 +242,7 @@ def new_one(model: Model) -> One:
 
 
 def new_four(model: Model) -> Four:
-    """Room for four runs."""
+    """Buffers for four runs."""
     state, work = new_state(model, lane_array), new_work(model, lane_array)
     returned = tuple(runs_of(array).reshape(-1, LANES) for array in state)
     also = (runs_of(array).reshape(-1, LANES) for array in (work.reaction, work.pivot))
@@ -284,20 +284,22 @@ def next_run(model, grounds, one, steps, limits, jobs, output, results):
 @kernel
 def run_four(model, grounds, four, one, steps, limits, jobs, output, results):
     """Many runs from rest, four at a time; arguments as `next_run`."""
-    state, runs, under_way = one.state, jobs.runs, 0
+    state, runs, running = one.state, jobs.runs, 0
     for number in range(LANES):
         runs[number] = next_run(model, grounds, one, steps, limits, jobs, output, results)
-        under_way += runs[number] >= 0
+        running += runs[number] >= 0
         return_run(one.returned, number, four.returned)
-    while under_way > 0:
-        move_faces(model, four.state.position, four.work.turned, four.work.face, four.work.tangent)
+    while running > 0:
+        move_faces(
+            model, four.state.position, four.work.rotated, four.work.face, four.work.tangent
+        )
         step_four(model, grounds, four.state, four.work, steps, limits)
         for number in range(LANES):
             code = int(lane(four.state.clock[Clock.CODE], number))
             if code in (GO, IDLE):
                 continue
             fetch_run(four.fetched, number, one.fetched)
-            move_faces(model, state.position, one.work.turned, one.work.face, one.work.tangent)
+            move_faces(model, state.position, one.work.rotated, one.work.face, one.work.tangent)
             if code in (UNSOLVED, PAUSE):
                 code = serve(model, grounds, state, one.work, one.path, steps, limits, output)
             if code != GO:
@@ -306,5 +308,5 @@ def run_four(model, grounds, four, one, steps, limits, jobs, output, results):
                     runs[number],
                 )  # fmt: skip
                 runs[number] = next_run(model, grounds, one, steps, limits, jobs, output, results)
-                under_way -= runs[number] < 0
+                running -= runs[number] < 0
             return_run(one.returned, number, four.returned)

@@ -1,6 +1,6 @@
 """What a run may need besides Newton's iteration, done for one run alone.
 
-A solution path where the modes do not settle, rest, measurements of the contact residual, the
+A solution path where the modes are not reconciled, rest, measurements of the contact residual, the
 beginning of a run and its end.
 """
 
@@ -68,7 +68,7 @@ class Limits(NamedTuple):
     loss_limit: float  # gap at both corners, over joint length, that cannot be undone [1]
     check_interval: int  # steps between measurements of the contact residual
     still: float  # speed below which the chain may be at rest [m/s]
-    rest_plus: float  # rest range of the chain in its own geometry [g]; nan: not known
+    rest_plus: float  # range of rest of the chain in its own geometry [g]; nan: not known
     rest_minus: float
 
 
@@ -94,7 +94,7 @@ def measure_state(model, state, work):
 
 @kernel
 def serve_unsolved(model, grounds, state, work, path, steps, limits, output):
-    """Make a step whose modes do not settle, or halve it; returns the code."""
+    """Make a step whose modes are not reconciled, or halve it; returns the code."""
     clock = state.clock
     kick = due_kick(grounds, clock)
     pose_step(model, state, work, kick, clock[Clock.STEP])
@@ -140,7 +140,7 @@ def serve_pause(model, grounds, state, work, path, steps, limits, output):
         stops += model.gravity * model.mass[i] * 0.5 * clock[Clock.PREVIOUS] * uy
         for c in range(3):
             state.velocity[i, c] = 0.0
-    record_work(0.0, 0.0, stops, -state.energy[Energy.STRAY], True, state.energy)
+    record_work(0.0, 0.0, stops, -state.energy[Energy.BALANCE_ERROR], True, state.energy)
     state.count[Count.RESTS] += 1.0
     clock[Clock.PREVIOUS] = 0.0
     write_rest(model, grounds, state, work, path, output)
@@ -185,9 +185,11 @@ def synchronise(model, grounds, state, work, path):
     if not solved:
         return False
     relative_velocity(state.position, state.velocity, work.pivot, work.earlier)
-    friction, impact, stray, _, _ = contact_works(state, work, 1.0)
-    stray += change_of_step(model, state, work, 0.0, previous)
-    record_work(friction, impact, stray, -state.energy[Energy.STRAY], True, state.energy)
+    friction, impact, balance_error, _, _ = contact_works(state, work, 1.0)
+    balance_error += change_of_step(model, state, work, 0.0, previous)
+    record_work(
+        friction, impact, balance_error, -state.energy[Energy.BALANCE_ERROR], True, state.energy
+    )
     take_velocities(model, state, work, kick, True)
     clock[Clock.PREVIOUS], clock[Clock.SPAN] = 0.0, kick.span
     return True
@@ -255,7 +257,7 @@ def begin(model, grounds, state, work, steps, limits, motion, factor):
             state.velocity[i, c] = 0.0
     clear(state)
     state.clock[Clock.MOTION], state.clock[Clock.FACTOR] = motion, factor
-    move_faces(model, state.position, work.turned, work.face, work.tangent)
+    move_faces(model, state.position, work.rotated, work.face, work.tangent)
 
 
 class Results(NamedTuple):

@@ -131,7 +131,7 @@ def pose_step(model, state, work, kick, step):
         for c in range(3):
             work.position[i, c] = state.position[i, c] + step * state.velocity[i, c]
     place_contacts(model, state.slip, work.face, work.tangent, work)
-    move_faces(model, work.position, work.turned, work.next_face, work.next_tangent)
+    move_faces(model, work.position, work.rotated, work.next_face, work.next_tangent)
     aim_contacts(model, state, work, step)
     for j in range(state.slip.shape[0]):
         work.touch[j, 0], work.touch[j, 1] = state.touch[j, 0], state.touch[j, 1]
@@ -222,7 +222,7 @@ def make_step(model, state, work, kick, where, loss_limit):
             state.position[i, c] = select(where, moved, state.position[i, c])
     for j in range(state.slip.shape[0]):
         state.impact[j] = select(where, larger(state.impact[j] - 1.0, 0.0), state.impact[j])
-    move_faces(model, state.position, work.turned, work.face, work.tangent)
+    move_faces(model, state.position, work.rotated, work.face, work.tangent)
     fallen = follow_joints(model, state, work, where, loss_limit)
     broken = record_motion(model, state, where)
     clock[Clock.TIME] = select(where, clock[Clock.TIME] + step, clock[Clock.TIME])

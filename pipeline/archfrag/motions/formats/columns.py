@@ -1,14 +1,14 @@
-"""Plain text with numbers in columns, read as the user says: nothing in it names itself."""
+"""Plain text with numbers in columns, read as the user states: nothing in it names itself."""
 
 import itertools
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from obspy import Stream, Trace
+from obspy import Stream
 
 from archfrag.errors import InputError, RecordError
 from archfrag.motions.formats.facts import trace_of
@@ -65,21 +65,18 @@ class Columns:
 
     def __post_init__(self) -> None:
         given = [c for c in (self.time, self.acceleration, self.vertical) if c is not None]
-        if (self.time is None) == (self.dt is None):
-            raise InputError("columns must have either time or dt")
-        if self.dt is not None and not 0.0 < self.dt < float("inf"):
-            raise InputError(f"columns must have a positive dt, not {self.dt:g}")
-        if self.acceleration is None and given:
-            raise InputError("columns must have acceleration where another column is named")
-        if len(set(given)) < len(given):
-            raise InputError("columns must have a different number for each column")
-        for column in given:
-            if not 1 <= column <= MOST_COLUMNS:
-                raise InputError(
-                    f"columns must have numbers from 1 to {MOST_COLUMNS}, not {column}"
-                )
-        if self.skip < 0:
-            raise InputError(f"columns must have skip of at least 0, not {self.skip}")
+        wrong = next((c for c in given if not 1 <= c <= MOST_COLUMNS), None)
+        for refused, needed in (
+            ((self.time is None) == (self.dt is None), "either time or dt"),
+            (self.dt is not None and not 0.0 < self.dt < float("inf"),
+             f"a positive dt, not {self.dt or 0.0:g}"),
+            (self.acceleration is None and given, "acceleration where another column is named"),
+            (len(set(given)) < len(given), "a different number for each column"),
+            (wrong is not None, f"numbers from 1 to {MOST_COLUMNS}, not {wrong}"),
+            (self.skip < 0, f"skip of at least 0, not {self.skip}"),
+        ):  # fmt: skip
+            if refused:
+                raise InputError(f"columns must have {needed}")
 
     def __str__(self) -> str:
         """As `parse_columns` reads it."""
@@ -120,62 +117,32 @@ def parse_columns(text: str) -> Columns:
         raise InputError(f"columns {text!r}{str(error).removeprefix('columns')}") from None
 
 
-class _Table(NamedTuple):
-    """Numbers, shape (n_row, n_column), and the line in the file of each row."""
-
-    values: NDArray[np.float64]
-    lines: NDArray[np.int64]
-
-
 def read_columns(path: str | Path, columns: Columns) -> Stream:
-    """Read a plain text of numbers.
-
-    Parameters
-    ----------
-    path : path
-    columns : Columns
-
-    Returns
-    -------
-    obspy.Stream
-        One trace, or two where a vertical is named (channels H and V), in the file's unit;
-        ``stats.record`` names no unit.
-
-    Raises
-    ------
-    RecordError
-        If the file is too large or not there; with the line if a row is too short, holds what is
-        no finite number, or times are not evenly spaced; if what is to be accelerations rises
-        evenly as times do; or if commas are decimal points.
-
-    Examples
-    --------
-    >>> _ = Path("example.txt").write_text("0.00 0.1\\n0.01 -0.2\\n0.02 0.1\\n")
-    >>> trace = read_columns("example.txt", Columns(time=1, acceleration=2))[0]
-    >>> trace.stats.delta, trace.data.tolist()
-    (0.01, [0.1, -0.2, 0.1])
-    """
+    """Read a plain text of numbers, see `Columns`: one trace, or H and V, in the file's unit."""
     name = str(path)
-    table = _table(path, name, columns)
-    if table.values.shape[0] < 2:
-        raise RecordError(f"{name}: holds {table.values.shape[0]} sample(s); 2 or more are needed")
+    values, lines = _table(path, name, columns)
+    if len(values) < 2:
+        raise RecordError(f"{name}: holds {len(values)} sample(s); 2 or more are needed")
     timed = columns.time is not None
-    step = _even_step(table, name, int(columns.time or 0)) if timed else float(columns.dt or 0.0)
+    step = _even_step(values[:, 0], lines, name, columns.time) if timed else columns.dt
     codes = ("",) if columns.vertical is None else ("H", "V")
-    traces: list[Trace] = []
+    traces = []
     for index, code in enumerate(codes, start=int(timed)):
-        samples = np.ascontiguousarray(table.values[:, index])
+        samples = np.ascontiguousarray(values[:, index])
         if _rises_evenly(samples):
             raise _times(name)
         record = {"announced": samples.size, "component": code, "vertical": code == "V"}
-        traces.append(trace_of(samples, step, record))
+        traces.append(trace_of(samples, float(step or 0.0), record))
     return Stream(traces)
 
 
-def _table(path: str | Path, name: str, columns: Columns) -> _Table:
+def _table(
+    path: str | Path, name: str, columns: Columns
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Numbers, shape (n_row, n_column), and the line in the file of each row."""
     wanted = [c - 1 for c in (columns.time, columns.acceleration, columns.vertical) if c]
-    parts: list[NDArray[np.float64]] = []
-    lines: list[NDArray[np.int64]] = []
+    parts = [np.empty((0, max(len(wanted), 1)))]
+    lines = [np.empty(0, dtype=np.int64)]
     points = commas = False
     for places, texts in _blocks(path, name, columns.skip):
         points = points or any("." in text for text in texts)
@@ -190,13 +157,13 @@ def _table(path: str | Path, name: str, columns: Columns) -> _Table:
             parts.append(_picked(rows, places, wanted, name))
             lines.append(np.array(places))
             continue
-        if not parts and _times_in_front(rows):
+        if len(parts) == 1 and _times_in_front(rows):
             raise _times(name)
-        for place, row in _runs(places, rows):
-            parts.append(numbers(row, place, name)[:, None])
-    if not parts:
-        return _Table(np.empty((0, max(len(wanted), 1))), np.empty(0, dtype=np.int64))
-    return _Table(np.concatenate(parts), np.concatenate(lines) if lines else np.empty(0, int))
+        # Rows on lines that follow each other, so that a bad one has its number.
+        cuts = [0, *(np.flatnonzero(np.diff(places) != 1) + 1).tolist(), len(rows)]
+        for start, stop in itertools.pairwise(cuts):
+            parts.append(numbers(rows[start:stop], places[start], name)[:, None])
+    return np.concatenate(parts), np.concatenate(lines)
 
 
 def _blocks(path: str | Path, name: str, skip: int) -> Iterator[tuple[list[int], list[str]]]:
@@ -258,30 +225,24 @@ def _number(word: str, place: int, name: str) -> float:
     return float(values[0])
 
 
-def _runs(places: list[int], rows: list[str]) -> Iterator[tuple[int, list[str]]]:
-    """Rows on lines that follow each other, with the number of the first line."""
-    cuts = [0, *(np.flatnonzero(np.diff(places) != 1) + 1).tolist(), len(rows)]
-    for start, stop in itertools.pairwise(cuts):
-        yield places[start], rows[start:stop]
-
-
-def _even_step(table: _Table, name: str, column: int) -> float:
+def _even_step(
+    times: NDArray[np.float64], lines: NDArray[np.int64], name: str, column: int | None
+) -> float:
     """Time step of times that are evenly spaced but for rounding [s]."""
-    times = table.values[:, 0]
     steps = np.diff(times)
     mean = (times[-1] - times[0]) / steps.size
     backwards = np.flatnonzero(steps <= 0.0)
     if backwards.size:
         late = int(backwards[0]) + 1
         raise RecordError(
-            f"{name}, line {table.lines[late]}: time {times[late]:.9g} s in column {column} does "
-            f"not come after {times[late - 1]:.9g} s"
+            f"{name}, line {lines[late]}: time {times[late]:.9g} s in column {column} does not "
+            f"come after {times[late - 1]:.9g} s"
         )
     off = np.abs(times - (times[0] + mean * np.arange(times.size)))
     if off.max() > UNEVEN * mean:
         worst = int(np.abs(steps - mean).argmax()) + 1
         raise RecordError(
-            f"{name}, line {table.lines[worst]}: times in column {column} are not evenly spaced; "
+            f"{name}, line {lines[worst]}: times in column {column} are not evenly spaced; "
             f"{times[worst - 1]:.9g} s to {times[worst]:.9g} s is {steps[worst - 1]:.6g} s, the "
             f"mean step {mean:.6g} s; where the times are only rounded give dt in their place"
         )

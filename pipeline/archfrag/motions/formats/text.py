@@ -1,9 +1,8 @@
-"""What the readers of text formats share: bytes, lines, numbers and times."""
+"""What the readers of text formats have in common: lines, their places, numbers and times."""
 
 import io
-import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import BinaryIO
 
@@ -27,14 +26,64 @@ _STEPS = np.outer(10.0 ** np.arange(-5, 1), (1.0, 2.0, 2.5, 5.0)).ravel()  # [s]
 _EVEN = 0.05  # part of a step by which times may be off where only their rounding is seen
 _STRETCH = 20  # samples on the grid for each that the file holds, at most
 END_OF_DATA = re.compile(r"/&|\s*END[ -]OF[ -]DATA", re.IGNORECASE)
+_NO_NUMBERS = re.compile(r"[A-Za-z]{4}|/&|END", re.IGNORECASE)
 
 
-def source_name(source: Source) -> str:
-    """What messages call a path or an open buffer."""
-    return str(source if isinstance(source, (str, Path)) else getattr(source, "name", "buffer"))
+class Text:
+    """Lines of a file, whatever ends them; RecordError if there is none or nothing in it."""
+
+    def __init__(self, source: Source) -> None:
+        is_path = isinstance(source, (str, Path))
+        self.name = str(source if is_path else getattr(source, "name", "buffer"))
+        try:
+            self.lines = _lines(_read_bytes(source))
+        except FileNotFoundError:
+            raise RecordError(f"{self.name}: there is no such file") from None
+        if not any(line.strip(" \t\x1a") for line in self.lines):
+            raise RecordError(f"{self.name}: the file is empty")
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    def place(self, index: int) -> str:
+        """What messages call a line."""
+        return f"{self.name}, line {index + 1}"
+
+    def head(self, first: int, last: int) -> list[str]:
+        """Lines of a header, none longer than any has."""
+        return [line[:_WIDEST] for line in self.lines[first:last]]
+
+    def plain(self, first: int, last: int) -> str:
+        """Lines of a header as one text, without blanks at their ends."""
+        return "\n".join(line.rstrip() for line in self.lines[first:last])
+
+    def needs(self, index: int, what: str) -> RecordError:
+        """The refusal of a line that is something else than what is needed."""
+        shown = (
+            repr(self.lines[index].strip()[:60]) if index < len(self) else "the end of the file"
+        )
+        return RecordError(f"{self.place(index)}: {what} is needed here, this is {shown}")
+
+    def numbers(
+        self, first: int, last: int | None = None, expected: int | None = None,
+        width: int | None = None,
+    ) -> NDArray[np.float64]:  # fmt: skip
+        """Numbers of some lines, see `numbers`."""
+        return numbers(self.lines[first:last], first + 1, self.name, expected, width)
+
+    def next_line(self, index: int) -> int:
+        """The first line from one on that is neither empty nor an end of data."""
+        return self._first(index, lambda s: s.strip(" \t\x1a") and not END_OF_DATA.match(s))
+
+    def end_of_numbers(self, index: int) -> int:
+        """The first line from one on that holds words."""
+        return self._first(index, _NO_NUMBERS.search)
+
+    def _first(self, index: int, test: Callable[[str], object]) -> int:
+        return next((i for i in range(index, len(self)) if test(self.lines[i])), len(self))
 
 
-def read_bytes(source: Source, size: int = -1) -> bytes:
+def _read_bytes(source: Source, size: int = -1) -> bytes:
     """First bytes of a file or of what is left of an open buffer, whose place is kept."""
     if isinstance(source, (str, Path)):
         with open(source, "rb") as file:
@@ -48,40 +97,15 @@ def read_bytes(source: Source, size: int = -1) -> bytes:
 def head_lines(source: Source, size: int = 4096) -> list[str]:
     """Lines at the beginning of a file; none if it is not plain text or cannot be read."""
     try:
-        content = read_bytes(source, size)
-        if b"\0" in content:
-            return []
-        return _lines(content)
+        content = _read_bytes(source, size)
     except (OSError, ValueError):
         return []
-
-
-def read_lines(source: Source) -> list[str]:
-    """Lines of a file, whatever ends them.
-
-    Raises
-    ------
-    RecordError
-        If there is no such file, or nothing in it.
-    """
-    name = source_name(source)
-    try:
-        lines = _lines(read_bytes(source))
-    except FileNotFoundError:
-        raise RecordError(f"{name}: there is no such file") from None
-    if not any(line.strip(" \t\x1a") for line in lines):
-        raise RecordError(f"{name}: the file is empty")
-    return lines
+    return [] if b"\0" in content else _lines(content)
 
 
 def _lines(content: bytes) -> list[str]:
     text = content.decode("latin-1").replace("\0", " ")  # with which some rows are filled
     return re.sub("\r+\n|\r", "\n", text).rstrip("\x1a ").split("\n")
-
-
-def clipped(lines: Sequence[str]) -> list[str]:
-    """Lines of a header, none longer than any has."""
-    return [line[:_WIDEST] for line in lines]
 
 
 def format_width(text: str) -> int | None:
@@ -91,31 +115,13 @@ def format_width(text: str) -> int | None:
 
 
 def numbers(
-    lines: Sequence[str], first: int, name: str, *, expected: int | None = None,
+    lines: Sequence[str], first: int, name: str, expected: int | None = None,
     width: int | None = None,
 ) -> NDArray[np.float64]:  # fmt: skip
-    """Numbers of some lines, parted by blanks or in columns without any.
+    """Finite numbers of lines, parted by blanks or in columns of a width without any.
 
-    Parameters
-    ----------
-    lines : sequence of str
-    first : int
-        Number of the first of them in its file, from 1.
-    name : str
-        The file, for messages.
-    expected : int, optional
-        How many there should be: tells whether columns of a `width` run together.
-    width : int, optional
-        Characters of a column.
-
-    Returns
-    -------
-    array, shape (n,)
-
-    Raises
-    ------
-    RecordError
-        At the first word that is no finite number, with its line.
+    `first` is the number of the first line in the file, from 1; `expected` how many numbers there
+    should be, by which columns that run together are known.
     """
     words = _in_chunks(lines, _parted)
     if words is not None and (width is None or words.size == expected):
@@ -128,11 +134,7 @@ def numbers(
     values: list[float] = []
     for number, line in enumerate(lines, start=first):
         for word in _words(line, width):
-            value = _number(word)
-            if value is None:
-                values.extend(_taken_apart(word, f"{name}, line {number}"))
-            else:
-                values.append(value)
+            values += _taken_apart(word, f"{name}, line {number}")
     return np.array(values)
 
 
@@ -148,17 +150,19 @@ def _words(line: str, width: int | None) -> list[str]:
     return words
 
 
-def _in_chunks(lines: Sequence[str], take) -> NDArray[np.float64] | None:
-    parts = []
+def _in_chunks(
+    lines: Sequence[str], take: Callable[[Sequence[str]], Iterable[str | float]]
+) -> NDArray[np.float64] | None:
+    """All numbers by a quick rule, None where it fails."""
+    parts = [np.zeros(0)]
     for start in range(0, len(lines), _CHUNK):
         try:
-            part = np.array(take(lines[start : start + _CHUNK]), dtype=np.float64)
+            parts.append(np.array(take(lines[start : start + _CHUNK]), dtype=np.float64))
         except ValueError:
             return None
-        if not np.isfinite(part).all():
+        if not np.isfinite(parts[-1]).all():
             return None
-        parts.append(part)
-    return np.concatenate(parts) if parts else np.zeros(0)
+    return np.concatenate(parts)
 
 
 def _parted(lines: Sequence[str]) -> list[str]:
@@ -178,15 +182,8 @@ def _columns(lines: Sequence[str], width: int) -> list[float]:
     return values
 
 
-def _number(word: str) -> float | None:
-    try:
-        value = float(word.translate(_FORTRAN))
-    except ValueError:
-        return None
-    return value if math.isfinite(value) and "_" not in word else None
-
-
 def _taken_apart(word: str, place: str) -> list[float]:
+    """Numbers of one word, of which fixed-width columns may have made several."""
     text = word.translate(_FORTRAN).upper()
     shown = repr(word if len(word) <= _SHOWN else word[:_SHOWN] + "...")
     pieces = [text] if _NUMBER.fullmatch(text) else _RUN_TOGETHER.sub(" ", text).split()
@@ -201,40 +198,25 @@ def _taken_apart(word: str, place: str) -> list[float]:
     return values
 
 
-def on_even_steps(
-    times: NDArray[np.float64], values: NDArray[np.float64], name: str
-) -> tuple[NDArray[np.float64], float, str]:
-    """Samples at equal steps from samples at stated times.
+def on_even_steps(pairs: NDArray[np.float64], name: str) -> tuple[NDArray, float, str]:
+    """Samples at equal steps, the step [s] and what was done, from pairs of time and sample.
 
     Where the times are those of equal steps to within their rounding the samples stay as they
     are. Otherwise the motion is taken to be linear between them, as digitised film is, and read
     at the largest of the steps 1, 2, 2.5, 5, 10... that is no longer than the median one.
-
-    Returns
-    -------
-    samples : array, shape (n,)
-    dt : float [s]
-    sentence : str
-        What was done, for a log; empty if nothing was.
-
-    Raises
-    ------
-    RecordError
-        If times decrease or do not advance, or lie so unevenly that the grid would be
-        far larger than the record.
     """
+    times, values = pairs[: pairs.size // 2 * 2].reshape(-1, 2).T
     steps = np.diff(times)
-    if steps.size == 0 or steps.min() < 0.0 or not times[-1] > times[0]:
-        bad = 1 + int(np.argmax(steps < 0.0)) if steps.size and steps.min() < 0.0 else 0
+    bad = int(np.argmax(np.append(steps, -1.0) < 0.0)) + 1
+    if bad <= steps.size or not times[-1] > times[0]:
+        bad = bad if bad <= steps.size else 0
         raise RecordError(
             f"{name}: the times of the samples must increase; {times[bad]:g} s at sample {bad} "
             "does not"
-            if bad
-            else f"{name}: the times of the samples must increase; there is only one"
         )
     mean = float(times[-1] - times[0]) / steps.size
     if np.abs(times - times[0] - mean * np.arange(times.size)).max() <= _EVEN * mean:
-        return values, _rounded_step(mean), ""
+        return np.ascontiguousarray(values), _rounded_step(mean), ""
     median = float(np.median(steps[steps > 0.0]))
     fitting = _STEPS[median >= _STEPS / 1.02]
     step = float(fitting.max()) if fitting.size else median
@@ -245,23 +227,14 @@ def on_even_steps(
             f"{times[-1] - times[0]:g} s with a median step of {median:g} s"
         )
     grid = times[0] + step * np.arange(int(count * (1.0 + 1e-12)) + 1)
-    sentence = (
+    done = (
         f"Samples at unequal steps of {steps.min():.4g} to {steps.max():.4g} s read at equal "
         f"steps of {step:g} s, linear between them ({values.size} to {grid.size} samples)."
     )
-    return np.interp(grid, times, values), step, sentence
+    return np.interp(grid, times, values), step, done
 
 
 def _rounded_step(step: float) -> float:
     """A step that times rounded to their last digit give, as it was before."""
-    return next((float(f"{step:.{n}g}") for n in (1, 2, 3)
-                 if abs(float(f"{step:.{n}g}") - step) <= 1e-5 * step), step)  # fmt: skip
-
-
-def next_line(lines: Sequence[str], place: int) -> int:
-    """The first line from a place on that is neither empty nor an end of data."""
-    while place < len(lines) and (
-        not lines[place].strip(" \t\x1a") or END_OF_DATA.match(lines[place])
-    ):
-        place += 1
-    return place
+    rounded = (float(f"{step:.{digits}g}") for digits in (1, 2, 3))
+    return next((value for value in rounded if abs(value - step) <= 1e-5 * step), step)

@@ -1,7 +1,7 @@
 """Waveform files in the formats that are allowed, each read by the plug-in for it.
 
 A record is somebody else's file. `obspy.read` would offer it to a reader of pickles, which runs
-what the file says, unpack archives, and take a name for a pattern or an address. None of that
+what the file holds, unpack archives, and take a name for a pattern or an address. None of that
 happens here: the formats below are tried one by one on the file as it lies there.
 
 Nothing slow is imported here: the process that reads files (`isolated`) starts with this module.
@@ -17,27 +17,20 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 if TYPE_CHECKING:
     from obspy import Stream, Trace
 
-# The readers of this package: name of the plug-in, and the module here that has is_<module> and
-# read_<module>. Each is an entry point in pyproject.toml, too.
-OWN = {
-    "AT2": "at2",
-    "COSMOS": "cosmos",
-    "DMG": "dmg",
-    "DYNA": "dyna",
-    "GEONET": "geonet",
-    "RESORCE": "resorce",
-    "SMC": "smc",
-}
+# The readers of this package: name of the plug-in, and the module here that has is_<name> and
+# read_<name>. Each is an entry point in pyproject.toml, too.
+OWN = {"AT2": "keyed", "COSMOS": "csmip", "DMG": "csmip", "DYNA": "keyed", "GEONET": "blocks",
+       "RESORCE": "keyed", "SMC": "blocks"}  # fmt: skip
 # Text that Python code reads. The others are binary (or, GSE, read in C), and a damaged one can
 # end the process that reads it. Formats that name other files (CSS, Q), that lose a cut-off trace
-# without a word (AH, DMX, SH_ASC, WAV, WIN, Y) or that are no earthquakes' are not offered.
+# silently (AH, DMX, SH_ASC, WAV, WIN, Y) or that are no earthquakes' are not offered.
 TEXT = (*OWN, "KNET", "SLIST", "TSPAIR")
 BINARY = (
     "MSEED", "SAC", "GSE2", "SEISAN", "SACXY", "GSE1", "KINEMETRICS_EVT", "GCF", "REFTEK130",
 )  # fmt: skip
 IN_C = ("MSEED", "GSE2", "GSE1", "GCF")
 
-_BLOCK = {"GCF": 1024}  # [bytes] of which a whole file consists
+_BLOCK = {"GCF": 1024}  # [bytes] of which a file consists
 _ARCHIVES = {
     b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip", b"BZh": "bzip2", b"\xfd7zXZ\x00": "xz",
     b"\x28\xb5\x2f\xfd": "Zstandard", b"7z\xbc\xaf\x27\x1c": "7z", b"Rar!": "RAR",
@@ -46,7 +39,7 @@ _TAR_PLACE = 257
 
 
 class Unreadable(Exception):
-    """One sentence that says which file cannot be read, and why."""
+    """Which file cannot be read, and why."""
 
 
 class Content(NamedTuple):
@@ -67,7 +60,7 @@ def recognise(path: str, formats: Sequence[str]) -> str | None:
     """Name of the first of the formats that a file is in, None if it is in none of them."""
     for name in formats:
         try:
-            found = _is_format(name)(path)
+            found = _function(name, "is", "isFormat")(path)
         except Exception:
             found = False  # a test that stumbles over the file has not recognised it
         if found:
@@ -85,13 +78,7 @@ def archive_kind(path: str) -> str | None:
 
 
 def read_as(path: str, name: str) -> Content:
-    """Read a file in the format of that name.
-
-    Raises
-    ------
-    Unreadable
-        If it is damaged, or cut off where the format shows it.
-    """
+    """Read a file in the format of that name; Unreadable if it is damaged or cut off."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         traces = list(_stream(path, name))
@@ -101,7 +88,7 @@ def read_as(path: str, name: str) -> Content:
             raise Unreadable(f"{path}: damaged or truncated miniSEED ({message.message})")
     if not traces:
         raise Unreadable(_damaged(path, "no trace could be read from it"))
-    announced = [_announced(trace, name) for trace in traces]
+    announced = [_announced(trace) for trace in traces]
     for trace in traces:
         _check_blocks(trace, path, name)
         trace.stats._format = name
@@ -111,32 +98,21 @@ def read_as(path: str, name: str) -> Content:
     return Content(name, traces, announced, held, tuple(dict.fromkeys(texts)))
 
 
-def _is_format(name: str) -> Callable[[str], bool]:
-    return _own(name, "is") if name in OWN else _plug_in(name, "isFormat")
-
-
-def _own(name: str, function: str) -> Callable[..., Any]:
-    module = importlib.import_module(f"archfrag.motions.formats.{OWN[name]}")
-    return getattr(module, f"{function}_{OWN[name]}")
-
-
-def _plug_in(name: str, function: str) -> Callable[[str], Any]:
+def _function(name: str, ours: str, obspys: str) -> Callable[[str], Any]:
+    """What recognises or reads a format: one of this package or obspy's plug-in."""
+    if name in OWN or (name, ours) == ("KNET", "read"):
+        module = importlib.import_module(f"archfrag.motions.formats.{OWN.get(name, 'keyed')}")
+        return getattr(module, f"{ours}_{name.lower()}")
     from obspy.core.util.base import buffered_load_entry_point
 
-    return buffered_load_entry_point("obspy", f"obspy.plugin.waveform.{name}", function)
+    return buffered_load_entry_point("obspy", f"obspy.plugin.waveform.{name}", obspys)
 
 
 def _stream(path: str, name: str) -> "Stream":
     from archfrag.errors import RecordError
 
     try:
-        if name in OWN:
-            return _own(name, "read")(path, partial=True)
-        if name == "KNET":
-            from archfrag.motions.formats.knet import read_knet
-
-            return read_knet(path)
-        return _plug_in(name, "readFormat")(path)
+        return _function(name, "read", "readFormat")(path)
     except RecordError as error:
         raise Unreadable(str(error)) from None
     except MemoryError:
@@ -158,12 +134,11 @@ def _check_blocks(trace: "Trace", path: str, name: str) -> None:
     if length and size % length:
         what = "miniSEED" if name == "MSEED" else name
         raise Unreadable(
-            f"{path}: truncated {what}: {size} bytes are not a whole number of records of "
-            f"{length} bytes"
+            f"{path}: truncated {what}: {size} bytes are no multiple of records of {length} bytes"
         )
 
 
-def _announced(trace: "Trace", name: str) -> int:
+def _announced(trace: "Trace") -> int:
     """Number of samples by the header; obspy leaves it in `npts` though it read another."""
     record = trace.stats.get("record", {})
     if "announced" in record:

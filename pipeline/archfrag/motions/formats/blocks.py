@@ -1,0 +1,266 @@
+"""Formats whose header is lines of text, integers and reals in fixed places, for obspy.
+
+- SMC of the U.S. Geological Survey, one component a file: 11 lines of text, 48 integers in
+  columns of 10, 50 reals in columns of 15, comments that begin with ``|``, samples in cm/s2 in
+  columns of 10. Uncorrected volumes of digitised film state no sampling rate and hold pairs of
+  time and acceleration. Layout: USGS National Strong-Motion Project, "SMC-format data files"
+  (nsmp.wr.usgs.gov/smcfmt.html).
+- GeoNet V1A (raw) and V2A (processed), a block for each component: 16 lines of text, 4 of
+  integers and 6 of reals, ten to a line, then samples in columns of 8 characters, ten to a line.
+  A V2A block holds accelerations [mm/s2], velocities [mm/s] and displacements [mm] one after the
+  other, each beginning a line; integers 34 to 36 are how many. Integers 9, 10, 19, 20, 39 and 40
+  are year, month, day, hour, minute and millisecond of the first sample.
+"""
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from obspy import Stream, Trace, UTCDateTime
+
+from archfrag.errors import RecordError
+from archfrag.motions.formats import facts
+from archfrag.motions.formats.text import Source, Text, head_lines, on_even_steps
+from archfrag.motions.partners import quadrant
+
+# SMC: lines of text; first line, number of lines, numbers and width of integers and reals.
+_TEXT, _END = 11, 27
+_NUMBERS = {"integer": (11, 6, 48, 10), "real": (17, 10, 50, 15)}
+_TITLE = re.compile(r"\s*([1-9])\s+([A-Z].*)")
+_LEVELS = {"1": "raw", "2": "processed"}
+_COMPONENT = re.compile(r"station\s*=\s*(.*?)\s*component\s*=\s*(.*)", re.IGNORECASE)
+_ROW = 8  # numbers: writers of uncorrected volumes left a last row of what was in their memory
+_REALS = {
+    "depth_km": 4, "event_latitude": 2, "event_longitude": 3, "station_latitude": 10,
+    "station_longitude": 11, "epicentral_km": 16,
+}  # fmt: skip
+
+# GeoNet
+_TEXT_LINES, _INTEGER_LINES, _HEADER_LINES, _WIDTH = 16, 4, 26, 8
+_START = re.compile(r"\s*(Un)?corrected accelerogram\b", re.IGNORECASE)
+_PLACE = r"(\d{1,3}) +(\d\d?) +(\d\d?)([NS]) +(\d{1,3}) +(\d\d?) +(\d\d?)([EW])"
+_COUNT = r"^\s*Number of points +(\S+)"
+_FIELDS = {
+    "site": r"^\s*Site +(\S+) +" + _PLACE,
+    "count": _COUNT,
+    "interval": r"\bat (?:intervals of )?(\S+) s(?:ec)?\b",
+    "factor": r"readings in units of +(\S+)",
+    "unit_of_factor": r"readings in units of +\S+ +(\S+)",
+    "component": r"^\s*Component +(\S+)",
+    "peak": r"^\s*Acceleration: +peak +(\S+) +\S+",
+    "unit": r"^\s*Acceleration: +peak +\S+ +(\S+)",
+    "distance": r"^\s*Epicentre .*\bDist +([\d.]+) *km",
+    "depth": r"^\s*Epicentre .*\bDepth +([\d.]+) *km",
+    "magnitude": r"^\s*Epicentre .*\bM[A-Za-z]? +([\d.]+)\s*$",
+    "day": r"^\s*(\d{4} [A-Z][a-z]+ +\d+) +\d\d:\d\d:\d\d",
+}
+
+
+def is_smc(source: Source) -> bool:
+    """Whether a file or open binary buffer is an SMC file, of whatever quantity."""
+    lines = head_lines(source)
+    if len(lines) < _NUMBERS["real"][0] or not _TITLE.match(lines[0]):
+        return False
+    stars = sum(line.strip() == "*" for line in lines[1:_TEXT])
+    integers = lines[_TEXT : _NUMBERS["real"][0]]
+    named = _COMPONENT.match(lines[5]) is not None
+    return stars >= 3 and named and all(re.fullmatch(r"[-+\d\s]+", line) for line in integers)
+
+
+def read_smc(source: Source, **_: Any) -> Stream:
+    """Read the acceleration of an SMC file, in cm/s2."""
+    text = Text(source)
+    head = text.head(0, _TEXT)
+    level = _LEVELS.get(facts.search(_TITLE, head[0]))
+    if level is None or "ACCEL" not in head[0].upper():
+        raise text.needs(0, "an accelerogram (type 1 or 2)")
+    integers, reals = (_smc_numbers(text, kind) for kind in _NUMBERS)
+    first = _END
+    while first < len(text) and text.lines[first].lstrip().startswith("|"):
+        first += 1
+    count = facts.checked_count(f"{integers[16]:.0f}", text.place(_TEXT + 2))
+    values = text.numbers(first, None, count, 10)
+    record = _smc_record(head, integers, reals)
+    if count < values.size <= count + _ROW:
+        values = values[:count]
+        record["log"] = (f"Row beyond the {count} numbers that the header counts left out.",)
+    record |= {"level": level, "unit": "cm/s2", "announced": count, "held": values.size}
+    record["header"] = text.plain(0, _TEXT)
+    paired = reals[1] == reals[0]
+    peaks = [abs(value) for value in (reals[29], reals[31]) if value != reals[0]]
+    if peaks:
+        samples = values[1::2] if paired else values
+        facts.judge_peak(record, f"{max(peaks):.6E}", samples, "cm/s2")
+    if paired:
+        values, step = _even(record, values, count, text.name)
+    else:
+        rate = float(reals[1])
+        step = facts.positive_step(1.0 / rate if rate else 0.0, text.place(first - 1))
+    codes = ("", head[2].strip().split(" ")[0], "")
+    return Stream([facts.trace_of(values, step, record, codes=codes, start=_start(integers))])
+
+
+def _smc_numbers(text: Text, kind: str) -> NDArray[np.float64]:
+    place, height, count, width = _NUMBERS[kind]
+    values = text.numbers(place, place + height, count, width)
+    if values.size != count:
+        raise RecordError(
+            f"{text.place(place)}: {count} {kind} numbers are needed in the header, there are "
+            f"{values.size}"
+        )
+    return values
+
+
+def _even(
+    record: dict[str, Any], values: NDArray[np.float64], count: int, name: str
+) -> tuple[NDArray[np.float64], float]:
+    """Samples of pairs of time and acceleration."""
+    record |= {"announced": count // 2, "held": values.size // 2}
+    if values.size < 4:
+        return values[:0], 1.0
+    samples, step, done = on_even_steps(values, name)
+    record["log"] = (*record.get("log", ()), *filter(None, (done,)))
+    return samples, step
+
+
+def _smc_record(
+    text: Sequence[str], integers: NDArray[np.float64], reals: NDArray[np.float64]
+) -> dict[str, Any]:
+    found = _COMPONENT.match(text[5])
+    station, way = found.groups() if found else ("", "")
+    stated = facts.direction(way)
+    upward, across = integers[12], integers[13]  # degrees from the vertical, from north
+    if upward in (0.0, 180.0):
+        stated |= {"component": "UP" if upward == 0.0 else "DOWN", "vertical": True}
+    elif upward == 90.0 and across != integers[0] and 0 <= across <= 360:
+        stated |= {"azimuth": float(across), "vertical": False}
+
+    def real(index: int) -> float | None:
+        return None if reals[index] == reals[0] else float(reals[index])
+
+    day = facts.time_of(integers[1], integers[2] - 1)
+    return stated | facts.known(
+        event=re.sub(r"^[\s\d]+", "", text[3]).strip(), date=str(day.date) if day else "",
+        magnitude=real(5) or real(7) or real(6) or real(8), station=station,
+        **{name: real(index) for name, index in _REALS.items()},
+    )  # fmt: skip
+
+
+def _start(integers: NDArray[np.float64]) -> UTCDateTime | None:
+    null, year, day, hour, minute, second = integers[:6]
+    if null in (year, day, hour, minute) or not (0 <= hour < 24 and 0 <= minute < 60):
+        return None
+    second = second if second != null and 0 <= second < 60 else 0.0
+    return facts.time_of(year, day - 1, hour, minute, second)
+
+
+def is_geonet(source: Source) -> bool:
+    """Whether a file begins with an accelerogram, a site and the number of points."""
+    lines = head_lines(source)[:_TEXT_LINES]
+    return (
+        len(lines) == _TEXT_LINES
+        and _START.match(lines[0]) is not None
+        and lines[1].lstrip().startswith("Site ")
+        and facts.search(_COUNT, "\n".join(lines)) != ""
+    )
+
+
+def read_geonet(source: Source, **_: Any) -> Stream:
+    """Read the accelerations of a GeoNet volume; velocities and displacements are left out."""
+    text = Text(source)
+    starts = [i for i, line in enumerate(text.lines) if _START.match(line)]
+    if not starts:
+        raise RecordError(f"{text.name}: no line begins an accelerogram")
+    ends = [*starts[1:], len(text)]
+    return Stream([_geonet_trace(text, a, b) for a, b in zip(starts, ends)])
+
+
+def _geonet_trace(text: Text, first: int, end: int) -> Trace:
+    place, data = text.place(first), first + _HEADER_LINES
+    if end <= data:
+        raise RecordError(
+            f"{place}: a component has {_HEADER_LINES} header lines and then samples; this one "
+            f"ends after {end - first} line(s)"
+        )
+    head = "\n".join(text.lines[first : first + _TEXT_LINES])
+    field = {key: facts.search(pattern, head) for key, pattern in _FIELDS.items()}
+    component = field["component"]
+    integers = text.numbers(first + _TEXT_LINES, first + _TEXT_LINES + _INTEGER_LINES)
+    announced = facts.checked_count(field["count"], f"{place}: Number of points")
+    samples = _geonet_samples(text, data, end, integers, component)
+    unit = facts.acceleration_unit(field["unit"] or field["unit_of_factor"], place)
+    if field["factor"]:
+        samples = samples * _factor(field["factor"], place)
+    raw = text.lines[first].lstrip()[:2].lower() == "un"
+    record = facts.known(
+        unit=unit,
+        level="raw" if raw else "processed",
+        announced=announced,
+        component=component,
+        vertical=component.lower() in ("up", "down") if component else None,
+        azimuth=quadrant(component),
+        event=text.lines[first + 6].strip(),
+        date=facts.iso_date(field["day"]),
+        **{key: facts.number_or_none(field[name]) for key, name in
+           (("magnitude", "magnitude"), ("depth_km", "depth"), ("epicentral_km", "distance"))},
+        **_degrees(r"^\s*Epicentre +" + _PLACE, head, "event"),
+        station=field["site"],
+        **_degrees(r"^\s*Site +\S+ +" + _PLACE, head, "station"),
+        header=text.plain(first, data),
+    )  # fmt: skip
+    facts.judge_peak(record, field["peak"], samples, unit)
+    step = facts.positive_step(facts.number_of(field["interval"]), f"{place}: interval")
+    codes, start = ("NZ", field["site"], ""), _first_sample(integers)
+    return facts.trace_of(samples, step, record, codes=codes, start=start)
+
+
+def _geonet_samples(
+    text: Text, first: int, end: int, integers: NDArray[np.float64], component: str
+) -> NDArray[np.float64]:
+    """Accelerations of a block; those of a raw volume may be fewer or more than announced."""
+    if integers.size != 10 * _INTEGER_LINES:
+        raise RecordError(
+            f"{text.name}: the lines before line {first + 1} must have {10 * _INTEGER_LINES} "
+            f"integers, channel {component} has {integers.size}"
+        )
+    counts = integers[33:36].astype(int)
+    values = text.numbers(first, end, int(counts.sum()), _WIDTH)
+    if counts[1:].any() and values.size != counts.sum():
+        raise RecordError(
+            f"{text.name}: channel {component} must hold {counts[0]} accelerations, {counts[1]} "
+            f"velocities and {counts[2]} displacements by its header; it holds {values.size} "
+            "numbers"
+        )
+    return values[: counts[0]] if counts[1:].any() else values
+
+
+def _factor(text: str, place: str) -> float:
+    """What raw readings are multiplied by."""
+    factor = facts.number_or_none(text)
+    if not factor:
+        raise RecordError(f"{place}: readings in units of {text!r}; a number but 0 is needed")
+    return factor
+
+
+def _degrees(pattern: str, text: str, kind: str) -> dict[str, float]:
+    """Latitude and longitude of degrees, minutes, seconds and a letter each."""
+    found = re.search(pattern, text, re.IGNORECASE | re.MULTILINE)
+    if found is None:
+        return {}
+    values = {}
+    for name, group in (("latitude", 0), ("longitude", 4)):
+        degrees, minutes, seconds, letter = found.groups()[group : group + 4]
+        value = int(degrees) + int(minutes) / 60.0 + int(seconds) / 3600.0
+        values[f"{kind}_{name}"] = round(-value if letter in "SWsw" else value, 5)
+    return values
+
+
+def _first_sample(integers: NDArray[np.float64]) -> UTCDateTime | None:
+    year, month, day, hour, minute, milliseconds = integers[[8, 9, 18, 19, 38, 39]]
+    try:
+        midnight = UTCDateTime(int(year), int(month), int(day))
+    except (ValueError, OverflowError):
+        return None
+    return midnight + 3600.0 * hour + 60.0 * minute + milliseconds / 1000.0

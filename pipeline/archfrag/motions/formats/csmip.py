@@ -1,0 +1,384 @@
+"""Volumes of CSMIP (CDMG, CGS) and their successor COSMOS, several channels a file, for obspy.
+
+COSMOS V0 (counts), V1 (uncorrected), V2 (corrected): a channel is text, integers, reals and
+comments, each with a line of how many and in which columns, then the samples and a line that ends
+them. Meaning of the header's numbers after "COSMOS strong motion data format", version 1.20,
+Consortium of Organizations for Strong-Motion Observation Systems, 2001, tables 1 to 8; indices
+here are from 0.
+
+CSMIP (DMG) volumes 1 and 2: a channel is 13 or 25 lines of text, integers in columns of 5 and
+reals in columns of 10, then a line with count, step and unit and samples in columns; volume 2
+goes on with velocity and displacement. Volume 1 of digitised film has no such line but pairs of
+time and acceleration in columns of 7. Layout after the headers of the files themselves and Shakal
+and Ragsdale, "Acceleration, velocity and displacement data in CSMIP volumes", California Division
+of Mines and Geology, OSMS 85-03, 1985.
+"""
+
+import re
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from obspy import Stream, Trace
+
+from archfrag.errors import RecordError
+from archfrag.motions.formats import facts
+from archfrag.motions.formats.text import (
+    END_OF_DATA,
+    Source,
+    Text,
+    format_width,
+    head_lines,
+    on_even_steps,
+)
+
+_CHANNELS = re.compile(r"\(\s*(\d{1,6})\d*\s*CHNS?\s+OF", re.IGNORECASE)
+_CUT_OFF = "there is no end-of-data line: the file may be cut off"
+
+# COSMOS
+_FORMAT = re.compile(
+    r"\A.*\(Format\s+v\d+\.\d+\s+with\s+(\d{1,3})\s+text\s+lines\)", re.IGNORECASE
+)
+_BLOCK = r"\s*(\d{{1,6}})\d*\s+{}-header values follow on\s+(\d{{1,6}})\d*\s+lines"
+_SECTION = re.compile(r"\A\s*(\S+)\s+.*\bpts\b.*units\s*=", re.IGNORECASE)
+_WEEKDAY = re.compile(r"(Mon|Tue|Wed|Thu|Fri|Sat|Sun)\b", re.IGNORECASE)
+_COSMOS_LEVELS = {0: "raw", 1: "raw", 2: "processed"}
+_COSMOS_UNITS = {2: ("g", 1.0), 4: ("cm/s2", 1.0), 7: ("cm/s2", 2.54), 50: ("counts", 1.0)}
+_NULL = -999.0
+_TEXT_LINES = (5, 100)
+_HEADER_NUMBERS = (64, 1000)
+_LARGEST_HEADER = 200  # lines
+_REALS = {
+    "event_latitude": 9, "event_longitude": 10, "depth_km": 11, "station_latitude": 0,
+    "station_longitude": 1, "epicentral_km": 16,
+}  # fmt: skip
+
+# CSMIP
+_TITLE = re.compile(r"\s*(UN)?CORRECTED ACCELEROGRAM\b", re.IGNORECASE)
+_SECOND_LINE = re.compile(r"\s*UNCORRECTED ACCELEROGRAM DATA", re.IGNORECASE)
+_COUNT_LINE = re.compile(r"NO\. OF POINTS\s*=\s*(\S*)\s+RECORD LENGTH", re.IGNORECASE)
+_POINTS = re.compile(r"\A\s*(\S+)\s+(?:POINTS OF ACCEL|ACCELEROGRAM POINTS)", re.IGNORECASE)
+_PEAK = {
+    "raw": re.compile(r"MAX\s*=\s*([-+.\d]+)\s*([A-Z/]+)", re.IGNORECASE),
+    "processed": re.compile(r"PEAK ACCELERATION\s*=\s*([-+.\d]+)\s*([A-Z/]+)", re.IGNORECASE),
+}
+_UNITS = (
+    (re.compile(r"\bG\s*/\s*10\b", re.IGNORECASE), "g", 0.1),
+    (re.compile(r"\bCM/S(?:EC)?(?:/S(?:EC)?|2|/S2)", re.IGNORECASE), "cm/s2", 1.0),
+    (re.compile(r"\bMM/S(?:EC)?(?:/S(?:EC)?|2|/S2)", re.IGNORECASE), "mm/s2", 1.0),
+    (re.compile(r"(?:UNITS:?|IN|AND|OF|IS)\s+G\b", re.IGNORECASE), "g", 1.0),
+)
+_LINES = {"raw": (13, 14), "processed": (25, 20)}  # of text; of integers and reals
+_LOOK = 12  # lines beyond them in which the section may begin
+_WIDTH, _PAIR_WIDTH = 10, 7
+
+
+def _stream(
+    source: Source, channel: Callable[[Text, int], tuple[Trace | None, int, str]]
+) -> Stream:
+    """Traces of channels one after the other; `channel` gives one, its end and its header."""
+    text, traces = Text(source), []
+    place = stated = 0
+    while (place := text.next_line(place)) < len(text):
+        trace, place, header = channel(text, place)
+        if trace is not None:
+            traces.append(trace)
+            stated = max(stated, int(facts.search(_CHANNELS, header) or 0))
+    if not traces:
+        raise RecordError(f"{text.name}: none of the channels of the file is an acceleration")
+    if stated > len(traces):
+        fault = f"the header counts {stated} channels, the file holds {len(traces)}"
+        facts.add_fault(traces[0].stats.record, fault)
+    return facts.stream_of(traces)
+
+
+def is_cosmos(source: Source) -> bool:
+    """Whether a file or open binary buffer is a COSMOS file of a time series."""
+    lines = head_lines(source)
+    first = _FORMAT.match(lines[0]) if lines else None
+    integers = re.compile(r"\s*\d+\s+Integer-header values follow", re.IGNORECASE)
+    return first is not None and any(map(integers.match, lines[1:]))
+
+
+def read_cosmos(source: Source, **_: Any) -> Stream:
+    """Read the accelerations of a COSMOS file in its unit, in/s2 as cm/s2.
+
+    Counts (``unit`` is "counts") come with ``g_per_count`` where the header has the
+    sensitivities of recorder and sensor.
+    """
+    return _stream(source, _cosmos_channel)
+
+
+class _Header(NamedTuple):
+    text: list[str]
+    integers: NDArray[np.float64]
+    reals: NDArray[np.float64]
+    comments: list[str]
+    section: int  # line that announces the samples
+
+    def real(self, index: int) -> float | None:
+        value = float(self.reals[index]) if index < self.reals.size else _NULL
+        return None if value == _NULL else value
+
+
+def _cosmos_channel(text: Text, place: int) -> tuple[Trace | None, int, str]:
+    head = _cosmos_header(text, place)
+    end = text.end_of_numbers(head.section + 1)
+    (section,), all_text = text.head(head.section, head.section + 1), "\n".join(head.text)
+    parameter = head.integers[1]
+    if not (parameter == 1 or (parameter == _NULL and "ACCEL" in section.upper())):
+        return None, end, all_text
+    where = text.place(head.section)
+    announced = facts.checked_count(facts.search(_SECTION, section), where)
+    samples = text.numbers(head.section + 1, end, announced, format_width(section))
+    unit, scale = _COSMOS_UNITS.get(int(head.integers[2]), ("", 1.0))
+    record, codes = _cosmos_record(head)
+    record |= {"level": _COSMOS_LEVELS.get(int(head.integers[0]), ""), "unit": unit,
+               "announced": announced, "held": samples.size}  # fmt: skip
+    if scale != 1.0:
+        samples = samples * scale
+        record["log"] = ("Unit in/s2 turned into cm/s2.",)
+    if unit == "counts":
+        record |= facts.known(g_per_count=_g_per_count(head))
+    # That of the samples [ms], or of the recorder [s] where the header leaves it open.
+    own, recorder = head.real(61), head.real(33)
+    if own is None and recorder is None:
+        raise RecordError(f"{where}: the header states no time step")
+    step = facts.positive_step(own / 1000.0 if own is not None else recorder or 0.0, where)
+    if head.reals[63] != _NULL and scale == 1.0:
+        facts.judge_peak(record, f"{head.reals[63]:.4E}", samples, unit)
+    length = head.real(62)
+    if length and abs(announced * step - length) > max(2.0 * step, 0.01 * length):
+        facts.add_fault(
+            record,
+            f"the header states a length of {length:g} s, {announced} samples at {step:g} s last "
+            f"{announced * step:g} s",
+        )
+    if end >= len(text) or not END_OF_DATA.match(text.lines[end]):
+        facts.add_fault(record, _CUT_OFF)
+    start = facts.utc_time(head.text[7]) if len(head.text) > 7 else None
+    return facts.trace_of(samples, step, record, codes=codes, start=start), end, all_text
+
+
+def _cosmos_header(text: Text, place: int) -> _Header:
+    count = int(facts.search(_FORMAT, text.lines[place]) or 0)
+    if not _TEXT_LINES[0] <= count <= _TEXT_LINES[1]:
+        raise text.needs(place, "a line with (Format v01.20 with 13 text lines)")
+    integers, at = _header_numbers(text, place + count, "integer")
+    reals, at = _header_numbers(text, at, "real")
+    comments: list[str] = []
+    if at < len(text) and re.match(r"(?i)\s*\d+\s+Comment line\(s\) follow", text.lines[at]):
+        first = at + 1
+        at = next(
+            (i for i in range(first, len(text)) if not text.lines[i].lstrip().startswith("|")),
+            len(text),
+        )
+        comments = text.head(first, at)
+    if not any(map(_SECTION.match, text.head(at, at + 1))):
+        raise text.needs(at, "the line with the number of points and their units")
+    return _Header(text.head(place, place + count), integers, reals, comments, at)
+
+
+def _header_numbers(text: Text, at: int, kind: str) -> tuple[NDArray[np.float64], int]:
+    """The integers or reals of a header, and the line after them."""
+    line = text.lines[at] if at < len(text) else ""
+    found = re.match(_BLOCK.format(kind), line, re.IGNORECASE)
+    if found is None:
+        raise text.needs(at, f"a line of how many {kind}-header values follow on how many lines")
+    count, height = map(int, found.groups())
+    low, high = _HEADER_NUMBERS
+    if not (low <= count <= high and height <= _LARGEST_HEADER):
+        raise RecordError(
+            f"{text.place(at)}: {count} {kind}-header values on {height} lines; {low} to {high} "
+            f"on up to {_LARGEST_HEADER} can be read"
+        )
+    values = text.numbers(at + 1, at + 1 + height, count, format_width(line))
+    if values.size < low:
+        raise RecordError(
+            f"{text.place(at)}: {count} {kind}-header values are announced, there are "
+            f"{values.size}"
+        )
+    return values, at + 1 + height
+
+
+def _g_per_count(head: _Header) -> float | None:
+    """By the recorder's least count [µV], the sensor's sensitivity [V/g] and the gain."""
+    least, sensitivity, gain = map(head.real, (21, 41, 46))
+    if not (least and sensitivity) or least <= 0.0 or sensitivity <= 0.0:
+        return None
+    return 1e-6 * least / (sensitivity * (gain if gain and gain > 0.0 else 1.0))
+
+
+def _cosmos_record(head: _Header) -> tuple[dict[str, Any], tuple[str, str, str]]:
+    text = [*head.text, *[""] * 9]
+    channel = re.search(r"(?i)Sta\s+Cha\w*\s*:?\s*([\w?]+)\s*:\s*(.*?)\s*\(Rcrdr", text[8])
+    number, way = channel.groups() if channel else (None, "")
+    position = " ".join(text[8].partition("Location:")[2].split())
+    station = re.search(r"(?i)Code:\s*([\w-]+?)-(\w+)\s+(.*)", text[4])
+    network, code, owner = station.groups() if station else ("", "", "")
+    event = re.sub(r"(?i)^Re?co?rd of\s+", "", text[1].strip())
+    record = facts.known(
+        event="" if _WEEKDAY.match(event) else event,
+        date=next(filter(None, (facts.iso_date(text[i]) for i in (3, 1, 7))), ""),
+        magnitude=facts.magnitude(text[2]) or head.real(12) or head.real(14),
+        station=re.sub(r"^\S+\s{2,}|^\S+\s+(?=\S)", "", owner).strip(),
+        channel=number,
+        header="\n".join(line.rstrip() for line in (*head.text, *head.comments)),
+        **{name: head.real(index) for name, index in _REALS.items()},
+    )
+    direction = facts.direction(way)
+    if not {"azimuth", "vertical"} & direction.keys():
+        angle = int(head.integers[53])  # or up, or down
+        word = str(angle) if 1 <= angle <= 360 else {400: "UP", 401: "DOWN"}.get(angle, way)
+        direction = facts.direction(word)
+    record |= direction
+    dotted = r"<SCNL>\s*" + r"\.".join([r"([\w-]+)"] * 4)
+    names = re.search(dotted, "\n".join(head.comments))
+    if names is None:
+        return record, ("" if network.startswith("-") else network, code, position)
+    code, band, network, location = (part.strip("-") for part in names.groups())
+    if re.fullmatch(r"[A-Za-z]{2}[ENZ123]", band):
+        record |= {"component": band} | ({"vertical": True} if band[2] == "Z" else {})
+    return record, (network, code, location or position)
+
+
+def is_dmg(source: Source) -> bool:
+    """Whether a file or open binary buffer holds volume 1 or 2 of CSMIP."""
+    lines = head_lines(source)
+    found = _TITLE.match(lines[0]) if len(lines) > 13 else None
+    if found is None:
+        return False
+    if found.group(1):
+        return any(map(_COUNT_LINE.search, lines[8:13]))
+    return _SECOND_LINE.match(lines[1]) is not None
+
+
+def read_dmg(source: Source, **_: Any) -> Stream:
+    """Read the accelerations of volume 1 or 2 of CSMIP in the unit of the file, g/10 as g."""
+    return _stream(source, _dmg_channel)
+
+
+class _Data(NamedTuple):
+    samples: NDArray[np.float64]
+    dt: float
+    announced: int
+    held: int
+    unit: str
+    log: tuple[str, ...]
+    end: int  # first line after them
+
+
+def _dmg_channel(text: Text, place: int) -> tuple[Trace, int, str]:
+    title = _TITLE.match(text.lines[place])
+    if title is None:
+        raise text.needs(place, "a line that begins (UN)CORRECTED ACCELEROGRAM")
+    level = "raw" if title.group(1) else "processed"
+    lines = text.head(place, place + _LINES[level][0])
+    if len(lines) < _LINES[level][0]:
+        raise RecordError(f"{text.place(len(text) - 1)}: the file ends in a header")
+    data = _dmg_data(text, place, level)
+    shift = 0 if level == "raw" else 1
+    record, code, position = _dmg_record(lines[shift:])
+    record |= {"level": level, "announced": data.announced, "held": data.held,
+               "unit": data.unit, "log": data.log, "header": "\n".join(lines)}  # fmt: skip
+    peak = next(filter(None, map(_PEAK[level].search, lines)), None)
+    if peak and _unit_of(f"in {peak.group(2)}")[0] == data.unit:
+        facts.judge_peak(record, peak.group(1), data.samples, data.unit)
+    end = next(
+        (i for i in range(data.end, len(text))
+         if END_OF_DATA.match(text.lines[i]) or _TITLE.match(text.lines[i])), len(text),
+    )  # fmt: skip
+    if end == len(text) or not END_OF_DATA.match(text.lines[end]):
+        facts.add_fault(record, _CUT_OFF)
+    _compare_places(record, text.lines[place + len(lines) : data.end])
+    start = facts.utc_time(lines[3 + shift])
+    trace = facts.trace_of(data.samples, data.dt, record, codes=("", code, position), start=start)
+    return trace, end, "\n".join(lines)
+
+
+def _dmg_data(text: Text, place: int, level: str) -> _Data:
+    begin, rows = place + _LINES[level][0], _LINES[level][1]
+    window = range(begin, min(begin + rows + _LOOK, len(text)))
+    section = next((i for i in window if _POINTS.match(text.lines[i])), None)
+    if section is None and level == "processed":
+        raise RecordError(
+            f"{text.place(place)}: no line with the points of acceleration follows the header"
+        )
+    if section is None:
+        return _pairs(text, place, begin + rows)
+    where, (line,) = text.place(section), text.head(section, section + 1)
+    announced = facts.checked_count(facts.search(_POINTS, line), where)
+    apart, rate = (facts.search(p, line) for p in (r"SPACED AT\s+(\S+)\s+SEC",
+                                                   r"AT\s+(\S+)\s+PTS/SEC"))  # fmt: skip
+    try:
+        value = float(apart or rate)
+    except ValueError:
+        raise RecordError(f"{where}: no time step is stated in {line.strip()!r}") from None
+    step = facts.positive_step(value if apart else 1.0 / value if value else 0.0, where)
+    unit, scale = _unit_of(line)
+    end = text.end_of_numbers(section + 1)
+    samples = text.numbers(section + 1, end, announced, format_width(line) or _WIDTH)
+    return _Data(samples * scale, step, announced, samples.size, unit, (), end)
+
+
+def _pairs(text: Text, place: int, first: int) -> _Data:
+    """Pairs of time and acceleration, of digitised film."""
+    lines = text.head(place, place + _LINES["raw"][0])
+    index = next((i for i, each in enumerate(lines) if _COUNT_LINE.search(each)), None)
+    if index is None:
+        raise RecordError(f"{text.place(place)}: the header has no NO. OF POINTS")
+    count = facts.search(_COUNT_LINE, lines[index])
+    announced = facts.checked_count(count, text.place(place + index))
+    unit, scale = _unit_of(next((each for each in lines if "UNITS OF" in each.upper()), ""))
+    end = text.end_of_numbers(first)
+    values = text.numbers(first, end, 2 * announced, _PAIR_WIDTH)
+    held = values.size // 2
+    if held < 2:
+        return _Data(values[:0], 1.0, announced, held, unit, (), end)
+    values[1::2] *= scale
+    samples, step, done = on_even_steps(values, text.place(first))
+    log = tuple(filter(None, ("Unit g/10 turned into g." if scale != 1.0 else "", done)))
+    return _Data(samples, step, announced, held, unit, log, end)
+
+
+def _unit_of(text: str) -> tuple[str, float]:
+    found = ((unit, scale) for pattern, unit, scale in _UNITS if pattern.search(text))
+    return next(found, ("", 1.0))
+
+
+def _dmg_record(text: list[str]) -> tuple[dict[str, Any], str, str]:
+    """What the lines of a header state, the station's code and the place of the sensor."""
+    channel = re.search(r"(?i)CHAN\s*(\d+)?\s*:\s*(.*)", text[6])
+    number, way = channel.groups() if channel else (None, "")
+    way, _, position = way.partition("LOCATION:")
+    origin = text[2].upper().partition("ORIGIN")[2]
+    dates = map(facts.iso_date, (origin, text[2], text[1]))
+    record = facts.known(
+        event="" if re.match(r"(?i)\s*RE?CO?RD OF", text[1]) else text[1].strip(),
+        date=next(filter(None, dates), ""),
+        magnitude=facts.magnitude(text[8]),
+        depth_km=facts.number_or_none(facts.search(r"\bH\s*=\s*(\d+\.?\d*)\s*KM", text[8])),
+        **facts.place(text[8], "event"),
+        station=re.split(r"\s{3,}", text[5].strip())[0],
+        **facts.place(text[4], "station"),
+        channel=number,
+    )
+    code = facts.search(r"STATION\s+(?:NO|ID)\.\s*(\w+)(?=\s)", text[4])
+    return record | facts.direction(way), code, " ".join(position.split())
+
+
+def _compare_places(record: dict[str, Any], lines: list[str]) -> None:
+    """Later headers give the station among their reals, too."""
+    try:
+        reals = [float(lines[10][i : i + 10]) for i in range(40, 60, 10)]
+        stated = [record["station_latitude"], record["station_longitude"]]
+    except (IndexError, ValueError, KeyError):
+        return
+    for word, text, real in zip(("latitude", "longitude"), stated, reals):
+        if real not in (0.0, -999.0) and abs(real) <= 360.0 and abs(text - real) > 0.01:
+            facts.add_fault(
+                record,
+                f"{word} of the station is {text:g} in the text of the header and {real:g} among "
+                "its numbers",
+            )

@@ -1,0 +1,270 @@
+"""Formats whose header gives names and values, one component a file, as plug-ins of obspy.
+
+- PEER AT2: four lines (what it is; event, date, station, component; quantity and unit; number of
+  samples and time step), then samples in rows. The headers of the NGA database, of the strong
+  motion database before it and of its many re-issues differ in the fourth line only.
+- DYNA 1.x of ESM and AFAD's TADAS, and ITACA before it: lines ``KEY: value``, then one sample a
+  line (ITACA 2.x user manual, header of waveform files). What matters is found by its key.
+- RESORCE: ten lines ``Key : value``, quantity and unit, then samples in columns of fixed width.
+- K-NET and KiK-net: obspy reads them; here is what it leaves out. A KiK-net station has two
+  sensors, which obspy names NS1, EW1, UD1 (borehole) and NS2, EW2, UD2 (surface), after the
+  endings of the files (NIED, "About K-NET ASCII format").
+
+Samples stay in the unit of the file (``stats.record.unit``) and ``stats.calib`` is 1, so nothing
+is left that could be applied twice; counts of K-NET have it in ``stats.calib``.
+"""
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+from obspy import Stream, UTCDateTime
+from obspy.core import AttribDict
+from obspy.core.util.base import buffered_load_entry_point
+
+from archfrag.errors import RecordError
+from archfrag.motions.formats import facts
+from archfrag.motions.formats.text import Source, Text, head_lines
+from archfrag.motions.partners import AZIMUTHS
+
+_AT2_LINES = 4
+_UNIT = re.compile(r"UNITS?\s+OF\s+([^\s.,;]+)", re.IGNORECASE)
+_NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][-+]?\d+)?)"
+_NPTS, _DT = rf"NPTS\s*=\s*{_NUMBER}", rf"\bDT\s*=\s*{_NUMBER}"
+_TRAILING = rf"^\s*{_NUMBER}\s+{_NUMBER}\s+NPTS\s*,\s*DT"
+_KEY = re.compile(r"\s*([A-Za-z][\w/^().-]*)\s*:(.*)")
+_DAY = re.compile(r"(\d{4})[-/]?(\d\d)[-/]?(\d\d)")
+_DAY_FIRST = re.compile(r"(\d\d)/(\d\d)/(\d{4})")  # AFAD
+_SERIES = re.compile(r"\s*(\w+) time series in (.+)", re.IGNORECASE)
+_LONGEST_HEADER = 40  # lines of RESORCE
+_VERTICALS = ("Z", "UP", "V", "UD")
+_SENSORS = {"": "surface", "1": "borehole", "2": "surface"}
+# Of a record, the keys of DYNA where a number stands, the first there is.
+_DYNA_NUMBERS = {
+    "magnitude": ("MAGNITUDE_W", "MAGNITUDE_L"), "depth_km": ("EVENT_DEPTH_KM",),
+    "event_latitude": ("EVENT_LATITUDE_DEGREE",), "event_longitude": ("EVENT_LONGITUDE_DEGREE",),
+    "station_latitude": ("STATION_LATITUDE_DEGREE",),
+    "station_longitude": ("STATION_LONGITUDE_DEGREE",), "vs30_mps": ("VS30_M/S", "VS30_MS"),
+    "epicentral_km": ("EPICENTRAL_DISTANCE_KM",),
+}  # fmt: skip
+
+
+def is_at2(source: Source) -> bool:
+    """Whether an acceleration with its unit, number of samples and time step is announced."""
+    lines = head_lines(source)[:_AT2_LINES]
+    return (
+        len(lines) == _AT2_LINES
+        and "".join(lines).isascii()
+        and "ACCELERATION" in lines[2].upper()
+        and _UNIT.search(lines[2]) is not None
+        and all(_count_and_step(lines[3]))
+    )
+
+
+def read_at2(source: Source, **_: Any) -> Stream:
+    """Read a PEER AT2 acceleration record."""
+    text = Text(source)
+    if text.lines[-1] == "":
+        text.lines.pop()
+    if len(text) <= _AT2_LINES:
+        raise RecordError(
+            f"{text.name}: an AT2 file has {_AT2_LINES} header lines and then samples; this one "
+            f"ends after {len(text)} line(s)"
+        )
+    header = [line.strip() for line in text.head(0, _AT2_LINES)]
+    if "ACCELERATION" not in header[2].upper():
+        raise text.needs(2, "an acceleration")
+    unit = facts.acceleration_unit(facts.search(_UNIT, header[2]) or "none", text.place(2))
+    count, step = _count_and_step(header[3])
+    if not (count and step):
+        raise text.needs(3, "a line with the number of samples (NPTS) and the time step (DT)")
+    stated, where = facts.number_of(count), text.place(3)
+    record = _at2_names(header[1]) | {
+        "unit": unit,
+        "announced": facts.checked_count(f"{stated:.0f}" if stated % 1 == 0 else count, where),
+        "header": "\n".join(header),
+    }
+    step_s = facts.positive_step(facts.number_of(step), where)
+    return Stream([facts.trace_of(text.numbers(_AT2_LINES), step_s, record)])
+
+
+def _count_and_step(line: str) -> tuple[str, str]:
+    named = facts.search(_NPTS, line), facts.search(_DT, line)
+    trailing = facts.search(_TRAILING, line), facts.search(_TRAILING, line, 2)
+    return named if all(named) else trailing
+
+
+def _at2_names(line: str) -> dict[str, Any]:
+    parts = [part.strip() for part in line.split(",")]
+    if len(parts) < 3:
+        return {"event": line, "component": ""}
+    dated = re.fullmatch(r"\d+/\d+/\d+", parts[1]) is not None and len(parts) > 3
+    component = parts[-1].split("(")[0].strip()
+    return (facts.direction(component) if component else {}) | {
+        "event": parts[0],
+        "date": parts[1] if dated else "",
+        "station": ", ".join(parts[2 if dated else 1 : -1]),
+        "component": component,
+    }
+
+
+def is_dyna(source: Source) -> bool:
+    """Whether the first line names an event and a later one the time step or the samples."""
+    lines = head_lines(source)
+    keys = {match.group(1) for match in map(_KEY.match, lines) if match}
+    named = re.match(r"EVENT_(NAME|ID)\s*:", lines[0]) if lines else None
+    return named is not None and not keys.isdisjoint(("SAMPLING_INTERVAL_S", "NDATA"))
+
+
+def read_dyna(source: Source, **_: Any) -> Stream:
+    """Read an acceleration record of ESM, ITACA or AFAD."""
+    text = Text(source)
+    header, places = _dyna_header(text)
+    kind = header.get("DATA_TYPE", "")
+    if kind and kind.upper() != "ACCELERATION":
+        raise RecordError(f"{places['DATA_TYPE']}: an acceleration is needed, this is {kind!r}")
+    for key in ("UNITS", "SAMPLING_INTERVAL_S", "NDATA"):
+        if not header.get(key):
+            raise RecordError(f"{places.get(key, text.name)}: the header gives no {key}")
+    unit = facts.acceleration_unit(header["UNITS"], places["UNITS"])
+    step = facts.number_of(header["SAMPLING_INTERVAL_S"])
+    step = facts.positive_step(step, places["SAMPLING_INTERVAL_S"])
+    samples = text.numbers(len(header))
+    component = header.get("STREAM") or header.get("COMPONENT") or ""
+    codes = (header.get("NETWORK", ""), header.get("STATION_CODE", ""), header.get("LOCATION", ""))
+    cuts = (header.get("LOW_CUT_FREQUENCY_HZ"), header.get("HIGH_CUT_FREQUENCY_HZ"))
+    raw = "NOT REMOVED" in header.get("BASELINE_CORRECTION", "").upper()
+    day = _DAY.fullmatch(header.get("EVENT_DATE_YYYYMMDD", ""))
+    record = facts.known(
+        unit=unit,
+        level="processed" if any(map(facts.number_or_none, cuts)) else "raw" if raw else "",
+        announced=facts.checked_count(header["NDATA"], places["NDATA"]),
+        **_direction(component, component[-1:] if len(component) == 3 else component),
+        header=text.plain(0, len(header)),
+        event=header.get("EVENT_NAME") or header.get("EVENT_ID"),
+        date="-".join(day.groups()) if day else None,
+        station=header.get("STATION_CODE"),
+        **{name: _first_number(header, keys) for name, keys in _DYNA_NUMBERS.items()},
+    )
+    facts.judge_peak(record, header.get(f"PGA_{header['UNITS'].upper()}", ""), samples, unit)
+    start = _first_sample(header.get("DATE_TIME_FIRST_SAMPLE_YYYYMMDD_HHMMSS", ""))
+    return Stream([facts.trace_of(samples, step, record, codes=codes, start=start)])
+
+
+def _dyna_header(text: Text) -> tuple[dict[str, str], dict[str, str]]:
+    """Values by key, and where each stands."""
+    header: dict[str, str] = {}
+    places: dict[str, str] = {}
+    for number, line in enumerate(text.lines):
+        match = _KEY.match(line)
+        if match is None:
+            break
+        key, place = match.group(1).upper(), text.place(number)
+        if key in header:
+            raise RecordError(f"{place}: {key} is there a second time")
+        header[key], places[key] = _readable(match.group(2)), place
+    return header, places
+
+
+def _readable(text: str) -> str:
+    """A value, whose names may be in UTF-8."""
+    try:
+        return text.encode("latin-1").decode("utf-8").strip()
+    except UnicodeDecodeError:
+        return text.strip()
+
+
+def _first_number(header: dict[str, str], keys: Sequence[str]) -> float | None:
+    values = (facts.number_or_none(header.get(key)) for key in keys)
+    return next((value for value in values if value is not None), None)
+
+
+def _direction(component: str, letter: str) -> dict[str, Any]:
+    return {
+        "component": component,
+        "vertical": letter.upper() in _VERTICALS if letter else None,
+        "azimuth": AZIMUTHS.get(letter.upper()),
+    }
+
+
+def _first_sample(text: str) -> UTCDateTime | None:
+    """Time such as ``20010203_040510.250`` or, of AFAD, ``03/02/2001 04:05:10.250``."""
+    text = _DAY_FIRST.sub(r"\3\2\1", text, count=1)
+    found = re.match(_DAY.pattern + r"[_ T](\d\d):?(\d\d):?(\d\d(?:\.\d+)?)", text)
+    if found is None:
+        return None
+    year, month, day = map(int, found.groups()[:3])
+    hour, minute, second = map(float, found.groups()[3:])
+    try:
+        return UTCDateTime(year, month, day) + 3600.0 * hour + 60.0 * minute + second
+    except ValueError:
+        return None
+
+
+def is_resorce(source: Source) -> bool:
+    """Whether the first line is the event's and a later one names a time series and its unit."""
+    lines = head_lines(source)[:_LONGEST_HEADER]
+    first = bool(lines) and lines[0].startswith("Event Date & Time")
+    return first and any(map(_SERIES.match, lines))
+
+
+def read_resorce(source: Source, **_: Any) -> Stream:
+    """Read an acceleration record of RESORCE."""
+    text = Text(source)
+    found = ((i, match) for i, line in enumerate(text.lines) if (match := _SERIES.match(line)))
+    series, match = next(found, (0, None))
+    if match is None:
+        raise RecordError(f"{text.name}: no line names the time series and its unit")
+    quantity, unit_text = match.groups()
+    if not quantity.lower().startswith("accel"):
+        raise RecordError(f"{text.place(series)}: an acceleration is needed, this is {quantity!r}")
+    unit = facts.acceleration_unit(unit_text, text.place(series))
+    pairs = (line.partition(":") for line in text.lines[:series] if ":" in line)
+    header = {key.strip().lower(): value.strip() for key, _, value in pairs}
+    step = facts.number_of(header.get("time increment (s)"))
+    step = facts.positive_step(step, f"{text.name}, Time Increment")
+    count = facts.checked_count(header.get("number of data", ""), f"{text.name}, Number of Data")
+    samples = text.numbers(series + 1)
+    station = header.get("station code / name", "").partition("/")
+    code, name = station[0].strip(), station[2].strip()
+    component = header.get("orientation", "")
+    day = _DAY.match(header.get("event date & time", ""))
+    cuts = header.get("filter cut-off frequency (hz)", "").split("-")
+    record = facts.known(
+        unit=unit,
+        level="processed" if any(map(facts.number_or_none, cuts)) else "",
+        announced=count,
+        **_direction(component, component),
+        date="-".join(day.groups()) if day else None,
+        station=name or code,
+        header=text.plain(0, series + 1),
+    )
+    peak = header.get(f"pga ({unit_text.strip().lower()})", "")
+    facts.judge_peak(record, peak, samples, unit)
+    return Stream([facts.trace_of(samples, step, record, codes=("", code, ""))])
+
+
+def read_knet(source: Source, **_: Any) -> Stream:
+    """Read a K-NET or KiK-net file by obspy's reader and complete what its header states."""
+    read = buffered_load_entry_point("obspy", "obspy.plugin.waveform.KNET", "readFormat")
+    stream = read(source if hasattr(source, "read") else str(source))
+    for trace in stream:
+        if "knet" not in trace.stats:
+            continue  # the header is cut off, and so is what follows
+        knet, component = trace.stats.knet, str(trace.stats.channel)
+        record = facts.known(
+            level="raw",
+            announced=round(knet.duration * trace.stats.sampling_rate),
+            component=component,
+            vertical=component.startswith("UD"),
+            azimuth={"N": 0.0, "E": 90.0}.get(component[:1]),
+            sensor=_SENSORS.get(component[2:]),
+            date=knet.evot.date.isoformat(),
+            magnitude=knet.mag, depth_km=knet.evdp,
+            event_latitude=knet.evla, event_longitude=knet.evlo,
+            station=trace.stats.station,
+            station_latitude=knet.stla, station_longitude=knet.stlo,
+        )  # fmt: skip
+        facts.judge_peak(record, str(knet.accmax), 100.0 * trace.stats.calib * trace.data, "gal")
+        trace.stats.record = AttribDict(record)
+    return stream

@@ -1,0 +1,512 @@
+"""Arches, columns and blocks: masses, frames, symmetry, and the reference onset of motion."""
+
+import json
+import math
+import pickle
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.optimize import linprog
+
+from archfrag.arch import STANDARD_GRAVITY, Arch, Block
+
+MAKERS = {
+    "sector": lambda n, **more: Arch.circular(10.0, 1.5, 157.5, n, 0.7, **more),
+    "straight": lambda n, **more: Arch.circular(10.0, 1.5, 157.5, n, 0.7, sector=False, **more),
+    "horseshoe": lambda n, **more: Arch.circular(5.0, 1.0, 250.0, n, 0.7, **more),
+    "segmental": lambda n, **more: Arch.segmental(12.0, 2.5, 0.6, n, 0.5, **more),
+    "pointed": lambda n, **more: Arch.pointed(8.0, 7.0, 0.5, n, 0.6, **more),
+    "elliptic": lambda n, **more: Arch.elliptic(10.0, 3.0, 0.4, n, 0.6, **more),
+    "tall ellipse": lambda n, **more: Arch.elliptic(6.0, 5.0, 0.4, n, 0.6, **more),
+    "catenary": lambda n, **more: Arch.catenary(10.0, 7.0, 0.5, n, 0.6, **more),
+}
+RINGS = [(name, n) for name in MAKERS for n in (2, 3, 7, 12)]
+
+
+def column(**more):
+    """The tapered column of validation section 5: 7 drums of 0.82 m and a block of 0.21 m."""
+    height = np.append(0.82 * np.arange(8), 5.95)
+    half = 0.5 * (1.11 + (0.90 - 1.11) * height / 5.95)
+    right, left = np.column_stack([half, height]), np.column_stack([-half, height])
+    return Arch.from_joints(right, left, math.inf, density=2620.0, free_end=True, **more)
+
+
+def reversed_way(arch):
+    """The same straight-sided ring, travelled from the other end."""
+    return Arch.from_joints(arch.intrados[::-1], arch.extrados[::-1], 0.7)
+
+
+def swapped_names(arch):
+    """The same straight-sided ring with intrados and extrados exchanged."""
+    return Arch.from_joints(arch.extrados, arch.intrados, 0.7)
+
+
+def every_chain():
+    arches = {f"{name} {n}": MAKERS[name](n) for name, n in RINGS}
+    straight = MAKERS["straight"](7)
+    return {
+        **arches,
+        "column": column(),
+        "block": Block(0.2, 1.0, 0.8),
+        "reversed": reversed_way(straight),
+        "swapped": swapped_names(straight),
+    }
+
+
+CHAINS = every_chain()
+
+
+@pytest.mark.parametrize("arch", CHAINS.values(), ids=CHAINS.keys())
+class TestChainIsConsistent:
+    def test_faces_of_a_joint_coincide_at_rest(self, arch):
+        chain, n = arch.chain, arch.n_voussoir
+        for joint in range(arch.n_joint):
+            before = chain.face_before[joint] + (chain.centroid[joint - 1] if joint else 0.0)
+            after = chain.face_after[joint] + (chain.centroid[joint] if joint < n else 0.0)
+            np.testing.assert_allclose(before, after, rtol=0, atol=1e-12)
+            ends = np.stack([arch.intrados[joint], arch.extrados[joint]])
+            named = [arch.corner_name(corner) for corner in (0, 1)]
+            assert sorted(named) == ["extrados", "intrados"]
+            wanted = ends if named[0] == "intrados" else ends[::-1]
+            np.testing.assert_allclose(after, wanted, rtol=0, atol=1e-12)
+
+    def test_normals_point_along_the_chain(self, arch):
+        """The tangent is the normal turned by +90 degrees, the normal from j - 1 into j."""
+        chain, n = arch.chain, arch.n_voussoir
+        for joint in range(arch.n_joint):
+            if joint < n:
+                face, sense = chain.face_after[joint], 1.0
+            else:
+                face, sense = chain.face_before[joint], -1.0
+            tangent = face[1] - face[0]
+            tangent /= np.hypot(*tangent)
+            normal = np.array([tangent[1], -tangent[0]])
+            np.testing.assert_allclose([-normal[1], normal[0]], tangent, atol=1e-15)
+            # The body's centroid, its own origin, lies behind the face on its own side.
+            assert sense * float(normal @ -face.mean(axis=0)) > 0.0
+            if 0 < joint < n:
+                assert float(normal @ -chain.face_before[joint].mean(axis=0)) < 0.0
+
+    def test_arrays_are_what_kernels_take(self, arch):
+        chain, n, joints = arch.chain, arch.n_voussoir, arch.n_joint
+        assert joints == n + (0 if arch.free_end else 1)
+        shapes = {
+            "mass": (n,),
+            "inertia": (n,),
+            "centroid": (n, 2),
+            "face_before": (joints, 2, 2),
+            "face_after": (joints, 2, 2),
+            "friction": (joints,),
+        }
+        for name, shape in shapes.items():
+            array = getattr(chain, name)
+            assert array.shape == shape
+            assert array.dtype == np.float64
+            assert array.flags.c_contiguous
+            assert array.flags.writeable
+            assert array.flags.owndata
+        assert chain.gravity == STANDARD_GRAVITY == 9.80665
+
+    def test_outlines_enclose_the_masses(self, arch):
+        for outline, mass in zip(arch.outlines, arch.chain.mass):
+            x, y = outline.T
+            area = 0.5 * abs(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+            density = arch.parameters["density"]
+            assert mass == pytest.approx(density * area, rel=1e-3)
+
+    def test_parameters_are_strict_json_and_the_arch_is_picklable(self, arch):
+        json.dumps(arch.parameters, allow_nan=False)
+        again = pickle.loads(pickle.dumps(arch))
+        assert type(again) is type(arch)
+        for ours, theirs in zip(arch.chain, again.chain):
+            np.testing.assert_array_equal(ours, theirs)
+
+
+@pytest.mark.parametrize(("name", "n"), RINGS)
+class TestSymmetry:
+    def test_mirror_image_is_the_same_arch(self, name, n):
+        arch = MAKERS[name](n)
+        chain, mirror = arch.chain, np.array([-1.0, 1.0])
+        np.testing.assert_allclose(chain.mass, chain.mass[::-1], rtol=1e-14)
+        np.testing.assert_allclose(chain.inertia, chain.inertia[::-1], rtol=1e-12)
+        np.testing.assert_allclose(chain.centroid, chain.centroid[::-1] * mirror, atol=1e-13)
+        np.testing.assert_allclose(arch.intrados, arch.intrados[::-1] * mirror, atol=1e-13)
+        np.testing.assert_allclose(
+            chain.face_before, chain.face_after[::-1] * mirror, rtol=0, atol=1e-13
+        )
+
+    def test_runs_from_the_left_springing_over_the_crown(self, name, n):
+        arch = MAKERS[name](n)
+        middle = 0.5 * (arch.intrados + arch.extrados)
+        assert middle[0, 0] < 0.0 < middle[-1, 0]
+        assert not arch.flipped
+        assert arch.corner_name(0) == "intrados"
+        crown = int(np.argmax(middle[:, 1]))
+        assert arch.extrados[crown, 1] > arch.intrados[crown, 1]
+
+
+class TestCircular:
+    @pytest.mark.parametrize("n", [2, 7, 28])
+    def test_mass_of_the_whole_ring(self, n):
+        arch = Arch.circular(10.0, 1.5, 157.5, n, 0.7, density=2300.0, depth=0.8)
+        ring = 0.5 * math.radians(157.5) * (10.75**2 - 9.25**2)
+        assert arch.chain.mass.sum() == pytest.approx(2300.0 * 0.8 * ring, rel=1e-14)
+
+    def test_straight_voussoirs_are_lighter_and_share_the_joints(self):
+        exact, straight = MAKERS["sector"](7), MAKERS["straight"](7)
+        sweep = math.radians(157.5 / 7)
+        ratio = math.sin(sweep) / sweep
+        np.testing.assert_allclose(straight.chain.mass, ratio * exact.chain.mass, rtol=1e-13)
+        np.testing.assert_array_equal(straight.intrados, exact.intrados)
+        np.testing.assert_array_equal(straight.extrados, exact.extrados)
+
+    def test_inertia_of_the_ring_does_not_depend_on_its_cuts(self):
+        """Steiner over all voussoirs gives the same polar moment about the centre."""
+
+        def about_centre(arch):
+            chain = arch.chain
+            return (chain.inertia + chain.mass * (chain.centroid**2).sum(axis=1)).sum()
+
+        exact = 2000.0 * math.radians(157.5) * (10.75**4 - 9.25**4) / 4.0
+        for n in (2, 7, 40):
+            assert about_centre(MAKERS["sector"](n)) == pytest.approx(exact, rel=1e-13)
+
+    def test_given_joints(self):
+        joints = [0.0, 30.0, 67.5, 100.0, 157.5]
+        arch = Arch.circular(10.0, 1.5, 157.5, 4, 0.7, joints=joints)
+        from_left = np.degrees(np.arctan2(*arch.intrados.T)) + 78.75
+        np.testing.assert_allclose(from_left, joints, atol=1e-12)
+        np.testing.assert_allclose(
+            arch.chain.mass / arch.chain.mass.sum(), np.diff(joints) / 157.5
+        )
+        equal = Arch.circular(10.0, 1.5, 157.5, 7, 0.7, joints=22.5 * np.arange(8))
+        np.testing.assert_allclose(equal.chain.centroid, MAKERS["sector"](7).chain.centroid)
+
+    def test_thickness_is_measured_along_the_joints(self):
+        arch = MAKERS["horseshoe"](9)
+        np.testing.assert_allclose(np.hypot(*(arch.extrados - arch.intrados).T), 1.0, rtol=1e-14)
+        np.testing.assert_allclose(np.hypot(*arch.intrados.T), 4.5, rtol=1e-14)
+
+
+class TestSegmental:
+    @pytest.mark.parametrize("sector", [True, False])
+    def test_is_the_circular_arch_of_the_same_circle(self, sector):
+        span, rise = 12.0, 2.5
+        radius = (span**2 / 4.0 + rise**2) / (2.0 * rise)
+        embrace = 2.0 * math.degrees(math.asin(0.5 * span / radius))
+        ours = Arch.segmental(span, rise, 0.6, 9, 0.5, sector=sector)
+        circle = Arch.circular(radius, 0.6, embrace, 9, 0.5, sector=sector)
+        down = [0.0, radius - rise]
+        np.testing.assert_allclose(ours.chain.centroid + down, circle.chain.centroid, atol=1e-12)
+        np.testing.assert_allclose(ours.chain.inertia, circle.chain.inertia, rtol=1e-10)
+
+    def test_centre_line_has_the_span_and_rise(self):
+        arch = Arch.segmental(12.0, 2.5, 0.6, 8, 0.5)
+        middle = 0.5 * (arch.intrados + arch.extrados)
+        np.testing.assert_allclose(middle[[0, 4, 8]], [[-6, 0], [0, 2.5], [6, 0]], atol=1e-12)
+
+    def test_half_the_span_is_a_semicircle(self):
+        ours = Arch.segmental(20.0, 10.0, 1.5, 7, 0.7)
+        circle = Arch.circular(10.0, 1.5, 180.0, 7, 0.7)
+        np.testing.assert_allclose(ours.chain.centroid, circle.chain.centroid, atol=1e-13)
+
+
+class TestPointed:
+    @pytest.mark.parametrize("n", [4, 7, 8, 11])
+    def test_half_the_span_is_a_semicircle(self, n):
+        """Except for the point of an odd keystone, which keeps the crown of both arcs."""
+        ours = Arch.pointed(20.0, 10.0, 1.5, n, 0.7)
+        circle = Arch.circular(10.0, 1.5, 180.0, n, 0.7, sector=False)
+        np.testing.assert_allclose(ours.intrados, circle.intrados, atol=1e-12)
+        np.testing.assert_allclose(ours.extrados, circle.extrados, atol=1e-12)
+        keep = np.ones(n, bool) if n % 2 == 0 else np.arange(n) != n // 2
+        np.testing.assert_allclose(ours.chain.mass[keep], circle.chain.mass[keep], rtol=1e-12)
+
+    def test_equilateral(self):
+        """Rise sqrt(3)/2 of the span: each arc has its centre at the other springing."""
+        span, thickness = 8.0, 0.6
+        arch = Arch.pointed(span, span * math.sqrt(0.75), thickness, 8, 0.7)
+        left, right = [-0.5 * span, 0.0], [0.5 * span, 0.0]
+        for points, offset in ((arch.intrados, -0.5), (arch.extrados, 0.5)):
+            radius = span + offset * thickness
+            np.testing.assert_allclose(np.hypot(*(points[:5] - right).T), radius, rtol=1e-13)
+            np.testing.assert_allclose(np.hypot(*(points[4:] - left).T), radius, rtol=1e-13)
+        np.testing.assert_allclose([arch.intrados[4, 0], arch.extrados[4, 0]], 0.0, atol=1e-14)
+        assert arch.extrados[4, 1] - arch.intrados[4, 1] > thickness
+
+    def test_joints_are_equally_spaced_along_their_arcs(self):
+        arch = Arch.pointed(8.0, 7.0, 0.5, 7, 0.6)
+        reach = (49.0 - 16.0) / 8.0
+        towards = arch.extrados[:4] - [reach, 0.0]
+        angle = np.arctan2(towards[:, 1], -towards[:, 0])
+        np.testing.assert_allclose(np.diff(angle), math.atan2(7.0, reach) / 3.5, rtol=1e-12)
+
+    def test_keystone_keeps_its_point(self):
+        arch = Arch.pointed(8.0, 7.0, 0.5, 7, 0.6)
+        keystone = arch.outlines[3]
+        assert len(keystone) == 6
+        np.testing.assert_allclose(keystone[[1, 4], 0], 0.0, atol=1e-14)
+        assert keystone[4, 1] > arch.extrados[:, 1].max()
+        reach, radius = 33.0 / 8.0, 33.0 / 8.0 + 4.0
+        assert keystone[4, 1] == pytest.approx(math.sqrt((radius + 0.25) ** 2 - reach**2))
+
+    def test_given_joints_may_miss_the_crown(self):
+        arch = Arch.pointed(8.0, 7.0, 0.5, 4, 0.6, joints=[0.0, 0.2, 0.4, 0.7, 1.0])
+        assert [len(outline) for outline in arch.outlines] == [4, 4, 6, 4]
+        crown = Arch.pointed(8.0, 7.0, 0.5, 3, 0.6, joints=[0.0, 0.2, 0.5, 1.0])
+        assert [len(outline) for outline in crown.outlines] == [4, 4, 4]
+
+
+def curve_of(name):
+    """Height and slope of the centre lines, written down apart from the code under test."""
+    if name == "catenary":
+        # y = 7 - c (cosh(x/c) - 1) through (5, 0), c by bisection.
+        low, high = 1e-1, 1e3
+        for _ in range(200):
+            c = 0.5 * (low + high)
+            low, high = (c, high) if 5.0 / c > 700 or c * (math.cosh(5 / c) - 1) > 7 else (low, c)
+        return lambda x: 7 - c * (math.cosh(x / c) - 1), lambda x: -math.sinh(x / c)
+    a, b = (5.0, 3.0) if name == "elliptic" else (3.0, 5.0)
+
+    def height(x):
+        return b * math.sqrt(max(0.0, 1 - (x / a) ** 2))
+
+    return height, lambda x: -((b / a) ** 2) * x / height(x)
+
+
+@pytest.mark.parametrize("name", ["elliptic", "tall ellipse", "catenary"])
+@pytest.mark.parametrize("n", [7, 12])
+class TestCurvedCentreLines:
+    def test_joints_stand_on_the_curve_and_across_it(self, name, n):
+        arch = MAKERS[name](n)
+        height, slope = curve_of(name)
+        across = arch.extrados - arch.intrados
+        middle = 0.5 * (arch.extrados + arch.intrados)
+        np.testing.assert_allclose(np.hypot(*across.T), arch.parameters["thickness"], rtol=1e-13)
+        for joint in range(1, n):
+            assert middle[joint, 1] == pytest.approx(height(middle[joint, 0]), abs=1e-10)
+            along = np.array([1.0, slope(middle[joint, 0])])
+            assert abs(across[joint] @ along) < 1e-9 * np.hypot(*along)
+
+    def test_voussoirs_are_equally_long(self, name, n):
+        arch = MAKERS[name](n)
+        _, slope = curve_of(name)
+        middle = 0.5 * (arch.extrados + arch.intrados)[:, 0]
+        length = [
+            quad(lambda x: math.hypot(1.0, slope(x)), left, right, epsabs=1e-12)[0]
+            for left, right in pairwise(middle[1:-1])
+        ]
+        np.testing.assert_allclose(length, length[0], rtol=1e-9)
+
+    def test_springings_are_where_span_and_rise_say(self, name, n):
+        arch = MAKERS[name](n)
+        span = arch.parameters["span"]
+        middle = 0.5 * (arch.extrados + arch.intrados)
+        np.testing.assert_allclose(middle[[0, -1]], [[-span / 2, 0], [span / 2, 0]], atol=1e-12)
+        if n % 2 == 0:
+            np.testing.assert_allclose(middle[n // 2], [0, arch.parameters["rise"]], atol=1e-12)
+
+
+class TestCentreLineLimits:
+    def test_ellipse_with_equal_axes_is_a_circle(self):
+        ours = Arch.elliptic(20.0, 10.0, 1.5, 9, 0.7)
+        circle = Arch.circular(10.0, 1.5, 180.0, 9, 0.7, sector=False)
+        np.testing.assert_allclose(ours.intrados, circle.intrados, atol=1e-12)
+        np.testing.assert_allclose(ours.chain.inertia, circle.chain.inertia, rtol=1e-11)
+
+    def test_catenary_carries_itself_along_its_line(self):
+        """Slope times constant thrust is the weight of the line from the crown: a chain's law."""
+        arch = Arch.catenary(10.0, 7.0, 0.5, 20, 0.6)
+        across = arch.extrados - arch.intrados
+        slope = across[:, 0] / across[:, 1]
+        np.testing.assert_allclose(np.diff(slope), np.diff(slope)[0], rtol=1e-10)
+
+    @pytest.mark.parametrize("rise", [1e-3, 10.0, 500.0])
+    def test_catenary_of_any_rise(self, rise):
+        arch = Arch.catenary(10.0, rise, 1e-2, 40, 0.6)
+        middle = 0.5 * (arch.extrados + arch.intrados)
+        assert middle[20, 1] == pytest.approx(rise, rel=1e-12)
+        length = np.hypot(*np.diff(middle, axis=0).T).sum()
+        assert length < 2.0 * math.hypot(5.0, rise) * 1.3
+        assert length >= 2.0 * math.hypot(5.0, rise) * (1 - 1e-3)
+
+    def test_given_joints_are_parts_of_the_length(self):
+        arch = Arch.catenary(10.0, 7.0, 0.5, 3, 0.6, joints=[0.0, 0.25, 0.5, 1.0])
+        quarters = Arch.catenary(10.0, 7.0, 0.5, 4, 0.6)
+        np.testing.assert_allclose(arch.intrados, quarters.intrados[[0, 1, 2, 4]], atol=1e-12)
+
+
+class TestFromJoints:
+    def test_rebuilds_a_straight_arch_bit_for_bit(self):
+        arch = MAKERS["straight"](7)
+        again = Arch.from_joints(arch.intrados.tolist(), arch.extrados.tolist(), 0.7)
+        for ours, theirs in zip(again.chain, arch.chain):
+            np.testing.assert_array_equal(ours, theirs)
+
+    @pytest.mark.parametrize("other", [reversed_way, swapped_names])
+    def test_flipping_swaps_the_corners_and_keeps_the_names(self, other):
+        arch = MAKERS["straight"](7)
+        turned = other(arch)
+        assert turned.flipped
+        assert (turned.corner_name(0), turned.corner_name(1)) == ("extrados", "intrados")
+        order = -1 if other is reversed_way else 1
+        np.testing.assert_allclose(turned.chain.mass, arch.chain.mass[::order], rtol=1e-14)
+        np.testing.assert_allclose(turned.chain.inertia, arch.chain.inertia[::order], rtol=1e-13)
+        np.testing.assert_allclose(turned.chain.centroid, arch.chain.centroid[::order], atol=1e-13)
+
+    def test_dead_load_stays_on_the_users_extrados(self):
+        arch = MAKERS["straight"](7)
+        loaded = Arch.from_joints(
+            arch.intrados[::-1], arch.extrados[::-1], 0.7, dead_load=np.arange(7) * 1e4
+        )
+        lift = loaded.chain.centroid - arch.chain.centroid[::-1]
+        outwards = arch.chain.centroid[::-1]
+        assert lift[0] == pytest.approx([0, 0], abs=1e-13)
+        assert (np.einsum("ij,ij->i", lift, outwards)[1:] > 0.0).all()
+
+    def test_tapered_column(self):
+        arch = column()
+        assert (arch.n_voussoir, arch.n_joint, arch.free_end) == (8, 8, True)
+        taper = (0.90 - 1.11) / 5.95
+        low = np.append(0.82 * np.arange(7), 5.74)
+        high = np.append(low[1:], 5.95)
+        bottom, top = 1.11 + taper * low, 1.11 + taper * high
+        chain = arch.chain
+        np.testing.assert_allclose(chain.mass, 2620.0 * 0.5 * (bottom + top) * (high - low))
+        rise = (high - low) * (bottom + 2 * top) / (3 * (bottom + top))
+        np.testing.assert_allclose(chain.centroid[:, 1], low + rise, rtol=1e-13)
+        np.testing.assert_allclose(chain.centroid[:, 0], 0.0, atol=1e-14)
+        assert chain.mass.sum() == pytest.approx(2620.0 * 5.95 * 1.005, rel=1e-13)
+        np.testing.assert_array_equal(chain.face_before[0, :, 1], 0.0)
+
+
+class TestBlock:
+    def test_mass_and_inertia_of_a_rectangle(self):
+        block = Block(0.2, 1.0, 0.8, density=2500.0, depth=0.5)
+        mass = 2500.0 * 0.5 * 0.2
+        assert isinstance(block, Arch)
+        assert (block.n_voussoir, block.n_joint, block.free_end) == (1, 1, True)
+        assert block.chain.mass[0] == pytest.approx(mass, rel=1e-15)
+        assert block.chain.inertia[0] == pytest.approx(mass * (0.04 + 1.0) / 12.0, rel=1e-14)
+        np.testing.assert_allclose(block.chain.centroid, [[0.0, 0.5]], atol=1e-16)
+        np.testing.assert_allclose(block.chain.face_before, [[[0.1, 0.0], [-0.1, 0.0]]])
+        np.testing.assert_allclose(block.chain.face_after, [[[0.1, -0.5], [-0.1, -0.5]]])
+        np.testing.assert_array_equal(block.chain.friction, [0.8])
+
+
+class TestFriction:
+    def test_one_for_all_or_one_for_each(self):
+        np.testing.assert_array_equal(Arch.circular(10, 1.5, 120, 3, 0).chain.friction, 0.0)
+        arch = Arch.circular(10, 1.5, 120, 3, [0.5, math.inf, 0.7, 0.8])
+        np.testing.assert_array_equal(arch.chain.friction, [0.5, math.inf, 0.7, 0.8])
+        assert arch.parameters["friction"] == [0.5, "inf", 0.7, 0.8]
+        assert Arch.circular(10, 1.5, 120, 3, np.inf).parameters["friction"] == "inf"
+
+
+class TestDeadLoad:
+    def test_is_a_point_mass_on_the_middle_of_the_back(self):
+        """Against the body put together from two parts by Steiner's theorem."""
+        weight = 50e3
+        for maker in ("sector", "straight", "pointed"):
+            bare, loaded = MAKERS[maker](7).chain, MAKERS[maker](7, dead_load=weight).chain
+            arch = MAKERS[maker](7)
+            point = weight / 9.80665
+            if maker == "sector":
+                angle = np.radians(22.5 * (np.arange(7) - 3))
+                back = 10.75 * np.column_stack([np.sin(angle), np.cos(angle)])
+            else:
+                back = 0.5 * (arch.extrados[1:] + arch.extrados[:-1])
+                if maker == "pointed":
+                    back[3] = arch.outlines[3][4]
+            mass = bare.mass + point
+            centroid = (bare.mass[:, None] * bare.centroid + point * back) / mass[:, None]
+            to_body = ((bare.centroid - centroid) ** 2).sum(axis=1)
+            to_point = ((back - centroid) ** 2).sum(axis=1)
+            inertia = bare.inertia + bare.mass * to_body + point * to_point
+            np.testing.assert_allclose(loaded.mass, mass, rtol=1e-14)
+            np.testing.assert_allclose(loaded.centroid, centroid, atol=1e-12)
+            np.testing.assert_allclose(loaded.inertia, inertia, rtol=1e-12)
+
+    def test_each_voussoir_its_own(self):
+        bare = MAKERS["sector"](3).chain
+        loaded = MAKERS["sector"](3, dead_load=[0.0, 9806.65, 0.0]).chain
+        np.testing.assert_allclose(loaded.mass - bare.mass, [0.0, 1000.0, 0.0], atol=1e-9)
+        np.testing.assert_array_equal(loaded.centroid[[0, 2]], bare.centroid[[0, 2]])
+
+
+class TestParameters:
+    @pytest.mark.parametrize(
+        "profile", ["circular", "segmental", "pointed", "elliptic", "catenary"]
+    )
+    def test_rebuild_the_same_arch(self, profile):
+        name = "sector" if profile == "circular" else profile
+        arch = MAKERS[name](5, density=2100.0, depth=0.9, dead_load=[0, 1e3, 2e3, 1e3, 0])
+        given = json.loads(json.dumps(arch.parameters))
+        assert given.pop("profile") == profile
+        again = getattr(Arch, profile)(**given)
+        for ours, theirs in zip(arch.chain, again.chain):
+            np.testing.assert_array_equal(ours, theirs)
+
+    def test_inputs_stay_as_they_were(self):
+        joints = np.array([0.0, 30.0, 100.0, 157.5])
+        intrados = np.array([[0.5, 0.0], [0.5, 1.0], [0.5, 2.0]])
+        friction = np.array([0.5, 0.6])
+        Arch.circular(10.0, 1.5, 157.5, 3, 0.7, joints=joints)
+        arch = Arch.from_joints(intrados, intrados * [-1, 1], friction, free_end=True)
+        arch.chain.friction[:] = 9.0
+        np.testing.assert_array_equal(joints, [0.0, 30.0, 100.0, 157.5])
+        np.testing.assert_array_equal(intrados, [[0.5, 0.0], [0.5, 1.0], [0.5, 2.0]])
+        np.testing.assert_array_equal(friction, [0.5, 0.6])
+
+
+def onset_by_equilibrium(arch):
+    """Largest horizontal load factor with compression at all corners (static theorem) [g].
+
+    Unknowns: two normal forces and one shear force for each joint, and the factor.
+    """
+    chain, n = arch.chain, arch.n_voussoir
+    unknown = 3 * arch.n_joint + 1
+    balance = np.zeros((3 * n, unknown))
+    wanted = np.zeros(3 * n)
+    for body in range(n):
+        weight = chain.mass[body] * chain.gravity
+        balance[3 * body, -1] = -weight
+        wanted[3 * body + 1] = weight
+        for joint, sense, face in (
+            (body, 1.0, chain.face_after),
+            (body + 1, -1.0, chain.face_before),
+        ):
+            corners = face[joint]
+            tangent = (corners[1] - corners[0]) / np.hypot(*(corners[1] - corners[0]))
+            normal = np.array([tangent[1], -tangent[0]])
+            for index, (force, arm) in enumerate(
+                ((normal, corners[0]), (normal, corners[1]), (tangent, corners[0]))
+            ):
+                column = 3 * joint + index
+                balance[3 * body : 3 * body + 2, column] += sense * force
+                balance[3 * body + 2, column] += sense * (arm[0] * force[1] - arm[1] * force[0])
+    scale = chain.mass.sum() * chain.gravity
+    bounds = [(0, None), (0, None), (None, None)] * arch.n_joint + [(0, None)]
+    cost = np.zeros(unknown)
+    cost[-1] = -1.0
+    # Forces in units of the whole weight; the last column is the factor itself.
+    balance[:, -1] /= scale
+    answer = linprog(cost, A_eq=balance, b_eq=wanted / scale, bounds=bounds)
+    assert answer.status == 0
+    return answer.x[-1]
+
+
+class TestOnsetOfThePublishedArch:
+    """Oppenheim's arch: masses, centroids and faces together give the reference onset."""
+
+    def test_sector_voussoirs(self):
+        assert onset_by_equilibrium(MAKERS["sector"](7)) == pytest.approx(0.37001, abs=6e-6)
+
+    def test_straight_voussoirs(self):
+        assert onset_by_equilibrium(MAKERS["straight"](7)) == pytest.approx(0.37361, abs=6e-6)
+
+    def test_joints_may_be_named_either_way(self):
+        flipped = swapped_names(MAKERS["straight"](7))
+        assert onset_by_equilibrium(flipped) == pytest.approx(0.37361, abs=6e-6)

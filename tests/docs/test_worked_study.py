@@ -1,0 +1,51 @@
+"""The worked study's committed results are those of its study file, drawing and hazard curve."""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+import archfrag as af
+from archfrag.study.config import load_study
+from archfrag.study.files import sha256_of
+
+STUDY = Path(__file__).parents[2] / "docs" / "worked_study"
+RESULTS = STUDY / "results"
+
+
+def read(name):
+    return json.loads((RESULTS / f"{name}.json").read_text())
+
+
+def test_results_belong_to_the_study():
+    made = read("provenance")
+    assert made["sha256"] == {name: sha256_of(STUDY / name) for name in made["sha256"]}
+    assert set(made["sha256"]) == {"study.yaml", "bridge.dxf", "hazard.csv"}
+    assert read("summary")["study"] == load_study(STUDY / "study.yaml").id
+    assert made["wall_time_s"] <= 300
+    assert sum(path.stat().st_size for path in RESULTS.iterdir()) < 400_000
+
+
+def test_drawing_is_the_one_of_the_page(tmp_path):
+    radius = (5.0**2 + (10 / 3) ** 2) / (2 * 10 / 3)
+    embrace = round(2 * math.degrees(math.asin(5.0 / radius)), 2)
+    shape = round(radius + 0.457 / 2, 4), 0.457, embrace
+    ring = af.Arch.circular(*shape, voussoirs=21, friction=0.6)
+    ring.to_dxf(tmp_path / "bridge.dxf", unit="mm")
+    assert (tmp_path / "bridge.dxf").read_bytes() == (STUDY / "bridge.dxf").read_bytes()
+    finer = af.Arch.circular(*shape, voussoirs=41, friction=0.6)
+    assert af.onset(finer).plus == pytest.approx(af.onset(ring).plus, rel=0.02)
+
+
+def test_claims_of_the_page_hold():
+    ring = read("summary")["classes"][0]
+    start = af.onset(af.Arch.from_dxf(STUDY / "bridge.dxf", friction=0.6))
+    assert ring["curve"]["theta"] > 2.5 * start.plus
+    assert ring["dispersion"]["beta_model"] < 0.5 * ring["dispersion"]["beta_record_to_record"]
+
+
+def test_hazard_is_the_power_law_of_the_page():
+    rows = (STUDY / "hazard.csv").read_text().split()[2:]
+    for pga, rate in (map(float, row.split(",")) for row in rows):
+        assert rate == pytest.approx((pga / 0.26) ** -2.5 / 475, rel=1e-3)

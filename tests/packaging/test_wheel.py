@@ -1,0 +1,111 @@
+"""sdist and wheel: what is in them, and `archfrag init` from the wheel alone."""
+
+import os
+import subprocess
+import sys
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+import yaml
+
+import archfrag
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def dist(tmp_path_factory):
+    """Folder with an sdist and the wheel that is built from that sdist."""
+    folder = tmp_path_factory.mktemp("dist")
+    done = subprocess.run(
+        [sys.executable, "-m", "build", "--no-isolation", "-o", str(folder), str(ROOT)],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    return folder
+
+
+@pytest.fixture(scope="module")
+def unpacked(dist, tmp_path_factory):
+    """The wheel's content in a folder, as an installation would lay it out."""
+    folder = tmp_path_factory.mktemp("installed")
+    with zipfile.ZipFile(next(dist.glob("*.whl"))) as wheel:
+        wheel.extractall(folder)
+    return folder
+
+
+def run(unpacked, cwd, *command):
+    """`archfrag` of the unpacked wheel, out of reach of the checkout."""
+    return subprocess.run(
+        [sys.executable, "-P", "-m", "archfrag.cli", *command],
+        cwd=cwd,
+        env={**os.environ, "PYTHONPATH": str(unpacked)},
+        capture_output=True,
+        text=True,
+    )
+
+
+class TestContent:
+    def test_only_the_package(self, unpacked):
+        assert {path.name for path in unpacked.iterdir()} == {
+            "archfrag",
+            f"archfrag-{archfrag.__version__}.dist-info",
+        }
+
+    def test_every_module_and_data_file_of_the_package(self, unpacked):
+        listed = subprocess.run(
+            ["git", "ls-files", "pipeline/archfrag"],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout.split()
+        missing = [
+            name
+            for name in listed
+            if (ROOT / name).exists() and not (unpacked / name.removeprefix("pipeline/")).exists()
+        ]
+        assert not missing
+
+    def test_sdist_has_neither_tests_nor_laboratory(self, dist):
+        with tarfile.open(next(dist.glob("*.tar.gz"))) as sdist:
+            folders = {"/".join(name.split("/")[1:3]) for name in sdist.getnames()}
+        assert not [name for name in folders if name.startswith(("tests", "pipeline/archbench"))]
+        assert {"pipeline/archfrag", "records/synthetic", "configs/shipped.yaml"} <= folders
+
+    def test_commit_is_that_of_the_checkout(self, unpacked):
+        head = subprocess.run(
+            ["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True
+        ).stdout.strip()
+        assert (unpacked / "archfrag" / "commit.txt").read_text().startswith(head)
+        assert head in run(unpacked, unpacked, "--version").stdout
+
+
+class TestInit:
+    def test_writes_a_study_that_is_valid(self, unpacked, tmp_path):
+        done = run(unpacked, tmp_path, "init", "mine")
+        assert done.returncode == 0, done.stderr
+        assert "archfrag run mine/study.yaml" in done.stdout
+        assert len(list((tmp_path / "mine" / "records" / "synthetic").iterdir())) == 30
+        study = yaml.safe_load((tmp_path / "mine" / "study.yaml").read_text())
+        assert study["motions"] == {"index": "records/index.csv"}
+        checked = run(unpacked, tmp_path, "validate", "mine/study.yaml")
+        assert checked.returncode == 0, checked.stderr
+
+    @pytest.mark.parametrize("name", ["study.yaml", "study.schema.json", "records"])
+    def test_overwrites_nothing(self, unpacked, tmp_path, name):
+        (tmp_path / name).write_text("mine")
+        done = run(unpacked, tmp_path, "init")
+        assert done.returncode == 4
+        assert str(name) in done.stderr
+        assert [path.name for path in tmp_path.iterdir()] == [name]
+        assert (tmp_path / name).read_text() == "mine"
+
+
+def test_citation_has_the_package_version():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert citation["version"] == archfrag.__version__
+    assert f"## {archfrag.__version__}" in (ROOT / "CHANGELOG.md").read_text()

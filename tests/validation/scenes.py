@@ -1,0 +1,89 @@
+"""Arches, columns and motions that others have computed, and limit analysis by a programme."""
+
+import math
+
+import numpy as np
+from scipy.optimize import linprog
+
+import archfrag as af
+from archfrag.mechanics.status import Status
+
+g = 9.80665
+HEIGHT = np.append(np.arange(8) * 0.82, 5.95)
+WIDTH = 1.11 - 0.21 * HEIGHT / 5.95
+
+
+def oppenheim(**options):
+    """Oppenheim's arch of seven voussoirs."""
+    return af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7, **options)
+
+
+def column(friction=math.inf):
+    """Seven drums and a top block, tapering: Dimitri, De Lorenzis and Zavarise (2011)."""
+    right = np.column_stack([0.5 * WIDTH, HEIGHT])
+    return af.Arch.from_joints(
+        right, right * [-1.0, 1.0], friction=friction, density=2620.0, free_end=True
+    )
+
+
+def pulse(amplitude, duration, back=0.5, dt=1e-4):
+    """+a for `duration`, then back times -a for twice as long [g, s]."""
+    time = np.arange(0.0, 3.0 * duration + 0.01, dt)
+    later = np.where(time < 3.0 * duration - 1e-9, -back, 0.0)
+    return af.Motion(amplitude * g * np.where(time < duration - 1e-9, 1.0, later), dt)
+
+
+def falls(arch, motion, **options):
+    """Whether a run ends in collapse; a failure is no answer."""
+    run = af.simulate(arch, motion, **options)
+    assert run.status in (Status.STANDING, Status.COLLAPSED, Status.UNFINISHED)
+    return run.status is Status.COLLAPSED
+
+
+def first_collapse(collapses, low, high, step, precision=1e-4):
+    """Least argument that collapses: the first of a sweep, then bisection; not monotone beyond."""
+    assert not collapses(low)
+    steps = np.arange(low + step, high + step, step)
+    above = next(value for value in steps if collapses(value))
+    below = above - step
+    while above - below > precision * above:
+        middle = 0.5 * (below + above)
+        below, above = (below, middle) if collapses(middle) else (middle, above)
+    return 0.5 * (below + above)
+
+
+def limit_analysis(arch, sense):
+    """Largest load factor by a linear programme over all joint forces (static theorem) [g]."""
+    chain, n_body, n_joint = arch.chain, arch.n_voussoir, arch.n_joint
+    weight = chain.mass / chain.mass.sum()
+    # Unknowns: normal forces at both ends of each joint, its shear, and the load factor.
+    balance, load = np.zeros((3 * n_body, 3 * n_joint + 1)), np.zeros(3 * n_body)
+    friction = []
+    for j in range(n_joint):
+        inner, outer = chain.face_after[j] + (chain.centroid[j] if j < n_body else 0.0)
+        tangent = (outer - inner) / np.linalg.norm(outer - inner)
+        normal = np.array([tangent[1], -tangent[0]])
+        for body, sign in ((j, 1.0), (j - 1, -1.0)):
+            if 0 <= body < n_body:
+                places = ((inner, normal), (outer, normal), (inner, tangent))
+                for k, (point, (x, y)) in enumerate(places):
+                    arm = point - chain.centroid[body]
+                    column = sign * np.array([x, y, arm[0] * y - arm[1] * x])
+                    balance[3 * body : 3 * body + 3, 3 * j + k] = column
+        if np.isfinite(chain.friction[j]):
+            for side in (1.0, -1.0):
+                row = np.zeros(3 * n_joint + 1)
+                row[3 * j : 3 * j + 3] = -chain.friction[j], -chain.friction[j], side
+                friction.append(row)
+    load[1::3] = weight
+    balance[::3, -1] = -weight
+    objective = np.zeros(3 * n_joint + 1)
+    objective[-1] = -sense
+    found = linprog(
+        objective, A_ub=np.array(friction) if friction else None,
+        b_ub=np.zeros(len(friction)) if friction else None, A_eq=balance, b_eq=load,
+        bounds=[(0, None), (0, None), (None, None)] * n_joint + [(None, None)], method="highs",
+    )  # fmt: skip
+    if found.status == 3:
+        return sense * math.inf
+    return found.x[-1] if found.success else math.nan

@@ -1,0 +1,118 @@
+"""Published and independently computed values beside ours: asserted by tests, kept in a table.
+
+A test calls the fixture `validated`; ``pytest --validation-table docs/validation/values.csv``
+writes what the tests that ran have found, and without it each test sees that its rows of the
+committed table are what it finds.
+"""
+
+import csv
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+COMMITTED = Path(__file__).parents[2] / "docs" / "validation" / "values.csv"
+COLUMNS = (
+    "topic", "case", "quantity", "unit", "source", "reference", "ours", "difference", "tolerance",
+    "holds", "note", "test",
+)  # fmt: skip
+KEY = ("topic", "case", "quantity", "source")
+NAME = "validated"
+
+
+def read_table(path: Path = COMMITTED) -> dict[tuple[str, ...], dict[str, str]]:
+    """Rows by their key; none if there is no file."""
+    if not path.is_file():
+        return {}
+    with path.open(newline="", encoding="utf-8") as file:
+        return {tuple(row[name] for name in KEY): row for row in csv.DictReader(file)}
+
+
+def file_of(row: dict[str, str]) -> str:
+    """File of the test that found a row."""
+    return row["test"].partition("::")[0]
+
+
+def write_table(path: Path, found: list[dict[str, str]]) -> None:
+    """Rows of the files whose tests ran, and of the others what was there before."""
+    ran = {file_of(row) for row in found}
+    kept = [row for row in read_table(path).values() if file_of(row) not in ran]
+    rows = sorted(kept + found, key=lambda row: row["test"])
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+@dataclass
+class Validated:
+    """The fixture: one call for each value; `topic` holds for the calls of a test."""
+
+    test: str
+    topic: str
+    committed: dict[tuple[str, ...], dict[str, str]] | None
+    record: list[tuple[str, object]]
+    seen: set[tuple[str, ...]] = field(default_factory=set)
+
+    def __call__(
+        self, case, quantity, ours, reference, source, *,
+        rel=0.0, abs=0.0, unit="", short="", topic="",
+    ):  # fmt: skip
+        """Assert that `ours` is `reference` to a relative or absolute tolerance, and keep it.
+
+        `short` says why a value is known to fall short: then it has to.
+        """
+        allowed = max(abs, rel * math.fabs(reference))
+        ours, reference = float(ours), float(reference)
+        difference = ours - reference
+        holds = math.fabs(difference) <= allowed
+        if math.fabs(difference) < 1e-8 * math.fabs(reference):
+            difference = 0.0  # rounding, which is another one on another machine
+        values = (
+            topic or self.topic, case, quantity, unit, source, f"{reference:.6g}", f"{ours:.6g}",
+            f"{difference:.3g}", f"{allowed:.3g}", "yes" if holds else "no", short, self.test,
+        )  # fmt: skip
+        row = dict(zip(COLUMNS, values, strict=True))
+        key = tuple(row[name] for name in KEY)
+        assert key not in self.seen, f"validated twice: {key}"
+        self.seen.add(key)
+        self.record.append((NAME, row))
+        found = f"{case}, {quantity}: {ours:.6g} {unit}; {source} has {reference:.6g}"
+        assert holds != bool(short), f"{found}; allowed is a difference of {allowed:.3g}"
+        if self.committed is not None:
+            assert key in self.committed, f"{found}: no row of the table; write it anew"
+            before = self.committed[key]
+            changed = math.fabs(ours - float(before["ours"])) > 1e-4 * math.fabs(ours)
+            assert not changed, f"{found}: {before['ours']} in the table; write it anew"
+            same = ("reference", "tolerance", "unit", "holds", "note", "test")
+            assert [before[name] for name in same] == [row[name] for name in same]
+
+
+@pytest.fixture
+def validated(request):
+    """See `Validated`; the topic is the module's TOPIC or the class's."""
+    topic = getattr(request.cls or request.module, "TOPIC", getattr(request.module, "TOPIC", ""))
+    committed = None if request.config.getoption("--validation-table") else read_table()
+    found = Validated(request.node.nodeid, topic, committed, request.node.user_properties)
+    yield found
+    if committed is not None:
+        rows = {key for key, row in committed.items() if row["test"] == found.test}
+        assert rows <= found.seen, (
+            f"the table has rows of this test that it no longer finds: {rows - found.seen}"
+        )
+
+
+class Writer:
+    """Gathers the rows of all workers and writes them at the end."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.rows: list[dict[str, str]] = []
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if report.when == "call":
+            self.rows += [row for name, row in report.user_properties if name == NAME]
+
+    def pytest_sessionfinish(self) -> None:
+        write_table(self.path, self.rows)

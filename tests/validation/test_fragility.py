@@ -1,0 +1,122 @@
+"""Fits, rates of collapse and exported curves beside published data and closed forms."""
+
+import csv
+import io
+import math
+
+import lxml.etree
+import numpy as np
+import pytest
+import statsmodels.api as sm
+from scipy.stats import norm
+
+import archfrag as af
+from archfrag.export.nrml import nrml_continuous
+from archfrag.export.pelicun import pelicun_table
+from archfrag.fragility.hazard_curve import HazardCurve
+from archfrag.fragility.risk import collapse_rate
+from tests.export.made import curve_set, fragility
+
+BAKER = "Baker 2015, the author's data"
+STRIPES = np.array([0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0])
+COLLAPSES = np.array([0, 0, 0, 4, 6, 13, 12, 16])
+CAPACITIES = [
+    0.49, 0.62, 0.63, 0.63, 0.65, 0.70, 0.71, 0.72, 0.77, 0.79, 0.80, 0.84, 0.91, 0.92, 0.93,
+    0.97, 1.04, 1.04, 1.05, 1.08, 1.08, 1.09, 1.12, 1.13, 1.22, 1.32, 1.33, 1.34, 1.40, 1.40,
+    1.47, 1.72, 1.76, 2.15, 2.31, 2.42, 2.50,
+]  # fmt: skip
+
+
+class TestFits:
+    TOPIC = "Fragility fits"
+
+    def test_stripes(self, validated):
+        fit = af.fit_stripes(STRIPES, COLLAPSES, 40)
+        case = "stripes: 8 levels of 40 runs"
+        for name, ours, reference in (
+            ("theta", fit.theta, 1.0761), ("beta", fit.beta, 0.4292),
+            ("standard error of ln theta", fit.standard_errors[0], 0.0717),
+            ("standard error of beta", fit.standard_errors[1], 0.0839),
+        ):  # fmt: skip
+            validated(case, name, ours, reference, BAKER, abs=6e-5)
+        validated(case, "correlation", fit.correlation, 0.810, BAKER, abs=6e-4)
+
+    def test_truncated_analysis(self, validated):
+        fit = af.fit_ida(CAPACITIES, truncate_at=1.3)
+        case = "37 capacities, truncated at 1.3"
+        validated(case, "theta", fit.theta, 1.0582, BAKER, abs=6e-5)
+        validated(case, "beta", fit.beta, 0.3821, BAKER, abs=6e-5)
+
+    def test_complete_analysis(self, validated):
+        fit, logs = af.fit_ida(CAPACITIES), np.log(CAPACITIES)
+        case, source = "37 capacities", "moments of the logarithms"
+        validated(case, "theta", fit.theta, np.exp(logs.mean()), source, rel=1e-12)
+        validated(case, "beta", fit.beta, logs.std(ddof=1), source, rel=1e-12)
+
+    @pytest.mark.parametrize("seed", [1, 2, 3])
+    def test_probit(self, validated, seed):
+        rng = np.random.default_rng(seed)
+        im = np.geomspace(0.2, 2.0, 9)
+        fell = rng.binomial(30, norm.cdf(np.log(im / 0.7) / 0.4))
+        fit = af.fit_stripes(im, fell, 30)
+        link = sm.families.Binomial(sm.families.links.Probit())
+        found = sm.GLM(np.column_stack([fell, 30 - fell]), sm.add_constant(np.log(im)), link).fit(
+            tol=1e-13
+        )
+        a, b = found.params
+        case, source = f"drawn stripes {seed}: 9 levels of 30 runs", "statsmodels, probit"
+        validated(case, "theta", fit.theta, math.exp(-a / b), source, rel=1e-6)
+        validated(case, "beta", fit.beta, 1.0 / b, source, rel=1e-6)
+
+
+class TestRisk:
+    TOPIC = "Rate of collapse"
+
+    @pytest.mark.parametrize("k", [0.5, 1.0, 2.5, 4.0, 8.0])
+    @pytest.mark.parametrize(("theta", "beta"), [(0.2, 0.15), (3.0, 0.8)])
+    def test_hazard_that_is_a_power(self, validated, k, theta, beta):
+        im = np.geomspace(0.05, 2.0, 9)
+        rate = collapse_rate(HazardCurve(im, 1e-4 * im**-k), fragility(theta, beta)).rate
+        validated(
+            f"hazard 1e-4 a^−{k:g}, theta {theta:g}, beta {beta:g}", "rate of collapse", rate,
+            1e-4 * theta**-k * math.exp(0.5 * (k * beta) ** 2),
+            "closed form, Cornell and others 2002", rel=1e-8, unit="1/year",
+        )  # fmt: skip
+
+    def test_poisson(self, validated):
+        curve = HazardCurve.from_exceedance([0.1, 0.2, 0.4], [0.5, 0.1, 0.02], 50.0)
+        for number, probability in ((1, 0.1), (2, 0.02)):
+            validated(
+                f"{probability:.0%} in 50 years", "return period", 1.0 / curve.rate[number],
+                -50.0 / math.log1p(-probability), "Poisson process", rel=1e-9, unit="years",
+            )  # fmt: skip
+
+
+class TestExports:
+    TOPIC = "Exported curves"
+
+    def test_openquake(self, validated):
+        root = lxml.etree.fromstring(nrml_continuous(curve_set("PGV")).encode())
+        source = "moments of a lognormal"
+        for function in root[0][2:]:
+            for params in function[1:]:
+                arch, state = function.get("id"), params.get("ls")
+                fit = curve_set("PGV").curves[arch][state]
+                mean = 100 * fit.theta * math.exp(0.5 * fit.beta**2)
+                deviation = mean * math.sqrt(math.expm1(fit.beta**2))
+                case = f"OpenQuake, {arch}, {state}"
+                validated(case, "mean", params.get("mean"), mean, source, rel=1e-9, unit="cm/s")
+                validated(
+                    case, "stddev", params.get("stddev"), deviation, source, rel=1e-9, unit="cm/s"
+                )
+
+    def test_pelicun(self, validated):
+        curves = curve_set("Sa(0.5)")
+        for row, states in zip(
+            csv.DictReader(io.StringIO(pelicun_table(curves))), curves.complete.values()
+        ):
+            for number, (state, fit) in enumerate(states.items(), start=1):
+                validated(
+                    f"pelicun, {row['ID']}, {state}", "median", row[f"LS{number}-Theta_0"],
+                    fit.theta / 9.80665, "theta over standard gravity", rel=1e-12, unit="g",
+                )  # fmt: skip
