@@ -28,6 +28,7 @@ def run(
         *scene.joint_lines(), scene.friction, free_end=scene.free_end, **own
     )
     samples, step = scene.ground_acceleration()
+    samples = samples[: round(scene.duration / step) + 1]
     options: dict[str, Any] = {"follow": max(0.0, scene.duration - step * (len(samples) - 1))}
     if scene.initial is not None or scene.motion["kind"] == "none":
         # An initial state lets an arch that cannot stand fall instead of being refused.
