@@ -10,9 +10,11 @@ from unittest import mock
 
 import numpy as np
 
-from archfrag.motions.compare import predicted_spectrum
 from archfrag.motions.measures import spectral_acceleration
-from archfrag.motions.synthetic import VS30, Options, make_motion, motion
+from archfrag.motions.selection import Rupture, predict
+from archfrag.motions.synthetic import Options, make_motion, motion
+from archfrag.motions.synthetic.source import VS30
+from archfrag.motions.units import STANDARD_GRAVITY
 
 MAGNITUDES = (4.5, 5.0, 5.5, 6.0, 6.5, 7.0, 7.5, 8.0)
 DISTANCES = (5.0, 10.0, 20.0, 50.0, 100.0, 200.0)  # nearer, the top of small ruptures is not
@@ -29,8 +31,10 @@ HEAD = """\
 def adjusted(magnitude: float, distance: float) -> np.ndarray:
     """Logarithm of the factor at each frequency for one scenario."""
     periods = 1.0 / FREQUENCIES
-    models = [predicted_spectrum(model, magnitude, distance, VS30, periods) for model in MODELS]
-    wanted, logarithm = np.log(models).mean(axis=0), np.zeros(FREQUENCIES.size)
+    rupture = Rupture(magnitude, distance, VS30, region="california")
+    models = [predict(rupture, model, periods).ln_median for model in MODELS]
+    wanted = np.mean(models, axis=0) + np.log(STANDARD_GRAVITY)
+    logarithm = np.zeros(FREQUENCIES.size)
     for _ in range(ROUNDS):
 
         def factor(f, *_, row=logarithm):

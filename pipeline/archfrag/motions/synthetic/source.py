@@ -137,25 +137,7 @@ def site_factor(frequency: ArrayLike, vs30: float) -> NDArray[np.float64]:
 def median_adjustment(
     frequency: ArrayLike, magnitude: float, distance: float
 ) -> NDArray[np.float64]:
-<<<<<<< HEAD
-    """Factor on the amplitude that brings the median Sa to ground-motion models.
-
-    The models are Chiou and Youngs (2014) and Abrahamson, Silva and Kamai (2014), their geometric
-    mean for a vertical strike-slip fault; ``archbench.median_adjustment`` made the table, by
-    multiplying the amplitude at 1 / T by what Sa(T) of many simulations lacks and repeating
-    (spectra brought back to Fourier amplitudes as by inverse random vibration theory: Al Atik et
-    al. 2014, BSSA 104(1), 336-346). Linear in magnitude, ln distance and ln frequency; constant
-    beyond the table.
-
-    Parameters
-    ----------
-    frequency : array_like, shape (n_frequency,) [Hz]
-    magnitude : float
-    distance : float [km]
-    """
-=======
     """Factor that brings the median Sa to CY14 and ASK14, linear in M, ln R and ln f [6]_."""
->>>>>>> main
     magnitudes, distances, nodes, logarithms = _adjustment()
     at_magnitude = _along(magnitudes, logarithms, magnitude)
     row = _along(np.log(distances), at_magnitude, np.log(max(distance, distances[0])))
