@@ -38,7 +38,7 @@ class Arch:
     for ready-made profiles, `from_joints` for any other.
 
     Arguments that they have in common
-    -------------------------
+    ----------------------------------
     thickness : float
         Of the ring, measured along its joints [m].
     voussoirs : int
