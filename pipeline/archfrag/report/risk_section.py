@@ -19,11 +19,12 @@ def risk_section(risk: StudyRisk | None, scale: Scale) -> dict[str, Any] | None:
     """
     if risk is None:
         return None
+    shown = SHOWN if len(risk.arches) <= SHOWN else 3
     arches = [
         {"name": name, "none": arch, "cautions": ()}
         if isinstance(arch, str)
         else _arch(arch, risk, scale)
-        for name, arch in list(risk.arches.items())[:SHOWN]
+        for name, arch in list(risk.arches.items())[:shown]
     ]
     return {
         "years": f"{risk.years:g}",
