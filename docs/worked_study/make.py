@@ -11,7 +11,7 @@ import sys
 import time
 from pathlib import Path
 
-from archfrag.study.digests import sha256_of
+from archfrag.study.files import sha256_of
 
 HERE = Path(__file__).parent
 RESULTS = HERE / "results"

@@ -8,7 +8,7 @@ import numpy as np
 from archfrag.arch import Arch
 from archfrag.fragility.counts import Verdict
 from archfrag.report.summary import ArchResults, study_config
-from archfrag.study.case import simulate_case
+from archfrag.study.outcome import simulate_case
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
