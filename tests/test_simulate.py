@@ -20,7 +20,7 @@ STILL = (np.zeros((5, 3)), np.zeros((5, 3)))
 
 class TestRefusals:
     @pytest.mark.parametrize(
-        ("change", "sentence"),
+        ("change", "message"),
         [
             ({"arch": "arch"}, "arch is str; it must be an archfrag Arch or Block"),
             ({"motion": np.zeros(5)}, "motion is ndarray; it must be an archfrag Motion"),
@@ -39,15 +39,15 @@ class TestRefusals:
             ({"initial": (STILL[0], np.full((5, 3), np.nan))}, "initial velocity .* finite"),
         ],
     )
-    def test_one_sentence_names_the_argument(self, change, sentence):
+    def test_one_message_names_the_argument(self, change, message):
         call = {"arch": ARCH, "motion": PUSH, **change}
-        with pytest.raises(InputError, match=sentence) as caught:
+        with pytest.raises(InputError, match=message) as caught:
             af.simulate(**call)
         assert "\n" not in str(caught.value)
 
 
 class TestResponse:
-    def test_says_what_ran_and_leaves_its_arguments_alone(self):
+    def test_states_what_ran_and_leaves_its_arguments_alone(self):
         before = PUSH.acceleration.copy()
         initial = tuple(part.copy() for part in STILL)
         response = af.simulate(ARCH, PUSH, initial=initial)
@@ -69,7 +69,7 @@ class TestResponse:
         assert response.steps == response.work["steps"] > 20
         assert response.fallbacks == response.work["compliant"]
 
-    def test_models_share_the_simulated_time(self):
+    def test_models_add_up_to_the_simulated_time(self):
         response = af.simulate(ARCH, LATE, history=True)
         assert sum(response.model_time.values()) == pytest.approx(response.end_time)
         # The push is strong from its first sample on: until a sample before it nothing moves.
@@ -136,8 +136,8 @@ class TestHistory:
         last = response.history.isel(time=-1)
         moved = np.hypot(*last["displacement"].values.T).max()
         assert 0.1 < response.residual_displacement == pytest.approx(moved, rel=1e-9)
-        turned = np.abs(last["rotation"].values).max()
-        assert response.residual_rotation == pytest.approx(turned, rel=1e-9)
+        rotated = np.abs(last["rotation"].values).max()
+        assert response.residual_rotation == pytest.approx(rotated, rel=1e-9)
         assert response.residual_rotation < response.peak_rotation
 
 
@@ -160,7 +160,7 @@ class TestMechanism:
             first = next(change for change in log if change.joints)
             assert first.joints == {joint: f"hinge {side}" for joint, side in hinges}
 
-    def test_it_tells_the_contact_modes_of_the_history(self):
+    def test_it_states_the_contact_modes_of_the_history(self):
         """Wherever the arch moves, the log and each frame agree on every joint."""
         response = af.simulate(ARCH, PUSH, scale=1.2, history=True)
         meanings = response.history.contact_mode.attrs["flag_meanings"].split()
@@ -172,10 +172,10 @@ class TestMechanism:
                 continue
             for joint, code in enumerate(mode):
                 side, _, verb = meanings[code].partition("_")
-                told = log[i].joints.get(joint, "closed")
-                assert (told == "open") == (side == "open")
-                assert told.startswith(f"hinge {side}") == (side in ("intrados", "extrados"))
-                assert ("slid" in told) == ("slides" in verb)
+                reported = log[i].joints.get(joint, "closed")
+                assert (reported == "open") == (side == "open")
+                assert reported.startswith(f"hinge {side}") == (side in ("intrados", "extrados"))
+                assert ("slid" in reported) == ("slides" in verb)
                 compared += 1
         assert compared > 1000
 
@@ -194,7 +194,7 @@ class TestMechanism:
         other = next(name for name in ends if name != side)
         assert (ends[side] - ends[other]) * moved > 0.0
 
-    def test_begins_with_the_rest_before_the_motion(self):
+    def test_begins_with_standstill_before_the_motion(self):
         late = af.simulate(ARCH, LATE, history=True).mechanism
         assert (late[0].time, late[0].model, late[0].joints) == (0.0, "rest", {})
         assert late[0].until == late[1].time >= 0.999
@@ -218,21 +218,21 @@ class TestMechanism:
             "3 changes of the mechanism (impact 2, comes to rest 1)"
         )
 
-    def test_a_log_without_room_is_kept_in_a_larger_one(self, monkeypatch):
-        whole = af.simulate(ARCH, PUSH, history=True)
-        monkeypatch.setattr(sys.modules["archfrag.simulate"], "ROOM", 3)
+    def test_a_log_without_space_is_kept_in_a_larger_one(self, monkeypatch):
+        full = af.simulate(ARCH, PUSH, history=True)
+        monkeypatch.setattr(sys.modules["archfrag.simulate"], "FIRST_LOG", 3)
         again = af.simulate(ARCH, PUSH, history=True)
-        assert again.mechanism == whole.mechanism
-        assert again.history.identical(whole.history)
+        assert again.mechanism == full.mechanism
+        assert again.history.identical(full.history)
 
-    def test_a_log_beyond_the_bound_says_where_it_ends(self, monkeypatch):
-        whole = af.simulate(ARCH, PUSH, history=True).mechanism
-        monkeypatch.setattr(sys.modules["archfrag.simulate"], "ROOM", 2)
-        monkeypatch.setattr(sys.modules["archfrag.simulate"], "LARGEST_ROOM", 6)
+    def test_a_log_beyond_the_bound_states_where_it_ends(self, monkeypatch):
+        full = af.simulate(ARCH, PUSH, history=True).mechanism
+        monkeypatch.setattr(sys.modules["archfrag.simulate"], "FIRST_LOG", 2)
+        monkeypatch.setattr(sys.modules["archfrag.simulate"], "LARGEST_LOG", 6)
         kept = af.simulate(ARCH, PUSH, history=True).mechanism
-        assert kept[:5] == whole[:5]
+        assert kept[:5] == full[:5]
         assert len(kept) == 6
-        assert kept[5].joints == whole[5].joints
+        assert kept[5].joints == full[5].joints
         assert np.isnan(kept[5].until)
 
     def test_history_changes_nothing(self):

@@ -10,7 +10,7 @@ import time
 import psutil
 import pytest
 
-from archfrag.simulate import expected_compile_time, kernels_are_compiled, warmup
+from archfrag.simulate import kernels_are_compiled, warmup
 from archfrag.simulation import warm
 
 # Kernels of `auto` that other kernels call with several sets of argument types, and how many:
@@ -29,8 +29,8 @@ event.register("numba:compile", Listener())
 from archfrag.simulate import warmup
 from archfrag.mechanics.compile import read_version
 from archfrag.kernel_cache import use_kernel_cache
-said = []
-warmup("auto", said.append)
+messages = []
+warmup("auto", messages.append)
 from archfrag.mechanics import onset
 from archfrag.methods.time_stepping import run
 tops = (run.run_four, run.run_one, onset.rest_limit)
@@ -45,7 +45,7 @@ while waiting:
         kernel = name.split(".")[1].rsplit("-", 1)[0]
         versions[name] = where.split(":")[0] + ":" + kernel + kind
         waiting += called
-print(json.dumps([compiled, said, sorted(versions.values())]))
+print(json.dumps([compiled, messages, sorted(versions.values())]))
 """
 
 
@@ -62,16 +62,16 @@ def python(code, **environment):
 
 @pytest.fixture(scope="module")
 def second():
-    """What a second process compiles and says, and the versions that `auto` consists of."""
+    """What a second process compiles and states, and the versions that `auto` consists of."""
     warmup("auto")
     return json.loads(python(COUNT))
 
 
 class TestOnce:
     def test_a_second_process_compiles_nothing(self, second):
-        compiled, said, _ = second
+        compiled, messages, _ = second
         assert compiled == []
-        assert said == ["loading kernels"]
+        assert messages == ["loading kernels"]
 
     def test_each_kernel_in_one_version(self, second):
         count = collections.Counter(second[2])
@@ -80,7 +80,7 @@ class TestOnce:
 
     def test_it_is_known(self, second):
         assert kernels_are_compiled("auto")
-        assert 0.0 < expected_compile_time("auto") < 3600.0
+        assert 0.0 < warm.expected_time(["auto"]) < 3600.0
 
 
 @pytest.fixture
@@ -96,17 +96,17 @@ def empty(tmp_path, monkeypatch):
 
 class TestMessages:
     def test_compiling_then_loading(self, empty):
-        said = []
-        with warm.compiling(["auto"], said.append):
+        messages = []
+        with warm.compiling(["auto"], messages.append):
             time.sleep(0.2)
-        assert len(said) > 3
-        assert set(said) == {"compiling kernels, once: 0 s of about 80 s"}
+        assert len(messages) > 3
+        assert set(messages) == {"compiling kernels, once: 0 s of about 80 s"}
         assert warm.are_compiled(["auto"])
         assert not warm.are_compiled(["auto", "penalty"])
-        said.clear()
-        with warm.compiling(["auto"], said.append):
+        messages.clear()
+        with warm.compiling(["auto"], messages.append):
             time.sleep(0.1)
-        assert said == ["loading kernels"]
+        assert messages == ["loading kernels"]
 
     def test_the_next_kernels_take_as_long_as_the_last(self, empty, monkeypatch):
         with warm.compiling(["auto"]):
@@ -155,9 +155,9 @@ class TestSecondProcess:
 
     def test_interpreted_nothing_is_compiled(self, tmp_path):
         code = (
-            "from archfrag.simulate import warmup; said = [];"
-            "warmup('time_stepping', said.append); print(said)"
+            "from archfrag.simulate import warmup; messages = [];"
+            "warmup('time_stepping', messages.append); print(messages)"
         )
-        told = python(code, NUMBA_DISABLE_JIT="1", NUMBA_CACHE_DIR=str(tmp_path))
-        assert told.strip() == "['loading kernels']"
+        reported = python(code, NUMBA_DISABLE_JIT="1", NUMBA_CACHE_DIR=str(tmp_path))
+        assert reported.strip() == "['loading kernels']"
         assert not [path for path in tmp_path.rglob("*") if path.is_file()]

@@ -19,14 +19,15 @@ from archfrag.cli_records import (
     records,
     set_option,
     study_argument,
-)  # fmt: skip
+    takes,
+)
 from archfrag.cli_risk import risk
 
 
 class _Group(click.Group):
-    """Commands whose errors are one sentence and an exit code, but for mistakes of ours.
+    """Commands whose errors are one message and an exit code, but for mistakes of ours.
 
-    Errors of archfrag, of files and of memory are the user's to mend; what else is raised keeps
+    Errors of archfrag, of files and of memory are the user's to correct; what else is raised keeps
     its traceback.
     """
 
@@ -47,7 +48,7 @@ class _Group(click.Group):
             errors = sys.modules.get("archfrag.errors")
             if errors is None or not isinstance(error, errors.ArchfragError):
                 raise
-            if not getattr(error, "told", False):
+            if not getattr(error, "reported", False):
                 click.echo(f"archfrag: error: {error}", err=True)
             ctx.exit(error.exit_code)
 
@@ -67,7 +68,7 @@ def _version(ctx: click.Context, parameter: click.Parameter, wanted: bool) -> No
 def main() -> None:
     """From earthquake records to collapse probabilities of masonry arches.
 
-    A study file says which arches, which records and which levels; `archfrag run STUDY` does
+    A study file states which arches, which records and which levels; `archfrag run STUDY` does
     everything up to the report. The other commands are its steps, and answers for one arch.
     """
 
@@ -90,7 +91,7 @@ _log = click.option("--log", "log_file", type=click.Path(path_type=Path),
 
 
 def _step(command: Callable) -> Callable:
-    """A step of a study: reads the study file, says what it did, keeps a log and a stamp."""
+    """A step of a study: reads the study file, reports, keeps a log and a stamp."""
 
     @functools.wraps(command)
     def wrapped(
@@ -104,9 +105,9 @@ def _step(command: Callable) -> Callable:
         from archfrag.study.workflow import step_log
 
         name = command.__name__
-        with step_log(log_file) as say:
+        with step_log(log_file) as note:
             study = load_study(study_file, overrides)
-            command(study, say, **options)
+            command(study, note, **options)
             if name == "batch":
                 name = batch_step(options["batch"], study.execution.batches)
             if name != "results":  # which has noted each of its steps
@@ -151,22 +152,19 @@ def _takes_arch(command: Callable) -> Callable:
             arch = arch_by_numbers(given)
         command(arch, **options)
 
-    for name, text in reversed(_GEOMETRY):
-        wrapped = click.option(f"--{name.replace('_', '-')}", type=float, help=text)(wrapped)
-    for name, text in reversed(_DRAWING):
-        wrapped = click.option(f"--{name.replace('_', '-')}", help=text)(wrapped)
-    for option in (
-        click.option("--straight", is_flag=True, help="straight-sided voussoirs"),
-        click.option("--friction", type=float, help="Coulomb coefficient; inf: its limit"),
-        click.option("--voussoirs", type=int, help="number of voussoirs"),
-        click.option("--profile", type=click.Choice(_PROFILES), default="circular",
-                     show_default=True),
-        click.option("--arch", "arch_id", metavar="ID", help="which arch of the study"),
+    return takes(
         click.option("--study", type=click.Path(path_type=Path), metavar="STUDY",
                      help="take the arch from a study file"),
-    ):  # fmt: skip
-        wrapped = option(wrapped)
-    return wrapped
+        click.option("--arch", "arch_id", metavar="ID", help="which arch of the study"),
+        click.option("--profile", type=click.Choice(_PROFILES), default="circular",
+                     show_default=True),
+        click.option("--voussoirs", type=int, help="number of voussoirs"),
+        click.option("--friction", type=float, help="Coulomb coefficient; inf: its limit"),
+        click.option("--straight", is_flag=True, help="straight-sided voussoirs"),
+        *(click.option(f"--{name.replace('_', '-')}", help=text) for name, text in _DRAWING),
+        *(click.option(f"--{name.replace('_', '-')}", type=float, help=text)
+          for name, text in _GEOMETRY),
+    )(wrapped)  # fmt: skip
 
 
 @main.command()
@@ -229,13 +227,14 @@ def simulate(
 
 @main.command()
 @click.argument("parts", nargs=-1, metavar="[PART]...")
-@click.option("--quick", is_flag=True, help="The reduced set: less than 20 minutes on two cores.")
+@click.option("--quick", is_flag=True, help="The reduced set: 12 minutes on two cores.")
 @click.option(
+    "--output",
     "--out",
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("results/evidence"),
     show_default=True,
-    help="Folder to write to.",
+    help="Folder of the tables; the same command continues in it.",
 )
 @click.option(
     "--records",
@@ -245,37 +244,35 @@ def simulate(
 @click.option(
     "--real",
     type=click.Path(path_type=Path, exists=True, file_okay=False),
-    help="Folder with real records (at2/*.AT2), or else scenes of them are skipped.",
+    help="Folder with real records (at2/*.AT2); without it scenes of them are skipped.",
 )
 @click.option(
-    "--peers",
+    "--solvers",
     multiple=True,
     metavar="NAME",
-    help="Other solver to run beside ours: mujoco_corners (contacts at the corners, which suit it "
-    "best), mujoco, pymunk, lmgc90, siconos. Repeatable.",
+    help="Other solver to run beside ours, or all that are installed. Repeatable.",
 )
-@click.option("--workers", type=click.IntRange(min=1), help="Processes for what is not timed.")
-def evidence(
-    parts: tuple[str, ...], quick: bool, out: Path, records: Path | None, real: Path | None,
-    peers: tuple[str, ...], workers: int | None,
-) -> None:  # fmt: skip
-    """Speed against accuracy, and where methods fail: tables, figures and a guide.
+@click.option("--workers", type=click.IntRange(min=1), help="Processes; all cores if not given.")
+def evidence(parts: tuple[str, ...], output: Path, **options: Any) -> None:
+    """Cost against error, and where methods fail: tables, charts and a page.
 
-    PARTS are speed, growth, stability, corner_cases and fragility; all if none is named.
+    PARTS are speed, growth, stability, corner_cases and fragility; all if none is named. Needs
+    the repository: archbench is not in the wheel.
     """
-    from archfrag.evidence.command import gather_evidence
-    from archfrag.evidence.part import Setup, records_folder
-    from archfrag.evidence.run import Places
-    from archfrag.study.provenance import available_cores
+    from importlib import import_module
 
-    setup = Setup(
-        quick=quick,
-        places=Places(records or records_folder(), real),
-        workers=workers or available_cores(),
-        peers=peers,
-        say=functools.partial(click.echo, err=True),
-    )
-    click.echo(f"guide: {gather_evidence(parts, setup, out)}")
+    from archfrag.errors import InputError
+
+    try:
+        gather = import_module("archbench.command").gather
+    except ModuleNotFoundError as missing:
+        if missing.name is None or not missing.name.startswith("archbench"):
+            raise
+        raise InputError(
+            "archfrag evidence needs archbench, which is not in the wheel; allowed is an "
+            "installation from the repository: pip install -e .[bench]"
+        ) from None
+    click.echo(gather(parts, output, report=functools.partial(click.echo, err=True), **options))
 
 
 @main.command()
@@ -283,7 +280,7 @@ def evidence(
 @set_option
 @json_option
 def validate(study_file: Path, overrides: tuple[str, ...], as_json: bool) -> None:
-    """Check a study file whole: keys, records, arches, output folder; runs nothing."""
+    """Check all of a study file: keys, records, arches, output folder; runs nothing."""
     from dataclasses import asdict
 
     from archfrag.study.checks import check_study
@@ -304,11 +301,11 @@ def warmup(method: str | None) -> None:
     def show(message: str) -> None:
         if sys.stderr.isatty():
             click.echo(f"\r{message}\033[K", err=True, nl=False)
-        elif not said:
+        elif not messages:
             click.echo(message, err=True)
-        said.append(message)
+        messages.append(message)
 
-    said: list[str] = []
+    messages: list[str] = []
     seconds = compile_kernels(method, show)
     click.echo("\r\033[K" if sys.stderr.isatty() else "", err=True, nl=False)
     click.echo(f"kernels ready after {seconds:.1f} s")
@@ -345,14 +342,14 @@ def run(study_file: Path, overrides: tuple[str, ...], quiet: bool, **options: An
 
 
 @_step
-def motions(study: Any, say: Callable[[str], None]) -> None:
+def motions(study: Any, note: Callable[[str], None]) -> None:
     """Read the study's records, scale them, store them for the workers."""
     from archfrag.study.checks import check_output
     from archfrag.study.records import prepare_motions
 
     check_output(study)
     stored = prepare_motions(study)
-    say(f"motions: {len(stored)} records ready")
+    note(f"motions: {len(stored)} records ready")
 
 
 @_step
@@ -360,14 +357,14 @@ def motions(study: Any, say: Callable[[str], None]) -> None:
 @click.option("--workers", type=click.IntRange(min=1), help="Processes; overrides the study.")
 @click.option("--quiet", is_flag=True, help="No progress bar.")
 def batch(
-    study: Any, say: Callable[[str], None], batch: int, workers: int | None, quiet: bool
+    study: Any, note: Callable[[str], None], batch: int, workers: int | None, quiet: bool
 ) -> None:
     """Run the simulations of a batch; those that are done are kept."""
     from archfrag.study.batch import run_batch
 
     log = run_batch(study, batch, workers, quiet)
     count = study.execution.batches
-    say(
+    note(
         f"batch {batch + 1} of {count}: {log.runs} runs in {log.rounds} rounds, {log.kept} of "
         f"them kept from before, "
         f"{log.wall_time:.1f} s on {log.workers} workers"
@@ -375,18 +372,18 @@ def batch(
 
 
 @_step
-def cube(study: Any, say: Callable[[str], None]) -> None:
+def cube(study: Any, note: Callable[[str], None]) -> None:
     """Gather the results into one CF netCDF cube."""
-    _cube(study, say)
+    _cube(study, note)
 
 
 @_step
 @json_option
-def fit(study: Any, say: Callable[[str], None], as_json: bool) -> None:
+def fit(study: Any, note: Callable[[str], None], as_json: bool) -> None:
     """Fit a fragility curve to each arch and each class of arches of the cube."""
     from archfrag.study.fits import FITS
 
-    _fit(study, say)
+    _fit(study, note)
     if as_json:
         click.echo((study.folder / FITS).read_text(encoding="utf-8"))
 
@@ -394,13 +391,13 @@ def fit(study: Any, say: Callable[[str], None], as_json: bool) -> None:
 @_step
 @click.option("--beside", type=click.Path(path_type=Path), metavar="OTHER_STUDY",
               help="Compare the arches with those of another, finished study.")  # fmt: skip
-def report(study: Any, say: Callable[[str], None], beside: Path | None) -> None:
+def report(study: Any, note: Callable[[str], None], beside: Path | None) -> None:
     """Write the report: one HTML file that needs no network."""
-    _report(study, say, beside)
+    _report(study, note, beside)
 
 
 @_step
-def results(study: Any, say: Callable[[str], None]) -> None:
+def results(study: Any, note: Callable[[str], None]) -> None:
     """Make cube, curves and report, as far as they are not up to date."""
     from archfrag.study.steps import finish, is_done
 
@@ -408,19 +405,19 @@ def results(study: Any, say: Callable[[str], None]) -> None:
     for name, make in (("cube", _cube), ("fit", _fit), ("report", _report)):
         stale = stale or not is_done(study, name)
         if stale:
-            make(study, say)
+            make(study, note)
             finish(study, name)
 
 
-def _cube(study: Any, say: Callable[[str], None]) -> None:
+def _cube(study: Any, note: Callable[[str], None]) -> None:
     from archfrag.study.cube import write_cube, write_timings
 
     path = write_cube(study)
     write_timings(study)
-    say(f"cube: {path}")
+    note(f"cube: {path}")
 
 
-def _fit(study: Any, say: Callable[[str], None]) -> None:
+def _fit(study: Any, note: Callable[[str], None]) -> None:
     from archfrag.study.cautions import study_cautions
     from archfrag.study.fits import FITS, fit_cube, fit_text, load_answers
     from archfrag.study.members import SHOWN
@@ -429,21 +426,21 @@ def _fit(study: Any, say: Callable[[str], None]) -> None:
     require(study, "cube")
     found = fit_cube(study)
     for name, curve in list(found.items())[:SHOWN]:
-        say(f"fit: {fit_text(study, name, curve)}")
+        note(f"fit: {fit_text(study, name, curve)}")
     if len(found) > SHOWN:
-        say(f"fit: {len(found) - SHOWN} more arches in {study.folder / FITS}")
+        note(f"fit: {len(found) - SHOWN} more arches in {study.folder / FITS}")
     for name, curve in load_answers(study.folder / FITS, "classes").items():
-        say(f"fit: class {fit_text(study, name, curve)}")
+        note(f"fit: class {fit_text(study, name, curve)}")
     for caution in study_cautions(study):
-        say(f"caution: {caution}")
+        note(f"caution: {caution}")
 
 
-def _report(study: Any, say: Callable[[str], None], beside: Path | None = None) -> None:
+def _report(study: Any, note: Callable[[str], None], beside: Path | None = None) -> None:
     from archfrag.report.inputs import report_inputs
     from archfrag.report.page import write_report
 
     inputs = report_inputs(study, beside)
-    say(f"report: {write_report(inputs, study.folder / 'report.html')}")
+    note(f"report: {write_report(inputs, study.folder / 'report.html')}")
 
 
 if __name__ == "__main__":

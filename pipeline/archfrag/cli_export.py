@@ -43,7 +43,7 @@ def export(
     parquet          the same tables: pip install 'archfrag[parquet]'
 
     An arch without a curve is left out of all but the tables of runs, records and arches; a
-    sentence says why.
+    message states why.
     """
     from archfrag.export.command import export_study
     from archfrag.study.config import load_study

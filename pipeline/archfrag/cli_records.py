@@ -37,7 +37,7 @@ def _columns(context: click.Context, parameter: click.Parameter, text: str | Non
 
 
 _known = takes(
-    click.option("--unit", help="unit of the samples where the file does not say"),
+    click.option("--unit", help="unit of the samples where the file does not state it"),
     click.option("--inventory", type=_path,
                  help="StationXML of a record in counts, if not beside it as NAME.xml"),
     click.option("--columns", callback=_columns, metavar="KEY=N,...",
@@ -55,8 +55,8 @@ reads_record = takes(
 )  # fmt: skip
 
 
-def _say(sentence: str) -> None:
-    click.echo(f"archfrag: {sentence}", err=True)
+def _note(message: str) -> None:
+    click.echo(f"archfrag: {message}", err=True)
 
 
 def _print(facts: Any, text: str, as_json: bool) -> None:
@@ -72,7 +72,7 @@ def _drawing(figure: Path | None) -> None:
 
 
 def _save(shown: Any, figure: Path) -> None:
-    from archfrag.report.canvas import standalone
+    from archfrag.report.picture import standalone
     from archfrag.study.files import write_text
 
     write_text(figure, standalone(shown))
@@ -157,11 +157,11 @@ def inspect(
     if figure is not None and found:
         from archfrag.report.record_figures import inspected
 
-        _save(inspected(inspection_motions(found), "records"), figure)
+        _save(inspected(inspection_motions(found)), figure)
     if found or as_json:
         _print(facts, "\n".join(map(inspection_text, found)), as_json)
-    for sentence in unreadable:
-        _say(f"error: {sentence}")
+    for message in unreadable:
+        _note(f"error: {message}")
     if unreadable:
         context.exit(RecordError.exit_code)
 
@@ -195,7 +195,7 @@ def measure(
     if figure is not None:
         from archfrag.report.record_figures import measured
 
-        _save(measured(table_spectra(table), "spectra"), figure)
+        _save(measured(table_spectra(table)), figure)
     _print(table_rows(table), f"{len(table)} components measured: {out}", as_json)
 
 
@@ -239,7 +239,7 @@ def select(flatfile: Path, out: Path, figure: Path | None, as_json: bool, **opti
     if figure is not None:
         save_selection(selection, figure)
     for caution in selection.cautions:
-        _say(f"caution: {caution}")
+        _note(f"caution: {caution}")
     _print(selection.facts(), selection_text(selection, out), as_json)
 
 
@@ -258,7 +258,7 @@ def convert(
 ) -> None:
     """Write record FILES in another format.
 
-    The index beside them says where they come from and what was done to them.
+    The index beside them states where they come from and what was done to them.
 
     \b
     Example:
@@ -320,7 +320,7 @@ def fetch(
     kinds = tuple(kind.strip() for kind in channels.split(","))
     limits = Limits(timeout, max_size)
     request = Request(events, channels=kinds, limits=limits, **options)
-    fetched = fetch_records(request, out, _say)
+    fetched = fetch_records(request, out, _note)
     failures = [{"kind": refusal.kind, "message": str(refusal)} for refusal in fetched.refused]
     facts = {"folder": str(out), "new": fetched.new, "kept": fetched.kept, "failures": failures}
     text = f"{len(fetched.new)} records fetched, {len(fetched.kept)} were there: {out}"
@@ -336,13 +336,13 @@ def fetch(
     click.option("--events", type=int, help="Earthquakes."),
     click.option("--records-per-event", type=int, help="Records of each; 1 if not given."),
     click.option("--magnitude", metavar="M,...|M:M",
-                 help="Moment magnitudes: a list that the earthquakes take in turn, or two ends "
+                 help="Moment magnitudes: a list gone through by the earthquakes, or two ends "
                  "between which they are drawn."),
     click.option("--distance-km", metavar="D,...|D:D",
-                 help="Distances to the rupture [km]: a list that the records take in turn, or "
+                 help="Distances to the rupture [km]: a list gone through by the records, or "
                  "two ends."),
     click.option("--sites", type=int,
-                 help="Sites that the records go through in turn; one for each if not given."),
+                 help="Sites that the records go through; one for each if not given."),
     click.option("--vs30", type=float, help="Of the sites [m/s], 450 to 1000; 760 if not given."),
     click.option("--vertical", is_flag=True, default=None, help="With vertical components."),
     click.option("--pulses", type=float,

@@ -1,4 +1,4 @@
-"""Errors that a person reads: one sentence with the place, the value and what is allowed."""
+"""Errors that a person reads: one message with the place, the value and what is allowed."""
 
 from archfrag.mechanics.status import Status
 
@@ -23,9 +23,9 @@ class RecordError(InputError):
 
     LONGEST = 900
 
-    def __init__(self, sentence: str) -> None:
-        cut = len(sentence) > self.LONGEST
-        super().__init__(f"{sentence[: self.LONGEST]} ..." if cut else sentence)
+    def __init__(self, message: str) -> None:
+        cut = len(message) > self.LONGEST
+        super().__init__(f"{message[: self.LONGEST]} ..." if cut else message)
 
 
 class StudyError(InputError):
@@ -55,7 +55,7 @@ class WorkerError(ArchfragError):
 
 
 class FitError(ArchfragError):
-    """Results from which no fragility curve can be estimated; says what they do tell."""
+    """Results from which no fragility curve can be estimated; states what they do show."""
 
     exit_code = 6
 
@@ -66,7 +66,7 @@ class ServiceError(ArchfragError):
     exit_code = 7
 
 
-STATUS_SENTENCE = {
+STATUS_MESSAGE = {
     Status.STANDING: "the chain came to rest with contact kept or regained at every joint",
     Status.COLLAPSED: "a joint lost all contact for good (Signorini loss)",
     Status.UNFINISHED: (

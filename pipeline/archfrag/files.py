@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all."""
+"""Files that are written completely or not at all."""
 
 import contextlib
 import os
@@ -10,10 +10,10 @@ from archfrag.errors import OutputError
 
 
 def cannot_write(path: Path, error: OSError) -> OutputError:
-    """The sentence for a file or folder that cannot be written."""
+    """The message for a file or folder that cannot be written."""
     return OutputError(
         f"{path}: cannot be written ({error.strerror or error}); the output folder must exist or "
-        "be creatable, allow writing and have room; what was finished is kept"
+        "be creatable, allow writing and have space; what was finished is kept"
     )
 
 
@@ -38,7 +38,7 @@ def replacing(path: Path, lasting: bool = True) -> Iterator[Path]:
     """Give a temporary name in the same folder and, if all goes well, put it in `path`'s place.
 
     The bytes are on the disk before the name is, unless not `lasting`: then a kill, but not a
-    power cut, leaves the file whole.
+    power cut, leaves the file complete.
 
     Raises
     ------

@@ -135,8 +135,8 @@ def _prepared(base: Path, name: str, ours: bool) -> Path:
 def _kept_from_others(path: Path) -> Path:
     """A path without symbolic links, after a look at all that is above it.
 
-    Only root and we may own its directories and links. Others may write to a directory on the
-    way if it has the sticky bit, as the temporary directory has. Members of a group that may
+    Only root and we may own its directories and links. Others may write to a directory above it
+    if it has the sticky bit, as the temporary directory has. Members of a group that may
     write are trusted: where each user has a group of their own, this is the usual umask.
 
     Raises

@@ -26,8 +26,8 @@ from archfrag.simulation.many import (
     simulate_runs,
 )
 from archfrag.simulation.mechanism import (
-    LARGEST_ROOM,
-    ROOM,
+    FIRST_LOG,
+    LARGEST_LOG,
     MechanismChange,
     empty_log,
     mechanism_of,
@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     import xarray
 
 __all__ = [
-    "Hinge", "MechanismChange", "Onset", "Response", "expected_compile_time",
-    "kernels_are_compiled", "onset", "simulate", "simulate_many", "warmup",
+    "Hinge", "MechanismChange", "Onset", "Response", "kernels_are_compiled", "onset", "simulate",
+    "simulate_many", "warmup",
 ]  # fmt: skip
 
 _NAMES = (
@@ -88,7 +88,7 @@ def simulate(
         Fixed time step [s]. If not given, the steps of auto and time_stepping follow from rtol and
         the arch's own time, the root of its shortest joint over gravity: 0.25 ms at impacts and
         up to 4 ms between them for joints of 1.5 m at the default rtol. event_driven takes it
-        where it gives way to time stepping; other methods take their own default.
+        where it switches to time stepping; other methods take their own default.
     history : bool
         Whether to keep positions, velocities, reactions and contact modes over time, and the
         log of the mechanism.
@@ -104,7 +104,7 @@ def simulate(
     loss_limit : float
         Gap at both corners of a joint, over its length, beyond which its contact cannot be
         regained, which ends the run as a collapse. So does a joint that has slid past its end or
-        turned by 90 degrees, or one without contact where `follow` ends.
+        rotated by 90 degrees, or one without contact where `follow` ends.
 
     Returns
     -------
@@ -113,7 +113,7 @@ def simulate(
     Raises
     ------
     InputError
-        If an argument cannot be used; the sentence names it.
+        If an argument cannot be used; the message names it.
     StabilityError
         If the arch does not stand under its own weight and no initial state is given.
 
@@ -199,7 +199,7 @@ def simulate_many(
     Raises
     ------
     InputError
-        If an argument cannot be used; the sentence names it.
+        If an argument cannot be used; the message names it.
     StabilityError
         If the arch does not stand under its own weight.
 
@@ -250,7 +250,7 @@ def simulate_many(
 def warmup(method: str | None = None, progress: Callable[[str], object] | None = None) -> float:
     """Compile the kernels, or load them from the cache, once for this machine.
 
-    Two processes share the work where there are two cores.
+    Two processes divide the work where there are two cores.
 
     Parameters
     ----------
@@ -304,36 +304,8 @@ def kernels_are_compiled(method: str | None = None) -> bool:
     return warm.are_compiled(_methods_of(method))
 
 
-def expected_compile_time(method: str | None = None) -> float:
-    """How long `warmup` takes if it has to compile.
-
-    Parameters
-    ----------
-    method : str, optional
-        As for `warmup`.
-
-    Returns
-    -------
-    float
-        As long as the last time on this machine, or a usual time if there was none [s].
-
-    Examples
-    --------
-    >>> from archfrag.simulate import expected_compile_time
-    >>> expected_compile_time("auto") > 0.0
-    True
-    """
-    return warm.expected_time(_methods_of(method))
-
-
 def compile_beside(methods: Sequence[str]) -> None:
-    """What the second process of a warm-up compiles: what the first needs late.
-
-    Parameters
-    ----------
-    methods : sequence of str
-        Those that the first process compiles, in its order.
-    """
+    """What the second process of a warm-up compiles: what the first, in its order, needs late."""
     warm.end_with_parent()
     check_stands(_smallest_arch())
     if len(methods) == 1:
@@ -376,8 +348,8 @@ def _run(
     options: Options,
     n_frame: int,
 ) -> tuple[Outcome, Frames, MechanismLog]:
-    """Run a method, again with more room while history or log do not fit; none for `n_frame` 0."""
-    n_entry = ROOM if n_frame else 0
+    """Run a method, again with more space while history or log do not fit; none if `n_frame` 0."""
+    n_entry = FIRST_LOG if n_frame else 0
     while True:
         frames = empty_frames(n_frame, arch.n_voussoir, arch.n_joint)
         log = empty_log(n_entry, arch.n_joint)
@@ -386,10 +358,10 @@ def _run(
         )
         count = outcome.diagnostics.count
         frames_fit = n_frame == 0 or count[Count.FRAMES] < n_frame
-        log_fits = count[Count.LOG_ENTRIES] <= n_entry or n_entry in (0, LARGEST_ROOM)
+        log_fits = count[Count.LOG_ENTRIES] <= n_entry or n_entry in (0, LARGEST_LOG)
         if frames_fit and log_fits:
             return outcome, frames, log
         if not frames_fit:
             n_frame *= 2
         if not log_fits:
-            n_entry = min(int(count[Count.LOG_ENTRIES]), LARGEST_ROOM)
+            n_entry = min(int(count[Count.LOG_ENTRIES]), LARGEST_LOG)

@@ -1,4 +1,4 @@
-"""Area, centroid and polar second moment against references that share no formula with them."""
+"""Area, centroid and polar second moment against references with no formula in common."""
 
 import math
 
@@ -23,12 +23,12 @@ def quadrature(centre, radius, thickness, start, end):
     node, weight = leggauss(40)
     r = radius + 0.5 * thickness * node
     angle = 0.5 * (start + end) + 0.5 * (end - start) * node
-    share = np.outer(weight * r, weight) * 0.25 * thickness * (end - start)
+    part = np.outer(weight * r, weight) * 0.25 * thickness * (end - start)
     x = centre[0] + np.outer(r, np.sin(angle))
     y = centre[1] + np.outer(r, np.cos(angle))
-    area = share.sum()
-    centroid = np.array([(share * x).sum(), (share * y).sum()]) / area
-    polar = (share * ((x - centroid[0]) ** 2 + (y - centroid[1]) ** 2)).sum()
+    area = part.sum()
+    centroid = np.array([(part * x).sum(), (part * y).sum()]) / area
+    polar = (part * ((x - centroid[0]) ** 2 + (y - centroid[1]) ** 2)).sum()
     return area, centroid, polar
 
 
@@ -74,7 +74,7 @@ class TestAnnularSector:
 
 
 class TestPolygon:
-    def test_rectangle_anywhere_either_way_round(self):
+    def test_rectangle_anywhere_in_either_order(self):
         width, height = 0.3, 1.7
         corners = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]])
         tilt = np.array([[math.cos(0.7), math.sin(0.7)], [-math.sin(0.7), math.cos(0.7)]])

@@ -1,4 +1,4 @@
-"""How far the mechanism of onset can be turned before the weight no longer brings it back."""
+"""How far the mechanism of onset can rotate before the weight no longer brings it back."""
 
 import numpy as np
 import pytest
@@ -32,15 +32,17 @@ def test_of_an_arch_it_is_where_the_potential_energy_of_the_linkage_is_largest(v
             ends = rotate(b - a, first) + rotate(c - b, two[0]) + rotate(d - c, two[1])
             return ends - (d - a)
 
-        # The hinges of this arch turn its middle bar the other way.
+        # The hinges of this arch rotate its middle bar in the opposite sense.
         return np.array([first, *fsolve(closing, [-first, first])])
 
     def energy(first):
-        turn = angles(first)
-        knees = [a, a + rotate(b - a, turn[0]), d - rotate(d - c, turn[2])]
+        rotation = angles(first)
+        knees = [a, a + rotate(b - a, rotation[0]), d - rotate(d - c, rotation[2])]
         return sum(
             arch.chain.mass[i] * (knee + rotate(arch.chain.centroid[i] - pivot, angle))[1]
-            for knee, pivot, angle, low, high in zip(knees, (a, b, c), turn, joints, joints[1:])
+            for knee, pivot, angle, low, high in zip(
+                knees, (a, b, c), rotation, joints, joints[1:]
+            )
             for i in range(low, high)
         )
 

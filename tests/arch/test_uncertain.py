@@ -22,7 +22,7 @@ MARGINALS = {
     "lognormal": (Lognormal(median=0.7, beta=0.4), stats.lognorm(0.4, scale=0.7)),
     "uniform": (Uniform(start=-1.0, stop=3.0), stats.uniform(-1.0, 4.0)),
     "triangular": (Triangular(start=0.0, mode=0.2, stop=1.0), stats.triang(0.2)),
-    "falling": (Triangular(start=1.0, mode=1.0, stop=3.0), stats.triang(0.0, 1.0, 2.0)),
+    "decreasing": (Triangular(start=1.0, mode=1.0, stop=3.0), stats.triang(0.0, 1.0, 2.0)),
     "rising": (Triangular(start=1.0, mode=3.0, stop=3.0), stats.triang(1.0, 1.0, 2.0)),
     "cut below and above": (
         Normal(mean=1.5, sd=0.3, lower=1.2, upper=2.4),
@@ -49,10 +49,10 @@ class TestMarginals:
         assert values.std() == pytest.approx(other.std(), rel=0.01)
 
     def test_a_lognormal_one_is_cut_like_any_other(self):
-        whole, cut = Lognormal(median=1.0, beta=0.5), Lognormal(median=1.0, beta=0.5, upper=1.5)
+        full, cut = Lognormal(median=1.0, beta=0.5), Lognormal(median=1.0, beta=0.5, upper=1.5)
         p = np.linspace(0.01, 0.99, 99)
         kept = stats.lognorm(0.5).cdf(1.5)
-        np.testing.assert_allclose(cut.quantile(p), whole.quantile(p * kept), rtol=1e-12)
+        np.testing.assert_allclose(cut.quantile(p), full.quantile(p * kept), rtol=1e-12)
         assert cut.quantile(1.0) == pytest.approx(1.5)
 
     @pytest.mark.parametrize(
@@ -103,7 +103,7 @@ class TestCorrelation:
         np.testing.assert_allclose(factor @ factor.T, expected, atol=1e-15)
 
     @pytest.mark.parametrize(
-        ("correlation", "sentence"),
+        ("correlation", "message"),
         [
             ({"a": {"d": 0.1}}, "d is not one of the parameters that vary (a, b, c)"),
             ({"a": {"a": 0.1}}, "correlation of a and a: with itself"),
@@ -112,10 +112,10 @@ class TestCorrelation:
             ({"a": {"b": 0.9, "c": 0.9}, "b": {"c": -0.9}}, "cannot hold together"),
         ],
     )
-    def test_what_cannot_be_is_refused(self, correlation, sentence):
+    def test_what_cannot_be_is_refused(self, correlation, message):
         with pytest.raises(InputError) as refusal:
             correlation_factor("abc", correlation)
-        assert sentence in str(refusal.value)
+        assert message in str(refusal.value)
 
 
 def test_values_have_ten_digits():

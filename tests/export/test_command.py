@@ -111,7 +111,7 @@ class TestExportStudy:
 
 
 class TestCommand:
-    def test_sentences_and_json(self, study, tmp_path):
+    def test_messages_and_json(self, study, tmp_path):
         path = tmp_path / "small.yaml"
         result = call(path, "--format", "pelicun", "--format", "pelicun", "--out", tmp_path / "x")
         assert result.exit_code == 0, result.output

@@ -14,7 +14,7 @@ def make(**states):
 
 class TestCurveSet:
     @pytest.mark.parametrize(
-        ("curves", "sentence"),
+        ("curves", "message"),
         [
             ({}, "there is no arch"),
             ({"ring": {}}, "there is no limit state"),
@@ -25,15 +25,15 @@ class TestCurveSet:
             ),
         ],
     )
-    def test_refused(self, curves, sentence):
-        with pytest.raises(InputError, match=sentence):
+    def test_refused(self, curves, message):
+        with pytest.raises(InputError, match=message):
             CurveSet(curves, "PGA", (1.0, 8.0), MADE)
 
     def test_states_out_of_order_are_refused(self):
         with pytest.raises(InputError, match="'mild' has a lower median than 'severe'"):
             make(severe=fragility(2.0, 0.3), none="no curve", mild=fragility(1.0, 0.3))
 
-    def test_an_arch_without_a_curve_is_left_out_with_its_sentence(self):
+    def test_an_arch_without_a_curve_is_left_out_with_its_message(self):
         curves = curve_set(tower=dict.fromkeys(("rocking", "damage", "collapse"), "it stood"))
         assert list(curves.complete) == ["ring-7", "wall+2"]
         assert curves.left_out == {
@@ -67,7 +67,7 @@ class TestReceivers:
         assert named[:2] == (name, unit)
         assert named.factor * si == pytest.approx(1.0, rel=1e-15)
 
-    def test_what_a_receiver_has_no_name_for_is_one_sentence(self):
+    def test_what_a_receiver_has_no_name_for_is_one_message(self):
         for ask, measure in (
             (openquake_measure, "HI"), (pelicun_measure, "AvgSA(0.2,1)"), (in_core_measure, "CAV"),
         ):  # fmt: skip
@@ -76,7 +76,7 @@ class TestReceivers:
         with pytest.raises(InputError, match="its PGD is permanent ground deformation"):
             pelicun_measure("PGD")
 
-    def test_notes_say_what_the_measure_must_be(self):
+    def test_notes_state_what_the_measure_must_be(self):
         assert "RotD50 of two horizontal" in openquake_measure("RotD50(Sa(0.5))").note
         assert "from 0.2 to 1 s" in openquake_measure("AvgSA(0.2,1)").note
         assert openquake_measure("PGA").note == ""

@@ -9,8 +9,9 @@ import pytest
 import xarray as xr
 
 from archfrag.export.points import Unit, curve_tables
-from archfrag.export.runs import NOT_SIMULATED, facts_table, runs_table
+from archfrag.export.runs import facts_table, runs_table
 from archfrag.export.tables import Table, write_csv, write_parquet
+from archfrag.fragility.counts import Verdict
 from tests.export.made import curve_set, lognormal
 from tests.report import synthetic
 
@@ -21,8 +22,8 @@ G = 9.80665
 def cube_file(tmp_path_factory):
     """Two arches, six records, nine levels; some cells were not simulated; text of records."""
     cube = synthetic.cube(("ring-7", "wall+2"))
-    cube["verdict"][1, 2, 3:6] = NOT_SIMULATED
-    cube["verdict"][0, :, 8] = NOT_SIMULATED
+    cube["verdict"][1, 2, 3:6] = Verdict.NOT_SIMULATED
+    cube["verdict"][0, :, 8] = Verdict.NOT_SIMULATED
     cube["verdict"].attrs["flag_meanings"] = "standing collapsed unfinished solver_failure"
     cube["event"] = ("record", [f"quake, {n // 2}" for n in range(6)])
     cube["record_file"] = ("record", [f"{n}.AT2" for n in range(6)])
@@ -41,18 +42,18 @@ def cube(cube_file):
         yield opened
 
 
-def whole(table):
+def full(table):
     return pd.concat(table.pieces, ignore_index=True)
 
 
 class TestRuns:
     def test_each_run_has_the_values_of_its_cell(self, cube):
-        frame = whole(runs_table(cube))
+        frame = full(runs_table(cube))
         assert len(frame) == 2 * 6 * 9 - 3 - 6
         assert list(frame)[:4] == ["arch", "record", "level", "intensity"]
         for row in frame.to_dict("records"):
             cell = cube.sel(arch=row["arch"], record=row["record"]).isel(level=row["level"])
-            assert cell["verdict"] != NOT_SIMULATED
+            assert cell["verdict"] != Verdict.NOT_SIMULATED
             for name in ("verdict", "scale_factor", "magnitude", "intensity", "collapse_time"):
                 np.testing.assert_equal(row[name], cell[name].item())
             assert row["model_time_rest"] == cell["model_time"].sel(model="rest")
@@ -66,13 +67,13 @@ class TestRuns:
             "record_file", "lost_contact_and_stand", "model", "measure", "measure_units",
             "model_time", "record_measure",
         }  # fmt: skip
-        assert list(whole(table)) == list(table.columns)
+        assert list(full(table)) == list(table.columns)
         assert table.columns["record_measure_PGV"].unit == "m s-1"
         assert table.columns["verdict"].codes["solver_failure"] == 3
         records = facts_table(cube, "record")
         assert {"record_file", "event", "magnitude"} <= set(records.columns)
         assert next(iter(records.columns)) == "record"
-        assert len(whole(records)) == 6
+        assert len(full(records)) == 6
         assert facts_table(cube, "arch").name == "arches"
 
     @pytest.mark.parametrize("piece", [1, 20, 80])
@@ -82,7 +83,7 @@ class TestRuns:
         assert len(pieces) > 1
         assert max(map(len, pieces)) <= max(piece, 9)
         found = pd.concat(pieces).sort_values(key, ignore_index=True)
-        expected = whole(runs_table(cube)).sort_values(key, ignore_index=True)
+        expected = full(runs_table(cube)).sort_values(key, ignore_index=True)
         pd.testing.assert_frame_equal(found, expected)
 
     def test_runs_each_at_an_intensity_of_its_own(self, cube):
@@ -90,7 +91,7 @@ class TestRuns:
         one = cube.isel(level=[4]).drop_vars(["intensity", "lost_contact_and_stand"])
         own = np.arange(12.0).reshape(2, 6, 1)
         one["intensity"] = (("arch", "record", "level"), own)
-        frame = whole(runs_table(one))
+        frame = full(runs_table(one))
         assert frame["intensity"].tolist() == [0, 1, 2, 3, 4, 5, 6, 7, 9, 10, 11]
 
 
@@ -102,7 +103,7 @@ class TestFiles:
         text = pd.read_csv(tmp_path / "runs.csv")
         stored = pd.read_parquet(tmp_path / "runs.parquet")
         pd.testing.assert_frame_equal(text, stored, check_dtype=False)
-        pd.testing.assert_frame_equal(stored, whole(runs_table(cube, 20)), check_dtype=False)
+        pd.testing.assert_frame_equal(stored, full(runs_table(cube, 20)), check_dtype=False)
         import pyarrow.parquet
 
         about = json.loads(
@@ -133,7 +134,7 @@ class TestCurves:
         answers = synthetic.answers_of(synthetic.cube(("ring-7", "wall+2")))
         curves = curve_set(tower={"rocking": "x", "damage": "x", "collapse": "x"})
         points, parameters = curve_tables(curves, answers, Unit("g", "m s-2", 1 / G))
-        frame, stated = whole(points), whole(parameters)
+        frame, stated = full(points), full(parameters)
         for table, found in ((points, frame), (parameters, stated)):
             assert list(found) == list(table.columns)
             assert len(found.groupby(["arch", "limit_state"])) == 6

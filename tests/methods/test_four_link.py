@@ -11,7 +11,7 @@ from click.testing import CliRunner
 import archfrag as af
 from archfrag.arch import STANDARD_GRAVITY as g
 from archfrag.cli import main
-from archfrag.errors import STATUS_SENTENCE
+from archfrag.errors import STATUS_MESSAGE
 from archfrag.mechanics import four_bars
 from archfrag.mechanics.contact.placing import move_faces
 from archfrag.mechanics.four_bars import place_linkage, speed_after_impact
@@ -433,7 +433,7 @@ class TestWhereItDoesNotApply:
         assert four_link(oppenheim(), motion).status is Status.NOT_APPLICABLE
 
     def test_every_status_has_its_sentence(self):
-        assert set(STATUS_SENTENCE) == set(Status)
+        assert set(STATUS_MESSAGE) == set(Status)
 
 
 class TestByName:

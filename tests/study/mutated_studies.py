@@ -61,9 +61,9 @@ def spoilt_values(draw):
         found = list(places(study))
         if not found:
             break
-        *way, last = draw(st.sampled_from(found))
+        *outer, last = draw(st.sampled_from(found))
         parent = study
-        for key in way:
+        for key in outer:
             parent = parent[key]
         what = draw(st.sampled_from(["replace", "replace", "replace", "drop", "repeat", "rename"]))
         if what == "replace":
@@ -91,7 +91,7 @@ def spoilt_text(draw):
 
 
 def check(folder, content=b"", *options, path=None):
-    """Validate a file, or `content` as one: exit code and sentence, empty if in order."""
+    """Validate a file, or `content` as one: exit code and message, empty if in order."""
     if path is None:
         path = folder / "small.yaml"
         path.write_bytes(content)

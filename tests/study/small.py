@@ -1,4 +1,4 @@
-"""A study of a few fast runs, for the tests of study and workflow."""
+"""A study of some fast runs, for the tests of study and workflow."""
 
 from pathlib import Path
 

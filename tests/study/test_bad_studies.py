@@ -118,7 +118,7 @@ BAD += [
     ("profile: block, ", "", "arches[1].profile is missing"),
     ("profile: block", "profile: [block]", "arches[1].profile"),
     ("voussoirs: 7", "voussoirs: 1000000000", "it must be at most 2000"),
-    ("voussoirs: 7", "voussoirs: 7.5", "arches[0].voussoirs = 7.5 must be a whole number"),
+    ("voussoirs: 7", "voussoirs: 7.5", "arches[0].voussoirs = 7.5 must be an integer"),
     ("friction: 0.7", "friction: rough", "friction = rough must be a number"),
     ("friction: 0.7", "friction: -0.1", "friction = -0.1 is impossible"),
     ("friction: 0.7", "friction: -.inf", "friction = -inf is impossible"),
@@ -170,7 +170,7 @@ BAD += [
     ("dt: 2.0e-3", "settings: [1]", "must be a mapping of keys to values"),
     ("name: time_stepping", "name:", "method.name = empty must be text"),
     ("workers: 2", "workers: 0", "execution.workers = 0 must be greater"),
-    ("chunk: 2", "chunk: a", "execution.chunk = a must be a whole number"),
+    ("chunk: 2", "chunk: a", "execution.chunk = a must be an integer"),
     ("execution: {chunk: 2, workers: 2}", "execution: [1]", "must be a mapp"),
 ]  # fmt: skip
 BAD += [
@@ -197,7 +197,7 @@ BAD += [
         ("[1, 1e9]", "must be at most 1e+06, but entry 1 is 1e+09"),
         (str(list(range(1, 1002))), "must have at most 1000 entries, not 1001"),
         ("{start: 1, stop: 2, count: 100000000}", "less than or equal to 1000"),
-        ("{start: 1, stop: 2, count: 2.5}", "must be a whole number"),
+        ("{start: 1, stop: 2, count: 2.5}", "must be an integer"),
         ("{start: 1.0, stop: 0.5, count: 3}", "must have stop above start = 1, not 0.5"),
         ("{start: 1, stop: 1.0000000000000002, count: 50}", "must have 50 different levels"),
         ("{start: a, stop: 2, count: 3}", "start = a must be a number"),

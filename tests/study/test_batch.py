@@ -1,4 +1,4 @@
-"""Batches on dask workers: same results for any number of them, losses survived or told."""
+"""Batches on dask workers: same results for any number of them, losses survived or reported."""
 
 import contextlib
 import os
@@ -19,8 +19,7 @@ from archfrag.study.batch import kernels_needed, run_batch
 from archfrag.study.bundles import Bundles
 from archfrag.study.config import Method
 from archfrag.study.plan import make_plan
-from archfrag.study.replay import Gathered
-from archfrag.study.store import read_part
+from archfrag.study.store import Gathered, read_part
 from tests.study.small import files, make_runs
 
 
@@ -238,7 +237,7 @@ def test_a_scheduler_that_does_not_answer(copied, monkeypatch):
         run_batch(study, quiet=True)
 
 
-def test_disk_full_in_a_worker_is_told_and_keeps_the_finished_parts(copied):
+def test_disk_full_in_a_worker_is_reported_and_keeps_the_finished_parts(copied):
     """A folder in the place of a part stands for any failing write in another process."""
     from archfrag.errors import OutputError
 

@@ -1,4 +1,4 @@
-"""What is said on the terminal before a curve is used."""
+"""What is stated on the terminal before a curve is used."""
 
 import numpy as np
 import pytest
@@ -12,17 +12,17 @@ LEVELS = ["1 g", "2 g", "3 g"]
 
 
 @pytest.mark.parametrize("kind", [Verdict.UNFINISHED, Verdict.SOLVER_FAILURE])
-@pytest.mark.parametrize(("lost", "said"), [(5, False), (6, True)])
-def test_more_than_five_per_cent_at_any_level_is_said(kind, lost, said):
+@pytest.mark.parametrize(("lost", "expected"), [(5, False), (6, True)])
+def test_more_than_five_per_cent_at_any_level_is_reported(kind, lost, expected):
     verdict = np.zeros((100, 3), dtype=int)
     verdict[:lost, 2] = kind
-    sentence = undecided(count_verdicts(verdict), LEVELS)
-    assert bool(sentence) is said
-    if said:
-        assert "at 1 of 3 levels (most: 6 of 100 at 3 g)" in sentence
+    message = undecided(count_verdicts(verdict), LEVELS)
+    assert bool(message) is expected
+    if expected:
+        assert "at 1 of 3 levels (most: 6 of 100 at 3 g)" in message
 
 
-def test_scaling_by_more_than_ten_is_said_with_the_worst():
+def test_scaling_by_more_than_ten_is_stated_with_the_worst():
     factors = np.array([[1.0, 2.0, 10.0], [4.0, 8.0, 12.0], [5.0, 10.5, 16.0]])
     cube = xr.Dataset(
         {
@@ -54,7 +54,7 @@ def test_of_a_study_they_name_the_arch_and_its_unit(copied):
     assert "(most: wave0 by 11)" in second
 
 
-def test_contradictions_of_a_fleet_are_one_sentence():
+def test_contradictions_of_a_fleet_are_one_message():
     def found(n):
         notes = {f"a{i}": {"checked": 14, "contradictions": 2} for i in range(n)}
         return design_cautions({"arches": {**notes, "fine": {"checked": 14}}})

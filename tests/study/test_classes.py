@@ -155,8 +155,8 @@ class TestCurves:
             assert classes.fits["classes"][name]["curve"]["theta"] > 0.0
 
     def test_one_record_for_each_arch_gives_a_class_only(self, classes):
-        sentence = classes.fits["fits"]["own-0001"]["none"]
-        assert "only one record" in sentence
+        message = classes.fits["fits"]["own-0001"]["none"]
+        assert "only one record" in message
 
 
 def test_a_check_of_the_study_shows_what_it_amounts_to(classes):

@@ -5,8 +5,7 @@ import pytest
 
 import archfrag as af
 from archfrag.simulation.many import results_of_runs, simulate_runs
-from archfrag.study.case import tabulate_cases
-from archfrag.study.outcome import columns_of, table_of
+from archfrag.study.outcome import columns_of, table_of, tabulate_cases
 from archfrag.study.rounds import cases_of
 
 FACTORS = [0.0, 0.5, 2.0, 6.0]
@@ -75,12 +74,12 @@ class TestKeys:
         factors = 1.0 + np.arange(many) * np.finfo(float).eps
         keys = done.plan.keys(cases, factors)
         assert len({key.tobytes() for key in keys}) == many
-        # Each half alone tells them apart: the store sorts by the first.
+        # Each half alone distinguishes them: the store sorts by the first.
         halves = np.ascontiguousarray(keys).view("<u8").reshape(-1, 2)
         assert [len(set(half)) for half in halves.T.tolist()] == [many, many]
 
 
-def test_a_million_runs_are_cut_into_few_parts_and_a_thousand_into_many():
+def test_a_million_runs_are_cut_into_large_parts_and_a_thousand_into_small_ones():
     from archfrag.study.batch import LARGEST_CHUNK, MANY_PARTS, cut
     from archfrag.study.rounds import CASE
 

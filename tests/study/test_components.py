@@ -116,22 +116,6 @@ class TestProcessing:
         assert np.allclose(motion.acceleration, 0.2 * G * wave(frequency=2.5), atol=1e-6)
         assert motion.vertical is not None
 
-    def test_levels_of_a_rotated_measure(self, tmp_path):
-        text = TEXT.replace("measure: PGA", 'measure: "RotD100(PGA)"')
-        study = study_with(tmp_path, 'files: ["quake/Q-ELC000.AT2"]', text)
-        (record,) = prepare_motions(study)
-        one, other = wave(frequency=1.5), wave(frequency=2.5)
-        largest = 0.2 * np.hypot(one, other).max()
-        assert record.factor * G == pytest.approx(1.0 / largest, rel=1e-3)
-
-    def test_a_pair_that_is_not_there(self, tmp_path):
-        study = study_with(
-            tmp_path, 'files: ["records/wave0.AT2"]\n  processing: [{rotate: {angle: 10}}]'
-        )
-        (tmp_path / "records" / "wave1.AT2").unlink()
-        with pytest.raises(RecordError, match=r"record wave0 has no other horizontal component"):
-            prepare_motions(study)
-
     def test_choice_of_components(self, tmp_path):
         files = 'files: ["quake/Q-ELC0*.AT2"]\n  processing: [{choose: {components: ["%s"]}}]'
         assert list(stored(study_with(tmp_path, files % "090"))) == ["Q-ELC090"]
@@ -146,7 +130,7 @@ class TestProcessing:
             prepare_motions(study)
 
     @pytest.mark.parametrize(
-        ("steps", "sentence"),
+        ("steps", "message"),
         [
             (
                 "[bandpas]",
@@ -163,8 +147,8 @@ class TestProcessing:
             ("[{taper: {side: top}}]", r"side = top must be"),
         ],
     )
-    def test_bad_steps(self, tmp_path, steps, sentence):
-        with pytest.raises(StudyError, match=sentence):
+    def test_bad_steps(self, tmp_path, steps, message):
+        with pytest.raises(StudyError, match=message):
             study_with(tmp_path, f"{FILES}\n  processing: {steps}")
 
 

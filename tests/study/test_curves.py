@@ -25,25 +25,25 @@ def two_stage(n_fine, n=40, bias=0.2, shift=0.0):
     fine = np.exp(generator.normal(shift, 0.4, n))
     coarse = fine * np.exp(generator.normal(bias, 0.05, n))
     made = np.arange(n) < n_fine
-    whole = np.ones(n, bool)
+    full = np.ones(n, bool)
     runs = Runs(
         "arch", "two_stage", bracketed(fine, made), LEVELS, np.ones((n, LEVELS.size)),
-        coarse=bracketed(coarse, whole), rows=np.arange(n),
+        coarse=bracketed(coarse, full), rows=np.arange(n),
     )  # fmt: skip
     return runs, fine
 
 
 class TestTwoFidelities:
-    def test_coarse_capacities_sharpen_what_few_fine_ones_say(self):
+    def test_coarse_capacities_sharpen_the_curve_of_some_fine_ones(self):
         runs, fine = two_stage(n_fine=12)
         found = answer(runs, 0.9)
         alone = answer(two_stage(n_fine=40)[0], 0.9)
         assert found.method == "control variate, jackknife"
         assert found.curve.theta == pytest.approx(np.exp(np.log(fine).mean()), rel=0.04)
         assert found.curve.beta == pytest.approx(np.log(fine).std(ddof=1), rel=0.1)
-        few = Runs("arch", "ida", runs.verdict, LEVELS, runs.factor)
+        some = Runs("arch", "ida", runs.verdict, LEVELS, runs.factor)
         width = [
-            np.log(each.theta[1] / each.theta[0]) for each in (found, alone, answer(few, 0.9))
+            np.log(each.theta[1] / each.theta[0]) for each in (found, alone, answer(some, 0.9))
         ]
         assert width[0] < 1.2 * width[1] < 0.8 * width[2]
         assert len(found.im) == len(found.lower) == POINTS

@@ -1,4 +1,4 @@
-"""Files appear whole or not at all."""
+"""Files appear full or not at all."""
 
 import pytest
 
@@ -20,13 +20,13 @@ def test_a_file_is_replaced_only_at_the_end(tmp_path):
 def test_a_full_disk_leaves_the_old_file_and_nothing_else(tmp_path, full_disk):
     path = tmp_path / "a.txt"
     path.write_text("old")
-    sentence = (
+    message = (
         f"{path}: cannot be written (No space left on device); the output folder must exist or be "
-        "creatable, allow writing and have room; what was finished is kept"
+        "creatable, allow writing and have space; what was finished is kept"
     )
     with full_disk(at=1), pytest.raises(OutputError) as caught, replacing(path) as temporary:
         temporary.write_text("half")
-    assert str(caught.value) == sentence
+    assert str(caught.value) == message
     assert caught.value.exit_code == 4
     assert files(tmp_path) == {"a.txt": b"old"}
 
@@ -48,15 +48,15 @@ def test_output_below_a_file_is_refused(tmp_path):
         make_folder(tmp_path / "file" / "out")
 
 
-def test_source_hash_tells_edits_in_any_file_of_a_folder(tmp_path, monkeypatch):
+def test_source_hash_states_edits_in_any_file_of_a_folder(tmp_path, monkeypatch):
     monkeypatch.setattr("archfrag.study.files.PACKAGE", tmp_path)
-    (tmp_path / "room").mkdir()
-    (tmp_path / "room" / "a.py").write_text("a = 1\n")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "a.py").write_text("a = 1\n")
     (tmp_path / "b.py").write_text("b = 1\n")
-    before = source_hash("room", "b.py")
-    assert source_hash("room", "b.py") == before
-    (tmp_path / "room" / "a.py").write_text("a = 2\n")
-    after = source_hash("room", "b.py")
+    before = source_hash("folder", "b.py")
+    assert source_hash("folder", "b.py") == before
+    (tmp_path / "folder" / "a.py").write_text("a = 2\n")
+    after = source_hash("folder", "b.py")
     assert after != before
     (tmp_path / "b.py").write_text("b = 2\n")
-    assert source_hash("room", "b.py") != after
+    assert source_hash("folder", "b.py") != after

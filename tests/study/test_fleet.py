@@ -1,4 +1,4 @@
-"""Tables of arches: rows become arches, mistakes one sentence with file, line and column."""
+"""Tables of arches: rows become arches, mistakes one message with file, line and column."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def fleet(folder, text=TABLE, **changed):
 
 
 class TestRows:
-    def test_cells_are_keys_and_the_entry_fills_the_rest(self, tmp_path):
+    def test_cells_are_keys_and_the_entry_fills_the_others(self, tmp_path):
         found = expand([fleet(tmp_path)])
         assert found.ids == ["old", "wide", "late"]
         assert found.classes == ["fleet"] * 3
@@ -47,7 +47,7 @@ class TestRows:
         assert str(listed).startswith("fleet: 3 arches, radius 8 to 12, thickness 1.25 to 1.8")
         assert str(listed).endswith("2 of region, 3 of built")
 
-    def test_lists_and_a_spreadsheets_whole_numbers(self, tmp_path):
+    def test_lists_and_a_spreadsheets_full_numbers(self, tmp_path):
         text = '\ufeffid,radius,thickness,voussoirs,friction\r\na,10,1.5,2.0,"[0.5, 0.6, 0.7]"\r\n'
         (arch,) = expand([fleet(tmp_path, text)]).entries
         assert (arch.voussoirs, arch.friction) == (2, (0.5, 0.6, 0.7))
@@ -78,7 +78,7 @@ class TestRows:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "sentence"),
+    ("old", "new", "message"),
     [
         ("12,1.8", "12,1.8m", "line 3, column thickness = 1.8m must be a number"),
         ("12,1.8", "x,1.8", "line 3, column radius = x must be a number"),
@@ -102,17 +102,17 @@ class TestRows:
         ("id,radius", "id,span", "line 2, column span is no known key; allowed are "),
     ],
 )  # fmt: skip
-def test_a_bad_table_is_one_sentence(tmp_path, old, new, sentence):
+def test_a_bad_table_is_one_message(tmp_path, old, new, message):
     entry = fleet(tmp_path, TABLE.replace(old, new, 1))
     with pytest.raises(StudyError) as refusal:
         expand([entry])
     path = f"arches[0] (fleet): {tmp_path / 'fleet.csv'}"
-    assert str(refusal.value).startswith(f"{path}, {sentence}")
+    assert str(refusal.value).startswith(f"{path}, {message}")
     assert "\n" not in str(refusal.value)
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    ("text", "message"),
     [
         ("id,radius\n", "must have a line for each arch below its first line"),
         ("", "must have a line for each arch below its first line"),
@@ -121,10 +121,10 @@ def test_a_bad_table_is_one_sentence(tmp_path, old, new, sentence):
     ],
     ids=["no row", "empty", "utf-16", "semicolons"],
 )
-def test_what_is_no_table(tmp_path, text, sentence):
+def test_what_is_no_table(tmp_path, text, message):
     with pytest.raises(StudyError) as refusal:
         expand([fleet(tmp_path, text)])
-    assert sentence in str(refusal.value)
+    assert message in str(refusal.value)
 
 
 def test_what_varies_of_a_table_is_refused_by_the_studys_key(tmp_path):

@@ -53,8 +53,8 @@ def test_a_study_that_grows_makes_only_the_new_runs(tmp_path, here, design, grow
     records = 3 if grown == "record" else 2
     text = GROWN[grown](TEXT)
     log, second = cube_of(study_of(tmp_path / "grown", design, text, records))
-    whole, third = cube_of(study_of(tmp_path / "whole", design, text, records))
-    assert (before.kept, whole.kept, log.runs) == (0, 0, whole.runs)
+    full, third = cube_of(study_of(tmp_path / "full", design, text, records))
+    assert (before.kept, full.kept, log.runs) == (0, 0, full.runs)
     assert second == first
     assert second.read_bytes() == third.read_bytes()
     if design in ("stripes", "cloud") or grown == "arch":

@@ -86,7 +86,7 @@ class TestStopping:
 
 
 class TestReasons:
-    def test_too_few_runs(self):
+    def test_too_some_runs(self):
         note = play_ida(capacities(1), theta=0.02, runs=150)[0]
         assert (note["reached"], note["why"]) == (False, "150 runs do not suffice")
         assert note["runs"] < 175

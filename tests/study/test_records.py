@@ -85,7 +85,7 @@ def ids(study):
     return [record.id for record in prepare_motions(study)]
 
 
-def test_two_records_of_one_name_are_told_apart_by_their_folders(tmp_path):
+def test_two_records_of_one_name_are_distinguished_by_their_folders(tmp_path):
     study = study_with(tmp_path, 'files: ["records/*.AT2", "more/*.AT2", "H.AT2"]')
     for name in ("more/wave1.AT2", "H.AT2", "more/H.AT2", "more/other.AT2"):
         made(tmp_path / name)
@@ -138,33 +138,6 @@ def test_name_that_is_not_utf_8(tmp_path):
         f"{tmp_path}/records/b\\xff.AT2: the name of the file is not in UTF-8; rename it, the id "
         "of a record is made of its name"
     )
-
-
-def test_record_of_zeros_cannot_be_scaled(tmp_path):
-    study = study_with(tmp_path, 'files: ["records/*.AT2"]')
-    write_at2(tmp_path / "records" / "zero.AT2", np.zeros(50), 0.01)
-    with pytest.raises(RecordError, match="peak of channel 0 is 0 g by its unit g, outside 1e-05"):
-        prepare_motions(study)
-    study = study_with(tmp_path, 'files: [{path: "records/*.AT2", accept: [pga]}]')
-    with pytest.raises(RecordError, match="zero: PGA of the record is 0, so no factor can bring"):
-        prepare_motions(study)
-    assert not (study.work / "motions.json").exists()
-
-
-def test_what_a_study_accepts_is_stored_with_the_record(tmp_path):
-    study = study_with(tmp_path, 'files: [{path: "records/*.AT2", accept: [time_step, pga]}]')
-    write_at2(tmp_path / "records" / "wave1.AT2", np.sin(np.arange(50.0)), 0.2)
-    first, second = prepare_motions(study)
-    assert "accepted" not in load_record(study, first).metadata
-    motion = load_record(study, second)
-    assert motion.metadata["accepted"] == [
-        "Accepted: time step of channel 0 is 0.2 s, outside 0.0001 to 0.1 s."
-    ]
-    assert motion.metadata["accepted"][0] in motion.log
-    with pytest.raises(
-        StudyError, match=r"motions\.files\[0\]\.accept\[0\] = dt must be 'pga', 't"
-    ):
-        study_with(tmp_path, "files: [{path: x, accept: [dt]}]")
 
 
 def test_motions_that_are_not_prepared_or_for_another_measure(tmp_path):

@@ -8,10 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 from archfrag.cli import main
-from archfrag.errors import InputError
 from archfrag.fragility.curve import Fragility
 from archfrag.fragility.hazard_curve import HazardCurve
-from archfrag.mechanics.status import CollapseMode
 from archfrag.study.config import load_study
 from archfrag.study.cube import write_cube
 from archfrag.study.files import write_text
@@ -58,19 +56,6 @@ class TestGrid:
         found = risk_of(data, fits, HAZARD).arches["ring"].by_magnitude
         assert found.fraction[found.categories.index("6 to 6.5")] == pytest.approx(1.0)
 
-    def test_names_of_mechanisms(self, grid):
-        data, fits = grid
-        verdict = data["verdict"].values
-        data = data.assign(
-            collapse_joint=(data["verdict"].dims, np.where(verdict == 1, 3, -1)),
-            collapse_mode=(
-                data["verdict"].dims, np.where(verdict == 1, int(CollapseMode.LIFT_OFF), 0),
-            ),
-        )  # fmt: skip
-        found = risk_of(data, fits, HAZARD).arches["ring"].by_mechanism
-        assert found.categories == ("joint 3, lift-off", "others")
-        assert found.fraction[0] == pytest.approx(1.0)
-
     def test_short_hazard_curve_is_cautioned(self, grid):
         short = Hazard("PGA", "made up", {"mean": HazardCurve([0.2, 1.0], [0.05, 2e-3])})
         found = risk_of(*grid, short).arches["ring"]
@@ -78,41 +63,29 @@ class TestGrid:
         assert any("above the last point of the hazard curve" in each for each in found.cautions)
         assert not risk_of(*grid, HAZARD).arches["ring"].rate.outside > 0.05
 
-    def test_arch_without_a_curve_keeps_its_sentence(self, grid):
+    def test_arch_without_a_curve_keeps_its_message(self, grid):
         assert risk_of(grid[0], {"ring": "no run collapsed"}, HAZARD).arches == {
             "ring": "no run collapsed"
         }
 
-    def test_other_measure_and_time(self, grid):
-        data, fits = grid
-        other = Hazard("PGV", "made up", HAZARD.curves)
-        data = data.copy()
-        data["intensity"].attrs["measure"] = "PGA"
-        with pytest.raises(
-            InputError, match="hazard for levels of PGV, but the cube's are of PGA"
-        ):
-            risk_of(data, fits, other)
-        with pytest.raises(InputError, match="years is -1"):
-            risk_of(data, fits, HAZARD, years=-1.0)
-
 
 class TestDesigns:
-    def test_bisected_records_give_the_shares_of_the_whole_grid(self):
-        """A study of monotone records: what the bisection leaves out follows from the rest."""
+    def test_bisected_records_give_the_fractions_of_the_full_grid(self):
+        """A study of monotone records: what the bisection leaves out follows from the others."""
         generator = np.random.default_rng(5)
         data = cube(items=motions(30))
         levels = data["intensity"].values
         capacity = 4.0 * np.exp(0.4 * generator.standard_normal((30, 1)))
-        whole = (capacity < levels).astype(np.int8)
-        joint = np.where(whole == 1, generator.integers(0, 8, (30, 1)), -1)
-        first = np.argmax(whole, axis=1)[:, None]
+        full = (capacity < levels).astype(np.int8)
+        joint = np.where(full == 1, generator.integers(0, 8, (30, 1)), -1)
+        first = np.argmax(full, axis=1)[:, None]
         place = np.arange(levels.size)
         bisected = np.where(
-            (place == first) | (place == first - 1) | ((whole == 0) & (place % 3 == 0)), whole, 4
+            (place == first) | (place == first - 1) | ((full == 0) & (place % 3 == 0)), full, 4
         )
         fit = Fragility(4.0, 0.4, np.diag([0.005, 0.003]), 0.0, 9, 270, "stripes")
         found = []
-        for verdict in (whole, bisected):
+        for verdict in (full, bisected):
             seen = np.where(verdict == 1, joint, -1)
             made = data.assign(
                 verdict=(data["verdict"].dims, verdict[None].astype(np.int8)),

@@ -1,4 +1,4 @@
-"""One run told to people and to scripts."""
+"""One run reported to people and to scripts."""
 
 import json
 
@@ -36,19 +36,19 @@ def test_what_a_status_advises_can_be_given():
     import re
 
     from archfrag.cli import main
-    from archfrag.errors import STATUS_SENTENCE
+    from archfrag.errors import STATUS_MESSAGE
     from archfrag.simulation.checks import method_names
     from archfrag.study.config import Method
 
     known = {option.name for option in main.commands["simulate"].params}
     known &= {"method", *Method.model_fields} & set(inspect.signature(af.simulate).parameters)
-    advised = set(re.findall(r"`(\w+)`", " ".join(STATUS_SENTENCE.values())))
+    advised = set(re.findall(r"`(\w+)`", " ".join(STATUS_MESSAGE.values())))
     assert {"dt", "follow"} <= advised
     assert advised <= known | set(method_names())
 
 
 class TestText:
-    def test_tells_models_events_and_work(self, response):
+    def test_states_models_events_and_work(self, response):
         lines = response_text(response, 1.0).splitlines()
         (times,) = [line for line in lines if line.startswith("simulated time: ")]
         assert f"mega voussoirs {response.model_time['mega_voussoirs']:.3f} s" in times
@@ -57,7 +57,7 @@ class TestText:
         (work,) = [line for line in lines if line.startswith("work: ")]
         assert f"steps {response.steps}" in work
 
-    def test_tells_the_log_as_far_as_it_fits(self, response):
+    def test_states_the_log_as_far_as_it_fits(self, response):
         text = response_text(response, 1.0)
         assert f"  {response.mechanism[2]}" in text
         assert f"... and {len(response.mechanism) - 40} more entries" in text

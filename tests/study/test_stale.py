@@ -1,4 +1,4 @@
-"""Inputs that change under a study: made again or refused, never mixed, whatever the dates say."""
+"""Inputs that change under a study: made again or refused, never mixed, whatever their dates."""
 
 import os
 
@@ -12,8 +12,8 @@ from archfrag.study.config import load_study
 from archfrag.study.files import sha256_of
 from archfrag.study.plan import make_plan
 from archfrag.study.records import load_prepared, prepare_motions
-from archfrag.study.replay import Gathered
 from archfrag.study.steps import finish, stale_steps
+from archfrag.study.store import Gathered
 from archfrag.study.worker import run_chunk
 from tests.study.small import TEXT, make_runs, small_study, write_at2
 
@@ -35,7 +35,7 @@ def older(path):
 
 
 def steps(path, *names):
-    """Exit code and what the first of some steps says that fails, or the last."""
+    """Exit code and what the first of some steps states that fails, or the last."""
     from click.testing import CliRunner
 
     for name in names:
@@ -119,9 +119,9 @@ def test_new_motions_take_the_place_of_old_ones_together_or_not_at_all(done, tmp
     digest, before = make_plan(study).digest, contents(tmp_path / "out")
     write_at2(tmp_path / "records" / "wave0.AT2", np.sin(np.arange(150.0)), 0.01)
     (tmp_path / "records" / "wave1.AT2").write_text("garbage")
-    code, said = steps(path, "motions")
+    code, messages = steps(path, "motions")
     assert code == 2
-    assert "wave1.AT2" in said
+    assert "wave1.AT2" in messages
     assert contents(tmp_path / "out") == before
     assert make_plan(study).digest == digest
     make_runs(make_plan(study))
@@ -143,13 +143,13 @@ def test_two_stored_motions_swapped_by_hand(copied):
     content = one.read_bytes()
     one.write_bytes(two.read_bytes())
     two.write_bytes(content)
-    sentence = f"{one}: is not the motion that was prepared of record 'wave0', but missing"
+    message = f"{one}: is not the motion that was prepared of record 'wave0', but missing"
     with pytest.raises(InputError) as caught:
         make_plan(copied.study)
-    assert str(caught.value).startswith(sentence)
+    assert str(caught.value).startswith(message)
     stale, changed = stale_steps(copied.study)
     assert stale[0] == "motions"
-    assert changed[0].startswith(sentence)
+    assert changed[0].startswith(message)
     copied.plan.save()
     cases = copied.plan.rounds().wanted[:1]
     with pytest.raises(InputError, match="is not the motion that was prepared"):

@@ -31,7 +31,7 @@ def stored(study):
 
 
 class TestPrepared:
-    def test_no_motion_is_stored_and_each_follows_from_what_the_manifest_says(self, tmp_path):
+    def test_no_motion_is_stored_and_each_follows_from_what_the_manifest_states(self, tmp_path):
         study = study_with(tmp_path)
         prepare_motions(study)
         records = load_prepared(study)
@@ -99,7 +99,7 @@ def test_cube_holds_the_seeds_and_which_records_have_a_vertical(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "sentence"),
+    ("change", "message"),
     [
         (("events: 2", "events: 0"), "motions.synthetic.events = 0 must be greater than or equal"),
         (
@@ -114,7 +114,7 @@ def test_cube_holds_the_seeds_and_which_records_have_a_vertical(tmp_path):
         (("seed: 3", "sed: 3"), "motions.synthetic.sed is no known key; did you mean seed?"),
     ],
 )
-def test_bad_study(tmp_path, change, sentence):
+def test_bad_study(tmp_path, change, message):
     with pytest.raises(StudyError) as caught:
         study_with(tmp_path, MADE.replace(*change))
-    assert sentence in str(caught.value)
+    assert message in str(caught.value)

@@ -1,4 +1,4 @@
-"""Processes of a run: stopped once, ended together, and the lock that says who held it."""
+"""Processes of a run: stopped once, ended together, and the lock that states who held it."""
 
 import contextlib
 import json
@@ -41,7 +41,7 @@ class TestStop:
     def test_the_first_signal_raises_and_the_others_are_ignored(self):
         before = signal.getsignal(signal.SIGTERM)
 
-        def be_told_thrice():
+        def be_stopped_thrice():
             try:
                 os.kill(os.getpid(), signal.SIGTERM)
                 time.sleep(5.0)
@@ -50,7 +50,7 @@ class TestStop:
                 os.kill(os.getpid(), signal.SIGTERM)
 
         with pytest.raises(tree.Stopped, match="stopped by SIGTERM"), tree.stoppable():
-            be_told_thrice()
+            be_stopped_thrice()
         assert signal.getsignal(signal.SIGTERM) == before
 
     def test_while_a_process_is_made_a_signal_waits(self):
@@ -80,7 +80,7 @@ def test_processes_that_will_not_end_are_ended(monkeypatch):
     assert not any(c.is_running() and c.status() != psutil.STATUS_ZOMBIE for c in children)
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="other systems tell no child of the death")
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not end a child")
 def test_a_process_ends_with_the_one_that_started_it():
     code = (
         "import os, signal, sys; from archfrag.study import tree; "
@@ -145,7 +145,7 @@ class TestLock:
         with only_run(study) as lock:
             assert lock.stopped
 
-    def test_a_run_on_another_host_is_there_as_long_as_it_says_so(self, study):
+    def test_a_run_on_another_host_is_there_as_long_as_it_reports_so(self, study):
         path = study.work / "lock"
         path.write_text(json.dumps(tree.identity() | {"host": "elsewhere"}))
         with pytest.raises(OutputError, match=r"\(process \d+ on elsewhere\)"), only_run(study):

@@ -173,8 +173,8 @@ def _wait_until_ready(slurm: Slurm, started: list[subprocess.Popen], name: str) 
     }[name]
     if not wait(lambda: started[-1].poll() is not None or ready(), 20.0) or not ready():
         log = slurm.folder / f"{name}.log"
-        said = log.read_text(errors="replace")[-3000:] if log.is_file() else "nothing"
-        raise RuntimeError(f"{name} does not come up; it said: {said}")
+        output = log.read_text(errors="replace")[-3000:] if log.is_file() else "nothing"
+        raise RuntimeError(f"{name} does not come up; its output: {output}")
 
 
 def wait(condition, seconds: float) -> bool:

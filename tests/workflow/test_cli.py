@@ -1,10 +1,10 @@
-"""The command: quick to answer, one sentence and an exit code for what is wrong."""
+"""The command: quick to answer, one message and an exit code for what is wrong."""
 
 import json
 import os
+import resource
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def call(*arguments):
 
 
 def refused(*arguments):
-    """Exit code and sentence of a command that fails."""
+    """Exit code and message of a command that fails."""
     result = call(*arguments)
     assert result.stderr.startswith("archfrag: error: ")
     assert result.stderr.count("\n") == 1
@@ -41,11 +41,12 @@ class TestHelp:
         )
         took = []
         for _ in range(3):
-            started = time.perf_counter()
+            before = resource.getrusage(resource.RUSAGE_CHILDREN)
             found = subprocess.run(
                 [sys.executable, "-c", code], capture_output=True, text=True, check=True
             )
-            took.append(time.perf_counter() - started)
+            after = resource.getrusage(resource.RUSAGE_CHILDREN)
+            took.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
         loaded = set(found.stderr.split())
         assert "click" in loaded
         assert not loaded & {"numpy", "numba", "pydantic", "yaml", "dask", "obspy", "snakemake"}
@@ -89,16 +90,16 @@ class TestOnset:
         assert json.loads(call("onset", *thin, "--json").output)["stands"] is False
 
     def test_what_is_missing_or_impossible(self):
-        code, sentence = refused("onset", "--radius", "10")
+        code, message = refused("onset", "--radius", "10")
         assert code == 2
-        assert sentence.startswith("--profile circular: friction is missing (3 more keys")
-        code, sentence = refused("onset", *ARCH, "--span", "3")
-        assert sentence.startswith("--profile circular: span is no known key")
-        code, sentence = refused("onset", *ARCH[:2], "--thickness", "-1", *ARCH[4:])
+        assert message.startswith("--profile circular: friction is missing (3 more keys")
+        code, message = refused("onset", *ARCH, "--span", "3")
+        assert message.startswith("--profile circular: span is no known key")
+        code, message = refused("onset", *ARCH[:2], "--thickness", "-1", *ARCH[4:])
         assert code == 2
-        assert sentence.startswith("thickness = -1.0 m is impossible")
-        code, sentence = refused("onset", *ARCH[:-1], "nan")
-        assert sentence.startswith("friction = nan is impossible")
+        assert message.startswith("thickness = -1.0 m is impossible")
+        code, message = refused("onset", *ARCH[:-1], "nan")
+        assert message.startswith("friction = nan is impossible")
 
 
 class TestSimulate:
@@ -121,10 +122,10 @@ class TestSimulate:
         lost = tmp_path / "lost.AT2"
         assert refused("simulate", *ARCH, lost)[0] == 2
         assert str(lost) in refused("simulate", *ARCH, lost)[1]
-        code, sentence = refused("simulate", *ARCH, record, "--method", "euler")
+        code, message = refused("simulate", *ARCH, record, "--method", "euler")
         known = "auto, time_stepping, event_driven, four_link, penalty, gauss_seidel, "
         known += "quadratic_programme"
-        assert (code, sentence) == (2, f"method is 'euler'; allowed are {known}")
+        assert (code, message) == (2, f"method is 'euler'; allowed are {known}")
         tight = ("--method", "penalty", "--rtol", "1e-6")
         assert refused("simulate", *ARCH, record, *tight) == (
             2,
@@ -132,9 +133,9 @@ class TestSimulate:
             "time_stepping, event_driven, auto, four_link",
         )
         thin = [*ARCH[:2], "--thickness", "0.3", *ARCH[4:]]
-        code, sentence = refused("simulate", *thin, record)
+        code, message = refused("simulate", *thin, record)
         assert code == 3
-        assert "does not stand under its own weight" in sentence
+        assert "does not stand under its own weight" in message
 
 
 class TestValidate:
@@ -146,7 +147,7 @@ class TestValidate:
         assert json.loads(call("validate", path, "--json").output)["runs"] == 12
 
     @pytest.mark.parametrize(
-        ("old", "new", "code", "sentence"),
+        ("old", "new", "code", "message"),
         [
             ("radius:", "radus:", 2, "arches[0].radus is no known key; did you mean radius?"),
             ("time_stepping", "euler", 2, "method.name = euler must be one of auto"),
@@ -157,11 +158,11 @@ class TestValidate:
             ("output: out", "output: small.yaml/out", 4, "small.yaml/out: cannot be written (Not"),
         ],
     )  # fmt: skip
-    def test_what_is_wrong(self, tmp_path, old, new, code, sentence):
+    def test_what_is_wrong(self, tmp_path, old, new, code, message):
         assert old in TEXT
         found, text = refused("validate", small_study(tmp_path, TEXT.replace(old, new, 1)))
         assert found == code
-        assert sentence in text
+        assert message in text
 
     def test_nothing_is_created(self, tmp_path):
         path = small_study(tmp_path, TEXT.replace("output: out", "output: deep/out"))
@@ -175,16 +176,14 @@ class TestValidate:
         odd = os.fsencode(tmp_path) + b"/\xfe"
         os.mkdir(odd)
         monkeypatch.chdir(os.fsdecode(odd))
-        code, sentence = refused("validate", path, "--set", "output=here")
+        code, message = refused("validate", path, "--set", "output=here")
         assert code == 2
-        assert "must be text in UTF-8" in sentence
-        assert sentence.startswith(f"{path}: output = '{tmp_path.anchor}")
+        assert "must be text in UTF-8" in message
+        assert message.startswith(f"{path}: output = '{tmp_path.anchor}")
         os.rename(tmp_path / "records" / "wave1.AT2", os.fsencode(tmp_path) + b"/records/\xff.AT2")
-        code, sentence = refused("validate", path)
+        code, message = refused("validate", path)
         assert code == 2
-        assert sentence.startswith(
-            f"{tmp_path}/records/\\xff.AT2: the name of the file is not in "
-        )
+        assert message.startswith(f"{tmp_path}/records/\\xff.AT2: the name of the file is not in ")
 
 
 class TestSteps:
@@ -216,16 +215,16 @@ class TestSteps:
         self.what_is_not_of_the_study_goes(path, out)
 
     def a_damaged_cube_is_refused_and_made_again(self, path, out):
-        whole = (out / "cube.nc").read_bytes()
-        middle = len(whole) // 2
-        flipped = b"\0" * 512 + whole[512:]
-        for damaged in (b"", whole[:middle], flipped, whole[:100]):
+        full = (out / "cube.nc").read_bytes()
+        middle = len(full) // 2
+        flipped = b"\0" * 512 + full[512:]
+        for damaged in (b"", full[:middle], flipped, full[:100]):
             (out / "cube.nc").write_bytes(damaged)
-            code, sentence = refused("fit", path)
+            code, message = refused("fit", path)
             assert code == 2
-            assert sentence.startswith(f"{out / 'cube.nc'}: is missing, changed or damaged; `arch")
+            assert message.startswith(f"{out / 'cube.nc'}: is missing, changed or damaged; `arch")
             assert call("cube", path).exit_code == 0
-            assert (out / "cube.nc").read_bytes() == whole
+            assert (out / "cube.nc").read_bytes() == full
         (out / "cube.nc").write_bytes(b"a year of work")
         assert refused("cube", path)[0] == 4
         (out / "cube.nc").unlink()
@@ -250,21 +249,21 @@ class TestSteps:
         assert len([p for p in parts - left if p.suffix == ".npy"]) >= 1
 
     @pytest.mark.parametrize(
-        ("error", "sentence"),
+        ("error", "message"),
         [
             (OSError(13, "Permission denied", "a/b"), "a/b: Permission denied"),
             (OSError(28, "No space left on device"), "No space left on device"),
             (MemoryError(), "the memory of this machine does not suffice"),
         ],
     )
-    def test_errors_of_the_machine_are_a_sentence(self, tmp_path, monkeypatch, error, sentence):
+    def test_errors_of_the_machine_are_a_message(self, tmp_path, monkeypatch, error, message):
         import archfrag.study.records
 
         def broken(study):
             raise error
 
         monkeypatch.setattr(archfrag.study.records, "prepare_motions", broken)
-        assert refused("motions", small_study(tmp_path)) == (1, sentence)
+        assert refused("motions", small_study(tmp_path)) == (1, message)
 
     def test_other_exceptions_keep_their_traceback(self, tmp_path, monkeypatch):
         import archfrag.study.records
@@ -277,3 +276,17 @@ class TestSteps:
         result = call("motions", small_study(tmp_path), "--log", log)
         assert isinstance(result.exception, ZeroDivisionError)
         assert "ZeroDivisionError: a mistake of ours" in log.read_text()
+
+
+class TestEvidence:
+    def test_an_unknown_part_is_named_with_those_there_are(self, tmp_path):
+        sentence = refused("evidence", "sped", "--output", tmp_path / "out")[1]
+        assert sentence.startswith("evidence has no part 'sped'; allowed are")
+        assert not (tmp_path / "out").exists()
+
+    def test_without_the_repository_it_is_told_how_to_get_it(self, tmp_path, monkeypatch):
+        monkeypatch.setitem(sys.modules, "archbench", None)
+        monkeypatch.delitem(sys.modules, "archbench.command", raising=False)
+        sentence = refused("evidence", "--output", tmp_path / "out")[1]
+        assert "archbench" in sentence
+        assert "pip install -e .[bench]" in sentence

@@ -1,4 +1,4 @@
-"""One command for a study: done, up to date, killed, resumed, in each other's way."""
+"""One command for a study: done, up to date, killed, resumed, beside each other."""
 
 import hashlib
 import json
@@ -76,7 +76,7 @@ def sha256(path):
 
 
 def kill_tree(process):
-    """SIGKILL for the whole tree, however it has grouped itself."""
+    """SIGKILL for the full tree, however it has grouped itself."""
     with_children = [psutil.Process(process.pid)]
     with_children += with_children[0].children(recursive=True)
     os.killpg(process.pid, signal.SIGKILL)
@@ -218,7 +218,7 @@ def test_killed_three_times_and_resumed_gives_the_same_cube(finished, tmp_path):
     assert not list(out.rglob(".*.tmp"))
 
 
-def test_an_interrupted_run_says_what_to_type(tmp_path):
+def test_an_interrupted_run_states_what_to_type(tmp_path):
     path = small_study(tmp_path, SLOW)
     process = start(path)
     steps = tmp_path / "out" / ".archfrag" / "steps"
@@ -246,7 +246,7 @@ def test_an_interrupted_run_says_what_to_type(tmp_path):
     ("number", "whom"),
     [(signal.SIGTERM, "parent"), (signal.SIGINT, "group"), (signal.SIGKILL, "parent")],
 )
-def test_a_stopped_run_takes_its_whole_tree_with_it(tmp_path, number, whom):
+def test_a_stopped_run_takes_its_full_tree_with_it(tmp_path, number, whom):
     path = small_study(tmp_path, SLOW.replace("dt: 2.0e-3", "dt: 1.0e-5"))
     process = start(path)
     parts = tmp_path / "out" / ".archfrag" / "parts"
@@ -277,7 +277,7 @@ def test_a_stopped_run_takes_its_whole_tree_with_it(tmp_path, number, whom):
     assert (holder["host"], holder["pid"]) == (socket.gethostname(), process.pid)
 
 
-def test_a_failing_step_is_told_once_with_its_exit_code(tmp_path):
+def test_a_failing_step_is_reported_once_with_its_exit_code(tmp_path):
     path = small_study(tmp_path, TEXT.replace("thickness: 1.5", "thickness: 0.3"))
     code, _, stderr = run(path)
     assert code == 3
@@ -292,11 +292,11 @@ def test_results_of_another_study_are_left_alone(finished, tmp_path):
     path = small_study(tmp_path, TEXT.replace("id: small", "id: other"))
     code, _, stderr = run(path, "--set", f"output={out}")
     assert code == 4
-    assert "the cube of study 'small' is in the way of study 'other'" in stderr
+    assert "the cube of study 'small' is in the place of study 'other'" in stderr
     assert sha256(out / "cube.nc") == before
 
 
-def test_a_step_that_breaks_is_told_with_the_log_that_holds_it(tmp_path):
+def test_a_step_that_breaks_is_reported_with_the_log_that_holds_it(tmp_path):
     path = small_study(tmp_path)
     (tmp_path / "broken").mkdir()
     (tmp_path / "broken" / "sitecustomize.py").write_text(BROKEN)
@@ -310,7 +310,7 @@ def test_a_step_that_breaks_is_told_with_the_log_that_holds_it(tmp_path):
     assert "Traceback" in log.read_text()
 
 
-def test_what_snakemake_says_is_told_with_its_log(tmp_path):
+def test_what_snakemake_states_is_reported_with_its_log(tmp_path):
     path = small_study(tmp_path)
     (tmp_path / "profile").mkdir()
     (tmp_path / "profile" / "config.yaml").write_text("executor: no-such-cluster\ncores: 1\n")
@@ -339,19 +339,21 @@ def test_odd_names_and_a_home_that_cannot_be_written(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("override", "code", "sentence"),
+    ("override", "code", "message"),
     [
         ("metod.name=auto", 2, "metod is no known key; did you mean method?"),
         ("motions.files=['nowhere/*']", 2, "motions.files[0]: no file matches"),
         ("output=small.yaml/out", 4, "cannot be written (Not a directory)"),
     ],
 )
-def test_bad_input_is_told_before_anything_runs(tmp_path, monkeypatch, override, code, sentence):
+def test_bad_input_is_reported_before_anything_runs(
+    tmp_path, monkeypatch, override, code, message
+):
     path = small_study(tmp_path)
     monkeypatch.chdir(tmp_path)
     found, _, stderr = run(path, "--set", override)
     assert found == code
-    assert sentence in stderr
+    assert message in stderr
     assert stderr.count("\n") == 1
     assert not list(tmp_path.rglob("motions.json"))
 

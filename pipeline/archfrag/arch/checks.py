@@ -1,4 +1,4 @@
-"""What a user may give: each check returns clean floats or raises one clear sentence."""
+"""What a user may give: each check returns clean floats or raises one clear message."""
 
 import math
 import reprlib
@@ -62,12 +62,12 @@ def number(
 
 
 def count(name: str, value: ArrayLike) -> int:
-    """Number of voussoirs of an arch: a whole number from 2 to `MOST_VOUSSOIRS`."""
-    allowed = "a whole number of at least 2 (a single body is a Block)"
+    """Number of voussoirs of an arch: an integer from 2 to `MOST_VOUSSOIRS`."""
+    allowed = "an integer of at least 2 (a single body is a Block)"
     array = _real_array(name, value, allowed)
     if array.ndim != 0 or not np.isfinite(array) or array != np.floor(array):
         raise GeometryError(
-            f"{name} = {reprlib.repr(value)} is not a whole number; it must be {allowed}"
+            f"{name} = {reprlib.repr(value)} is not an integer; it must be {allowed}"
         )
     if array < 2:
         raise GeometryError(f"{name} = {int(array)} makes no arch; it must be {allowed}")
@@ -110,7 +110,7 @@ def joint_positions(
 ) -> NDArray[np.float64]:
     """Positions of joints from the middle of the ring, from minus to plus half `end`."""
     if value is None:
-        # Whole numerators make mirrored joints equal to the last bit.
+        # Integer numerators make mirrored joints equal to the last bit.
         index = np.arange(voussoirs + 1, dtype=np.float64)
         equal: NDArray[np.float64] = end * ((2.0 * index - voussoirs) / (2.0 * voussoirs))
         return equal
@@ -145,7 +145,7 @@ def joint_positions(
 
 
 def points(name: str, value: ArrayLike, least: int, why: str) -> NDArray[np.float64]:
-    """Corners of joints, ``(n, 2)`` [m] with ``n >= least``; `why` tells where `least` is from."""
+    """Corners of joints, ``(n, 2)`` [m] ``n >= least``; `why` states where `least` is from."""
     allowed = f"an (n, 2) table of finite coordinates in metres with n at least {least} ({why})"
     array = _real_array(name, value, allowed)
     if array.ndim != 2 or array.shape[1] != 2 or array.shape[0] < least:

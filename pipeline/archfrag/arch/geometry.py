@@ -89,7 +89,7 @@ def arc(
 
 
 def middle_of(line: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Point ``(2,)`` half-way along a polyline ``(m, 2)`` [m]."""
+    """Point ``(2,)`` in the middle of a polyline ``(m, 2)`` [m]."""
     length = np.hypot(*np.diff(line, axis=0).T)
     travelled = np.concatenate([[0.0], np.cumsum(length)])
     half = 0.5 * travelled[-1]

@@ -37,7 +37,7 @@ class Arch:
     Made by one of the class methods: `circular`, `segmental`, `pointed`, `elliptic`, `catenary`
     for ready-made profiles, `from_joints` for any other.
 
-    Arguments that they share
+    Arguments that they have in common
     -------------------------
     thickness : float
         Of the ring, measured along its joints [m].
@@ -45,8 +45,8 @@ class Arch:
         Number of bodies, at least 2.
     friction : float or (n_joint,) array_like
         Coulomb coefficient of all joints or of each; inf: the limit of large friction. A joint
-        that presses does not slide then; one that slides has no normal force, which happens at
-        impacts (about one in twelve of a closed ring), as it does with a coefficient of 1e6.
+        under compression does not slide then; one that slides has no normal force, which happens
+        at impacts (about one in twelve of a closed ring), as with a coefficient of 1e6.
     density : float
         Of the masonry [kg/m3].
     depth : float
@@ -60,7 +60,7 @@ class Arch:
         the voussoir's extrados. It has weight and inertia, so that equilibrium depends only on
         the direction of the body force.
 
-    All raise `GeometryError`, in a sentence that names the parameter, its value and what is
+    All raise `GeometryError`, in a message that names the parameter, its value and what is
     allowed, for anything of which no ring can be built.
 
     Attributes
@@ -200,22 +200,15 @@ class Arch:
         >>> af.onset(bridge).stands
         True
         """
-        span = checks.number("span", span)
-        rise = checks.number(
-            "rise",
-            rise,
-            at_least=_FLATTEST * span,
-            at_most=0.5 * span,
-            note="1e-6 x span and half the span",
+        note = "1e-6 x span and half the span"
+        shape, position = _spanned(
+            (span, rise, thickness, voussoirs), joints, (_FLATTEST, 0.5), note
         )
+        span, rise, thickness = shape.values()
         radius = (0.25 * span**2 + rise**2) / (2.0 * rise)
-        thickness = checks.number(
-            "thickness", thickness, below=2.0 * radius, note="2 x radius of the centre line"
-        )
-        voussoirs = checks.count("voussoirs", voussoirs)
-        position = checks.joint_positions(joints, voussoirs, 1.0, _LENGTH)
+        note = "2 x radius of the centre line"
+        checks.number("thickness", thickness, below=2.0 * radius, note=note)
         angle = 4.0 * math.atan2(2.0 * rise, span) * position
-        shape = {"span": span, "rise": rise, "thickness": thickness}
         centre = np.array([0.0, rise - radius])
         ring = _circular_ring(centre, radius, thickness, angle, sector)
         return cls._ready_made(
@@ -259,14 +252,11 @@ class Arch:
         >>> gothic
         <Arch pointed: 12 voussoirs, 13 joints>
         """
-        span = checks.number("span", span)
-        rise = checks.number("rise", rise, at_least=0.5 * span, note="half the span")
-        thickness = checks.number("thickness", thickness)
-        voussoirs = checks.count("voussoirs", voussoirs)
-        position = checks.joint_positions(joints, voussoirs, 1.0, _LENGTH)
-        lines = pointed_lines(span, rise, thickness, position)
-        shape = {"span": span, "rise": rise, "thickness": thickness}
-        ring = straight_ring(lines)
+        shape, position = _spanned(
+            (span, rise, thickness, voussoirs), joints, (0.5, math.inf), "half the span"
+        )
+        span, rise, thickness = shape.values()
+        ring = straight_ring(pointed_lines(span, rise, thickness, position))
         return cls._ready_made("pointed", shape, ring, friction, density, depth, joints, dead_load)
 
     @classmethod
@@ -303,14 +293,11 @@ class Arch:
         >>> arch.n_joint
         12
         """
-        span = checks.number("span", span)
-        rise = checks.number("rise", rise, at_least=_FLATTEST * span, note="1e-6 x span")
-        thickness = checks.number("thickness", thickness)
-        voussoirs = checks.count("voussoirs", voussoirs)
-        position = checks.joint_positions(joints, voussoirs, 1.0, _LENGTH)
-        line = ellipse(span, rise, position)
-        ring = straight_ring(normal_lines(line, thickness, "ellipse", span, rise))
-        shape = {"span": span, "rise": rise, "thickness": thickness}
+        shape, position = _spanned(
+            (span, rise, thickness, voussoirs), joints, (_FLATTEST, math.inf), "1e-6 x span"
+        )
+        line = ellipse(shape["span"], shape["rise"], position)
+        ring = straight_ring(normal_lines(line, shape, "ellipse"))
         return cls._ready_made(
             "elliptic", shape, ring, friction, density, depth, joints, dead_load
         )
@@ -329,7 +316,7 @@ class Arch:
         joints: ArrayLike | None = None,
         dead_load: ArrayLike | None = None,
     ) -> Arch:
-        """Hanging chain turned upside down; straight-sided.
+        """Hanging chain upside down; straight-sided.
 
         Parameters
         ----------
@@ -349,14 +336,11 @@ class Arch:
         >>> af.onset(arch).stands
         True
         """
-        span = checks.number("span", span)
-        rise = checks.number("rise", rise, at_least=_FLATTEST * span, note="1e-6 x span")
-        thickness = checks.number("thickness", thickness)
-        voussoirs = checks.count("voussoirs", voussoirs)
-        position = checks.joint_positions(joints, voussoirs, 1.0, _LENGTH)
-        line = catenary(span, rise, position)
-        ring = straight_ring(normal_lines(line, thickness, "catenary", span, rise))
-        shape = {"span": span, "rise": rise, "thickness": thickness}
+        shape, position = _spanned(
+            (span, rise, thickness, voussoirs), joints, (_FLATTEST, math.inf), "1e-6 x span"
+        )
+        line = catenary(shape["span"], shape["rise"], position)
+        ring = straight_ring(normal_lines(line, shape, "catenary"))
         return cls._ready_made(
             "catenary", shape, ring, friction, density, depth, joints, dead_load
         )
@@ -434,12 +418,12 @@ class Arch:
         thickness_factor: float = 1.0,
         tolerance: float | None = None,
     ) -> Arch:
-        """Chain of any simple polygons, in any order: joints are the edges that two share.
+        """Chain of simple polygons in any order: joints are the edges that two have in common.
 
         Parameters
         ----------
         outlines : sequence of (m, 2) or (m, 3) array_like
-            Corners x, y of the blocks [m], either way round; the third column is the bulge of the
+            Corners x, y of the blocks [m] in either sense; the third column is the bulge of the
             side to the next corner, the tangent of a quarter of its arc's angle (positive
             anticlockwise, 0 straight). Area, centroid and inertia of arcs are exact.
         ground : sequence of (2, 2) array_like
@@ -537,7 +521,7 @@ class Arch:
         Parameters
         ----------
         path : str or Path
-            File to write; the same arch makes the same bytes.
+            File to write; the same arch and version of ezdxf make the same bytes.
         unit : str
             m, dm, cm, mm, in or ft.
         layer : str
@@ -593,3 +577,22 @@ def _circular_ring(
     if checks.flag("sector", sector):
         return sector_ring(lines, centre, radius, thickness, angle)
     return straight_ring(lines)
+
+
+def _spanned(
+    given: tuple[float, float, float, int],
+    joints: ArrayLike | None,
+    ends: tuple[float, float],
+    note: str,
+) -> tuple[dict[str, float], NDArray[np.float64]]:
+    """Checked span, rise and thickness, and positions of the joints in parts of the length.
+
+    The rise must be within `ends`, in parts of the span; `note` is their name.
+    """
+    span = checks.number("span", given[0])
+    least, most = (end * span for end in ends)
+    rise = checks.number("rise", given[1], at_least=least, at_most=most, note=note)
+    thickness = checks.number("thickness", given[2])
+    count = checks.count("voussoirs", given[3])
+    position = checks.joint_positions(joints, count, 1.0, _LENGTH)
+    return {"span": span, "rise": rise, "thickness": thickness}, position

@@ -73,7 +73,7 @@ def ellipse(span: float, rise: float, fraction: NDArray[np.float64]) -> CentreLi
 
 
 def catenary(span: float, rise: float, fraction: NDArray[np.float64]) -> CentreLine:
-    """Hanging chain turned upside down.
+    """Hanging chain upside down.
 
     y = rise − c (cosh(x/c) − 1) with c = span/(2 w) from (cosh w − 1)/w = 2 rise/span; the
     length from the crown is c sinh(x/c).
@@ -100,10 +100,9 @@ def catenary(span: float, rise: float, fraction: NDArray[np.float64]) -> CentreL
     return CentreLine(np.column_stack([x, y]), outward)
 
 
-def normal_lines(
-    line: CentreLine, thickness: float, profile: str, span: float, rise: float
-) -> JointLines:
-    """Joint lines perpendicular to a centre line."""
+def normal_lines(line: CentreLine, shape: dict[str, float], profile: str) -> JointLines:
+    """Joint lines perpendicular to a centre line of some span, rise and thickness."""
+    span, rise, thickness = shape.values()
     step = np.diff(line.point, axis=0)
     here, there = line.outward[:-1], line.outward[1:]
     behind = np.minimum(-cross(here, step), -cross(there, step)) <= 0.0
@@ -114,10 +113,10 @@ def normal_lines(
             "stand too unevenly round its crown for a straight-sided voussoir between them; there "
             "must be a joint nearer to the crown, or equal voussoirs"
         )
-    turn = cross(here, there)
+    bend = cross(here, there)
     # Distance along each of two neighbouring joints to where their lines meet.
     with np.errstate(divide="ignore"):
-        meeting = np.minimum(np.abs(cross(step, there) / turn), np.abs(cross(step, here) / turn))
+        meeting = np.minimum(np.abs(cross(step, there) / bend), np.abs(cross(step, here) / bend))
     _refuse_crossing(thickness, 2.0 * meeting, profile, span, rise)
     offset = 0.5 * thickness * line.outward
     return JointLines(line.point - offset, line.point + offset)

@@ -10,7 +10,7 @@ from archfrag.arch.geometry import Section, arc, cross, middle_of, polygon_secti
 from archfrag.arch.profiles import JointLines
 from archfrag.errors import GeometryError
 
-# Corners closer than this part of the whole ring's size, or sides that turn by a smaller
+# Corners closer than this part of the ring's size, or sides that differ by a smaller
 # angle [rad], are taken for a slip of the user's.
 _TOLERANCE = 1e-9
 
@@ -28,7 +28,7 @@ class Ring(NamedTuple):
 
     voussoirs: list[Voussoir]
     lines: JointLines
-    sense: int  # +1: intrados to the right on the way from joint 0 to the last, -1: to the left
+    sense: int  # +1: intrados to the right from joint 0 to the last, -1: to the left
 
 
 def straight_ring(lines: JointLines) -> Ring:
@@ -66,7 +66,7 @@ def sector_ring(
 
 
 def check_corners_apart(lines: JointLines) -> None:
-    """Refuse joints of no length, and neighbouring joints that share a corner."""
+    """Refuse joints of no length, and neighbouring joints that have a corner in common."""
     every = np.concatenate([lines.intrados, lines.extrados])
     least = _TOLERANCE * float(np.hypot(*np.ptp(every, axis=0)))
     length = np.hypot(*(lines.extrados - lines.intrados).T)
@@ -87,16 +87,16 @@ def check_corners_apart(lines: JointLines) -> None:
 
 
 def travel_sense(lines: JointLines) -> int:
-    """Refuse rings that cannot be, and say on which side of the way the intrados lies."""
+    """Refuse rings that cannot be, and return the side on which the intrados lies."""
     check_corners_apart(lines)
     inner, outer = lines.intrados, lines.extrados
     quads = np.stack([inner[:-1], inner[1:], outer[1:], outer[:-1]], axis=1)
     side = np.roll(quads, -1, axis=1) - quads
     side /= np.hypot(side[..., 0], side[..., 1])[..., None]
-    turn = cross(side, np.roll(side, -1, axis=1))
-    sense = np.where((turn > _TOLERANCE).all(1), 1, np.where((turn < -_TOLERANCE).all(1), -1, 0))
+    bend = cross(side, np.roll(side, -1, axis=1))
+    sense = np.where((bend > _TOLERANCE).all(1), 1, np.where((bend < -_TOLERANCE).all(1), -1, 0))
     if not sense.all():
-        _refuse_quad(int(np.argmin(np.abs(sense))), quads, turn)
+        _refuse_quad(int(np.argmin(np.abs(sense))), quads, bend)
     if np.any(sense != sense[0]):
         body = int(np.argmax(sense != sense[0]))
         raise GeometryError(
@@ -108,11 +108,11 @@ def travel_sense(lines: JointLines) -> int:
     return int(sense[0])
 
 
-def _refuse_quad(body: int, quads: NDArray[np.float64], turn: NDArray[np.float64]) -> None:
-    """Say what is wrong with a voussoir that is no convex quadrilateral."""
+def _refuse_quad(body: int, quads: NDArray[np.float64], bend: NDArray[np.float64]) -> None:
+    """Refuse a voussoir that is no convex quadrilateral."""
     a, b, c, d = quads[body]
     between = f"joints {body} and {body + 1}"
-    if (np.abs(turn[body]) <= _TOLERANCE).all():
+    if (np.abs(bend[body]) <= _TOLERANCE).all():
         reason = "has no area: its corners lie on one line"
     elif _segments_cross(a, d, b, c):
         reason = f"cannot be: {between} cross inside the ring"

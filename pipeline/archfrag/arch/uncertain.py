@@ -2,7 +2,7 @@
 
 One rule from points of the unit cube to values: a design fills the cube evenly (quasi-Monte
 Carlo), a Gaussian copula correlates its coordinates, and the quantile function of each marginal
-turns a coordinate into a value.
+transforms a coordinate into a value.
 """
 
 import abc

@@ -76,7 +76,7 @@ def export_study(study: Study, formats: Sequence[str], folder: Path | None = Non
     formats : sequence of str
         Of nrml-continuous, nrml-discrete, pelicun, in-core, csv and parquet.
     folder : Path, optional
-        ``export`` in the study's folder if not given. Each file is written whole or not at all.
+        ``export`` in the study's folder if not given. A file is written completely or not at all.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def export_study(study: Study, formats: Sequence[str], folder: Path | None = Non
 def study_curves(
     study: Study, cube: xr.Dataset, answers: Mapping[str, Answer]
 ) -> tuple[CurveSet, list[str]]:
-    """Curves of a finished study, and sentences on limit states that were left out.
+    """Curves of a finished study, and messages on limit states that were left out.
 
     A limit state short of collapse is exported where every arch with a curve of collapse has one
     of it too, with medians in order: receivers want the same states of all arches.
@@ -186,7 +186,7 @@ def _unit(study: Study, cube: xr.Dataset) -> Unit:
 def _write_tables(
     curves: CurveSet, tables: Sequence[Table], folder: Path, name: str
 ) -> list[tuple[str, Path]]:
-    """Tables as CSV, with a JSON file that says what their columns are; or as Parquet."""
+    """Tables as CSV, with a JSON file that describes their columns; or as Parquet."""
     facts = {"made": curves.made.facts, "left_out": curves.left_out}
     paths = [folder / f"{curves.made.study}-{table.name}.{name}" for table in tables]
     for table, path in zip(tables, paths):

@@ -53,7 +53,7 @@ class CurveSet:
     """Lognormal curves of several arches, each at the same ordered limit states."""
 
     # By arch and limit state, from the mildest to the severest, theta in the SI unit of the
-    # measure; a sentence where there is no curve.
+    # measure; a message where there is no curve.
     curves: Mapping[str, Mapping[str, Fragility | str]]
     measure: str  # intensity measure, as `archfrag.motions.measures.parse_measure` reads it
     levels: tuple[float, float]  # lowest and highest intensity that was simulated [SI]
@@ -118,7 +118,7 @@ class CurveSet:
     @property
     def cautions(self) -> list[str]:
         """Where the curve of a severer limit state lies above that of a milder one."""
-        return [sentence for arch in self.curves for sentence in self._crossings(arch)]
+        return [message for arch in self.curves for message in self._crossings(arch)]
 
     def require_curves(self, receiver: str) -> dict[str, dict[str, Fragility]]:
         """`complete`, for a format that holds nothing but curves."""

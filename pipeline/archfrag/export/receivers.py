@@ -10,7 +10,7 @@ from archfrag.motions.units import STANDARD_GRAVITY
 class Named(NamedTuple):
     """An intensity measure as a receiver calls it.
 
-    `factor` times a value in SI gives the value in `unit`; `note` is empty or says what the
+    `factor` times a value in SI gives the value in `unit`; `note` is empty or states what the
     receiver's measure must be for the curve to hold.
     """
 

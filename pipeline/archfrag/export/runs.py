@@ -8,8 +8,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from archfrag.export.tables import Described, Table
+from archfrag.fragility.counts import Verdict
 
-NOT_SIMULATED = 4  # verdict of a cell that the study's design left out
 PIECE = 20_000  # runs held at a time: some ten megabytes
 _RUN = ("arch", "record", "level")
 # Text of records and arches that groups runs; other text would be repeated in every row.
@@ -31,7 +31,7 @@ def runs_table(cube: xr.Dataset, piece: int = PIECE) -> Table:
 
 
 def facts_table(cube: xr.Dataset, dimension: str) -> Table:
-    """What the cube says of each record, or of each arch."""
+    """What the cube holds of each record, or of each arch."""
     names = [
         str(name)
         for name, variable in cube.variables.items()
@@ -103,7 +103,7 @@ def _pieces(cube: xr.Dataset, piece: int) -> Iterator[pd.DataFrame]:
 
 
 def _steps(cube: xr.Dataset, piece: int) -> tuple[int, int]:
-    """Arches and records in a piece: whole chunks of the file, so that each is read once."""
+    """Arches and records in a piece: full chunks of the file, so that each is read once."""
     chunks = dict(zip(_RUN, cube["verdict"].encoding.get("chunksizes") or (1, 1, 1)))
     n_level = max(cube.sizes["level"], 1)
     arches = chunks["arch"] if chunks["arch"] * n_level <= piece else 1
@@ -115,7 +115,7 @@ def _steps(cube: xr.Dataset, piece: int) -> tuple[int, int]:
 
 def _rows(block: xr.Dataset, names: list[str]) -> pd.DataFrame:
     shape = tuple(block.sizes[d] for d in _RUN)
-    simulated = (block["verdict"].transpose(*_RUN).values != NOT_SIMULATED).reshape(-1)
+    simulated = (block["verdict"].transpose(*_RUN).values != Verdict.NOT_SIMULATED).reshape(-1)
     values: dict[str, NDArray] = {}
     for name in names:
         variable = block.variables[name]
@@ -123,8 +123,8 @@ def _rows(block: xr.Dataset, names: list[str]) -> pd.DataFrame:
         other = [d for d in variable.dims if d not in _RUN]
         array = variable.transpose(*own, *other).values
         array = array.reshape(*(block.sizes[d] if d in own else 1 for d in _RUN), -1)
-        spread = np.broadcast_to(array, (*shape, array.shape[-1]))
-        flat = spread.reshape(-1, array.shape[-1])[simulated]
+        every = np.broadcast_to(array, (*shape, array.shape[-1]))
+        flat = every.reshape(-1, array.shape[-1])[simulated]
         for n, (column, _) in enumerate(_describe(block, name)):
             values[column] = flat[:, n]
     return pd.DataFrame(values)

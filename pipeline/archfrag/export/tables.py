@@ -1,4 +1,4 @@
-"""Tables written piece by piece as CSV or Parquet, whole or not at all."""
+"""Tables written piece by piece as CSV or Parquet, completely or not at all."""
 
 import contextlib
 import json

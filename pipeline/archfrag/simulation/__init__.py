@@ -1,1 +1,1 @@
-"""What a simulation tells: rest range, response, history, log of the mechanism."""
+"""What a simulation returns: rest range, response, history, log of the mechanism."""

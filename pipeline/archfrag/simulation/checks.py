@@ -1,4 +1,4 @@
-"""Refusals: one sentence that names the argument."""
+"""Refusals: one message that names the argument."""
 
 import importlib.util
 import math
@@ -147,7 +147,7 @@ def _within(parameter: Parameter, value: float) -> bool:
 
 
 def check_number(name: str, value: Any, allowed: str, fits: Callable[[float], bool]) -> None:
-    """See that a value is a number that `fits`; `allowed` says in words what that means."""
+    """See that a value is a number that `fits`; `allowed` states in words what that means."""
     try:
         good = not isinstance(value, bool) and fits(float(value))
     except (TypeError, ValueError):

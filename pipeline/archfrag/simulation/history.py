@@ -1,4 +1,4 @@
-"""Histories: room for the frames of a run, and the labelled data set made of them."""
+"""Histories: space for the frames of a run, and the labelled data set made of them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _TEXT = {
 
 
 def empty_frames(n_frame: int, n_body: int, n_joint: int) -> Frames:
-    """Room for so many frames."""
+    """Space for so many frames."""
     return Frames(
         time=np.zeros(n_frame),
         position=np.zeros((n_frame, n_body, 3)),

@@ -1,4 +1,4 @@
-"""Many runs of one arch in one call, and what single runs share with them."""
+"""Many runs of one arch in one call, and what single runs have in common with them."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def options_of(
     follow: float,
     loss_limit: float,
 ) -> Options:
-    """What a method is told for runs of one arch under some motions."""
+    """Options of a method for runs of one arch under some motions."""
     steps = checks.default_steps(info, tolerance, arch) if dt is None else (dt, dt)
     sampling = min(float(motion.dt) for motion in motions)
     span = max(motion.duration for motion in motions) + follow
@@ -111,7 +111,7 @@ def results_of_runs(
     settings: Mapping[str, float] | None = None,
     loss_limit: float = LOSS_LIMIT,
 ) -> Runs | None:
-    """As `simulate_many`, in arrays; None where a method has no such way."""
+    """As `simulate_many`, in arrays; None where a method cannot do so."""
     checks.check_arch(arch)
     info = checks.check_method(method)
     checks.check_taken(info, rtol=rtol, dt=dt)
@@ -145,7 +145,7 @@ def results_of_runs(
 def simulate_runs(
     arch: Arch, motions: Sequence[Motion], factors: Sequence[float], **options: Any
 ) -> list[Response] | None:
-    """As `simulate_many`, a response for each run; None where a method has no such way.
+    """As `simulate_many`, a response for each run; None where a method cannot do so.
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ from archfrag.mechanics.laws import CLOSED_STICK
 from archfrag.mechanics.status import Cause, Model
 from archfrag.mechanics.types import MechanismLog
 
-ROOM, LARGEST_ROOM = 1024, 50_000
+FIRST_LOG, LARGEST_LOG = 1024, 50_000
 
 CAUSE_WORDS = {
     Cause.START: "start",
@@ -23,7 +23,7 @@ CAUSE_WORDS = {
     Cause.CLOSE: "hinge closes",
     Cause.REST: "comes to rest",
     Cause.ACCUMULATION: "events accumulate",
-    Cause.UNSOLVED: "laws not met on few bodies",
+    Cause.UNSOLVED: "laws not met on mega-voussoirs",
     Cause.QUIESCENT: "taken back from time stepping",
     Cause.END: "end of the run",
 }
@@ -87,7 +87,7 @@ mega-voussoirs
 
 
 def empty_log(n_entry: int, n_joint: int) -> MechanismLog:
-    """Room for so many entries."""
+    """Space for so many entries."""
     return MechanismLog(
         time=np.zeros(n_entry),
         cause=np.zeros(n_entry, np.int8),
@@ -107,7 +107,7 @@ def mechanism_of(
     arch : Arch
     log : archfrag.mechanics.types.MechanismLog
     n_entry : int
-        How many changes there were; more than the log has room for if it was too small.
+        How many changes there were; more than the log has space for if it was too small.
     end_time : float
         Of the run [s].
     from_rest : bool

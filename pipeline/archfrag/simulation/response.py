@@ -50,7 +50,7 @@ class Response:
     Attributes
     ----------
     status : Status
-        How the run ended; `archfrag.errors.STATUS_SENTENCE` says it in words.
+        How the run ended; `archfrag.errors.STATUS_MESSAGE` has its text.
     collapsed : bool or None
         None if the run was unfinished or the solver failed: neither collapse nor survival.
     collapse_time : float
@@ -61,7 +61,7 @@ class Response:
     collapse_mode : str
         "none", "hinging", "sliding", "lift_off" or "overturning": by what that joint had done
         when it lost contact, the larger of its rotation [rad] and its slip over its length, or
-        neither. A joint turned by 90 degrees with contact kept counts as overturning.
+        neither. A joint rotated by 90 degrees with contact kept counts as overturning.
     lost_contact_time, lost_contact_joint, lost_contact_mode
         The same for the first loss of contact that opened a joint at both corners by more than 2 %
         of its length, regained or not: nan, -1 and "none" where there was none.
@@ -76,12 +76,12 @@ class Response:
     events : dict of str to int
         "impacts" (joints that closed), "openings", "slides", "contact_losses" and "rests";
         "events": instants located at which the mechanism changed; "hand_overs": times that
-        event-driven integration gave way to time stepping.
+        event-driven integration switched to time stepping.
     model_time : dict of str to float
         Simulated time in each model of the ladder [s]: "rest", "four_hinges", "mega_voussoirs",
         "all_voussoirs".
     energy_error : float
-        Largest energy that the integrator made or lost on the way and no contact law explains,
+        Largest energy that the integrator made or lost in between and no contact law explains,
         over the largest kinetic energy [1].
     energy : dict of str to float
         Kinetic and potential energy at the end, work of the ground, friction, impacts, and what
@@ -102,11 +102,11 @@ class Response:
     end_time : float
         Simulated time at which the run ended [s].
     residual : float
-        Largest violation of the contact laws that was measured on the way, by one measure for all
+        Largest violation of the contact laws that was measured, by one measure for all
         methods (`archfrag.mechanics.residual.state_residual`): gaps over joint lengths, slip
         rates over the speed of a fall through them, forces over the weight [1].
     overlap : float
-        Deepest overlap of two bodies at a corner that was seen on the way, over the joint's
+        Deepest overlap of two bodies at a corner that was seen, over the joint's
         length [1].
     method : str
         What ran.

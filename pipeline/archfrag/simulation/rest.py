@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.arch import Arch
-from archfrag.errors import STATUS_SENTENCE, StabilityError
+from archfrag.errors import STATUS_MESSAGE, StabilityError
 from archfrag.mechanics.contact.path import new_path
 from archfrag.mechanics.contact.placing import move_faces, place_contacts
 from archfrag.mechanics.contact.problem import solve_anyhow
@@ -133,11 +133,11 @@ def check_stands(arch: Arch) -> None:
     start = onset(arch)
     if not start.stands:
         raise StabilityError(
-            f"{arch!r}: {STATUS_SENTENCE[Status.DOES_NOT_STAND]} "
+            f"{arch!r}: {STATUS_MESSAGE[Status.DOES_NOT_STAND]} "
             f"(rest would need a steady horizontal acceleration between {-start.minus:.4g} and "
             f"{start.plus:.4g} g)"
             if math.isfinite(start.plus)
-            else f"{arch!r}: {STATUS_SENTENCE[Status.DOES_NOT_STAND]}"
+            else f"{arch!r}: {STATUS_MESSAGE[Status.DOES_NOT_STAND]}"
         )
 
 
@@ -172,9 +172,9 @@ def _thrust(work: Work, reaction: NDArray[np.float64]) -> NDArray[np.float64]:
 
     length = np.linalg.norm(point[:, 1] - point[:, 0], axis=1)
     bears = press > 1e-12 * np.abs(reaction[:, :2]).max()
-    share = np.full(press.size, np.nan)
-    share[bears] = -moment_about(0)[bears] / (press * length)[bears]
-    return point[:, 0] + share[:, None] * (point[:, 1] - point[:, 0])
+    fraction = np.full(press.size, np.nan)
+    fraction[bears] = -moment_about(0)[bears] / (press * length)[bears]
+    return point[:, 0] + fraction[:, None] * (point[:, 1] - point[:, 0])
 
 
 def _thrust_at_limit(work, limit: RestLimit) -> NDArray[np.float64] | None:

@@ -1,4 +1,4 @@
-"""How far an arch can be turned, slowly, along its mechanism before it falls by itself."""
+"""How far an arch can rotate, slowly, along its mechanism before it falls by itself."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def static_limit(arch: Arch, start: Onset) -> float:
     """Rotation at which the mechanism of onset is in unstable equilibrium under its weight.
 
     Beyond it the arch falls though the ground is at rest, if its hinges stay where they are. It
-    is the rotation of the voussoir that turns most where the potential energy of the four-hinge
+    is the rotation of the voussoir that rotates most where the potential energy of the four-hinge
     linkage (of the one body of a block or a column) is largest: of a block the angle between its
     diagonal and its side, arctan(width / height).
 
@@ -41,8 +41,8 @@ def static_limit(arch: Arch, start: Onset) -> float:
     >>> round(static_limit(block, af.onset(block)), 4)  # arctan(0.2)
     0.1974
     """
-    ways = ((start.hinges, start.sliding), (start.hinges_minus, start.sliding_minus))
-    limits = [_limit(arch, hinges) for hinges, sliding in ways if hinges and not sliding]
+    ends = ((start.hinges, start.sliding), (start.hinges_minus, start.sliding_minus))
+    limits = [_limit(arch, hinges) for hinges, sliding in ends if hinges and not sliding]
     known = [limit for limit in limits if np.isfinite(limit)]
     return min(known, default=np.nan)
 
@@ -61,9 +61,9 @@ def _limit(arch: Arch, hinges: list[Hinge]) -> float:
         angle = sense * np.linspace(0.0, _LARGEST, _POSITIONS)
         placed = _linkage(points, angle) if len(points) == 4 else [(points[0], angle)]
         energy = np.zeros(angle.size)
-        for pivot, (moved, turn), first, last in zip(points, placed, joints, joints[1:]):
+        for pivot, (moved, rotation), first, last in zip(points, placed, joints, joints[1:]):
             arm = arch.chain.centroid[first:last] - pivot
-            lift = np.sin(turn)[:, None] * arm[:, 0] + np.cos(turn)[:, None] * arm[:, 1]
+            lift = np.sin(rotation)[:, None] * arm[:, 0] + np.cos(rotation)[:, None] * arm[:, 1]
             height = np.broadcast_to(moved, (angle.size, 2))[:, 1]
             energy += (lift + height[:, None]) @ arch.chain.mass[first:last]
         left = np.isfinite(energy)
@@ -76,24 +76,24 @@ def _limit(arch: Arch, hinges: list[Hinge]) -> float:
             # The energy is a parabola about its top: its slope vanishes between two positions.
             part = 0.5 + rise[top - 1] / (rise[top - 1] - rise[top]) if past.any() else 0.0
             place = top - 1 + part if past.any() else float(top)
-            turned = [np.interp(place, np.arange(end), np.abs(turn[:end])) for _, turn in placed]
-            least = min(least, float(max(turned)))
+            reached = [np.interp(place, np.arange(end), np.abs(r[:end])) for _, r in placed]
+            least = min(least, float(max(reached)))
     return least if np.isfinite(least) else np.nan
 
 
 def _linkage(points: FloatArray, angle: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-    """Where the first hinge of each of three bars is and how far the bar has turned.
+    """Where the first hinge of each of three bars is and how far the bar has rotated.
 
-    The first bar turns by `angle` about the first of four hinges, the last hinge is fixed; nan
+    The first bar rotates by `angle` about the first of four hinges, the last hinge is fixed; nan
     where the bars cannot reach.
     """
     (first, second, third, last) = points
     arm = second - first
-    turned = np.stack(
+    rotated = np.stack(
         [np.cos(angle) * arm[0] - np.sin(angle) * arm[1],
          np.sin(angle) * arm[0] + np.cos(angle) * arm[1]], axis=1,
     )  # fmt: skip
-    moved = first + turned
+    moved = first + rotated
     to_last = last - moved
     distance = np.hypot(to_last[:, 0], to_last[:, 1])
     middle, end = np.hypot(*(third - second)), np.hypot(*(last - third))
@@ -105,12 +105,12 @@ def _linkage(points: FloatArray, angle: FloatArray) -> list[tuple[FloatArray, Fl
     side = np.sign((third - second) @ np.array([-(last - second)[1], (last - second)[0]]))
     knee = moved + along[:, None] * unit + side * across[:, None] * normal
 
-    def turn(ends: FloatArray, reference: FloatArray) -> FloatArray:
+    def rotation(ends: FloatArray, reference: FloatArray) -> FloatArray:
         now = np.arctan2(ends[:, 1], ends[:, 0]) - np.arctan2(reference[1], reference[0])
         return (now + np.pi) % (2.0 * np.pi) - np.pi
 
     return [
         (first, angle),
-        (moved, turn(knee - moved, third - second)),
-        (knee, turn(last - knee, last - third)),
+        (moved, rotation(knee - moved, third - second)),
+        (knee, rotation(last - knee, last - third)),
     ]

@@ -1,4 +1,4 @@
-"""Compiling ahead of a study: on a second core, with a message that says how long it takes."""
+"""Compiling ahead of a study: on a second core, with a message that states how long it takes."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def compiling(
     compiled = are_compiled(methods) or bool(config.DISABLE_JIT)  # type: ignore[attr-defined]
     with contextlib.ExitStack() as stack:
         if progress is not None:
-            stack.enter_context(_told(progress, None if compiled else expected_time(methods)))
+            stack.enter_context(_reported(progress, None if compiled else expected_time(methods)))
         if not compiled:
             stack.enter_context(_helper(methods))
         yield
@@ -87,23 +87,31 @@ def compiling(
 
 
 @contextlib.contextmanager
-def _told(progress: Callable[[str], Any], expected: float | None) -> Iterator[None]:
+def _reported(progress: Callable[[str], Any], expected: float | None) -> Iterator[None]:
     if expected is None:
         progress("loading kernels")
         yield
         return
-    ended = threading.Event()
     started = time.perf_counter()
 
-    def tell() -> None:
+    def report() -> None:
         passed = time.perf_counter() - started
         progress(f"compiling kernels, once: {passed:.0f} s of about {expected:.0f} s")
 
-    def tick() -> None:
-        while not ended.wait(TICK):
-            tell()
+    report()
+    with every(TICK, report):
+        yield
 
-    tell()
+
+@contextlib.contextmanager
+def every(seconds: float, call: Callable[[], Any]) -> Iterator[None]:
+    """Call something again and again, from another thread, as long as the block lasts."""
+    ended = threading.Event()
+
+    def tick() -> None:
+        while not ended.wait(seconds):
+            call()
+
     ticker = threading.Thread(target=tick, daemon=True)
     ticker.start()
     try:

@@ -1,4 +1,4 @@
-"""Arches as a study file gives them: one model for each profile, told apart by `profile`."""
+"""Arches as a study file gives them: one model for each profile, distinguished by `profile`."""
 
 import math
 from pathlib import Path
@@ -49,7 +49,7 @@ def _one_or_each(given: Any) -> str:
     return "each" if isinstance(given, list | tuple) else "one"
 
 
-# Bounds that `arch` checks, with sentences of its own, are here for the schema only.
+# Bounds that `arch` checks, with messages of its own, are here for the schema only.
 Length = Annotated[float, Field(json_schema_extra={"minimum": SMALLEST, "maximum": LARGEST})]
 Angle = Annotated[float, Field(json_schema_extra={"exclusiveMinimum": 0, "maximum": 360})]
 Count = Annotated[int, Field(json_schema_extra={"minimum": 2, "maximum": MOST_VOUSSOIRS})]
@@ -101,7 +101,7 @@ class Recess(Section):
 
 
 class Chain(Section):
-    """What all profiles share."""
+    """What all profiles have in common."""
 
     id: Identifier
     """Name of the arch in results: letters, digits and _ . + - only."""
@@ -160,7 +160,7 @@ class Chain(Section):
 
 
 class Ring(Chain):
-    """What the ready-made profiles share."""
+    """What the ready-made profiles have in common."""
 
     thickness: Length
     """Of the ring, measured along its joints [m]."""
@@ -184,46 +184,39 @@ class Circular(Ring):
     """Exact annular sectors; false: straight-sided voussoirs."""
 
 
-class Segmental(Ring):
-    """Circular arch of at most a semicircle by span and rise."""
+class Spanned(Ring):
+    """What profiles by span and rise have in common."""
 
-    profile: Literal["segmental"]
     span: Length
     """Of the centre line [m]."""
     rise: Length
-    """Of the centre line [m]; at most half the span."""
+    """Of the centre line [m]; segmental: at most half the span, pointed: at least."""
+
+
+class Segmental(Spanned):
+    """Circular arch of at most a semicircle by span and rise."""
+
+    profile: Literal["segmental"]
     sector: bool = True
     """Exact annular sectors; false: straight-sided voussoirs."""
 
 
-class Pointed(Ring):
+class Pointed(Spanned):
     """Two circular arcs that meet at the crown."""
 
     profile: Literal["pointed"]
-    span: Length
-    """Of the centre line [m]."""
-    rise: Length
-    """Of the centre line [m]; at least half the span."""
 
 
-class Elliptic(Ring):
+class Elliptic(Spanned):
     """Upper half of an ellipse."""
 
     profile: Literal["elliptic"]
-    span: Length
-    """Of the centre line [m]."""
-    rise: Length
-    """Of the centre line [m]."""
 
 
-class Catenary(Ring):
-    """Hanging chain turned upside down."""
+class Catenary(Spanned):
+    """Hanging chain upside down."""
 
     profile: Literal["catenary"]
-    span: Length
-    """Of the centre line [m]."""
-    rise: Length
-    """Of the centre line [m]."""
 
 
 class FromJoints(Chain):
@@ -251,7 +244,7 @@ class Block(Chain):
 
 
 class Drawn(Chain):
-    """What blocks of any shape share, whether a file or the study has them."""
+    """What blocks of any shape have in common, from a file or from the study."""
 
     dead_load: LoadOrEach | None = None
     """Weight on the back of all voussoirs, or a list with one for each from the left [N]."""
@@ -262,7 +255,7 @@ class Drawn(Chain):
 
 
 class Polygons(Drawn):
-    """Blocks of any shape, which form a chain by the edges that they share."""
+    """Blocks of any shape, which form a chain by their common edges."""
 
     profile: Literal["polygons"]
     outlines: Annotated[
@@ -278,7 +271,7 @@ class Polygons(Drawn):
 
 
 class FromDrawing(Drawn):
-    """Blocks of a DXF drawing, which form a chain by the edges that they share."""
+    """Blocks of a DXF drawing, which form a chain by their common edges."""
 
     profile: Literal["drawing"] = "drawing"
     drawing: PathText
@@ -340,7 +333,7 @@ class Table(Section):
     """What of each arch is not known exactly, drawn independently from row to row."""
 
     def defaults(self) -> dict[str, Any]:
-        """What rows have that do not say otherwise, as a study file gives it."""
+        """What rows have that do not state otherwise, as a study file gives it."""
         return self.model_dump(exclude={"id", "table"}, exclude_none=True, exclude_unset=True)
 
     def build(self) -> "Arch":

@@ -4,7 +4,6 @@ import contextlib
 import inspect
 import logging
 import sys
-import threading
 import time
 from collections import deque
 from collections.abc import Iterator
@@ -37,7 +36,7 @@ from archfrag.study.worker import run_chunk, run_chunks
 MEMORY_LIMIT = 800 * 10**6
 IN_FLIGHT = 2
 IN_PROCESS = 5.0  # of runs that this process makes before workers are started [s]
-# A chunk is one call: four of its runs go side by side to near its end, workers share a round.
+# A chunk is one call: four of its runs go side by side to near its end, workers divide a round.
 LANES, SMALLEST_CHUNK, LARGEST_CHUNK, CHUNKS_EACH = 4, 8, 200, 3
 # Where that makes many parts they hold more, so that looking for those there takes seconds.
 MANY_PARTS = 2000
@@ -47,7 +46,7 @@ PATIENCE = 60.0
 ANSWER_WITHIN = 10.0
 _SETTINGS: dict[str, Any] = {
     "distributed.scheduler.allowed-failures": LOSSES_ALLOWED,
-    # A kernel holds its worker's only thread, and with it the heartbeat, for a whole run.
+    # A kernel holds its worker's only thread, and with it the heartbeat, for an entire run.
     "distributed.scheduler.worker-ttl": None,
     "distributed.worker.memory.target": False,
     "distributed.worker.memory.spill": False,
@@ -190,7 +189,7 @@ class _Executor:
 
 
 def _compile_kernels(names: list[str], bar: tqdm) -> None:
-    """Compile the kernels of some methods, which the bar then says, if they are not."""
+    """Compile the kernels of some methods, which the bar then shows, if they are not."""
     from archfrag.simulate import kernels_are_compiled, warmup
 
     options: dict[str, Any] = {}
@@ -244,28 +243,15 @@ def _count(bar: tqdm, asked: int, missing: int) -> None:
         bar.refresh()
 
 
-@contextlib.contextmanager
-def _ticking(bar: tqdm) -> Iterator[None]:
+def _ticking(bar: tqdm) -> contextlib.AbstractContextManager[None]:
     """Show the time that passes while nothing is done that the bar counts."""
-    over = threading.Event()
+    from archfrag.simulation.warm import every
 
-    def tick() -> None:
-        while not over.wait(bar.mininterval):
-            bar.refresh()
-
-    ticker = threading.Thread(target=tick, daemon=True)
-    if not bar.disable:
-        ticker.start()
-    try:
-        yield
-    finally:
-        over.set()
-        if ticker.is_alive():
-            ticker.join()
+    return contextlib.nullcontext() if bar.disable else every(bar.mininterval, bar.refresh)
 
 
 def _start_clock(bar: tqdm) -> None:
-    """Begin to measure the rate of runs: what the start took says nothing of what is left."""
+    """Begin to measure the rate of runs: the start is no measure of what is left."""
     bar.set_description("simulations", refresh=False)
     if not bar.disable:
         bar.start_t = bar.last_print_t = time.time()
@@ -332,7 +318,7 @@ class _Workers:
         self._rates = Rates()
 
     def results(self, plan: Plan, work: list[tuple[Cases, NDArray]]) -> Iterator[dict[str, Any]]:
-        """Run chunks with few in flight, so that memory does not grow with their number."""
+        """Run chunks, so many in flight that memory does not grow with their number."""
         at_work: dict[Future, tuple[int, ...]] = {}
         duration = np.array([record.duration for record in plan.records])
         lengths = [float(duration[cases["record"]].sum()) for cases, _ in work]

@@ -55,11 +55,11 @@ class Bundles:
         spent, allowed = 0.0, 0.0
         while self._waiting and len(bundle) < MOST_CHUNKS:
             chunk = self._waiting[0]
-            pace = self._rates.of(self._kind[chunk])
+            rate = self._rates.of(self._kind[chunk])
             if not bundle:
-                fair = DEALT_AT_ONCE * pace * self._left / self._workers
+                fair = DEALT_AT_ONCE * rate * self._left / self._workers
                 allowed = min(max(fair, SHORTEST), LONGEST)
-            spent += pace * self._length[chunk]
+            spent += rate * self._length[chunk]
             if bundle and spent > allowed:
                 break
             bundle.append(self._waiting.popleft())

@@ -19,28 +19,28 @@ MOST_NAMED = 12  # arches; of more only their number
 
 
 def study_cautions(study: Study) -> list[str]:
-    """All that a study's cube gives reason to say, levels in the study's unit."""
+    """All that a study's cube gives reason to caution, levels in the study's unit."""
     with open_cube(study) as cube:
         return cautions_of_cube(study, cube)
 
 
 def cautions_of_cube(study: Study, cube: "xr.Dataset") -> list[str]:
-    """`study_cautions` of a cube that is at hand."""
+    """`study_cautions` of a cube that is available."""
     levels = [f"{level:.4g} {study.intensity.unit}" for level in study.intensity.given]
     if cube["intensity"].ndim > 1:
         levels = ["levels of their own"]
     names = cube["arch"].values.astype(str).tolist()
     found = [
-        f"{name}: {sentence}"
+        f"{name}: {message}"
         for number, name in enumerate(names)
-        if (sentence := undecided(_counts(cube, number), levels))
+        if (message := undecided(_counts(cube, number), levels))
     ]
     found += design_cautions(json.loads(cube.attrs.get("archfrag_design", "{}")))
     return found + [each for each in (scaled_far(cube), one_event(cube)) if each]
 
 
 def one_event(cube: "xr.Dataset") -> str:
-    """Sentence on records that are all of one earthquake; empty if they are not."""
+    """Message on records that are all of one earthquake; empty if they are not."""
     events = cube["event"].values.astype(str) if "event" in cube else np.array([""])
     if len(events) < 2 or (events != events[0]).any() or not events[0]:
         return ""
@@ -51,7 +51,7 @@ def one_event(cube: "xr.Dataset") -> str:
 
 
 def design_cautions(design: Mapping[str, Any]) -> list[str]:
-    """Sentences on what a design did not reach, or found against its own assumption."""
+    """Messages on what a design did not reach, or found against its own assumption."""
     found, against = [], dict[str, tuple[int, int]]()
     for name, note in design.get("arches", {}).items():
         if note.get("why"):
@@ -78,13 +78,13 @@ def _counts(cube: "xr.Dataset", arch: int) -> VerdictCounts:
 
 
 def undecided(counts: VerdictCounts, levels: Sequence[str]) -> str:
-    """Sentence on unfinished and failed runs; empty if at no level they are too many."""
+    """Message on unfinished and failed runs; empty if at no level they are too many."""
     lost = counts.unfinished + counts.solver_failures
-    share = lost / np.maximum(counts.runs, 1)
-    many = int(np.count_nonzero(share > MOST_UNDECIDED))
+    fraction = lost / np.maximum(counts.runs, 1)
+    many = int(np.count_nonzero(fraction > MOST_UNDECIDED))
     if not many:
         return ""
-    worst = int(share.argmax())
+    worst = int(fraction.argmax())
     return (
         f"more than {100 * MOST_UNDECIDED:g} % of the runs are unfinished or failed at {many} of "
         f"{len(levels)} levels (most: {lost[worst]} of {counts.runs[worst]} at {levels[worst]}); "
@@ -94,7 +94,7 @@ def undecided(counts: VerdictCounts, levels: Sequence[str]) -> str:
 
 
 def scaled_far(cube: "xr.Dataset") -> str:
-    """Sentence on motions that are scaled too far; empty if there is none."""
+    """Message on motions that are scaled too far; empty if there is none."""
     made = cube["verdict"].transpose("arch", "record", "level").values != Verdict.NOT_SIMULATED
     factors = np.broadcast_to(cube["scale_factor"].values, made.shape)
     largest = np.where(made, factors, 0.0).max(axis=(0, 2))
@@ -110,7 +110,7 @@ def scaled_far(cube: "xr.Dataset") -> str:
 
 
 def accepted_records(cube: "xr.Dataset") -> str:
-    """Sentence on records that the study accepts against a doubt; empty if there is none."""
+    """Message on records that the study accepts against a doubt; empty if there is none."""
     if "accepted" not in cube:
         return ""
     named = [

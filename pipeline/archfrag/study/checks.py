@@ -48,7 +48,7 @@ def check_output(study: Study) -> None:
         return
     if owner != study.id:
         raise OutputError(
-            f"{study.folder}: holds results of study {owner!r}, in the way of study {study.id!r}; "
+            f"{study.folder}: holds results of study {owner!r}, not of study {study.id!r}; "
             "give the studies different output folders"
         )
 
@@ -125,7 +125,7 @@ def _runs_of(design: Design, records: int, levels: int) -> tuple[int, int, str]:
     """Runs of an arch under some records, coarse ones before, and what is meant by the first."""
     runs, coarse, extent = records * levels, 0, "exactly"
     if isinstance(design, Ida):
-        # A search tells levels + 1 places of the border apart.
+        # A search distinguishes levels + 1 places of the border.
         search = math.ceil(records * math.log2(levels + 1))
         decided = records
         if isinstance(design, TwoStage):

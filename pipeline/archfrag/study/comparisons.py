@@ -1,4 +1,4 @@
-"""What else runs say: other shapes, measures, limit states, parts of the dispersion."""
+"""What else follows from runs: other shapes, measures, limit states, parts of the dispersion."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict

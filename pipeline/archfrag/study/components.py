@@ -114,7 +114,7 @@ class Components:
             if not self._chosen(motion, source):
                 continue
             motion = self._complete(motion, others, source)
-            if self._is_turned_already(motion):
+            if self._is_rotated_already(motion):
                 continue
             # In a list, to be let go when the first step is done: records may be long.
             held = [motion]
@@ -122,7 +122,7 @@ class Components:
             yield self._processed(held, source)
 
     def check_choice(self) -> None:
-        """See that no record was left out whole."""
+        """See that no record was left out completely."""
         for record, name in self._left_out.items():
             if record not in self._kept:
                 wanted = ", ".join(self._wanted())
@@ -192,7 +192,7 @@ class Components:
         motion = with_across(motion, _as_listed(other, source))
         return motion._replaced(metadata={**motion.metadata, "id_across": other.id})
 
-    def _is_turned_already(self, motion: "Motion") -> bool:
+    def _is_rotated_already(self, motion: "Motion") -> bool:
         """Whether the other component of a pair that is to be rotated came before."""
         if all(step.name != "rotate" for step in self.steps):
             return False

@@ -1,4 +1,4 @@
-"""The study file: what is allowed in it, and one sentence for whatever is not."""
+"""The study file: what is allowed in it, and one message for whatever is not."""
 
 import json
 import os
@@ -21,14 +21,19 @@ from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError, StudyError
 from archfrag.motions.plausible import Acceptable
 from archfrag.study import WORK
-from archfrag.study.answers import Hazard, LimitStates, ReportKeys
 from archfrag.study.arches import Identifier, StudyArch
-from archfrag.study.design import Design, Stripes
+from archfrag.study.design import (
+    Design,
+    Hazard,
+    LimitStates,
+    Method,
+    ReportKeys,
+    Stripes,
+    parameter_texts,
+)
 from archfrag.study.members import check_buildable, members
-from archfrag.study.method import Method, parameter_texts
 from archfrag.study.processing import Steps
-from archfrag.study.section import PathText, Section, refuse, refuse_key
-from archfrag.study.sentences import first_sentence
+from archfrag.study.section import PathText, Section, first_message, refuse, refuse_key
 from archfrag.study.synthetic import Synthetic
 from archfrag.study.yaml_file import DEEPEST, dump_yaml, parse_value, read_yaml
 
@@ -79,7 +84,7 @@ class FileSet(Section):
     path: PathText
     """A file, or a pattern with * and ? in any case, relative to the study file."""
     unit: str | None = None
-    """Unit of the samples where the file does not say; never guessed."""
+    """Unit of the samples where the file does not state it; never guessed."""
     inventory: PathText | None = None
     """StationXML with the response, for records in counts."""
     columns: ColumnKeys | None = None
@@ -239,12 +244,17 @@ class Intensity(Section):
         factor = LEVEL_UNITS[measure_unit(self.measure)][self.unit]
         return tuple(level * factor for level in self.given)
 
+    @property
+    def factor(self) -> float:
+        """SI unit of the measure over the unit of the levels, by the first of them."""
+        return self.si[0] / self.given[0]
+
 
 class Execution(Section):
     """Where and in what portions it runs; never changes a result."""
 
     workers: Annotated[int, Field(ge=1)] | None = None
-    """One-thread processes. Where not given: for a few seconds none, as small studies are done
+    """One-thread processes. Where not given: for the first seconds none, as small studies are done
     before processes have started; then as many as cores."""
     scheduler: str | None = None
     """Address of a running dask scheduler, in the place of own workers. Whoever reaches it may run
@@ -322,7 +332,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     Raises
     ------
     StudyError
-        One sentence with the file, the key, its value and what is allowed.
+        One message with the file, the key, its value and what is allowed.
     """
     path = Path(path)
     folder = path.resolve().parent
@@ -333,7 +343,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
     try:
         study = Study.model_validate(given)
     except ValidationError as error:
-        raise StudyError(f"{path}: {first_sentence(error, given)}") from error
+        raise StudyError(f"{path}: {first_message(error, given)}") from error
     try:
         # Arches that each record has of its own are known once the records are.
         check_buildable(members(study, n_record=1))

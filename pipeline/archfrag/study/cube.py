@@ -11,6 +11,7 @@ import netCDF4
 import numpy as np
 from numpy.typing import NDArray
 
+from archfrag import __version__
 from archfrag.errors import OutputError
 from archfrag.fragility.counts import Verdict
 from archfrag.study.config import Study
@@ -21,15 +22,14 @@ from archfrag.study.outcome import COLUMNS, Column
 from archfrag.study.plan import Plan, make_plan
 from archfrag.study.provenance import attributes, strict_json
 from archfrag.study.records import SEEDS, PreparedRecord
-from archfrag.study.replay import Gathered, Results, replay
 from archfrag.study.rounds import CASE, COARSE, FINE, Cases
-from archfrag.study.store import Store
+from archfrag.study.store import Gathered, Results, Store, replay
 from archfrag.study.vary import VARIABLE
 
 CUBE = "cube.nc"
 TIMINGS = "timings.csv"
 _RUN = ("arch", "record", "level")
-# Of a chunk, which is read and decompressed whole [values].
+# Of a chunk, which is read and decompressed at once [values].
 LARGEST_CHUNK = 100_000
 COMPRESSION = 4
 _LABELS = "arch record intensity"
@@ -52,13 +52,13 @@ def refuse_foreign_cube(study: Study) -> None:
     if owner != study.id:
         whose = f"the cube of study {owner!r}" if owner else "a file that is no cube of archfrag"
         raise OutputError(
-            f"{path}: {whose} is in the way of study {study.id!r}; give the studies different "
+            f"{path}: {whose} is in the place of study {study.id!r}; give the studies different "
             "output folders, or move the file"
         )
 
 
 def write_cube(study: Study) -> Path:
-    """Gather the parts of a study into its cube, written whole or not at all.
+    """Gather the parts of a study into its cube, written completely or not at all.
 
     The same parts give the same bytes. It is written arch by arch: memory grows by about 150 bytes
     a run, whatever the results hold.
@@ -154,8 +154,8 @@ def _write(cube: Any, study: Study, plan: Plan, results: Gathered) -> None:
     _labels(cube, "arch", "arch", found.ids, "name of the arch")
     _labels(cube, "arch_class", "arch", found.classes, "entry of the study it is of", "arch")
     _labels(cube, "record", "record", [r.id for r in plan.records], "name of the record")
-    said = "model of the ladder that a time was simulated with"
-    _labels(cube, "model", "model", results.models, said)
+    about = "model of the ladder that a time was simulated with"
+    _labels(cube, "model", "model", results.models, about)
     _levels(cube, study, plan, grid)
     _arch_facts(cube, found)
     _record_facts(cube, plan)
@@ -163,8 +163,8 @@ def _write(cube: Any, study: Study, plan: Plan, results: Gathered) -> None:
         _create(cube, column, _RUN)
     two_stage = bool((results.cases["stage"] == COARSE).any())
     if two_stage:
-        said = "what a run by the coarse method says"
-        _create(cube, replace(COLUMNS[0], name="coarse_verdict", long_name=said), _RUN)
+        about = "what a run by the coarse method says"
+        _create(cube, replace(COLUMNS[0], name="coarse_verdict", long_name=about), _RUN)
     column = Column(
         "lost_contact_and_stand", "i4", "1",
         "number of runs of all records that lost contact at a joint and stand",
@@ -199,45 +199,28 @@ def _write_arch(cube: Any, grid: _Layout, arch: int, own: Results) -> None:
 
 
 def _global_attributes(study: Study, plan: Plan, design: dict[str, Any]) -> dict[str, str]:
+    # What was used, not what was asked for: synthetic motions have a key of their own.
+    count, of = sum(record.vertical for record in plan.records), len(plan.records)
+    some = f"used for {count} of {of} records"
     return {
         "Conventions": "CF-1.11",
         "title": study.title,
         "institution": study.institution,
-        "source": (
-            f"rigid-block simulations with archfrag {_version()}, method {study.method.name}"
-        ),
-        "vertical_component": _vertical_component(plan),
-        "history": (
-            "Records read, processed and scaled to levels of the intensity measure; simulations "
-            f"as the design {study.design.kind} asks for them; results gathered by archfrag."
-        ),
-        "references": (
-            "A. Sinopoli, A semi-analytical approach for masonry arch dynamics; the README of "
-            "archfrag"
-        ),
-        "comment": (
-            f"{len(plan.arches)} arches under {len(plan.records)} records scaled by "
-            f"{study.intensity.measure}. Wall times and machine are in a log beside this file."
-        ),
+        "source": f"rigid-block simulations with archfrag {__version__}, method "
+        f"{study.method.name}",
+        "vertical_component": some if 0 < count < of else "used" if count else "not used",
+        "history": "Records read, processed and scaled to levels of the intensity measure; "
+        f"simulations as the design {study.design.kind} asks for them; results gathered by "
+        "archfrag.",
+        "references": "A. Sinopoli, A semi-analytical approach for masonry arch dynamics; the "
+        "README of archfrag",
+        "comment": f"{len(plan.arches)} arches under {len(plan.records)} records scaled by "
+        f"{study.intensity.measure}. Wall times and machine are in a log beside this file.",
         "loss_limit": f"{study.method.loss_limit:g}",
         "archfrag_design": strict_json(design),
         "archfrag_design_kind": str(design["kind"]),
         **attributes(study, plan),
     }
-
-
-def _vertical_component(plan: Plan) -> str:
-    """What was used, not what was asked for: synthetic motions have a key of their own."""
-    count, of = sum(record.vertical for record in plan.records), len(plan.records)
-    if 0 < count < of:
-        return f"used for {count} of {of} records"
-    return "used" if count else "not used"
-
-
-def _version() -> str:
-    from archfrag import __version__
-
-    return __version__
 
 
 def _create(cube: Any, column: Column, dimensions: Sequence[str], labels: str = _LABELS) -> Any:
@@ -317,36 +300,37 @@ def _levels(cube: Any, study: Study, plan: Plan, grid: "_Layout") -> None:
     variable.measure = measure
 
 
+def _facts(cube: Any, dimension: str, facts: Sequence[tuple[Column, Any]]) -> None:
+    """One value for each arch or record, nan where there is none."""
+    for column, values in facts:
+        variable = _create(cube, column, (dimension,), dimension)
+        variable[:] = [np.nan if value is None else value for value in values]
+
+
 def _arch_facts(cube: Any, found: Members) -> None:
     from archfrag.simulate import onset
     from archfrag.simulation.static_limit import static_limit
 
     arches = [entry.build() for entry in found.entries]
     starts = [onset(arch) for arch in arches]
-    comment = "In multiples of standard gravity, 9.80665 m s-2."
-    for name, towards in (("plus", "+x"), ("minus", "-x")):
-        column = Column(
-            f"onset_{name}", "f8", "1",
-            f"largest steady ground acceleration towards {towards} that leaves the arch at rest",
-            comment=comment,
-        )  # fmt: skip
-        variable = _create(cube, column, ("arch",), "arch")
-        variable[:] = [getattr(start, name) for start in starts]
-    column = Column(
-        "static_limit", "f8", "rad",
-        "rotation at which the mechanism of onset is in unstable equilibrium", np.nan,
-    )  # fmt: skip
-    variable = _create(cube, column, ("arch",), "arch")
-    variable[:] = [static_limit(arch, start) for arch, start in zip(arches, starts)]
-    column = Column("joint_length", "f8", "m", "mean length of the joints")
-    variable = _create(cube, column, ("arch",), "arch")
-    variable[:] = [np.linalg.norm(arch.extrados - arch.intrados, axis=1).mean() for arch in arches]
-    for name, values in found.parameters().items():
-        unit = _ARCH_UNITS.get(name, "m" if name in VARIABLE else "1")
-        column = Column(f"arch_{name}", "f8", unit, f"{name} of the arch", np.nan)
-        _create(cube, column, ("arch",), "arch")[:] = values
+    text = "largest steady ground acceleration towards {} that leaves the arch at rest"
+    gravity = "In multiples of standard gravity, 9.80665 m s-2."
+    units = dict.fromkeys(VARIABLE, "m") | _ARCH_UNITS
+    _facts(cube, "arch", [
+        (Column("onset_plus", "f8", "1", text.format("+x"), comment=gravity),
+         [start.plus for start in starts]),
+        (Column("onset_minus", "f8", "1", text.format("-x"), comment=gravity),
+         [start.minus for start in starts]),
+        (Column("static_limit", "f8", "rad",
+                "rotation at which the mechanism of onset is in unstable equilibrium", np.nan),
+         [static_limit(arch, start) for arch, start in zip(arches, starts)]),
+        (Column("joint_length", "f8", "m", "mean length of the joints"),
+         [np.linalg.norm(arch.extrados - arch.intrados, axis=1).mean() for arch in arches]),
+        *((Column(f"arch_{name}", "f8", units.get(name, "1"), f"{name} of the arch", np.nan), each)
+          for name, each in found.parameters().items()),
+    ])  # fmt: skip
     for name, texts in found.attributes().items():
-        # Names in files have letters, digits and _ only; long_name says what the table says.
+        # Names in files have letters, digits and _ only; long_name is as in the table.
         plain = re.sub("[^A-Za-z0-9_]", "_", f"attribute_{name}")
         while plain in cube.variables:
             plain += "_"
@@ -355,39 +339,40 @@ def _arch_facts(cube: Any, found: Members) -> None:
 
 def _record_facts(cube: Any, plan: Plan) -> None:
     records = plan.records
-    facts = (
-        Column("record_dt", "f8", "s", "time between samples of the record"),
-        Column("record_duration", "f8", "s", "time from the first to the last sample"),
-        Column("magnitude", "f8", "1", "moment magnitude of the earthquake", np.nan),
-        Column("distance", "f8", "km", "distance from the source to the station", np.nan),
-    )
-    keys = ("dt", "duration", "magnitude", "distance")
-    for column, key in zip(facts, keys):
-        given = [getattr(record, key) for record in records]
-        variable = _create(cube, column, ("record",), "record")
-        variable[:] = [np.nan if value is None else value for value in given]
+
+    def of(name: str) -> list[Any]:
+        return [getattr(record, name) for record in records]
+
+    _facts(cube, "record", [
+        (Column("record_dt", "f8", "s", "time between samples of the record"), of("dt")),
+        (Column("record_duration", "f8", "s", "time from the first to the last sample"),
+         of("duration")),
+        (Column("magnitude", "f8", "1", "moment magnitude of the earthquake", np.nan),
+         of("magnitude")),
+        (Column("distance", "f8", "km", "distance from the source to the station", np.nan),
+         of("distance")),
+    ])  # fmt: skip
     _record_measures(cube, records)
-    _labels(cube, "event", "record", [r.event for r in records], "earthquake", "record")
+    _labels(cube, "event", "record", of("event"), "earthquake", "record")
     vertical = Column(
         "record_vertical", "i1", "", "whether the vertical component moves the arch too",
         flags=((0, "horizontal_only"), (1, "with_vertical")),
         comment="Scaled by the factor of the horizontal component.",
     )  # fmt: skip
-    _create(cube, vertical, ("record",), "record")[:] = [record.vertical for record in records]
-    for key in SEEDS if any(record.recipe for record in records) else ():
+    _facts(cube, "record", [(vertical, of("vertical"))])
+    for key in SEEDS if any(of("recipe")) else ():
         column = Column(
             f"record_{key}", "f8", "1", f"{key.replace('_', ' ')} of a synthetic record", np.nan,
             comment="A whole number; the record follows from its seeds, magnitude and distance.",
         )  # fmt: skip
-        variable = _create(cube, column, ("record",), "record")
-        variable[:] = [np.nan if (seed := getattr(r, key)) is None else seed for r in records]
-    _labels(cube, "record_file", "record", [r.source for r in records],
-            "name of the record file", "record")  # fmt: skip
-    _labels(cube, "record_sha256", "record", [r.sha256 for r in records],
-            "SHA-256 of the record file", "record")  # fmt: skip
-    _labels(cube, "accepted", "record", [r.accepted for r in records],
-            "what is implausible in the record and was accepted by a key of the study",
-            "record")  # fmt: skip
+        _facts(cube, "record", [(column, of(key))])
+    doubt = "what is implausible in the record and was accepted by a key of the study"
+    for name, key, about in (
+        ("record_file", "source", "name of the record file"),
+        ("record_sha256", "sha256", "SHA-256 of the record file"),
+        ("accepted", "accepted", doubt),
+    ):
+        _labels(cube, name, "record", of(key), about, "record")
 
 
 def _record_measures(cube: Any, records: Sequence[PreparedRecord]) -> None:
@@ -397,13 +382,11 @@ def _record_measures(cube: Any, records: Sequence[PreparedRecord]) -> None:
     names = list(records[0].measures)
     cube.createDimension("measure", len(names))
     _labels(cube, "measure", "measure", names, "intensity measure")
-    _labels(cube, "measure_unit", "measure", [measure_unit(name) for name in names],
-            "unit of the intensity measure", "measure")  # fmt: skip
+    units = [measure_unit(name) for name in names]
+    _labels(cube, "measure_unit", "measure", units, "unit of the intensity measure", "measure")
     exponent = Column("measure_exponent", "i4", "1", "power of the scale factor in the measure")
-    variable = _create(cube, exponent, ("measure",), "measure")
-    variable[:] = [scaling_exponent(name) for name in names]
-    column = Column(
-        "record_measure", "f8", "", "intensity of the record as it is, in the unit of each measure"
-    )
+    _facts(cube, "measure", [(exponent, [scaling_exponent(name) for name in names])])
+    about = "intensity of the record as it is, in the unit of each measure"
+    column = Column("record_measure", "f8", "", about)
     variable = _create(cube, column, ("record", "measure"), "record measure")
     variable[:] = [[record.measures[name] for name in names] for record in records]

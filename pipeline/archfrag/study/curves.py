@@ -1,4 +1,4 @@
-"""What the runs of a cube say of each arch and of each class: curves and their bands."""
+"""What follows from the runs of a cube for each arch and of each class: curves and their bands."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -32,7 +32,7 @@ class Runs:
     verdict: NDArray[np.int64]  # (n_record, n_level)
     level: FloatArray  # (n_level,): [SI]
     factor: FloatArray  # (n_record, n_level): on the record
-    # (n_record,): what rows share: an earthquake, or for a class the record.
+    # (n_record,): what rows have in common: an earthquake, or for a class the record.
     group: NDArray[np.str_] | None = None
     unit: str = "event"  # which of the two
     # (n_record, n_level): verdicts by the coarse method of a design in two stages.
@@ -48,12 +48,12 @@ class Runs:
 
 @dataclass(frozen=True)
 class Answer:
-    """Curve of an arch or a class, how well it is known, and what else its runs say.
+    """Curve of an arch or a class, how well it is known, and what else follows from its runs.
 
     Attributes
     ----------
     curve : Fragility or str
-        Theta in the SI unit of the measure; or the sentence why there is none.
+        Theta in the SI unit of the measure; or the message why there is none.
     likelihood : Fragility or str
         By maximum likelihood, for comparison.
     theta, beta : (float, float)
@@ -174,7 +174,7 @@ def classes_of_cube(cube: "xr.Dataset", runs: Sequence[Runs]) -> dict[str, Runs]
 
 def answer(runs: Runs, confidence: float) -> Answer:
     """Curve of some runs with the band and the intervals that are quoted."""
-    likelihood = _or_sentence(lambda: likeliest(runs))
+    likelihood = _or_message(lambda: likeliest(runs))
     top = 1.05 * float(np.nanmax(runs.level))
     im = np.linspace(0.0, top, POINTS)
     try:
@@ -254,7 +254,7 @@ def likeliest(runs: Runs) -> Fragility:
     return fit_stripes(distinct, fell, np.bincount(place, minlength=distinct.size))
 
 
-def _or_sentence(make: Any) -> Fragility | str:
+def _or_message(make: Any) -> Fragility | str:
     try:
         found: Fragility = make()
     except FitError as error:

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 PACKAGE = Path(archfrag.__file__).resolve().parent
 WRITTEN = "written.json"
 _HDF5 = b"\x89HDF"
-_MOST_BLOCKS, _SMALLEST_BLOCK = 64, 4096
 # Temporary names: a dot, the name that the file was to have, and random characters.
 _LEFT_OVER = re.compile(
     r"\..+\.(npz|npy|json|csv|nc|html|svg|yaml|xml|parquet)\.[A-Za-z0-9_]+(\.tmp)?"
@@ -34,7 +33,7 @@ def sweep(folder: Path) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file whole or not at all, and leave one that holds the text already alone.
+    """Write a text file completely or not at all, and leave one that holds the text already alone.
 
     Raises
     ------
@@ -93,37 +92,22 @@ def remember(study: "Study", names: Iterable[str], group: str) -> None:
         del written[name]
     for name in kept:
         path = study.folder / name
-        size = max(_SMALLEST_BLOCK, -(-path.stat().st_size // _MOST_BLOCKS))
-        written[name] = {
-            "group": group, "sha256": sha256_of(path), "block": size,
-            "blocks": sorted(_blocks(path, size)),
-        }  # fmt: skip
+        size = path.stat().st_size
+        written[name] = {"group": group, "sha256": sha256_of(path), "size": size}
     write_text(study.work / WRITTEN, canonical_json(written) + "\n")
 
 
 def is_ours_damaged(study: "Study", name: str) -> bool:
     """Whether a netCDF file of the results that cannot be read is what is left of one of ours.
 
-    It is if we wrote one of its name and it is empty, begins as such files do, or shares a
-    block with it.
+    It is if we wrote one of its name and it is empty, begins as such files do, or is as large.
     """
-    entry = _load(study).get(name)
+    entry, path = _load(study).get(name), study.folder / name
     if entry is None:
         return False
-    path = study.folder / name
-    with contextlib.suppress(OSError):
-        with open(path, "rb") as file:
-            head = file.read(len(_HDF5))
-        return head in (b"", _HDF5) or bool(_blocks(path, entry["block"]) & set(entry["blocks"]))
+    with contextlib.suppress(OSError), open(path, "rb") as file:
+        return file.read(len(_HDF5)) in (b"", _HDF5) or path.stat().st_size == entry["size"]
     return False
-
-
-def _blocks(path: Path, size: int) -> set[str]:
-    found = set()
-    with open(path, "rb") as file:
-        while len(block := file.read(size)) == size:
-            found.add(hashlib.sha256(block).hexdigest()[:16])
-    return found
 
 
 def _load(study: "Study") -> dict[str, Any]:

@@ -1,7 +1,6 @@
 """From the cube of a study to its fragility curves."""
 
 import json
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +15,7 @@ from archfrag.study.cube import CUBE, refuse_foreign_cube
 from archfrag.study.curves import Answer
 from archfrag.study.files import write_text
 from archfrag.study.members import shown
+from archfrag.study.provenance import finite
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -48,7 +48,7 @@ def open_cube(study: Study) -> "xr.Dataset":
 def fit_cube(study: Study) -> dict[str, Answer]:
     """Find the curve of each arch and class of the cube and store all in ``fits.json``."""
     confidence, keys = study.report.confidence, study.limit_states.model_dump()
-    factor = _si_factor(study)
+    factor = study.intensity.factor
     with open_cube(study) as cube:
         runs = [
             replace(each, level=each.level / factor) for each in curves.runs_of_cube(cube.load())
@@ -85,20 +85,9 @@ def fit_cube(study: Study) -> dict[str, Answer]:
         "arches": plain,
         "classes": of_classes,
     }
-    text = json.dumps(null(content), indent=1, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(finite(content, None), indent=1, ensure_ascii=False, allow_nan=False)
     write_text(study.folder / FITS, text + "\n")
     return {name: Answer.from_dict(each) for name, each in plain.items()}
-
-
-def null(value: Any) -> Any:
-    """The value with None in the place of numbers that are not finite: JSON has none."""
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, dict):
-        return {key: null(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [null(entry) for entry in value]
-    return value
 
 
 def _in_si(value: Any, factor: float, unit: str, key: str = "") -> Any:
@@ -114,16 +103,11 @@ def _in_si(value: Any, factor: float, unit: str, key: str = "") -> Any:
     return value
 
 
-def _si_factor(study: Study) -> float:
-    """SI unit of the measure over the unit of the study."""
-    return study.intensity.si[0] / study.intensity.given[0]
-
-
 def fit_text(study: Study, name: str, found: Answer) -> str:
     """A curve in the unit of the study, or why there is none."""
     if isinstance(found.curve, str):
         return f"{name}: no curve: {found.curve}"
-    factor, percent = _si_factor(study), f"{100 * found.confidence:g} %"
+    factor, percent = study.intensity.factor, f"{100 * found.confidence:g} %"
     theta, low, high = (value / factor for value in (found.curve.theta, *found.theta))
     return (
         f"{name}: median {theta:.4g} {study.intensity.unit} of {study.intensity.measure} "

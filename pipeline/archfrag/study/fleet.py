@@ -11,7 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from archfrag.errors import StudyError
 from archfrag.study.arches import ARCH_KEYS, NUMBER_KEYS, ArchEntry, Chain, Table
-from archfrag.study.sentences import first_sentence
+from archfrag.study.section import first_message
 from archfrag.study.yaml_file import parse_value
 
 MOST_ROWS, LARGEST_TABLE, LONGEST_CELL = 10_000, 20_000_000, 20_000  # [1], [bytes], [characters]
@@ -24,7 +24,7 @@ _ALIKE = 0.85  # of a column's name to a key, by difflib's ratio, for a slip of 
 class Row:
     """An arch of a table."""
 
-    entry: Chain  # the arch, with what the table's entry says for all
+    entry: Chain  # the arch, with what the table's entry gives for all
     numbers: dict[str, float]  # its numbers of the keys that are columns of the table
     # Its text from the columns that are no keys of an arch; empty cells too.
     attributes: dict[str, str]
@@ -59,8 +59,8 @@ def read_fleet(table: Table) -> list[Row]:
         try:
             entry = adapter.validate_python(given)
         except ValidationError as error:
-            raise StudyError(_sentence(error, given, columns, place)) from None
-        # Of rows that leave a cell empty too: the study's entry says what they have.
+            raise StudyError(_message(error, given, columns, place)) from None
+        # Of rows that leave a cell empty too: the study's entry gives what they have.
         found = {key: getattr(entry, key, None) for key in row if key in NUMBER_KEYS}
         numbers = {k: float(v) for k, v in found.items() if isinstance(v, float | int)}
         attributes = {key: text for key, text in row.items() if key not in ARCH_KEYS}
@@ -110,19 +110,17 @@ def _check_columns(columns: list[str], path: Path) -> None:
 
 
 def _value(text: str, place: str) -> Any:
-    """What a cell says: numbers as spreadsheets write them, else as YAML."""
+    """Content of a cell: numbers as spreadsheets write them, else as YAML."""
     if len(text) > LONGEST_CELL:
         raise StudyError(f"{place}: must have at most {LONGEST_CELL} characters")
     if _NUMBER.fullmatch(text):
         number = float(text)
-        # A spreadsheet may write 7 as 7.0, where a whole number is wanted.
+        # A spreadsheet may write 7 as 7.0, where an integer is wanted.
         return int(number) if abs(number) < 1e15 and number == int(number) else number
     return text if text[0] not in "[tTfF.-+" else parse_value(text, place)
 
 
-def _sentence(
-    error: ValidationError, given: dict[str, Any], columns: list[str], place: str
-) -> str:
-    sentence = first_sentence(error, given)
-    column = re.split(r"[ .\[]", sentence, maxsplit=1)[0]
-    return f"{place}, {'column ' if column in columns else ''}{sentence}"
+def _message(error: ValidationError, given: dict[str, Any], columns: list[str], place: str) -> str:
+    message = first_message(error, given)
+    column = re.split(r"[ .\[]", message, maxsplit=1)[0]
+    return f"{place}, {'column ' if column in columns else ''}{message}"

@@ -27,7 +27,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Grid:
-    """Records and levels of one arch's share of a study."""
+    """Records and levels of one arch's part of a study."""
 
     arch: int
     records: NDArray[np.int64]  # (n_record,): their numbers
@@ -35,7 +35,7 @@ class Grid:
     # (n_record, n_measure): logarithms of other intensity measures of the records where the
     # study's own is 1.
     measures: FloatArray
-    # (n_record,): labels of the records' earthquakes, where several share one.
+    # (n_record,): labels of the records' earthquakes, where several have one in common.
     groups: NDArray[np.str_] | None = None
 
     def cases(self, rows: ArrayLike, places: ArrayLike, stage: int = FINE) -> Cases:
@@ -55,7 +55,7 @@ def stripes(grid: Grid) -> Strand:
 
 
 class Borders:
-    """Where each record turns from standing to collapse, as far as it is known.
+    """Where each record goes from standing to collapse, as far as it is known.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class Borders:
     def next_places(self, rows: ArrayLike) -> NDArray[np.int64]:
         """Level to try next for each of some rows, -1 where nothing is left to try.
 
-        The one that tells most for its cost: the entropy of its verdict over the cost expected.
+        The most informative one for its cost: the entropy of its verdict over the cost expected.
         Levels where a run had no verdict are not tried again.
         """
         row = np.asarray(rows)
@@ -139,12 +139,12 @@ def expected_by_measures(borders: Borders, known: range, rows: range) -> tuple[F
     least = best[1]
     for values in borders.grid.measures.T:
         x = values[known.start : known.stop]
-        spread = x - x.mean()
-        if not spread @ spread > 1e-9:
+        centred = x - x.mean()
+        if not centred @ centred > 1e-9:
             continue
-        slope = spread @ capacity / (spread @ spread)
-        leverage = 1.0 / x.size + spread**2 / (spread @ spread)
-        left = (capacity - capacity.mean() - slope * spread) / np.maximum(1.0 - leverage, 0.05)
+        slope = centred @ capacity / (centred @ centred)
+        leverage = 1.0 / x.size + centred**2 / (centred @ centred)
+        left = (capacity - capacity.mean() - slope * centred) / np.maximum(1.0 - leverage, 0.05)
         error = float(np.sqrt(left @ left / (x.size - 1)))
         if error < least:
             at = values[rows.start : rows.stop] - x.mean()

@@ -37,7 +37,7 @@ class Hazard:
         Intensity in the SI unit of the measure. The first is the one that risk is quoted of;
         others are quantiles or branches of the epistemic uncertainty.
     notes : tuple of str
-        Sentences on what was assumed.
+        Messages on what was assumed.
     """
 
     measure: str
@@ -65,7 +65,7 @@ def load_hazard(
     """Read the hazard curves of a site.
 
     Three kinds of file are known by what is in them: CSV with a header as `archfrag risk --help`
-    tells, the CSV that OpenQuake exports (one file for the mean and each quantile), and NRML's
+    states, the CSV that OpenQuake exports (one file for the mean and each quantile), and NRML's
     ``hazardCurves``.
 
     Parameters
@@ -75,7 +75,7 @@ def load_hazard(
     measure : str
         The study's intensity measure; another one is refused.
     unit : str, optional
-        Of the intensities, where the file does not say: g, m/s2, cm/s2, gal, m/s, cm/s, m, cm.
+        Of intensities, where the file does not state it: g, m/s2, cm/s2, gal, m/s, cm/s, m, cm.
     site : (float, float), optional
         Longitude and latitude [degrees]; needed if a file holds several sites.
 

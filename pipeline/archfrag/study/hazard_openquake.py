@@ -147,7 +147,7 @@ def _choose(sites: Sequence[_Site], wanted: tuple[float, float] | None) -> _Site
             return sites[0]
         some = "; ".join(f"{site.lon:g},{site.lat:g}" for site in sites[:3])
         raise InputError(
-            f"has {len(sites)} sites; say which by longitude and latitude, such as {some}"
+            f"has {len(sites)} sites; choose one by longitude and latitude, such as {some}"
         )
     if not (abs(wanted[0]) <= 360.0 and abs(wanted[1]) <= 90.0):
         raise InputError(

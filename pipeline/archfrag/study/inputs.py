@@ -27,7 +27,7 @@ def read_inputs(index: str | None, sources: Sequence["Source"]) -> Inputs:
     inventories = [Path(s.inventory) for s in sources if s.inventory is not None]
     for place in places:
         beside = sorted(place.glob("*.xml"))
-        # NAME.xml, or NET.STA.xml with codes that only the record's content says.
+        # NAME.xml, or NET.STA.xml with codes that only the record's content gives.
         inventories += [p for p in beside if p.stem in names or p.stem.count(".") == 1]
     found: Inputs = {}
     for kind, paths in zip(KINDS, (records, indices, inventories)):
@@ -64,7 +64,7 @@ def _contents(digests: dict[str, str]) -> list[tuple[str, str]]:
 
 
 def by_name(digests: dict[str, str]) -> dict[str, str]:
-    """Digests by the shortest ends of their paths that tell all apart: no place, only names."""
+    """Digests by the shortest ends of their paths that distinguish all: no place, only names."""
     paths = [Path(path).parts for path in digests]
     for size in range(1, max(map(len, paths), default=1) + 1):
         ends = ["/".join(parts[-size:]) for parts in paths]

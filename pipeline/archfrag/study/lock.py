@@ -1,4 +1,4 @@
-"""One run at a time in a folder of results; the lock says which, and whether it was stopped."""
+"""One run at a time in a folder of results; the lock states which, and whether it was stopped."""
 
 import contextlib
 import errno
@@ -33,7 +33,7 @@ class Lock:
     _beaten: float = 0.0
 
     def beat(self) -> None:
-        """Say that this run is still there, to hosts that cannot see its process."""
+        """Show that this run is still there, to hosts that cannot see its process."""
         if time.monotonic() - self._beaten > BEAT:
             self._beaten = time.monotonic()
             with contextlib.suppress(OSError):
@@ -71,7 +71,7 @@ def _may_live(holder: dict[str, Any], path: Path, known: bool) -> bool:
         return False
     if holder["host"] == socket.gethostname():
         return not known and is_alive(holder["pid"], holder["started"])
-    # Some file systems keep locks to themselves: only the beat tells from elsewhere.
+    # Some file systems keep locks to themselves: only the beat is seen from elsewhere.
     return time.time() - path.stat().st_mtime < _SILENT
 
 

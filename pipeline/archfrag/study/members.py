@@ -122,7 +122,7 @@ def members(study: "Study", n_record: int | None = None) -> Members:
 def shown(theta: Sequence[float]) -> list[int]:
     """Places of the arches that a report shows one by one.
 
-    All if they are few; of many the weakest, the middle and the strongest.
+    All of up to `SHOWN`; of many the weakest, the middle and the strongest.
 
     Parameters
     ----------
@@ -149,7 +149,8 @@ def needs_records(entries: Sequence[Any]) -> bool:
 
 def expand(entries: Sequence[Any], n_record: int | None = None) -> Members:
     """The arches that entries of a study file amount to."""
-    return Members(_expanded(_text(entries), _state_of_tables(entries), n_record))
+    text = json.dumps([entry.model_dump(exclude_none=True) for entry in entries])
+    return Members(_expanded(text, _state_of_tables(entries), n_record))
 
 
 @dataclass(frozen=True)
@@ -193,17 +194,12 @@ def check_buildable(given: Members) -> None:
             member.entry.build()
         except GeometryError as error:
             wrong.append((member, error))
-    if not wrong:
-        return
-    first, why = wrong[0]
-    if not first.number:
-        raise StudyError(f"{first.place}: {why}") from why
-    alike = sum(member.place == first.place for member, _ in wrong)
-    drawn = sum(member.place == first.place for member in given)
-    raise StudyError(
-        f"{first.place}: {alike} of {drawn} samples cannot exist, the first is sample "
-        f"{first.number} ({listed(first.values)}): {why}"
-    ) from why
+    if wrong:
+        first, why = wrong[0]
+        if not first.number:
+            raise StudyError(f"{first.place}: {why}") from why
+        which = _samples(given, [member for member, _ in wrong])
+        raise StudyError(f"{first.place}: cannot exist: {which}: {why}") from why
 
 
 def check_standing(given: Members) -> None:
@@ -211,30 +207,24 @@ def check_standing(given: Members) -> None:
     from archfrag.simulate import onset
 
     fallen = [member for member in given if not onset(member.entry.build()).stands]
-    if not fallen:
-        return
-    first = fallen[0]
-    if not first.number:
-        raise StabilityError(
-            f"{first.place}: does not stand under its own weight; make it thicker or raise the "
-            "friction"
-        )
-    alike = sum(member.place == first.place for member in fallen)
-    drawn = sum(member.place == first.place for member in given)
-    raise StabilityError(
-        f"{first.place}: {alike} of {drawn} samples {'do' if alike > 1 else 'does'} not stand "
-        f"under {'their' if alike > 1 else 'its'} own weight, the first is sample "
-        f"{first.number} ({listed(first.values)}); such an arch has no fragility: narrow the "
-        "distributions by lower and upper, or make the arch thicker"
-    )
+    if fallen:
+        where, advice = f"{fallen[0].place}: does not stand under its own weight", ""
+        if fallen[0].number:
+            advice = "narrow the distributions by lower and upper, "
+            where += f": {_samples(given, fallen)}; such an arch has no fragility"
+        raise StabilityError(f"{where}; {advice}make it thicker or raise the friction")
 
 
-def _text(entries: Sequence[Any]) -> str:
-    return json.dumps([entry.model_dump(mode="python", exclude_none=True) for entry in entries])
+def _samples(given: Members, some: Sequence[Member]) -> str:
+    """How many samples of the first one's class are among some, and what was drawn for it."""
+    first = some[0]
+    alike, drawn = (sum(m.place == first.place for m in each) for each in (some, given))
+    values = listed(first.values)
+    return f"{alike} of {drawn} samples, the first is sample {first.number} ({values})"
 
 
 def _state_of_tables(entries: Sequence[Any]) -> tuple[tuple[int, int], ...]:
-    """What tells an edited table from the one that was read."""
+    """What distinguishes an edited table from the one that was read."""
     found = []
     for entry in entries:
         path = file_of(entry)

@@ -1,6 +1,6 @@
 """What is kept of each run: one table of columns for parts and cube alike."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,9 @@ from archfrag.fragility.counts import Verdict
 from archfrag.mechanics.status import CollapseMode, Count, Energy, Loss, Model, Peak, Status
 
 if TYPE_CHECKING:
+    from archfrag.arch import Arch
     from archfrag.methods.time_stepping.service import Results
+    from archfrag.motions.motion import Motion
     from archfrag.simulate import Response
 
 _VERDICTS = {
@@ -191,8 +193,8 @@ def columns_of(results: "Results") -> dict[str, NDArray]:
     largest = energy[:, Energy.LARGEST_KINETIC]
     moved = largest > 0.0
     verdict = np.full(len(results.status), int(Verdict.SOLVER_FAILURE))
-    for status, said in _VERDICTS.items():
-        verdict[results.status == status] = said
+    for status, code in _VERDICTS.items():
+        verdict[results.status == status] = code
     values: dict[str, NDArray] = {
         "verdict": verdict,
         "energy_error": np.divide(
@@ -205,3 +207,47 @@ def columns_of(results: "Results") -> dict[str, NDArray]:
     table["model"] = np.array([model.name.lower() for model in Model], dtype=np.str_)
     table["model_time"] = results.model_time[:, list(Model)]
     return table
+
+
+def simulate_case(
+    method: Mapping[str, Any], arch: "Arch", motion: "Motion", factor: float, history: bool = False
+) -> "Response":
+    """Simulate an arch under a scaled motion by the method of a study.
+
+    Workers call it, and so does whatever does a run of a study again.
+
+    Parameters
+    ----------
+    method : mapping
+        The study's method as plan and cube store it: `name`, and any other arguments of
+        `archfrag.simulate.simulate` by their names.
+    arch : Arch
+    motion : Motion
+        Unscaled.
+    factor : float
+        On the motion, vertical component included.
+    history : bool
+        Whether to keep the history and the log of the mechanism.
+    """
+    from archfrag.simulate import simulate
+
+    arguments = {key: value for key, value in method.items() if key != "name"}
+    return simulate(
+        arch, motion, scale=factor, method=method["name"], history=history, **arguments
+    )
+
+
+def tabulate_cases(
+    method: Mapping[str, Any], arch: "Arch", motions: Sequence["Motion"], factors: Sequence[float]
+) -> tuple[dict[str, NDArray], NDArray[np.float64]]:
+    """As `simulate_case` for several runs of one arch, four at a time where the method can."""
+    from archfrag.simulation.many import results_of_runs
+
+    arguments = {key: value for key, value in method.items() if key != "name"}
+    runs = results_of_runs(arch, motions, factors, method=method["name"], **arguments)
+    if runs is not None:
+        return columns_of(runs.results), runs.wall_time
+    responses = [
+        simulate_case(method, arch, motion, factor) for motion, factor in zip(motions, factors)
+    ]
+    return table_of(responses), np.array([response.wall_time for response in responses])

@@ -28,7 +28,7 @@ from archfrag.study.scattered import cloud, scattered
 # Source, beside the kernels, that an edit of which may change results.
 DECIDING = (
     "arch", "mechanics", "methods", "simulate.py", "simulation", "study/arches.py",
-    "study/case.py", "study/outcome.py", "study/worker.py",
+    "study/outcome.py", "study/worker.py",
 )  # fmt: skip
 KEY = 16  # bytes
 

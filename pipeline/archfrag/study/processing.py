@@ -104,7 +104,7 @@ class Response(Section):
 
 
 class Rotate(Section):
-    """Turn both horizontal components into the plane of the arch: one motion of two."""
+    """Rotate both horizontal components into the plane of the arch: one motion of two."""
 
     azimuth: Degrees | None = None
     """Of the arch's +x, clockwise from north [degrees]."""

@@ -24,7 +24,7 @@ _PACKAGES = ("numpy", "numba", "llvmlite", "scipy", "obspy", "netCDF4")
 
 
 def portable_config(study: Study) -> dict[str, Any]:
-    """What a study says of its results: without folders and without how it is executed."""
+    """Settings of a study that its results follow from, without folders and execution."""
     return {
         "id": study.id,
         "title": study.title,
@@ -104,14 +104,14 @@ def strict_json(value: Any) -> str:
     return json.dumps(finite(value), ensure_ascii=False, allow_nan=False)
 
 
-def finite(value: Any) -> Any:
-    """The value with text in the place of floats that JSON does not know."""
+def finite(value: Any, none: Any = str) -> Any:
+    """The value with text, or with `none`, in the place of floats that JSON does not know."""
     if isinstance(value, float) and not math.isfinite(value):
-        return str(value)
+        return str(value) if none is str else none
     if isinstance(value, dict):
-        return {key: finite(entry) for key, entry in value.items()}
+        return {key: finite(entry, none) for key, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [finite(entry) for entry in value]
+        return [finite(entry, none) for entry in value]
     return value
 
 

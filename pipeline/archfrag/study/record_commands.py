@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 _SPECTRAL = r"T(\d+(?:\.\d+)?)S"
 _PERIODS = (0.01, 20.0)  # [s]
-_MANY = 32  # files from which processes share the work
+_MANY = 32  # files from which processes divide the work
 
 
 def inspection_facts(found: "Inspection") -> dict[str, Any]:
@@ -218,7 +218,7 @@ def selection_text(selection: "Selection", out: Path) -> str:
 
 
 def save_selection(selection: "Selection", path: Path) -> None:
-    """Write the figure of a selection as SVG, whole or not at all."""
+    """Write the figure of a selection as SVG, completely or not at all."""
     import matplotlib
 
     buffer = io.StringIO()
@@ -233,7 +233,7 @@ def make_chosen(out: Path, wanted: dict[str, Any]) -> list[Path]:
 
     from archfrag.motions.index import index_table
     from archfrag.motions.synthetic import make_suite, plan_motions
-    from archfrag.study.sentences import first_sentence
+    from archfrag.study.section import first_message
     from archfrag.study.synthetic import Synthetic, plan_of
 
     others = [name for name, row in index_table(out).items() if not row.get("model")]
@@ -250,7 +250,7 @@ def make_chosen(out: Path, wanted: dict[str, Any]) -> list[Path]:
     try:
         plan = plan_of(Synthetic.model_validate(given))
     except ValidationError as error:
-        key, rest = first_sentence(error, given).split(" ", 1)
+        key, rest = first_message(error, given).split(" ", 1)
         raise InputError(f"{_option(key)} {rest}") from None
     return make_suite(out, plan_motions(plan))
 

@@ -46,7 +46,7 @@ _AGAIN = "`archfrag motions` on the study file makes it"
 
 @dataclass(frozen=True)
 class Source:
-    """A record file, and how to read it: by its row of an index or by what the study says."""
+    """A record file, and how to read it: by its row of an index or by what the study gives."""
 
     path: Path
     unit: str | None = None
@@ -61,7 +61,7 @@ class Source:
 
 @dataclass(frozen=True)
 class PreparedRecord:
-    """One stored motion and what results say of it."""
+    """One stored motion and what results state of it."""
 
     id: str
     file: str  # of the stored motion, in the study's folder of work
@@ -176,7 +176,7 @@ def _with_names(sources: list[Source]) -> list[Source]:
 
 
 def _distinct_names(name: str, paths: list[Path]) -> list[str]:
-    """The name of several files with as many of their folders before it as tell them apart.
+    """The name of several files with as many of their folders before it as distinguish them.
 
     Folders that they have in common do not count, so that a study can be moved.
     """
@@ -271,7 +271,7 @@ def prepare_motions(study: Study, progress: Any = None) -> list[PreparedRecord]:
 
 
 def _store(study: Study, folder: Path, progress: Any) -> list[PreparedRecord]:
-    """Store all motions of files in a folder, and tell of each in the order of the study."""
+    """Store all motions of files in a folder, and describe each in the order of the study."""
     from archfrag.methods.auto import count_breaks
     from archfrag.motions.store import save_motions
 
@@ -394,7 +394,7 @@ def load_stored(path: Path, prepared: str) -> "Motion":
 
 
 def motions_key(study: Study) -> dict[str, Any]:
-    """What a study says of its motions and its measure."""
+    """Settings of a study on its motions and its measure."""
     return {"motions": study.motions.model_dump(mode="json"), "measure": study.intensity.measure}
 
 

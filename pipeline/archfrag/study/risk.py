@@ -22,12 +22,11 @@ from archfrag.mechanics.status import CollapseMode
 from archfrag.study.hazard import Hazard
 
 SEED = 15
-NOTED = 0.05  # fraction of a rate from where nothing is known that is worth a sentence
+NOTED = 0.05  # fraction of a rate from where nothing is known that is worth a message
 MOST_CATEGORIES = 8
 MAGNITUDES = (5.5, 6.0, 6.5, 7.0, 7.5)
 DISTANCES = (10.0, 20.0, 40.0, 80.0, 160.0)  # [km]
 OTHER = "others"
-_NOT_SIMULATED = 4  # a cell that the design of the study left out
 _SCATTERED_BINS = 10
 
 
@@ -73,7 +72,7 @@ class ArchRisk:
 
 @dataclass(frozen=True)
 class StudyRisk:
-    """Rates of collapse of all arches of a study; an arch without a curve has its sentence."""
+    """Rates of collapse of all arches of a study; an arch without a curve has its message."""
 
     study: str
     hazard: Hazard
@@ -192,7 +191,7 @@ def _runs_of(part: xr.Dataset) -> _Runs:
     intensity = part["intensity"]
     if intensity.dims == ("level",):
         levels = intensity.values.astype(float)
-        simulated = verdict != _NOT_SIMULATED
+        simulated = verdict != Verdict.NOT_SIMULATED
         if not simulated.all():
             code = joint * len(CollapseMode) + mode
             fell, code = implied_collapses(fell, simulated, code)
@@ -200,7 +199,7 @@ def _runs_of(part: xr.Dataset) -> _Runs:
         shared = levels.size > 1
         return _Runs(levels, fell, joint, mode, levels[0], levels[-1], shared)
     at = intensity.transpose("record", "level").values.astype(float)
-    done = (verdict != _NOT_SIMULATED) & (at > 0.0)
+    done = (verdict != Verdict.NOT_SIMULATED) & (at > 0.0)
     least, greatest = float(at[done].min()), float(at[done].max())
     count = _SCATTERED_BINS if greatest > least else 1
     edges = np.geomspace(least, greatest, count + 1)
@@ -238,7 +237,7 @@ def _fact(part: xr.Dataset, name: str) -> FloatArray:
 
 def _cautions(rate: CollapseRate, outer: FloatArray, mechanism: Contributions) -> tuple[str, ...]:
     found = []
-    for share, where in (
+    for fraction, where in (
         (rate.below, "below the first point of the hazard curve, whose first slope goes on there"),
         (rate.above, "above the last point of the hazard curve, whose last slope goes on there"),
         (outer[0], "below the least level that was simulated, where the fragility curve is "
@@ -248,6 +247,6 @@ def _cautions(rate: CollapseRate, outer: FloatArray, mechanism: Contributions) -
         (mechanism.unassigned.sum() / (rate.rate or 1.0),
          "at which no run collapsed, so that it is of no known mechanism"),
     ):  # fmt: skip
-        if share > NOTED:
-            found.append(f"{100 * share:.0f} % of the rate is from intensities {where}")
+        if fraction > NOTED:
+            found.append(f"{100 * fraction:.0f} % of the rate is from intensities {where}")
     return tuple(found)

@@ -19,7 +19,7 @@ ASSUMPTIONS = (
 
 def risk_facts(risk: StudyRisk, study: Study) -> dict[str, Any]:
     """All of a result in plain numbers; intensities in the unit of the study."""
-    factor = study.intensity.si[0] / study.intensity.given[0]
+    factor = study.intensity.factor
     return {
         "study": risk.study,
         "measure": risk.hazard.measure,

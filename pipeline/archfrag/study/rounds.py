@@ -1,7 +1,7 @@
 """Rounds of runs: what a design asks for next, given what the runs so far have shown.
 
 A design is a generator for each arch. It yields the runs that it wants, is sent their verdicts and
-returns what it has to say of itself. What it asks for follows from the verdicts alone, so the same
+returns its report. What it asks for follows from the verdicts alone, so the same
 study asks for the same runs whatever the workers, and a study that was stopped goes on by asking
 again.
 """

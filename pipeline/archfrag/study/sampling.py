@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from archfrag.errors import InputError
 from archfrag.study.arches import Chain, FromJoints, Polygons, Recess, Ring
-from archfrag.study.sentences import first_sentence
+from archfrag.study.section import first_message
 from archfrag.study.vary import JointScatter
 
 FloatArray = NDArray[np.float64]
@@ -23,7 +23,7 @@ def draw(
 
     Keys are drawn by the scheme of `vary` (`archfrag.arch.uncertain.sample`). What differs from
     joint to joint is drawn by plain random numbers, the same for the n-th sample of a seed
-    whatever their number: it has as many coordinates as joints, in which no design of a few
+    whatever their number: it has as many coordinates as joints, in which no design of some
     points is even, and an arch averages over its joints.
     """
     from archfrag.arch.uncertain import sample
@@ -53,7 +53,7 @@ def draw(
         _stretch_joints(entry, update)
         concrete = entry.model_copy(update=update)
         if vary.joints is not None:
-            # Zeros behind a seed are the same seed to numpy: 1 tells joints from keys.
+            # Zeros behind a seed are the same seed to numpy: 1 separates joints from keys.
             generator = np.random.default_rng([vary.seed, *stream, i, 1])
             concrete = concrete.model_copy(update=_scatter(concrete, vary.joints, generator))
         _check_bounds(concrete, i + 1, shown)
@@ -68,7 +68,7 @@ def _check_bounds(entry: Chain, number: int, values: dict[str, float]) -> None:
         type(entry).model_validate(given)
     except ValidationError as error:
         raise InputError(
-            f"sample {number} ({listed(values)}): {first_sentence(error, given)}"
+            f"sample {number} ({listed(values)}): {first_message(error, given)}"
         ) from None
 
 

@@ -1,4 +1,4 @@
-"""Designs in which each motion is used once: levels placed where they tell most, and the cloud."""
+"""Designs in which each motion is used once: levels where they are informative, and the cloud."""
 
 from collections.abc import Sequence
 

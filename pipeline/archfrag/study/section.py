@@ -1,9 +1,12 @@
-"""What every block of a study file is made of, and how one refuses a value in words."""
+"""What blocks of a study file are made of, and the messages that refuse a value."""
 
+import difflib
 import os
+import reprlib
+from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 LONGEST_NAME, LONGEST_PATH = 255, 3900  # [bytes] of file systems; results add to a path
@@ -40,7 +43,7 @@ def refuse(text: str) -> PydanticCustomError:
 
 
 def refuse_key(key: str, text: str) -> PydanticCustomError:
-    """A refusal of what stands under a key of the block at hand, by a sentence of its own."""
+    """A refusal of what stands under a key of the present block, by its own message."""
     return PydanticCustomError("refused_key", "", {"key": key, "text": text})
 
 
@@ -55,3 +58,115 @@ def _usable_path(value: str) -> str:
 
 
 PathText = Annotated[str, Field(min_length=1), AfterValidator(_usable_path)]
+
+
+# Kind of error in pydantic's list to our words; {} is filled from the error's context.
+_KINDS = {
+    "extra_forbidden": "is no known key",
+    "string_unicode": "must be text in UTF-8",
+    "greater_than": "must be greater than {gt:g}",
+    "greater_than_equal": "must be greater than or equal to {ge:g}",
+    "less_than": "must be less than {lt:g}",
+    "less_than_equal": "must be less than or equal to {le:g}",
+    "string_too_long": "must have at most {max_length} characters",
+    "too_long": "must have at most {max_length} entries, not {actual_length}",
+    "too_short": "must have at least {min_length} entries, not {actual_length}",
+    "dict_type": "must be a mapping of keys to values",
+    "literal_error": "must be {expected}",
+    "refused": "{text}",
+    "missing": "is missing",
+    "finite_number": "must be a finite number",
+    "float_type": "must be a number",
+    "int_type": "must be an integer",
+    "int_from_float": "must be an integer",
+    "bool_type": "must be true or false",
+    "string_type": "must be text",
+    "tuple_type": "must be a list",
+    "model_type": "must be a mapping of keys to values",
+    "model_attributes_type": "must be a mapping of keys to values",
+    "string_too_short": "must not be empty",
+    "string_pattern_mismatch": (
+        "must begin with a letter or a digit and hold only letters, digits and _ . + -"
+    ),
+}
+
+
+_SHOWN = 80  # characters of a value
+
+
+def key_path(parts: list[Any]) -> str:
+    """Keys and indices as people write them: ``arches[0].radius``."""
+    text = ""
+    for part in parts:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            text += f".{part}" if text else str(part)
+    return text
+
+
+def first_message(error: ValidationError, given: Any) -> str:
+    """Message about the first thing that is wrong, and how many more there are."""
+    problems = error.errors(include_url=False)
+    message = _message(problems[0], given)
+    more = len(problems) - 1
+    if more:
+        message += f" ({more} more {'key is' if more == 1 else 'keys are'} wrong too)"
+    return message
+
+
+def _place(location: tuple[Any, ...], kind: str, given: Any) -> list[Any]:
+    """The parts of a location that are keys of the file, without names of union members."""
+    parts: list[Any] = []
+    here = given
+    for i, part in enumerate(location):
+        last = i == len(location) - 1
+        if (isinstance(here, Mapping) and part in here) or (
+            isinstance(here, list | tuple) and isinstance(part, int) and part < len(here)
+        ):
+            here = here[part]
+        elif not (last and kind == "missing"):
+            continue
+        parts.append(part)
+    return parts
+
+
+def _message(problem: Any, given: Any) -> str:
+    kind, context = problem["type"], problem.get("ctx", {})
+    parts = _place(problem["loc"], kind, given)
+    if kind == "unknown_key":
+        return _unknown(key_path([*parts, context["key"]]), context["key"], context["allowed"])
+    if kind == "refused_key":
+        return f"{key_path([*parts, context['key']])}: {context['text']}"
+    if kind in ("union_tag_invalid", "union_tag_not_found"):
+        name = context["discriminator"].strip("'")
+        key = key_path([*parts, name])
+        if kind == "union_tag_not_found":
+            return f"{key} is missing"
+        return (
+            f"{key} = {context['tag']} must be one of "
+            f"{context['expected_tags'].replace(chr(39), '')}"
+        )
+    key = key_path(parts) or "the file"
+    if kind == "missing":
+        return f"{key} is missing"
+    rule = _KINDS.get(kind, "is of a kind that has no place here").format(**context)
+    value = problem["input"]
+    shown = "" if isinstance(value, Mapping) else f" = {_shown(value)}"
+    return f"{key}{shown} {rule}"
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, str) and not value.isprintable():
+        return reprlib.repr(value)
+    if isinstance(value, str):
+        return value if len(value) <= _SHOWN else f"{value[:_SHOWN]}…"
+    return "empty" if value is None else reprlib.repr(value)
+
+
+def _unknown(path: str, key: str, allowed: list[str]) -> str:
+    if len(key) > _SHOWN or not key.isprintable():
+        return f"{path[: -len(key)]}{_shown(key)} is no known key"
+    close = difflib.get_close_matches(key, allowed, n=1, cutoff=0.6)
+    hint = f"did you mean {close[0]}?" if close else f"allowed are {', '.join(allowed)}"
+    return f"{path} is no known key; {hint}"

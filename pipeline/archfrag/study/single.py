@@ -13,7 +13,7 @@ from archfrag.study.arches import StudyArch
 from archfrag.study.config import load_study
 from archfrag.study.members import members
 from archfrag.study.provenance import finite
-from archfrag.study.sentences import first_sentence
+from archfrag.study.section import first_message
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
@@ -53,7 +53,7 @@ def arch_by_numbers(options: dict[str, Any]) -> "Arch":
         entry: Any = TypeAdapter(StudyArch).validate_python(given)
     except ValidationError as error:
         raise InputError(
-            f"--profile {given['profile']}: {first_sentence(error, given)}; give the arch by "
+            f"--profile {given['profile']}: {first_message(error, given)}; give the arch by "
             "options such as --radius, or take one by --study STUDY --arch ID"
         ) from error
     return entry.build()
@@ -70,7 +70,7 @@ def onset_facts(start: "Onset") -> dict[str, Any]:
 
 
 def onset_text(start: "Onset") -> str:
-    """Rest range and mechanisms in a few lines."""
+    """Rest range and mechanisms in short lines."""
     if not start.stands:
         return "does not stand under its own weight"
     lines = []
@@ -104,10 +104,10 @@ def response_facts(response: "Response", scale: float) -> dict[str, Any]:
 
 
 def response_text(response: "Response", scale: float) -> str:
-    """What one run did in a few lines."""
-    from archfrag.errors import STATUS_SENTENCE
+    """What one run did in short lines."""
+    from archfrag.errors import STATUS_MESSAGE
 
-    lines = [f"{response.status.name.lower()}: {STATUS_SENTENCE[response.status]}"]
+    lines = [f"{response.status.name.lower()}: {STATUS_MESSAGE[response.status]}"]
     if response.collapsed:
         lines.append(
             f"collapse at {response.collapse_time:.3f} s by {response.collapse_mode} at joint "
@@ -138,8 +138,8 @@ def _times(model_time: dict[str, float]) -> str:
 
 def _numbers(counts: dict[str, int]) -> str:
     """Counts that are not zero."""
-    told = [f"{name.replace('_', ' ')} {count}" for name, count in counts.items() if count]
-    return ", ".join(told) or "none"
+    shown = [f"{name.replace('_', ' ')} {count}" for name, count in counts.items() if count]
+    return ", ".join(shown) or "none"
 
 
 def _mechanism_lines(changes: Sequence["MechanismChange"]) -> list[str]:
@@ -184,7 +184,7 @@ def motion_facts(path: Path, **reading: Any) -> list[dict[str, Any]]:
 
 
 def motion_text(facts: dict[str, Any]) -> str:
-    """Facts of one component in a few lines."""
+    """Facts of one component in short lines."""
     from archfrag.arch import STANDARD_GRAVITY
 
     lines = [

@@ -24,8 +24,7 @@ from archfrag.study.inputs import changes
 from archfrag.study.members import SHOWN, members, needs_records
 from archfrag.study.plan import Plan, make_plan
 from archfrag.study.records import MANIFEST, motions_key, read_manifest, study_inputs
-from archfrag.study.replay import replay
-from archfrag.study.store import Store
+from archfrag.study.store import Store, replay
 
 STEPS = "steps"
 FITTING = ("study/fits.py", "study/curves.py", "study/comparisons.py")
@@ -46,7 +45,7 @@ def step_names(study: Study) -> list[str]:
 
 
 def stamp_file(study: Study, step: str) -> Path:
-    """File that tells that a step is done."""
+    """File that states that a step is done."""
     return study.work / STEPS / f"{step}.json"
 
 
@@ -122,7 +121,7 @@ def stale_steps(study: Study) -> tuple[list[str], list[str]]:
 
 
 def forget_stale(study: Study) -> tuple[list[str], list[str]]:
-    """Remove the stamps of steps that are out of date; `stale_steps` tells what is returned."""
+    """Remove the stamps of steps that are out of date; returned is what `stale_steps` returns."""
     stale, changed = stale_steps(study)
     good = {f"{step}.json" for step in step_names(study) if step not in stale}
     for path in (study.work / STEPS).glob("*.json"):

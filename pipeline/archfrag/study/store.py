@@ -1,4 +1,4 @@
-"""Results of runs by the identity of each: parts written whole or not at all, and read again.
+"""Results of runs by the identity of each: parts written completely or not at all, and read again.
 
 A part holds some runs, one row each with its key. Its name is the hash of its content, so that a
 damaged one is seen; what the rows mean follows from their keys, so that a study that is changed
@@ -9,9 +9,10 @@ import contextlib
 import hashlib
 import io
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,8 @@ from numpy.typing import NDArray
 from archfrag.errors import InputError
 from archfrag.study.files import replacing
 from archfrag.study.outcome import COLUMNS
-from archfrag.study.plan import KEY
+from archfrag.study.plan import KEY, Plan
+from archfrag.study.rounds import NO_CASES, Cases, Rounds
 
 Table = NDArray[np.void]
 _SUFFIX = ".npy"
@@ -112,13 +114,12 @@ class Store:
         return True
 
     def _index(self) -> tuple[NDArray, NDArray, NDArray]:
-        """Sorted keys as text, their places among all rows, and all verdicts."""
+        """Sorted keys, their places among all rows, and all verdicts."""
         if self._sorted is None:
-            keys = np.concatenate([np.empty(0, f"V{KEY}"), *self._key])
-            text = np.ascontiguousarray(keys).view(">u8").reshape(-1, 2)
-            order = np.lexsort((text[:, 1], text[:, 0]))
+            keys = np.concatenate([np.empty(0, f"V{KEY}"), *self._key]).view(f"S{KEY}")
+            order = np.argsort(keys, kind="stable")
             verdict = np.concatenate([np.empty(0, np.int8), *self._verdict])
-            self._sorted = (text[order], order, verdict)
+            self._sorted = (keys[order], order, verdict)
         return self._sorted
 
     def places(self, keys: NDArray[np.void]) -> NDArray[np.int64]:
@@ -126,22 +127,9 @@ class Store:
         known, order, _ = self._index()
         if not len(known):
             return np.full(len(keys), -1)
-        wanted = np.ascontiguousarray(keys).view(">u8").reshape(-1, 2)
-        # The first eight bytes tell nearly all keys apart; the second column settles the rest.
-        low = np.searchsorted(known[:, 0], wanted[:, 0])
-        place = np.full(len(wanted), -1)
-        left = np.arange(len(wanted))
-        while left.size:
-            at = low[left]
-            inside = at < len(known)
-            left, at = left[inside], at[inside]
-            same = known[at, 0] == wanted[left, 0]
-            left, at = left[same], at[same]
-            found = known[at, 1] == wanted[left, 1]
-            place[left[found]] = order[at[found]]
-            left = left[~found]
-            low[left] += 1
-        return place
+        wanted = np.ascontiguousarray(keys).view(f"S{KEY}")
+        at = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
+        return np.where(known[at] == wanted, order[at], -1)
 
     def verdicts(self, keys: NDArray[np.void]) -> NDArray[np.int8]:
         """Verdict of each key, -1 where there is no result, (n,)."""
@@ -162,7 +150,7 @@ class Store:
             if table is None:
                 raise InputError(
                     f"{path}: was damaged or removed while it was read; the same command again "
-                    "says what is to be done"
+                    "states what is to be done"
                 )
             within = places[some] - (ends[number] - len(table))
             times = read_timing(path, len(table))[within]
@@ -203,3 +191,83 @@ def read_timing(part: Path, count: int) -> NDArray[np.float64]:
         if times.shape == (count,):
             return times
     return np.full(count, np.nan)
+
+
+@dataclass(frozen=True)
+class Results:
+    """Runs that a design asked for."""
+
+    cases: Cases  # (n_run,): sorted by stage, arch, record and place
+    factors: NDArray[np.float64]  # (n_run,)
+    table: dict[str, NDArray]  # columns of the runs, each (n_run,); `model_time` (n_run, n_model)
+
+
+def replay(plan: Plan, store: Store) -> tuple[Cases, Rounds]:
+    """All runs that the design of a plan asks for, sorted, and its rounds at their end."""
+    rounds, asked = plan.rounds(), []
+    while len(rounds.wanted):
+        keys = plan.keys(rounds.wanted, plan.factors(rounds.wanted))
+        verdicts = store.verdicts(keys)
+        missing = int((verdicts < 0).sum())
+        if missing:
+            raise InputError(
+                f"{plan.parts}: {missing} of {len(keys)} runs of round {rounds.count + 1} are "
+                f"missing or damaged; `archfrag run STUDY --resume` with the file of study "
+                f"{plan.study!r} makes them and the cube"
+            )
+        asked.append(rounds.wanted)
+        rounds.answer(verdicts)
+    cases = np.concatenate([NO_CASES, *asked])
+    return cases[
+        np.lexsort([cases[name] for name in ("place", "record", "arch", "stage")])
+    ], rounds
+
+
+class Gathered:
+    """All runs that the design of a plan asks for; their results are read where they are wanted.
+
+    Memory: about 150 bytes a run, and the results of the runs that are read together.
+
+    Attributes
+    ----------
+    cases : ndarray of CASE, (n_run,)
+        Sorted by stage, arch, record and place.
+    models : tuple of str
+    notes : dict
+        By number of the arch: what the design reports of itself.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan, self._store = plan, Store(plan.parts)
+        self.cases, rounds = replay(plan, self._store)
+        self._factors = plan.factors(self.cases)
+        self._places = self._store.places(plan.keys(self.cases, self._factors))
+        self.notes: dict[int, dict[str, Any]] = rounds.notes
+        self.models: tuple[str, ...] = ()
+        for rows in self._store.rows(self._places[:1]):
+            self.models = rows.table.dtype["model_time"].names or ()
+
+    def read(self, arch: int, stage: int) -> Results:
+        """Results of the runs of an arch in a stage."""
+        # They are sorted by stage, then by arch.
+        count = len(self._plan.arches)
+        kinds = self.cases["stage"] * np.int64(count) + self.cases["arch"]
+        kind = stage * count + arch
+        return self._read(slice(*np.searchsorted(kinds, [kind, kind + 1]).tolist()))
+
+    def read_all(self) -> Results:
+        """Results of all runs, about 250 bytes each; errors as of `read`."""
+        return self._read(slice(0, len(self.cases)))
+
+    def _read(self, own: slice) -> Results:
+        count = own.stop - own.start
+        table: dict[str, NDArray] = {c.name: np.empty(count, c.dtype) for c in COLUMNS}
+        table["model_time"] = np.empty((count, len(self.models)))
+        for path, rows, part, _ in self._store.rows(self._places[own]):
+            if part.dtype["model_time"].names != self.models:
+                raise InputError(f"{path}: is of other models than the parts before")
+            for column in COLUMNS:
+                table[column.name][rows] = part[column.name]
+            for number, name in enumerate(self.models):
+                table["model_time"][rows, number] = part["model_time"][name]
+        return Results(self.cases[own], self._factors[own], table)

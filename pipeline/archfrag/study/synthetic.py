@@ -65,21 +65,21 @@ class Synthetic(Section):
         | Annotated[Magnitudes, Tag("drawn")],
         Discriminator(_listed_or_drawn),
     ]
-    """A list, taken in turn by the earthquakes; or start and stop, between which to draw."""
+    """A list that the earthquakes go through; or start and stop, between which to draw."""
     distance_km: Annotated[
         Annotated[tuple[Distance, ...], _SOME, Tag("listed")] | Annotated[Distances, Tag("drawn")],
         Discriminator(_listed_or_drawn),
     ]
-    """To the rupture [km]: a list, taken in turn by the records; or start and stop, to draw."""
+    """To the rupture [km]: a list that the records go through; or start and stop, to draw."""
     vs30: Annotated[float, Field(ge=450.0, le=1000.0)] = 760.0
     """Shear-wave velocity of the upper 30 m at the sites [m/s]."""
     sites: Annotated[int, Field(ge=1)] | None = None
-    """Sites that the records go through in turn; one for each record where not given."""
+    """Sites that the records go through; one for each record where not given."""
     seed: Annotated[int, Field(ge=0, le=10**9)] = 1
     """What all that is drawn follows from."""
     vertical: bool = False
     """Whether each motion has a vertical component, which moves the arches whatever
-    motions.vertical says of records."""
+    motions.vertical asks of records."""
     pulses: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
     """Probability that a motion has the velocity pulse of a near fault."""
 

@@ -15,7 +15,7 @@ from types import FrameType
 
 import psutil
 
-INSIDE = "ARCHFRAG_INSIDE_RUN"  # how a step in a run speaks: told or quiet
+INSIDE = "ARCHFRAG_INSIDE_RUN"  # how a step in a run reports: in full or quiet
 RUN = "ARCHFRAG_RUN"  # the process of the run, as `identity` gives it, in JSON
 CACHE_HOME = "ARCHFRAG_CACHE_HOME"  # XDG_CACHE_HOME as it is outside Snakemake
 _SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
@@ -25,7 +25,7 @@ _PR_SET_PDEATHSIG = 1
 
 
 class Stopped(BaseException):
-    """The run was told to stop by a signal."""
+    """The run was asked to stop by a signal."""
 
     def __init__(self, number: int) -> None:
         self.number = number
@@ -80,7 +80,7 @@ def stoppable() -> Iterator[Stop]:
 
 
 def identity() -> dict[str, object]:
-    """This process, so that another can tell whether it is still there."""
+    """This process, so that another can find out whether it is still there."""
     return {
         "host": socket.gethostname(),
         "pid": os.getpid(),
@@ -92,7 +92,7 @@ def is_alive(pid: int, started: float) -> bool:
     """Whether a process of this host is still the one that was started then [s since 1970]."""
     try:
         process = psutil.Process(pid)
-        # The time of start is told by the time of boot, which is known to a second.
+        # The time of start follows from the time of boot, which is known to a second.
         same = abs(process.create_time() - started) < 2.0
         return same and process.status() != psutil.STATUS_ZOMBIE
     except psutil.Error:

@@ -22,7 +22,7 @@ Dispersion = Annotated[float, Field(gt=0.0, le=5.0)]
 
 
 class Distribution(Section):
-    """What all distributions share."""
+    """What all distributions have in common."""
 
     relative: bool = False
     """Whether values are factors on what the arch's own key states, which may be a list."""

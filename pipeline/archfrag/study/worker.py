@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from archfrag.study.arches import ArchEntry
-from archfrag.study.case import tabulate_cases
+from archfrag.study.outcome import tabulate_cases
 from archfrag.study.plan import Plan
 from archfrag.study.records import PreparedRecord, motion_of_record
 from archfrag.study.rounds import Cases
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
 
 
-# The modification time is only there to tell an edited file from the one in memory.
+# The modification time is only there to distinguish an edited file from the one in memory.
 @lru_cache(maxsize=2)
 def _plan(path: str, modified: int) -> Plan:
     return Plan.load(Path(path))
@@ -52,7 +52,7 @@ def _modified(path: Path) -> int:
 def peak_memory() -> float:
     """Largest resident memory of this process so far [MB]."""
     with contextlib.suppress(OSError):
-        # getrusage would tell of the process that started this one, where that was larger.
+        # getrusage would be of the process that started this one, where that was larger.
         for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
             if line.startswith("VmHWM:"):
                 return int(line.split()[1]) * 1024 / 1e6

@@ -1,4 +1,4 @@
-"""One command for a whole study: Snakemake, started, stopped, resumed and translated."""
+"""One command for an entire study: Snakemake, started, stopped, resumed and translated."""
 
 import contextlib
 import json
@@ -23,9 +23,7 @@ from archfrag.study.steps import forget_stale, stale_steps
 
 LOGS = "logs"
 SNAKEMAKE_LOG = "snakemake.log"
-_EXIT = re.compile(
-    r"^archfrag: error: (?P<sentence>.*?) \[exit code (?P<code>\d+)\]$", re.M | re.S
-)
+_EXIT = re.compile(r"^archfrag: error: (?P<message>.*?) \[exit code (?P<code>\d+)\]$", re.M | re.S)
 _MOST_LINES = 8
 
 
@@ -44,21 +42,21 @@ def snakefile() -> Path:
 
 @contextlib.contextmanager
 def step_log(path: Path | None) -> Iterator[Callable[[str], None]]:
-    """Say things on stderr and in a log; an error goes to the log with its exit code."""
+    """Report on stderr and in a log; an error goes to the log with its exit code."""
     lines: list[str] = []
     inside = tree.INSIDE in os.environ and path is not None
 
-    def say(text: str) -> None:
+    def note(text: str) -> None:
         if os.environ.get(tree.INSIDE) != "quiet":
             print(f"archfrag: {text}", file=sys.stderr, flush=True)
         lines.append(f"archfrag: {text}\n")
 
     try:
-        yield say
+        yield note
     except ArchfragError as error:
         lines.append(f"archfrag: error: {error} [exit code {error.exit_code}]\n")
-        # The run above tells what this log says, once.
-        setattr(error, "told", inside)  # noqa: B010
+        # The run above reports what stands in this log, once.
+        setattr(error, "reported", inside)  # noqa: B010
         raise
     except BaseException as error:
         lines.append(traceback.format_exc())
@@ -81,7 +79,7 @@ class RunOptions:
     # Snakemake profile, such as ``configs/profiles/slurm``; then `cores` is its business.
     profile: Path | None = None
     quiet: bool = False  # nothing but errors
-    typed: str = "archfrag run STUDY"  # the command, for the sentence that says what to type
+    typed: str = "archfrag run STUDY"  # the command, for the message that states what to type
 
 
 def run_study(study: Study, options: RunOptions, stop: tree.Stop) -> bool:
@@ -102,7 +100,7 @@ def run_study(study: Study, options: RunOptions, stop: tree.Stop) -> bool:
         if not stale:
             return False
         if changed and not options.quiet:
-            _say_changes(changed)
+            _print_changes(changed)
         write_text(study.work / STUDY_FILE, dump_study(study))
         shutil.rmtree(study.work / LOGS, ignore_errors=True)
         make_folder(study.work / LOGS)
@@ -117,7 +115,7 @@ def run_study(study: Study, options: RunOptions, stop: tree.Stop) -> bool:
     return True
 
 
-def _say_changes(changed: Sequence[str]) -> None:
+def _print_changes(changed: Sequence[str]) -> None:
     for line in changed[:_MOST_LINES]:
         print(f"archfrag: {line}", file=sys.stderr)
     if len(changed) > _MOST_LINES:
@@ -137,16 +135,16 @@ def _snakemake(study: Study, options: RunOptions, lock: Lock, stop: tree.Stop) -
         command += ["--cores", str(options.cores or available_cores())]
     environment = {
         **os.environ,
-        # Rules say `archfrag …`, also where the environment of this Python is not activated.
+        # Rules call `archfrag …`, also where the environment of this Python is not activated.
         "PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]),
-        tree.INSIDE: "quiet" if options.quiet else "told",
+        tree.INSIDE: "quiet" if options.quiet else "full",
         tree.RUN: json.dumps(tree.identity()),
         # Snakemake keeps things in the user's cache, which need not be writable.
         "XDG_CACHE_HOME": str(study.work / "cache"),
         tree.CACHE_HOME: os.environ.get("XDG_CACHE_HOME", ""),
     }
     with open(study.work / LOGS / SNAKEMAKE_LOG, "w", encoding="utf-8") as log:
-        # Steps speak on their standard output (rules say 2>&1), Snakemake into its log.
+        # Steps report on their standard output (2>&1 in the rules), Snakemake into its log.
         with stop.held():
             process = tree.start(
                 command, env=environment, stdin=subprocess.DEVNULL, stdout=2, stderr=log
@@ -163,7 +161,7 @@ def _snakemake(study: Study, options: RunOptions, lock: Lock, stop: tree.Stop) -
 
 
 def _failure(logs: Path) -> ArchfragError:
-    """What the step that failed had to say, by its log; or else Snakemake, by its own."""
+    """Message of the step that failed, by its log; or else Snakemake, by its own."""
     texts = {
         path: path.read_text(encoding="utf-8", errors="replace")
         for path in sorted(logs.glob("*.log"))
@@ -171,7 +169,7 @@ def _failure(logs: Path) -> ArchfragError:
     for text in texts.values():
         found = _EXIT.search(text)
         if found:
-            error = ArchfragError(found["sentence"])
+            error = ArchfragError(found["message"])
             error.exit_code = int(found["code"])
             return error
     for path, text in texts.items():
@@ -180,14 +178,14 @@ def _failure(logs: Path) -> ArchfragError:
             return ArchfragError(f"step {path.stem} failed: {last}; all of it is in {path}")
     path = logs / SNAKEMAKE_LOG
     reason = _reason(texts.get(path, ""))
-    return ArchfragError(f"Snakemake failed: {reason}; all it said is in {path}")
+    return ArchfragError(f"Snakemake failed: {reason}; its output is in {path}")
 
 
 def _reason(text: str) -> str:
-    """The line of Snakemake's log that says what is wrong."""
+    """The line of Snakemake's log that states what is wrong."""
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     for pattern in (r"\w*(Error|Exception)\b", r"(Error|Failed|Exiting)\b", r"(?i).*\berror\b"):
         for number, line in enumerate(lines):
             if re.match(pattern, line):
                 return " ".join(lines[number : number + 2])[:500]
-    return lines[-1][:500] if lines else "it said nothing"
+    return lines[-1][:500] if lines else "it gave no reason"

@@ -1,4 +1,4 @@
-"""YAML as study files hold it: version 1.2's numbers, bounds on size, one sentence for errors."""
+"""YAML as study files hold it: version 1.2's numbers, bounds on size, one message for errors."""
 
 import os
 import re

@@ -2,7 +2,7 @@
 
 LEVELS: by component, intensities in SI, pelicun's base units. DEMAND: pelicun's short name, such
 as PGA or SA_0.5. For each component the distribution of its capacity is what pelicun makes of the
-file, and a whole damage run is done with the demand at the first of its levels. Run by pelicun's
+file, and a full damage run is done with the demand at the first of its levels. Run by pelicun's
 interpreter.
 """
 
