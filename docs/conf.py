@@ -39,7 +39,6 @@ nb_execution_mode = "force"
 nb_execution_show_tb = True  # with -W a cell that fails is an error
 nb_execution_timeout = 600  # of one cell, on a loaded machine with kernels to compile
 nb_execution_in_temp = True
-nb_merge_streams = True
 nb_output_stderr = "remove"  # progress
 
 autodoc_typehints = "none"
@@ -51,6 +50,7 @@ html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_math_renderer = "mathml"
 html_show_sphinx = False
+html_show_copyright = False
 html_copy_source = False
 html_theme_options = {"navigation_with_keys": False}
 html_baseurl = ""
