@@ -6,6 +6,7 @@ network, neither while it is built nor when it is read.
 
 import logging
 import os
+import shutil
 import sys
 from pathlib import Path
 
@@ -30,7 +31,7 @@ extensions = [
     "mathml",
     "study_keys",
 ]
-exclude_patterns = ["build", "**/results/**", "**/data/**"]
+exclude_patterns = ["build", "**/results/**", "**/data/**", "howto/study"]
 
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
@@ -62,5 +63,7 @@ logging.getLogger("sphinx.sphinx.directives.other").addFilter(
 
 
 def setup(app):
-    """Cells put files that pages link into the built site."""
-    os.environ["ARCHFRAG_SITE"] = str(app.outdir)
+    """Cells put files that pages link into the built site; one study serves several pages."""
+    study = Path(app.doctreedir) / "finished-study"
+    shutil.rmtree(study, ignore_errors=True)
+    os.environ.update(ARCHFRAG_SITE=str(app.outdir), ARCHFRAG_FINISHED=str(study))
