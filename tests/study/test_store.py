@@ -141,7 +141,7 @@ class TestParts:
     def test_a_part_of_other_columns_counts_as_missing(self, copied):
         path = next(copied.plan.parts.glob("*.npy"))
         table = read_part(path)
-        names = [name for name in table.dtype.names if name != "hand_overs"]
+        names = [name for name in table.dtype.names if name != "switches"]
         assert read_part(write_part(copied.plan.parts, table[names].copy())) is None
         assert read_part(write_part(copied.plan.parts, table["steps"].copy())) is None
 
