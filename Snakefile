@@ -31,7 +31,6 @@ localrules:
     all,
     motions,
     results,
-    evidence,
 
 
 rule all:
@@ -42,4 +41,3 @@ rule all:
 include: "pipeline/rules/motions.smk"
 include: "pipeline/rules/simulations.smk"
 include: "pipeline/rules/results.smk"
-include: "pipeline/rules/evidence.smk"

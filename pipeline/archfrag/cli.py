@@ -227,13 +227,14 @@ def simulate(
 
 @main.command()
 @click.argument("parts", nargs=-1, metavar="[PART]...")
-@click.option("--quick", is_flag=True, help="The reduced set: less than 20 minutes on two cores.")
+@click.option("--quick", is_flag=True, help="The reduced set: 12 minutes on two cores.")
 @click.option(
+    "--output",
     "--out",
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("results/evidence"),
     show_default=True,
-    help="Folder to write to.",
+    help="Folder of the tables; the same command continues in it.",
 )
 @click.option(
     "--records",
@@ -243,37 +244,35 @@ def simulate(
 @click.option(
     "--real",
     type=click.Path(path_type=Path, exists=True, file_okay=False),
-    help="Folder with real records (at2/*.AT2), or else scenes of them are skipped.",
+    help="Folder with real records (at2/*.AT2); without it scenes of them are skipped.",
 )
 @click.option(
-    "--peers",
+    "--solvers",
     multiple=True,
     metavar="NAME",
-    help="Other solver to run beside ours: mujoco_corners (contacts at the corners, which suit it "
-    "best), mujoco, pymunk, lmgc90, siconos. Repeatable.",
+    help="Other solver to run beside ours, or all that are installed. Repeatable.",
 )
-@click.option("--workers", type=click.IntRange(min=1), help="Processes for what is not timed.")
-def evidence(
-    parts: tuple[str, ...], quick: bool, out: Path, records: Path | None, real: Path | None,
-    peers: tuple[str, ...], workers: int | None,
-) -> None:  # fmt: skip
-    """Speed against accuracy, and where methods fail: tables, figures and a guide.
+@click.option("--workers", type=click.IntRange(min=1), help="Processes; all cores if not given.")
+def evidence(parts: tuple[str, ...], output: Path, **options: Any) -> None:
+    """Cost against error, and where methods fail: tables, charts and a page.
 
-    PARTS are speed, growth, stability, corner_cases and fragility; all if none is named.
+    PARTS are speed, growth, stability, corner_cases and fragility; all if none is named. Needs
+    the repository: archbench is not in the wheel.
     """
-    from archfrag.evidence.command import gather_evidence
-    from archfrag.evidence.part import Setup, records_folder
-    from archfrag.evidence.run import Places
-    from archfrag.study.provenance import available_cores
+    from importlib import import_module
 
-    setup = Setup(
-        quick=quick,
-        places=Places(records or records_folder(), real),
-        workers=workers or available_cores(),
-        peers=peers,
-        say=functools.partial(click.echo, err=True),
-    )
-    click.echo(f"guide: {gather_evidence(parts, setup, out)}")
+    from archfrag.errors import InputError
+
+    try:
+        gather = import_module("archbench.command").gather
+    except ModuleNotFoundError as missing:
+        if missing.name is None or not missing.name.startswith("archbench"):
+            raise
+        raise InputError(
+            "archfrag evidence needs archbench, which is not in the wheel; allowed is an "
+            "installation from the repository: pip install -e .[bench]"
+        ) from None
+    click.echo(gather(parts, output, report=functools.partial(click.echo, err=True), **options))
 
 
 @main.command()

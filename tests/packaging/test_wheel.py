@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import tarfile
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -109,3 +110,23 @@ def test_citation_has_the_package_version():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     assert citation["version"] == archfrag.__version__
     assert f"## {archfrag.__version__}" in (ROOT / "CHANGELOG.md").read_text()
+
+
+CONDA_NAMES = {
+    "dask": "dask-core",
+    "matplotlib": "matplotlib-base",
+    "netcdf4": "netcdf4",
+    "snakemake": "snakemake-minimal",
+}
+
+
+def test_conda_recipe_has_the_dependencies_of_the_package():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    text = (ROOT / "configs" / "conda" / "recipe.yaml").read_text()
+    recipe = yaml.safe_load(text)
+    wanted = set()
+    for dependency in project["dependencies"]:
+        name, least = dependency.split(">=")
+        wanted.add(f"{CONDA_NAMES.get(name.lower(), name.lower())} >={least}")
+    assert set(recipe["requirements"]["run"]) == wanted | {f"python {project['requires-python']}"}
+    assert recipe["context"]["version"] == archfrag.__version__

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import archfrag as af
-from archfrag.evidence.judge import joint_faces, overlaps
+from archbench.measures import joint_faces, overlaps
 from archfrag.mechanics.compile import kernel
 from archfrag.mechanics.contact.placing import corner_slip, move_faces
 from archfrag.mechanics.model import Clock, model_of

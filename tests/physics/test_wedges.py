@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import archfrag as af
-from archfrag.evidence.judge import largest_jump, late_energy_gain, overlaps
+from archbench.measures import largest_jump, late_energy_gain, overlaps
 from archfrag.mechanics.status import Status
 from tests.physics.irregular import irregular_scene
 

@@ -1,0 +1,1 @@
+"""The laboratory beside archfrag: cost against error, growth, stability, corner cases, curves."""

@@ -1,0 +1,252 @@
+"""What users ask for: theta and beta of a fragility curve, against what the study costs.
+
+One study is the main job's records and levels on its arch with straight-sided voussoirs. Every
+setting makes all of it, again and again with the motions scaled by 1 plus multiples of 1e-5:
+beyond the predictability horizon no run has one answer, and a single study is one draw of its
+theta. The reference is the curve of many studies together, by two methods that have nothing but
+the contact problem in common, with settings that differ a little.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from archbench.dispersion import parts_of
+from archbench.runner import Bench
+from archbench.scene import Scene, load_scene
+from archbench.settings import COLUMNS, Setting
+from archbench.solve import solve, solve_many, with_motion
+from archfrag.errors import ArchfragError, FitError
+from archfrag.fragility.fit import fit_stripes
+from archfrag.motions.index import load_index
+from archfrag.motions.read import load_motion, read_motion
+from archfrag.simulation.checks import available_methods
+
+Array = NDArray[np.float64]
+
+REPEATS = 8
+DISTURBANCE = 1e-5
+# Of the reference: settings, and the relative distance between those of its repetitions.
+REFERENCES = (Setting("time_stepping", "dt", 2e-4), Setting("event_driven", "rtol", 1e-5))
+APART = 0.04
+SETTINGS = {
+    True: (
+        *(Setting("time_stepping", "dt", step) for step in (8e-3, 4e-3, 2e-3, 1e-3, 5e-4)),
+        *(Setting("auto", "rtol", value) for value in (1e-1, 3e-2, 1e-2, 1e-3)),
+    ),
+    False: (
+        *(Setting("time_stepping", "dt", 1.6e-2 / 2**k) for k in range(8)),
+        *(Setting("auto", "rtol", value) for value in (1e-1, 3e-2, 1e-2, 1e-3, 1e-4)),
+        Setting("event_driven", "rtol", 1e-4),
+    ),
+}
+COMPARED = (
+    Setting("four_link", "rtol", 1e-4), Setting("penalty", "stiffness", 1e10),
+    Setting("gauss_seidel", "dt", 4e-3), Setting("quadratic_programme", "dt", 4e-3),
+)  # fmt: skip
+OTHER_STEPS = (4e-3, 2e-3, 1e-3)
+# A setting is left out where all its repetitions would take longer [s of CPU].
+LONGEST = {True: 120.0, False: 2400.0}
+FALL = 4.0  # after a record, for what has lost contact to move two thicknesses [s]
+RESAMPLES, SEED = 200, 20250101
+
+
+@lru_cache(maxsize=2)
+def scenes_of(folder: Path, real: bool, quick: bool) -> tuple[list[Scene], list[float]]:
+    """A scene for each record, at a peak of 1 g, and the levels [g].
+
+    The shipped records, two of three of them with every second level if quick; or the real ones
+    of a folder `at2`.
+    """
+    if real:
+        paths = sorted(path for path in folder.glob("at2/*") if path.suffix.lower() == ".at2")
+        motions, levels = [read_motion(path) for path in paths], np.linspace(0.4, 5.3, 15)
+    else:
+        entries = load_index(folder)
+        motions = [load_motion(each) for k, each in enumerate(entries) if not quick or k % 3 != 2]
+        levels = np.linspace(0.2, 3.0, 15)
+    arch, scenes = load_scene("arch7_pulse"), []
+    for motion in motions:
+        duration = math.ceil(motion.dt * motion.acceleration.size + FALL)
+        scene = replace(arch, name=motion.id, duration=float(duration))
+        scenes.append(with_motion(scene, motion, 1.0))
+    return scenes, levels[:: 2 if quick else 1].round(12).tolist()
+
+
+def run_study(
+    setting: Setting, repeat: int, folder: Path, real: bool, quick: bool
+) -> dict[str, Any]:
+    """One study: outcomes (1, 0 or None), (n_record, n_level), and its CPU seconds."""
+    scenes, levels = scenes_of(folder, real, quick)
+    factors = [level * (1.0 + DISTURBANCE * repeat) for level in levels]
+    outcomes, seconds = [], 0.0
+    for scene in scenes:
+        runs = solve_many(scene, setting, factors)
+        known = [run.collapsed for run in runs]
+        outcomes.append([None if each is None else int(each) for each in known])
+        seconds += sum(run.seconds for run in runs if math.isfinite(run.seconds))
+    return {"outcomes": outcomes, "seconds": seconds}
+
+
+def predicted_seconds(setting: Setting, folder: Path, real: bool, quick: bool) -> float | str:
+    """CPU time of all repetitions [s], from one run near the curve's median; or why none runs."""
+    scenes, levels = scenes_of(folder, real, quick)
+    scene = sorted(scenes, key=lambda each: each.duration)[len(scenes) // 2]
+    try:
+        run = solve(scene.at(levels[int(0.6 * len(levels))]), setting)
+    except ArchfragError as reason:
+        return str(reason)
+    if not math.isfinite(run.seconds):
+        return run.status
+    return REPEATS * len(scenes) * len(levels) * run.seconds
+
+
+def measure(bench: Bench) -> dict[str, pd.DataFrame]:
+    """Make the studies."""
+    left_out: list[tuple[str, str, float, str]] = []
+    tables: dict[str, list[pd.DataFrame]] = {"studies": [], "curves": [], "dispersion": []}
+    for study, folder in (("shipped", bench.records), ("real", bench.real)):
+        if folder is None:
+            continue
+        place = (folder, study == "real", bench.quick)
+        offered = [each for each in COMPARED if each.method in available_methods()]
+        offered += [Setting(name, "dt", step) for name in bench.solvers for step in OTHER_STEPS]
+        chosen = list(SETTINGS[bench.quick])
+        predicted = bench.run(
+            "fragility_costs", predicted_seconds,
+            {(study, bench.quick, *each.columns.values()): (each, *place) for each in offered},
+            LONGEST[bench.quick],
+        )  # fmt: skip
+        for setting, seconds in zip(offered, predicted.values(), strict=True):
+            if not isinstance(seconds, str) and seconds <= LONGEST[bench.quick]:
+                chosen.append(setting)
+                continue
+            why = seconds if isinstance(seconds, str) else f"about {seconds:.0f} s of CPU"
+            left_out.append((study, setting.method, setting.value, why))
+        tasks: dict[tuple, tuple] = {}
+        roles: list[tuple[str, Setting, int]] = []
+        for k in range(REPEATS):
+            for role, each in (
+                *(("reference", each.finer(1.0 - APART * k)) for each in REFERENCES),
+                *(("setting", each) for each in chosen),
+            ):
+                roles.append((role, each, k))
+                tasks[study, bench.quick, *each.columns.values(), k] = (each, k, *place)
+        found = bench.run("fragility", run_study, tasks, 10.0 * LONGEST[bench.quick])
+        levels = np.array(scenes_of(*place)[1])
+        studies = {
+            (role, each.method, each.value if role == "setting" else 0.0, k): (each, result)
+            for (role, each, k), result in zip(roles, found.values(), strict=True)
+            if not isinstance(result, str)
+        }
+        for name, table in tables_of(studies, levels).items():
+            tables[name].append(table.assign(study=study))
+    return {name: pd.concat(parts) for name, parts in tables.items()} | {
+        "left_out": pd.DataFrame(left_out, columns=["study", "method", "value", "reason"])
+    }
+
+
+Studies = Mapping[tuple[str, str, float, int], tuple[Setting, dict[str, Any]]]
+
+
+def tables_of(studies: Studies, levels: Array) -> dict[str, pd.DataFrame]:
+    """Tables `studies`, `curves` and `dispersion`."""
+    groups: dict[tuple[str, str, float], list[tuple[Setting, dict[str, Any]]]] = {}
+    for (role, method, value, _), entry in studies.items():
+        groups.setdefault((role, method, value), []).append(entry)
+    pooled = {key[1]: _counts(group) for key, group in groups.items() if key[0] == "reference"}
+    collapsed, stood = (np.sum(each, axis=0) for each in zip(*pooled.values(), strict=True))
+    centre = np.array(curve_of(levels, collapsed, stood))
+    alone = [
+        [curve_of(levels, *_counts([entry])) for entry in group]
+        for key, group in groups.items() if key[0] == "reference"
+    ]  # fmt: skip
+    known = known_to([curve_of(levels, *each) for each in pooled.values()], alone)
+    sampling = _sampling(levels, collapsed, stood)
+    rows, curves, dispersion = [], [], []
+    for (role, _, _), group in groups.items():
+        found = np.array([curve_of(levels, *_counts([entry])) for entry in group])
+        setting = group[0][0]
+        seconds = [result["seconds"] for _, result in group]
+        for k, (theta, each) in enumerate(zip(np.exp(found[:, 0]), group, strict=True)):
+            rows.append({**each[0].columns, "role": role, "repeat": k, "theta": theta,
+                         "beta": found[k, 1], "seconds": seconds[k]})  # fmt: skip
+        counts = _counts(group)
+        if np.isfinite(found).all():
+            theta, beta = curve_of(levels, *counts)
+            parts = parts_of((np.log(levels) - theta) / beta, *counts)
+            dispersion.append({**setting.columns, "role": role, "repeats": len(group),
+                               "beta": beta, **parts._asdict()})  # fmt: skip
+        if role == "setting":
+            away = (found - centre) / (1.0, centre[1])
+            row: dict[str, Any] = {
+                **setting.columns, "runs": counts[0].size, "repeats": len(group),
+                "theta": float(np.exp(found[:, 0].mean())), "beta": float(found[:, 1].mean()),
+            }  # fmt: skip
+            for name, own, scale, j in (("theta", away[:, 0], 1.0, 0),
+                                        ("beta", away[:, 1], centre[1], 1)):  # fmt: skip
+                row |= {
+                    f"{name}_difference": own.mean(), f"{name}_low": own.min(),
+                    f"{name}_high": own.max(), f"{name}_scatter": own.std(ddof=1),
+                    f"{name}_known_to": known[j] / scale, f"{name}_sampling": sampling[j] / scale,
+                }  # fmt: skip
+            failures = len(group) * counts[0].size - int(np.sum(counts))
+            curves.append({**row, "failures": failures, "seconds": float(np.median(seconds))})
+    return {
+        "studies": pd.DataFrame(rows),
+        "curves": pd.DataFrame(curves),
+        "dispersion": pd.DataFrame(dispersion, columns=None if dispersion else [*COLUMNS]),
+    }
+
+
+def _counts(group: Sequence[tuple[Setting, dict[str, Any]]]) -> tuple[Array, Array]:
+    """Studies of each run that collapsed and that stood, (n_record, n_level) each."""
+    outcomes = np.array([result["outcomes"] for _, result in group], float)
+    return np.sum(outcomes == 1.0, axis=0), np.sum(outcomes == 0.0, axis=0)
+
+
+def curve_of(levels: Array, collapsed: Array, stood: Array) -> tuple[float, float]:
+    """ln theta and beta of counts by record and level; nan if there is no curve."""
+    fell, held = collapsed.sum(axis=0), stood.sum(axis=0)
+    try:
+        fit = fit_stripes(levels, fell, fell + held)
+    except FitError:
+        return math.nan, math.nan
+    return float(np.log(fit.theta)), fit.beta
+
+
+def _sampling(levels: Array, collapsed: Array, stood: Array) -> Array:
+    """Standard errors of ln theta and beta from these records being a sample: a bootstrap."""
+    drawn = np.random.default_rng(SEED).integers(0, len(collapsed), (RESAMPLES, len(collapsed)))
+    found = [curve_of(levels, collapsed[each], stood[each]) for each in drawn]
+    return np.asarray(np.nanstd(found, axis=0, ddof=1))
+
+
+def known_to(together: Sequence[Sequence[float]], alone: Sequence[Sequence]) -> Array:
+    """Error of the reference's ln theta and beta.
+
+    Half of the distance between its two methods; or, if that is larger, the standard error of its
+    mean from how studies of one method scatter: methods that agree by chance prove no more.
+
+    Examples
+    --------
+    >>> from archbench.fragility import known_to
+    >>> known_to([[0.0], [0.3]], [[[0.0]], [[0.3]]]).tolist()
+    [0.15]
+    >>> known_to([[0.0], [0.0]], [[[-0.1], [0.1]], [[-0.1], [0.1]]]).round(3).tolist()
+    [0.071]
+    """
+    half = 0.5 * np.abs(np.subtract(together[0], together[1]))
+    variance = [np.var(each, axis=0, ddof=1) for each in alone if len(each) > 1]
+    if not variance:
+        return half
+    return np.fmax(half, np.sqrt(np.mean(variance, axis=0) / sum(len(each) for each in alone)))

@@ -1,0 +1,319 @@
+"""Measures outside every method: of a motion, whoever computed it, by the laws alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from archfrag.arch import Arch
+from archfrag.motions.motion import Motion
+
+Array = NDArray[np.float64]
+
+# Intervals between frames that a gain of energy lasts, if it is one.
+LASTING = 4
+
+
+def joint_faces(arch: Arch, displacement: Array, rotation: Array) -> tuple[Array, Array]:
+    """Corners of the faces before and after every joint.
+
+    Parameters
+    ----------
+    arch : Arch
+    displacement : ndarray, (n_time, n_voussoir, 2) [m]
+    rotation : ndarray, (n_time, n_voussoir) [rad]
+
+    Returns
+    -------
+    before, after : ndarray, (n_time, n_joint, 2, 2)
+        Corner (intrados, extrados), xy in the ground frame [m].
+    """
+    chain = arch.chain
+    cos, sin = np.cos(rotation), np.sin(rotation)
+    matrix = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
+    place = (chain.centroid + displacement)[:, :, None]
+    n_body, n_joint = arch.n_voussoir, arch.n_joint
+    before = np.empty((len(rotation), n_joint, 2, 2))
+    after = np.empty_like(before)
+    before[:, 0] = chain.face_before[0]
+    after[:, n_body:] = chain.face_after[n_body:]
+    own = chain.face_before[1:]
+    before[:, 1:] = place[:, : n_joint - 1] + np.einsum(
+        "tbij,bcj->tbci", matrix[:, : n_joint - 1], own
+    )
+    after[:, :n_body] = place + np.einsum("tbij,bcj->tbci", matrix, chain.face_after[:n_body])
+    return before, after
+
+
+def overlap_depth(before: Array, after: Array) -> Array:
+    """How deep the bodies on both sides of a joint are inside each other.
+
+    The deepest point of one face behind the other, of those that lie between the other's ends,
+    or the same with faces exchanged where that is less: a vertex that has sunk into a face, and
+    the edge of a wedge where one body is rotated into the other about a corner. At most the width
+    in which the faces face each other, across which the bodies may part as well.
+
+    Parameters
+    ----------
+    before, after : ndarray, (..., 2, 2)
+        Corner, xy of the two faces, as from `joint_faces` [m].
+
+    Returns
+    -------
+    ndarray, (...) [m]
+        Zero where there is none.
+
+    Examples
+    --------
+    Faces of 1 m, the later one rotated by 0.01 into the earlier about the common intrados corner:
+
+    >>> import numpy as np
+    >>> from archbench.measures import overlap_depth
+    >>> before = np.array([[0.0, 0.0], [0.0, 1.0]])
+    >>> after = np.array([[0.0, 0.0], [-np.sin(0.01), np.cos(0.01)]])
+    >>> float(overlap_depth(before, after).round(6))
+    0.01
+    """
+    least = np.full(before.shape[:-2], np.inf)
+    for face, other, sense in ((before, after, 1.0), (after, before, -1.0)):
+        span = face[..., 1, :] - face[..., 0, :]
+        length = np.hypot(span[..., 0], span[..., 1])[..., None]
+        arm = other - face[..., :1, :]
+        x, y = span[..., None, 0] / length, span[..., None, 1] / length
+        place = arm[..., 0] * x + arm[..., 1] * y
+        depth = sense * (arm[..., 1] * x - arm[..., 0] * y)
+        within = np.clip(place, 0.0, length)
+        width = np.abs(within[..., 1] - within[..., 0])
+        run = place[..., 1] - place[..., 0]
+        slope = (depth[..., 1] - depth[..., 0]) / np.where(run == 0.0, np.inf, run)
+        behind = depth + slope[..., None] * (within - place)
+        least = np.minimum(least, np.minimum(behind.max(axis=-1), width))
+    return np.maximum(least, 0.0)
+
+
+def overlaps(arch: Arch, displacement: Array, rotation: Array) -> Array:
+    """`overlap_depth` of all joints over the shorter of their faces, (n_time, n_joint) [1].
+
+    Parameters
+    ----------
+    arch, displacement, rotation
+        As of `joint_faces`.
+    """
+    return overlap_depth(*joint_faces(arch, displacement, rotation)) / _lengths(arch)
+
+
+def overlap(arch: Arch, displacement: Array, rotation: Array) -> float:
+    """Deepest overlap of neighbours at any joint and instant, over the joint's length [1].
+
+    Examples
+    --------
+    >>> import numpy as np, archfrag as af
+    >>> from archbench.measures import overlap
+    >>> block = af.Block(0.2, 1.0, friction=0.8)
+    >>> sunk = np.array([[[0.0, -0.001]]])
+    >>> round(overlap(block, sunk, np.zeros((1, 1))), 6)
+    0.005
+    """
+    return float(overlaps(arch, displacement, rotation).max(initial=0.0))
+
+
+def _lengths(arch: Arch) -> Array:
+    """Shorter face of each joint, (n_joint,) [m]."""
+    faces = np.stack([arch.chain.face_before, arch.chain.face_after])
+    return np.linalg.norm(faces[:, :, 1] - faces[:, :, 0], axis=2).min(axis=0)
+
+
+def largest_jump(
+    arch: Arch,
+    time: Array,
+    displacement: Array,
+    rotation: Array,
+    velocity: Array,
+    angular_velocity: Array,
+) -> float:
+    """Largest displacement between frames that the velocities at both do not explain.
+
+    A body that moves by a law is displaced by the interval times a velocity between the two, an
+    impact in the interval included; what is beyond that was moved by the method. Rotations count
+    at the face corner that is farthest from the centroid.
+
+    Parameters
+    ----------
+    arch : Arch
+    time : ndarray, (n_time,) [s]
+    displacement, velocity : ndarray, (n_time, n_voussoir, 2) [m], [m/s]
+    rotation, angular_velocity : ndarray, (n_time, n_voussoir) [rad], [rad/s]
+
+    Returns
+    -------
+    float
+        Over the shortest joint [1].
+    """
+    chain = arch.chain
+    arm = np.linalg.norm(chain.face_after[: arch.n_voussoir], axis=2).max(axis=1)
+    moved = np.diff(np.concatenate([displacement, (arm * rotation)[..., None]], axis=2), axis=0)
+    speed = np.concatenate([velocity, (arm * angular_velocity)[..., None]], axis=2)
+    span = np.diff(time)[:, None, None]
+    first, last = speed[:-1] * span, speed[1:] * span
+    change = last - first
+    square = np.sum(change**2, axis=2)
+    part = np.sum((moved - first) * change, axis=2) / np.where(square == 0.0, np.inf, square)
+    nearest = first + np.clip(part, 0.0, 1.0)[..., None] * change
+    beyond = np.linalg.norm(moved - nearest, axis=2)
+    return float(beyond.max(initial=0.0) / _lengths(arch).min())
+
+
+def late_energy_gain(
+    arch: Arch,
+    end: float,
+    time: Array,
+    displacement: Array,
+    velocity: Array,
+    angular_velocity: Array,
+) -> float:
+    """Largest rise of kinetic and potential energy once the ground is still.
+
+    As `energy_gain`, without the ground's work, which frames could make inexact.
+
+    Parameters
+    ----------
+    arch : Arch
+    end : float
+        From when on the ground is still [s].
+    time, displacement, velocity, angular_velocity : ndarray
+        As of `energy_gain`.
+
+    Returns
+    -------
+    float
+        Over the largest kinetic energy of the run [1]; 0 if nothing moved.
+    """
+    kinetic = _kinetic(arch.chain, velocity, angular_velocity)
+    potential = arch.chain.gravity * displacement[:, :, 1] @ arch.chain.mass
+    return _largest_rise((kinetic + potential)[time >= end], kinetic)
+
+
+def energy_gain(
+    arch: Arch,
+    motion: Motion,
+    time: Array,
+    displacement: Array,
+    velocity: Array,
+    angular_velocity: Array,
+) -> float:
+    """Largest rise of mechanical energy that the ground's work does not explain.
+
+    The work of the ground is taken from the motion itself: the sum over voussoirs of minus mass
+    times ground acceleration, integrated over the displacement between frames. Contacts can only
+    take energy, so that what rises was made by the method.
+
+    Parameters
+    ----------
+    arch : Arch
+    motion : Motion
+        The ground's, at the scale that was run.
+    time : ndarray, (n_time,) [s]
+    displacement, velocity : ndarray, (n_time, n_voussoir, 2) [m], [m/s]
+    angular_velocity : ndarray, (n_time, n_voussoir) [rad/s]
+
+    Returns
+    -------
+    float
+        Over the largest kinetic energy [1]; 0 if nothing moved.
+    """
+    chain = arch.chain
+    kinetic = _kinetic(chain, velocity, angular_velocity)
+    surplus = kinetic + _surplus_of_place(chain, motion, time, displacement)
+    return _largest_rise(surplus, kinetic)
+
+
+def path_energy_gain(
+    arch: Arch, motion: Motion, time: Array, displacement: Array, rotation: Array
+) -> float:
+    """The same as `energy_gain` from positions alone.
+
+    Velocities are differences over the intervals between frames, so that it does not matter at
+    which instant a method gives its velocities (those of leapfrog schemes lag by half a
+    step). An interval with an impact in it has too little kinetic energy, one with a jump of the
+    ground's acceleration a little too much: dips and peaks of less than `LASTING` intervals do
+    not count.
+
+    Parameters
+    ----------
+    arch : Arch
+    motion : Motion
+    time : ndarray, (n_time,) [s]
+    displacement : ndarray, (n_time, n_voussoir, 2) [m]
+    rotation : ndarray, (n_time, n_voussoir) [rad]
+
+    Returns
+    -------
+    float
+        Over the largest kinetic energy [1].
+    """
+    distinct = np.append(True, np.diff(time) > 1e-9)
+    time, displacement, rotation = time[distinct], displacement[distinct], rotation[distinct]
+    if time.size <= 5 * LASTING:
+        return 0.0
+    span = np.diff(time)
+    velocity = np.diff(displacement, axis=0) / span[:, None, None]
+    kinetic = _kinetic(arch.chain, velocity, np.diff(rotation, axis=0) / span[:, None])
+    place = _surplus_of_place(arch.chain, motion, time, displacement)
+    surplus = kinetic + 0.5 * (place[1:] + place[:-1])
+    bridged = _over(np.min, _over(np.max, surplus))
+    return _largest_rise(_over(np.max, _over(np.min, bridged)), _over(np.min, kinetic))
+
+
+def _over(extreme: Callable[..., Array], values: Array) -> Array:
+    return extreme(sliding_window_view(values, LASTING), axis=1)
+
+
+def _kinetic(chain, velocity: Array, angular_velocity: Array) -> Array:
+    kinetic = 0.5 * np.sum(chain.mass[:, None] * velocity**2, axis=(1, 2))
+    return kinetic + 0.5 * angular_velocity**2 @ chain.inertia
+
+
+def _surplus_of_place(chain, motion: Motion, time: Array, displacement: Array) -> Array:
+    """Potential energy less the work of the ground [J]."""
+    potential = chain.gravity * displacement[:, :, 1] @ chain.mass
+    work = np.zeros(time.size)
+    components = [(0, motion.acceleration)]
+    if motion.vertical is not None:
+        components.append((1, motion.vertical))
+    for axis, acceleration in components:
+        path = displacement[:, :, axis] @ chain.mass
+        work[1:] -= np.cumsum(_means(time, acceleration, motion.dt) * np.diff(path))
+    return potential - work
+
+
+def _means(time: Array, acceleration: Array, step: float) -> Array:
+    """Exact means of samples joined by lines, between instants: jumps fall between frames."""
+    velocity = np.append(0.0, np.cumsum(0.5 * step * (acceleration[1:] + acceleration[:-1])))
+    place = np.clip(time / step, 0.0, acceleration.size - 1.0)
+    index = np.minimum(place.astype(int), acceleration.size - 2)
+    part = place - index
+    slope = acceleration[index + 1] - acceleration[index]
+    reached = velocity[index] + step * (acceleration[index] * part + 0.5 * slope * part**2)
+    span = np.diff(time)
+    return np.divide(np.diff(reached), span, out=np.zeros_like(span), where=span > 0.0)
+
+
+def _largest_rise(surplus: Array, kinetic: Array) -> float:
+    largest = float(kinetic.max(initial=0.0))
+    if largest == 0.0:
+        return 0.0
+    rise = surplus - np.minimum.accumulate(surplus)
+    return float(rise.max(initial=0.0)) / largest
+
+
+def drift(displacement: Array) -> float:
+    """Largest displacement of a chain that ought to be at rest [m].
+
+    Parameters
+    ----------
+    displacement : ndarray, (n_time, n_voussoir, 2) [m]
+    """
+    return float(np.max(np.hypot(displacement[..., 0], displacement[..., 1]), initial=0.0))

@@ -1,0 +1,97 @@
+"""One page from the tables: a chart of cost against error, the cheapest settings, and all else."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import jinja2
+import pandas as pd
+from matplotlib.figure import Figure
+
+from archbench import charts
+from archbench.quantities import QUANTITIES
+from archbench.runner import load_tables
+from archfrag.files import replacing
+
+PARTS = {
+    "speed": "Speed against accuracy",
+    "fragility": "Fragility: error of the curve against cost of the study",
+    "growth": "Growth with the number of voussoirs",
+    "stability": "Stability: where methods fail",
+    "corner_cases": "Corner cases",
+}
+LINES = 10
+_NUMBER = "{:.3g}".format
+
+
+def summary_table(levels: pd.DataFrame) -> pd.DataFrame:
+    """Which method at which error: the one that reaches it in most scenes, then the cheapest."""
+    order = levels.sort_values(
+        ["error", "scenes", "over_cheapest"], ascending=[False, False, True]
+    )
+    columns = ["error", "method", "parameter", "value", "scenes", "seconds", "over_cheapest"]
+    return order.groupby("error", sort=False).head(1)[columns].head(LINES)
+
+
+def figures_of(part: str, tables: dict[str, pd.DataFrame]) -> Iterator[tuple[str, Figure]]:
+    """Name and figure of each chart of a part."""
+    if part == "fragility":
+        for study, curves in tables["curves"].groupby("study", sort=False):
+            yield f"fragility_{study}", charts.fragility_chart(curves)
+        for study, parts in tables["dispersion"].groupby("study", sort=False):
+            yield f"dispersion_{study}", charts.dispersion_chart(parts)
+    elif part == "speed":
+        yield "speed_overview", charts.overview_chart(tables["points"])
+        for quantity in QUANTITIES:
+            figure = charts.cost_chart(tables["points"], quantity)
+            if figure is not None:
+                yield f"speed_{quantity}", figure
+    elif part == "growth":
+        yield "growth", charts.growth_chart(tables["runs"], tables["exponents"])
+    elif part == "stability":
+        for plane, cells in tables["cells"].groupby("plane", sort=False):
+            yield f"stability_{plane}", charts.stability_map(cells)
+    else:
+        yield "corner_cases", charts.corner_chart(tables["runs"])
+
+
+def svg_of(figure: Figure) -> str:
+    """A figure as inline SVG."""
+    buffer = io.StringIO()
+    figure.savefig(
+        buffer, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    )
+    return re.sub(r"^.*?(?=<svg )", "", buffer.getvalue(), flags=re.DOTALL)
+
+
+def write_page(folder: Path) -> Path:
+    """Write `index.html` and the charts as SVG files from all tables of a folder."""
+    tables = {part: load_tables(folder, part) for part in PARTS}
+    tables = {part: found for part, found in tables.items() if found}
+    sections = []
+    for part, found in tables.items():
+        drawn = []
+        for name, figure in figures_of(part, found):
+            svg = svg_of(figure)
+            with replacing(folder / f"{name}.svg") as temporary:
+                temporary.write_text(svg, encoding="utf-8")
+            drawn.append((name, svg))
+        small = {
+            name: table.to_html(index=False, na_rep="", float_format=_NUMBER, border=0)
+            for name, table in found.items()
+            if len(table) <= 60
+        }
+        about = (folder / f"{part}_about.json").read_text(encoding="utf-8")
+        sections.append((PARTS[part], drawn, small, about))
+    summary = ""
+    if "speed" in tables:
+        levels = tables["speed"]["levels"]
+        summary = summary_table(levels).to_html(index=False, border=0, float_format=_NUMBER)
+    template = Path(__file__).with_name("page.html.j2").read_text(encoding="utf-8")
+    page = jinja2.Environment(autoescape=False).from_string(template)
+    with replacing(folder / "index.html") as temporary:
+        temporary.write_text(page.render(sections=sections, summary=summary), encoding="utf-8")
+    return folder / "index.html"

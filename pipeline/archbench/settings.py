@@ -1,0 +1,88 @@
+"""Settings as columns, and the ladder of settings of every method."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from archfrag.methods.registry import METHODS
+from archfrag.simulation.checks import available_methods, default_of
+
+OTHERS = "other solvers"
+COLUMNS = ("method", "parameter", "value", "settings")
+_FILE = Path(__file__).with_name("settings.json")
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A method, or another solver, with the one parameter by which it is refined.
+
+    Attributes
+    ----------
+    method : str
+        Of `archfrag.methods.registry.METHODS`, or a name of `archbench.adapters.client`.
+    parameter : str
+        "dt" [s], "rtol", or a parameter of the method's own.
+    value : float
+    settings : mapping of str to float
+        The method's own parameters that differ from their defaults besides.
+
+    Examples
+    --------
+    >>> from archbench.settings import Setting
+    >>> Setting("penalty", "stiffness", 1e9).options
+    {'method': 'penalty', 'settings': {'stiffness': 1000000000.0}}
+    """
+
+    method: str
+    parameter: str
+    value: float
+    settings: Mapping[str, float] = field(default_factory=dict, hash=False)
+
+    @property
+    def ours(self) -> bool:
+        """Whether it is a method of archfrag."""
+        return self.method in METHODS
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Keyword arguments of `archfrag.simulate`."""
+        if self.parameter in ("dt", "rtol"):
+            own = {self.parameter: self.value, "settings": dict(self.settings)}
+        else:
+            own = {"settings": {**self.settings, self.parameter: self.value}}
+        return {"method": self.method, **own}
+
+    @property
+    def columns(self) -> dict[str, Any]:
+        """The same as cells of a table, by `COLUMNS`."""
+        own = json.dumps(dict(self.settings), sort_keys=True) if self.settings else ""
+        return dict(zip(COLUMNS, (self.method, self.parameter, self.value, own), strict=True))
+
+    def finer(self, factor: float) -> Setting:
+        """The same with its parameter multiplied."""
+        return Setting(self.method, self.parameter, factor * self.value, self.settings)
+
+
+def ladders(quick: bool, solvers: Sequence[str] = ()) -> dict[str, list[Setting]]:
+    """Settings of each method that can run here, and of other solvers, from coarse to fine."""
+    table = json.loads(_FILE.read_text(encoding="utf-8"))
+    names = [name for name in table if name in available_methods()]
+    rows = {name: table[name] for name in names}
+    rows |= {name: table.get(name, table[OTHERS]) for name in solvers}
+    return {
+        name: [
+            Setting(name, row["parameter"], value) for value in row["quick" if quick else "values"]
+        ]
+        for name, row in rows.items()
+    }
+
+
+def default_setting(method: str) -> Setting:
+    """A method of ours as it is without any setting."""
+    info = METHODS[method]
+    parameter = "rtol" if any(each.name == "rtol" for each in info.parameters) else "dt"
+    return Setting(method, parameter, default_of(info, parameter))

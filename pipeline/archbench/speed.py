@@ -1,0 +1,233 @@
+"""Speed against accuracy: every method and solver at every setting on every scene."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from archbench.quantities import OF_A_RUN, QUANTITIES, errors_of, observe
+from archbench.reference import MARGIN, Reference, find_reference
+from archbench.runner import Bench
+from archbench.scene import Scene, load_scene, scene_names
+from archbench.search import nearest_change
+from archbench.settings import COLUMNS, Setting, ladders
+from archbench.solve import Solution, collapses, solve, solve_many, with_samples
+from archfrag.errors import ArchfragError
+from archfrag.methods.registry import METHODS
+
+QUICK_SCENES = (
+    "arch7_pulse", "block_sine", "column_pulse", "arch7_slides", "arch27_pulse",
+    "arch7_shipped_m65_r010",
+)  # fmt: skip
+NEAR = 0.9  # of the reference's amplitude: where the cost of a search's runs is taken
+REACH = 0.5
+STUDY = tuple(1.0 + 1e-5 * k for k in range(8))  # runs of a study, all but equal
+# Short runs are repeated until they add up to so much [s], up to so many times.
+SHORT, MOST = 0.1, 15
+# Finer settings are left out where a run takes longer [s of CPU]: of ours, of other solvers.
+LONGEST = (0.3, 2.0)
+FALL = 4.0  # other solvers need so long after our collapse to move two thicknesses [s]
+LIMIT = {True: 120.0, False: 1800.0}
+POINTS = (
+    "scene", "quantity", *COLUMNS, "seconds", "error", "floor", "drawn", "at_floor", "status",
+)  # fmt: skip
+LEVELS = tuple(10.0 ** (-k / 2) for k in range(1, 10))
+
+
+def chart_scenes(quick: bool) -> list[str]:
+    """Scenes marked "chart" in their files; of these the quick set."""
+    if quick:
+        return list(QUICK_SCENES)
+    return [name for name in scene_names() if "chart" in load_scene(name).source.split(", ")]
+
+
+def measure(bench: Bench) -> dict[str, pd.DataFrame]:
+    """Cost and errors of all methods, and of other solvers, on all scenes."""
+    left_out: list[tuple[str, str, str]] = []
+    names = chart_scenes(bench.quick)
+    limit = LIMIT[bench.quick]
+    found = bench.run(
+        "references",
+        reference_of,
+        {(name, bench.quick): (name, bench.quick, bench.folders) for name in names},
+        limit,
+    )
+    references = {}
+    for (name, _), content in found.items():
+        if isinstance(content, str):
+            left_out.append((name, "all", content))
+        else:
+            references[name] = Reference.of(content)
+    ladder = ladders(bench.quick, bench.solvers)
+    found = bench.run(
+        "speed", points_of,
+        {
+            (scene, method, bench.quick): (reference, settings, bench.quick, bench.folders)
+            for scene, reference in references.items()
+            for method, settings in ladder.items()
+        },
+        limit,
+    )  # fmt: skip
+    points: list[dict[str, Any]] = []
+    for (scene, method, _), result in found.items():
+        if isinstance(result, str):
+            left_out.append((scene, method, result))
+        else:
+            points += result["points"]
+            left_out += [(scene, method, reason) for reason in result["left_out"]]
+    table = pd.DataFrame(points, columns=list(POINTS))
+    return {
+        "points": table,
+        "references": _references_table(list(references.values())),
+        "levels": levels_table(table),
+        "left_out": pd.DataFrame(left_out, columns=["scene", "method", "reason"]),
+    }
+
+
+def reference_of(name: str, quick: bool, folders: Sequence[Path | None]) -> dict[str, Any] | str:
+    """Reference of a scene as plain types, or why there is none."""
+    try:
+        return asdict(find_reference(with_samples(load_scene(name), folders), quick))
+    except ArchfragError as reason:
+        return str(reason)
+
+
+def points_of(
+    reference: Reference, settings: Sequence[Setting], quick: bool, folders: Sequence[Path | None]
+) -> dict[str, Any]:
+    """Rows of a ladder of settings on a scene, and what was left out of it."""
+    scene = with_samples(load_scene(reference.scene), folders)
+    ours = settings[0].ours
+    if not ours:  # which go on where ours stop at rest
+        scene = _until(scene, reference.end_time)
+    points: list[dict[str, Any]] = []
+    longest = LONGEST[0 if ours else 1]
+    for place, setting in enumerate(settings):
+        try:
+            run = solve(scene, setting, history=True)
+            spent = solve(scene, setting).seconds if ours else run.seconds
+        except ArchfragError as reason:
+            return {"points": points, "left_out": [str(reason)]}
+        if run.frames is None:
+            return {"points": points, "left_out": [run.status]}
+        points += _rows(reference, scene, setting, run, spent, quick)
+        if spent > longest and place + 1 < len(settings):
+            finer = f"finer than {setting.value:g}: a run took {spent:.2g} s of CPU"
+            return {"points": points, "left_out": [finer]}
+    return {"points": points, "left_out": []}
+
+
+def _rows(
+    reference: Reference, scene: Scene, setting: Setting, run: Solution, spent: float, quick: bool
+) -> list[dict[str, Any]]:
+    assert run.frames is not None
+    interval = float(np.median(np.diff(run.frames.time))) if run.frames.time.size > 1 else 0.01
+    cost = _cost(scene, setting, spent, quick)
+    errors = errors_of(observe(scene, run, reference.marks), reference.seen, scene.thickness)
+
+    def row(quantity: str, seconds: float, error: float, status: str) -> dict[str, Any]:
+        floor = reference.floor(quantity, interval)
+        if quantity == "verdicts":  # one wrong outcome is the least that the set can show
+            floor = 0.5 / max(len(reference.grid), 1)
+        drawn = not reference.why_not(quantity) and math.isfinite(error)
+        return {
+            "scene": reference.scene, "quantity": quantity, **setting.columns, "seconds": seconds,
+            "error": error, "floor": floor, "drawn": drawn,
+            "at_floor": bool(drawn and error <= floor), "status": status,
+        }  # fmt: skip
+
+    rows = [row(name, cost, errors[name], run.status) for name in OF_A_RUN]
+    rows = [each for each in rows if setting.ours or math.isfinite(each["error"])]
+    longest = math.inf if setting.ours else 4.0 * LONGEST[1]
+    if math.isnan(reference.amplitude) or spent > longest:
+        return rows
+    near = scene.at(NEAR * reference.amplitude)
+    loaded = scene if setting.ours else replace(scene, duration=scene.duration + FALL)
+    least = MARGIN * reference.error["amplitude"]
+    found = nearest_change(
+        collapses(loaded, setting),
+        reference.amplitude, least if setting.ours else max(least, 1e-4), REACH,
+    )  # fmt: skip
+    status = "failed" if found.failed else "no change" if math.isnan(found.offset) else ""
+    rows.append(row("amplitude", _cost(near, setting, spent, quick), abs(found.offset), status))
+    own = scene.motion.get("amplitude", 1.0)
+    if reference.grid and setting.ours:
+        runs = solve_many(loaded, setting, [each / own for each in reference.grid])
+        wrong = [each.collapsed is not true for each, true in zip(runs, reference.truth)]
+        seconds = sum(each.seconds for each in runs)
+        rows.append(row("verdicts", seconds, float(np.mean(wrong)), ""))
+    return rows
+
+
+def _cost(scene: Scene, setting: Setting, spent: float, quick: bool) -> float:
+    """Median CPU time of a run as part of a study [s]."""
+    if not setting.ours:
+        again = 0 if spent > 1.0 else 1 if quick else 3
+        return float(np.median([spent, *(solve(scene, setting).seconds for _ in range(again))]))
+    enough = 3 if quick or spent > LONGEST[0] else 5
+    factors = STUDY if METHODS[setting.method].load_many else STUDY[:1]
+    times: list[float] = []
+    while len(times) < enough or (len(factors) * sum(times) < SHORT and len(times) < MOST):
+        times.append(float(np.mean([run.seconds for run in solve_many(scene, setting, factors)])))
+    return float(np.median(times))
+
+
+def _until(scene: Scene, end: float) -> Scene:
+    """The scene cut to steps of 10 ms just after `end` [s]."""
+    return replace(scene, duration=min(scene.duration, 0.01 * math.ceil(end / 0.01)))
+
+
+def _references_table(references: Sequence[Reference]) -> pd.DataFrame:
+    rows = []
+    for each in references:
+        values = {"amplitude": each.amplitude, "peak": each.seen.peak,
+                  "verdicts": len(each.grid), "position": each.marks.position}  # fmt: skip
+        for quantity in QUANTITIES:
+            away, doubt = each.second.get(quantity, (math.nan, math.nan))
+            rows.append({
+                "scene": each.scene, "quantity": quantity, "value": values.get(quantity, math.nan),
+                "error": each.error.get(quantity, math.nan), "rtol": each.tight,
+                "coarser_rtol": each.loose, "second_away": away, "second_uncertainty": doubt,
+                "exponent": each.growth["exponent"], "horizon": each.growth["horizon"],
+                "not_drawn_because": each.why_not(quantity),
+            })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def kept_errors(points: pd.DataFrame) -> pd.DataFrame:
+    """Drawn points with the error that a ladder keeps: the largest at this or a finer setting.
+
+    A coarse setting that is right by chance, where its error changes sign, does not count as
+    accurate. Errors below the floor stand at the floor.
+    """
+    frame = points[points["drawn"].astype(bool)].reset_index(drop=True)
+    frame = frame.assign(kept=np.maximum(frame["error"], frame["floor"]))
+    finer = frame.iloc[::-1].groupby(["scene", "quantity", "method"], sort=False)["kept"].cummax()
+    return frame.assign(kept=finer.iloc[::-1])
+
+
+def levels_table(points: pd.DataFrame, quantity: str = "amplitude") -> pd.DataFrame:
+    """The cheapest method at each error, over the scenes that reach it."""
+    kept = kept_errors(points)
+    kept = kept[kept["quantity"] == quantity]
+    rows = []
+    for level in LEVELS:
+        enough = kept[kept["kept"] <= level * (1.0 + 1e-9)]
+        own = enough.loc[enough.groupby(["scene", "method"])["seconds"].idxmin()]
+        best = own.groupby("scene")["seconds"].transform("min")
+        own = own.assign(over_cheapest=own["seconds"] / best)
+        for method, group in own.groupby("method", sort=False):
+            rows.append({
+                "error": level, "method": method, "parameter": group["parameter"].iloc[0],
+                "value": group["value"].median(), "scenes": len(group),
+                "cheapest_in": int((group["over_cheapest"] == 1.0).sum()),
+                "seconds": group["seconds"].median(),
+                "over_cheapest": group["over_cheapest"].median(),
+            })  # fmt: skip
+    return pd.DataFrame(rows)

@@ -1,0 +1,216 @@
+"""Stability: what goes wrong where, over step or tolerance and scene."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from archbench.facts import DEEPEST_OVERLAP, MOST_ENERGY_GAIN, NOTHING, energy_made
+from archbench.measures import overlap
+from archbench.runner import Bench
+from archbench.scene import Scene, load_scene
+from archbench.settings import Setting
+from archbench.solve import arch_of, peak_acceleration, solve
+from archbench.statics import largest_load
+from archfrag.errors import ArchfragError
+from archfrag.methods.registry import METHODS
+from archfrag.simulation.checks import available_methods, default_of
+
+# Kinds of failure from the worst to the mildest.
+FAILURES = (
+    "hung", "diverged", "unconverged", "drifted at rest", "penetrated", "gained energy",
+    "false collapse", "missed collapse",
+)  # fmt: skip
+RIGHT, UNDECIDED, NOT_FOR_IT = "right", "undecided", "does not apply"
+MOST_DRIFT = 1e-6  # what must rest may move so far [m]
+# Steps in parts of a method's default; tolerances as they are; parts of the largest stable step
+# for the methods that choose their own.
+STEPS = {True: (60.0, 20.0, 6.0, 2.0, 0.6), False: (60.0, 20.0, 6.0, 2.0, 0.6, 0.2)}
+TOLERANCES = {True: (3e-1, 1e-1, 1e-2, 1e-3, 1e-5), False: (3e-1, 1e-1, 1e-2, 1e-3, 1e-5, 1e-7)}
+FRACTIONS = {True: (4.0, 2.0, 1.0, 0.5, 0.25), False: (4.0, 3.0, 2.0, 1.5, 1.0, 0.5, 0.25)}
+OTHER_STEP = 5e-4
+# Longest that one run may take [s]: a hundred times what most need.
+LIMIT = {True: 10.0, False: 60.0}
+# Two methods with integrators of their own, which must agree at three levels.
+REFERENCES = {
+    True: (Setting("event_driven", "rtol", 1e-7), Setting("time_stepping", "dt", 1e-4)),
+    False: (Setting("event_driven", "rtol", 1e-8), Setting("time_stepping", "dt", 5e-5)),
+}
+NUDGES = (0.99, 1.0, 1.01)
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Plane:
+    """Scenes that differ in one thing, with its values; or parts of a parameter's default.
+
+    Attributes
+    ----------
+    name, axis : str
+        `axis`: what differs, with its unit.
+    scenes : list of (float, Scene)
+    parameter : str
+        The methods' own parameter that differs instead, for those that have it; else empty.
+    parts : tuple of float
+    """
+
+    name: str
+    axis: str
+    scenes: list[tuple[float, Scene]]
+    parameter: str = ""
+    parts: tuple[float, ...] = ()
+
+
+def planes(quick: bool) -> list[Plane]:
+    """Maps of the quick or of the full set."""
+    arch = replace(load_scene("arch7_pulse"), duration=6.0)
+
+    def beyond_onset(**chain: float) -> Scene:
+        scene = replace(arch, chain={**arch.chain, **chain})
+        return scene.at(2.1 * largest_load(scene))
+
+    def of(values: Iterable[float], scene_of: Callable[[float], Scene]) -> list:
+        return [(value, scene_of(value)) for value in values]
+
+    levels: tuple[float, ...] = (0.2, 0.36, 0.45, 0.6, 0.75, 0.9, 1.5)
+    frictions: tuple[float, ...] = (0.35, 0.4, 0.5, 0.7, math.inf)
+    slender: tuple[float, ...] = (0.12, 0.15, 0.2, 0.3)
+    counts: tuple[int, ...] = (3, 7, 15, 27)
+    parts: tuple[float, ...] = (0.01, 0.1, 1.0, 10.0)
+    if not quick:
+        levels = (0.1, 0.2, 0.3, 0.36, 0.39, 0.45, 0.5, 0.6, 0.65, 0.75, 0.8, 1.0, 1.5)
+        frictions = (0.33, 0.36, 0.4, 0.45, 0.5, 0.6, 0.7, 1.0, 1.5, math.inf)
+        slender = (0.11, 0.12, 0.13, 0.15, 0.18, 0.2, 0.25, 0.3)
+        counts = (2, 3, 5, 7, 11, 15, 21, 27, 41)
+        parts = (0.001, 0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)
+    return [
+        Plane("level", "peak acceleration [g]; onset is at 0.374 g", of(levels, arch.at)),
+        Plane("friction", "friction; t/R 0.2, at 2.1 times the onset",
+              of(frictions, lambda mu: beyond_onset(friction=mu, thickness=2.0))),
+        Plane("slenderness", "t/R; at 2.1 times the onset",
+              of(slender, lambda part: beyond_onset(thickness=10.0 * part))),
+        Plane("voussoirs", "voussoirs; at 2.1 times the onset",
+              of(counts, lambda number: beyond_onset(voussoirs=number))),
+        Plane("stiffness", "joint stiffness over the default; at 0.6 g", [(1.0, arch.at(0.6))],
+              "stiffness", parts),
+    ]  # fmt: skip
+
+
+def settings_of(method: str, quick: bool, **own: float) -> list[Setting]:
+    """A method at all steps, or at all tolerances if it controls its error.
+
+    A method that divides its step by itself is varied by the part of the critical step.
+    """
+    if method not in METHODS:
+        return [Setting(method, "dt", part * OTHER_STEP) for part in STEPS[quick]]
+    info = METHODS[method]
+    names = {parameter.name for parameter in info.parameters}
+    if "rtol" in names:
+        return [Setting(method, "rtol", value, own) for value in TOLERANCES[quick]]
+    if "step_fraction" in names:
+        return [Setting(method, "step_fraction", part, own) for part in FRACTIONS[quick]]
+    return [Setting(method, "dt", part * default_of(info, "dt"), own) for part in STEPS[quick]]
+
+
+def reference_of(scene: Scene, quick: bool) -> bool | None:
+    """Whether it collapses, where two methods agree on it at three levels; else None."""
+    seen = {
+        solve(scene.at(nudge * scene.motion["amplitude"]), setting).collapsed
+        for setting in REFERENCES[quick]
+        for nudge in NUDGES
+    }
+    return seen.pop() if len(seen) == 1 else None
+
+
+def judge_cell(scene: Scene, setting: Setting, expected: bool | None, must_rest: bool) -> Row:
+    """One run, and all that is wrong with it."""
+    try:
+        run = solve(scene, setting, history=setting.ours)
+    except ArchfragError:
+        return {"status": "refused", "kind": NOT_FOR_IT}
+    if run.status == "not_applicable":
+        return {"status": run.status, "kind": NOT_FOR_IT}
+    finite = run.status != "not_finite" and math.isfinite(run.peak)
+    gain = deepest = math.nan
+    if run.frames is not None and finite:
+        finite = bool(np.isfinite(run.frames.displacement).all())
+    if run.frames is not None and finite and run.frames.rotation is not None:
+        assert run.response is not None
+        gain = energy_made(scene, run.response) if run.peak > NOTHING else 0.0
+        deepest = overlap(arch_of(scene), run.frames.displacement, run.frames.rotation)
+    found = {
+        "hung": run.status == "work_bound" or "no answer" in run.status,
+        "diverged": not finite,
+        "unconverged": run.unconverged,
+        "drifted at rest": must_rest and run.peak > MOST_DRIFT,
+        "penetrated": deepest > DEEPEST_OVERLAP,
+        "gained energy": gain > MOST_ENERGY_GAIN,
+        "false collapse": run.collapsed is True and expected is False,
+        "missed collapse": run.collapsed is False and expected is True,
+    }
+    kind = next((name for name in FAILURES if found[name]), RIGHT)
+    return {
+        "status": run.status, "kind": UNDECIDED if kind == RIGHT and expected is None else kind,
+        "failures": "; ".join(name for name in FAILURES if found[name]),
+        "drift": run.peak if must_rest else math.nan, "energy_gain": gain, "overlap": deepest,
+        "seconds": run.seconds,
+    }  # fmt: skip
+
+
+def measure(bench: Bench) -> dict[str, pd.DataFrame]:
+    """All planes by all methods and other solvers."""
+    chosen = planes(bench.quick)
+    limit = LIMIT[bench.quick]
+    expected = bench.run(
+        "stability_references", reference_of,
+        {(plane.name, value): (scene, bench.quick)
+         for plane in chosen for value, scene in plane.scenes},
+        6.0 * limit,
+    )  # fmt: skip
+    tasks: dict[tuple, tuple] = {}
+    heads: list[Row] = []
+    for plane in chosen:
+        for value, scene in plane.scenes:
+            known = expected[plane.name, value]
+            judged = (None if isinstance(known, str) else known,
+                      peak_acceleration(scene) <= largest_load(scene))  # fmt: skip
+            for row, setting in _settings(plane, value, bench):
+                key = (plane.name, row, *setting.columns.values())
+                tasks[key] = (scene, setting, *judged)
+                heads.append({
+                    "plane": plane.name, "axis": plane.axis, "row": row, **setting.columns,
+                    "expected": judged[0], "must_rest": judged[1],
+                })  # fmt: skip
+    late = {"status": f"not ended within {limit:g} s", "kind": "hung", "failures": "hung"}
+    cells = pd.DataFrame([
+        head | (late if isinstance(found, str) else found)
+        for head, found in zip(heads, bench.run("stability", judge_cell, tasks, limit).values())
+    ])  # fmt: skip
+    return {"cells": cells, "counts": counts_table(cells)}
+
+
+def counts_table(cells: pd.DataFrame) -> pd.DataFrame:
+    """Cells of each kind by method."""
+    counts = cells.groupby(["method", "kind"], sort=False).size().unstack(fill_value=0)
+    kinds = [kind for kind in (RIGHT, UNDECIDED, NOT_FOR_IT, *FAILURES) if kind in counts]
+    return counts[kinds].reset_index()
+
+
+def _settings(plane: Plane, value: float, bench: Bench) -> Iterable[tuple[float, Setting]]:
+    """Row and setting of each cell of a scene."""
+    for method in (*available_methods(), *bench.solvers):
+        if not plane.parameter:
+            for setting in settings_of(method, bench.quick):
+                yield value, setting
+        elif method in METHODS:
+            for each in METHODS[method].parameters:
+                for part in plane.parts if each.name == plane.parameter else ():
+                    if each.least <= part * each.default <= each.most:
+                        own = {plane.parameter: part * each.default}
+                        for setting in settings_of(method, bench.quick, **own):
+                            yield part, setting

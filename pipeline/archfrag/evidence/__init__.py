@@ -1,1 +1,0 @@
-"""What each method costs, how far it is off, and where it fails: measured, charted, told."""

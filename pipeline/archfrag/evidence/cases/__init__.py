@@ -1,1 +1,0 @@
-"""Corner cases by name, and the facts that any correct method must respect in them."""

@@ -1,1 +1,0 @@
-"""Cost against error of every method on every scene, each error against its reference."""

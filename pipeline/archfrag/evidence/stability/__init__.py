@@ -1,1 +1,0 @@
-"""Maps of what goes wrong where: diverged, drifted, gained energy, penetrated, hung, misjudged."""

@@ -1,0 +1,123 @@
+"""Curves of studies beside a reference, what their dispersion is made of, and the page."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import multivariate_normal
+
+from archbench import page
+from archbench.dispersion import both_below, parts_of
+from archbench.fragility import REFERENCES, run_study, scenes_of, tables_of
+from archbench.runner import Bench
+from archbench.settings import Setting
+
+LEVELS = np.linspace(0.2, 3.0, 15)
+ROOT = __import__("pathlib").Path(__file__).parents[2]
+
+
+@pytest.mark.parametrize("correlation", [-0.5, 0.0, 0.3, 0.9, 0.999])
+@pytest.mark.parametrize("bound", [(0.0, 0.0), (-1.5, 0.4), (2.0, 1.9)])
+def test_chance_of_both_is_that_of_the_bivariate_normal(bound, correlation):
+    expected = multivariate_normal([0.0, 0.0], [[1.0, correlation], [correlation, 1.0]])
+    found = both_below(np.array([bound[0]]), np.array([bound[1]]), correlation)
+    assert found[0] == pytest.approx(expected.cdf(bound), abs=1e-6)
+
+
+@pytest.mark.parametrize("parts", [(0.02, 0.08, 0.9), (0.2, 0.3, 0.5), (0.0, 0.2, 0.8)])
+def test_parts_of_the_dispersion_are_found_again(parts):
+    rng, repeats = np.random.default_rng(3), 6
+    latent = sum(
+        rng.normal(size=shape) * np.sqrt(part)
+        for part, shape in zip(parts, ((400, 15, repeats), (400, 15, 1), (400, 1, 1)), strict=True)
+    )
+    bound = np.log(LEVELS / 1.4) / 0.5
+    collapsed = np.sum(bound[None, :, None] > latent, axis=2).astype(float)
+    found = parts_of(bound, collapsed, repeats - collapsed)
+    assert tuple(found) == pytest.approx(parts, abs=0.04)
+    if parts[0] == 0.0:
+        assert found.numerical == 0.0
+
+
+def made_up(factors, n_record=24, repeats=8, scatter=0.0):
+    """Studies of several settings whose capacities differ by a factor."""
+    rng = np.random.default_rng(7)
+    capacity = np.exp(np.log(1.4) + 0.5 * rng.normal(size=n_record))
+    studies = {}
+    for (role, setting), factor in factors.items():
+        for k in range(repeats):
+            own = capacity * factor * np.exp(scatter * rng.normal(size=n_record))
+            outcomes = (own[:, None] < LEVELS).astype(int).tolist()
+            value = setting.value if role == "setting" else 0.0
+            studies[role, setting.method, value, k] = (
+                setting, {"outcomes": outcomes, "seconds": 3.0}
+            )  # fmt: skip
+    return studies
+
+
+EXACT = {("reference", each): 1.0 for each in REFERENCES}
+COARSE, FINE = Setting("time_stepping", "dt", 8e-3), Setting("auto", "rtol", 1e-3)
+
+
+class TestCurvesBesideTheReference:
+    def test_a_setting_that_makes_capacities_larger_is_seen_by_as_much(self):
+        studies = made_up({**EXACT, ("setting", COARSE): 1.3, ("setting", FINE): 1.0})
+        curves = tables_of(studies, LEVELS)["curves"].set_index("method")
+        off = curves.loc["time_stepping", "theta_difference"]
+        assert off == pytest.approx(np.log(1.3), abs=0.06)
+        assert curves.loc["auto", "theta_difference"] == pytest.approx(0.0, abs=1e-9)
+        assert curves.loc["auto", "theta_scatter"] == pytest.approx(0.0, abs=1e-9)
+        assert curves.loc["auto", "theta_sampling"] > 0.05
+        assert curves.loc["auto", "seconds"] == 3.0
+
+    def test_bars_are_the_scatter_of_repetitions(self):
+        studies = made_up({**EXACT, ("setting", FINE): 1.0}, scatter=0.3)
+        row = tables_of(studies, LEVELS)["curves"].iloc[0]
+        assert row["repeats"] == 8
+        assert row["theta_low"] < row["theta_difference"] < row["theta_high"]
+        assert row["theta_scatter"] > 0.02
+        assert row["theta_known_to"] > 0.0
+
+    def test_the_reference_is_no_better_than_its_two_methods_agree(self):
+        factors = {("reference", REFERENCES[0]): 1.0, ("reference", REFERENCES[1]): 1.2}
+        studies = made_up({**factors, ("setting", FINE): 1.0})
+        known = tables_of(studies, LEVELS)["curves"].iloc[0]["theta_known_to"]
+        assert known == pytest.approx(0.5 * np.log(1.2), abs=0.03)
+
+    def test_failures_are_neither_collapse_nor_survival(self):
+        studies = made_up({**EXACT, ("setting", FINE): 1.0})
+        studies["setting", "auto", 1e-3, 0][1]["outcomes"][0][:3] = [None] * 3
+        assert tables_of(studies, LEVELS)["curves"].iloc[0]["failures"] == 3
+
+
+def test_a_study_runs_the_main_job_s_records_and_levels():
+    from archfrag.study.config import load_study
+
+    job = load_study(ROOT / "configs" / "shipped.yaml")
+    scenes, levels = scenes_of(ROOT / "records", False, False)
+    assert len(scenes) == 30
+    assert levels == pytest.approx(job.intensity.given)
+    found = run_study(Setting("time_stepping", "dt", 8e-3), 0, ROOT / "records", False, True)
+    outcomes = np.array(found["outcomes"], float)
+    assert outcomes.shape == (20, 8)
+    assert outcomes[:, 0].sum() == 0.0
+    assert outcomes[:, -1].mean() > 0.5
+    assert found["seconds"] > 0.0
+
+
+def test_the_page_is_made_from_files_alone(tmp_path):
+    studies = made_up({**EXACT, ("setting", COARSE): 1.3, ("setting", FINE): 1.05}, scatter=0.1)
+    tables = {name: table.assign(study="shipped") for name, table in
+              tables_of(studies, LEVELS).items()}  # fmt: skip
+    Bench(tmp_path, report=lambda _: None).save("fragility", tables)
+    text = page.write_page(tmp_path).read_text()
+    assert text.index("<svg") < text.index("<table")
+    assert "http" not in text.replace("http://www.w3.org", "")
+    assert (tmp_path / "fragility_shipped.svg").exists()
+
+
+def test_the_summary_takes_who_reaches_an_error_in_most_scenes():
+    levels = pd.DataFrame({
+        "error": [0.1, 0.1, 0.01], "method": ["a", "b", "a"], "parameter": "dt", "value": 1e-3,
+        "scenes": [1, 6, 2], "seconds": [1.0, 9.0, 5.0], "over_cheapest": [1.0, 3.0, 1.0],
+    })  # fmt: skip
+    assert page.summary_table(levels)["method"].tolist() == ["b", "a"]

@@ -1,0 +1,177 @@
+"""Measures outside every method: known motions, judged."""
+
+import numpy as np
+import pytest
+
+import archfrag as af
+from archbench.measures import (
+    energy_gain,
+    joint_faces,
+    largest_jump,
+    late_energy_gain,
+    overlap,
+    overlap_depth,
+    overlaps,
+)
+
+BLOCK = af.Block(0.2, 1.0, friction=0.8)
+
+
+def rocked(angle):
+    """The block rotated about its right base corner by `angle` (clockwise) [rad]."""
+    centre = BLOCK.chain.centroid[0]
+    corner = np.array([0.1, 0.0])
+    matrix = np.array([[np.cos(-angle), -np.sin(-angle)], [np.sin(-angle), np.cos(-angle)]])
+    return matrix @ (centre - corner) + corner - centre
+
+
+FACE = np.array([[0.0, 0.0], [0.0, 1.0]])  # of the earlier body, which lies at x < 0
+
+
+def rotated(angle, about, face=FACE):
+    """A face rotated counter-clockwise about a point."""
+    matrix = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    return (face - about) @ matrix.T + about
+
+
+def least_translation(one, other):
+    """Shortest translation that parts two convex outlines; 0 if apart. Separating axes."""
+    least = np.inf
+    for outline in (one, other):
+        sides = np.roll(outline, -1, axis=0) - outline
+        for x, y in sides:
+            normal = np.array([y, -x]) / np.hypot(x, y)
+            least = min(least, (one @ normal).max() - (other @ normal).min())
+    return max(least, 0.0)
+
+
+class TestOverlapDepth:
+    """Constructed joints of 1 m whose overlap is known."""
+
+    @pytest.mark.parametrize("angle", [1e-6, 1e-3, 0.013, 0.2])
+    def test_of_a_voussoir_rotated_into_its_neighbour_about_either_corner(self, angle):
+        for corner, sense in ((0, 1.0), (1, -1.0)):
+            wedge = rotated(sense * angle, FACE[corner])
+            assert overlap_depth(FACE, wedge) == pytest.approx(np.sin(angle), rel=1e-9)
+            assert overlap_depth(FACE, rotated(-sense * angle, FACE[corner])) == 0.0
+
+    @pytest.mark.parametrize("slip", [-0.999, -0.4, 1e-9, 0.0, 0.3, 0.99, 1.2])
+    def test_of_a_slipped_joint_is_how_far_it_is_sunk(self, slip):
+        assert overlap_depth(FACE, np.add(FACE, [0.0, slip])) == 0.0
+        assert overlap_depth(FACE, np.add(FACE, [1e-3, slip])) == 0.0
+        sunk = overlap_depth(FACE, np.add(FACE, [-1e-4, slip]))
+        assert sunk == pytest.approx(1e-4 if abs(slip) < 1.0 else 0.0, abs=1e-16)
+
+    @pytest.mark.parametrize("angle", [1e-3, 0.3, 1.2, 1.568])
+    @pytest.mark.parametrize("slip", [0.0, 0.3])
+    def test_of_a_vertex_sunk_into_a_face_whatever_the_hinge_is_opened(self, angle, slip):
+        on_face = rotated(angle, FACE[1]) - [0.0, slip]
+        assert overlap_depth(FACE, on_face) == pytest.approx(0.0, abs=1e-15)
+        sunk = overlap_depth(FACE, on_face - [1e-5, 0.0])
+        assert sunk == pytest.approx(1e-5 * np.cos(angle) ** (slip == 0.0), rel=1e-6)
+
+    def test_of_two_outlines_is_the_least_translation_that_parts_them(self):
+        rng = np.random.default_rng(11)
+        behind, ahead = np.array([[-2.0, 1.2], [-2.0, -0.2]]), np.array([[2.0, 1.1], [2.0, -0.1]])
+        found = 0
+        for _ in range(2000):
+            angle = rng.uniform(-0.2, 0.2)
+            away = rng.uniform([-0.05, -0.4], [0.05, 0.4])
+            later = rotated(angle, [0.0, 0.5]) + away
+            body = rotated(angle, [0.0, 0.5], np.concatenate([FACE, ahead])) + away
+            depth = least_translation(np.concatenate([FACE, behind]), body)
+            assert overlap_depth(FACE, later) == pytest.approx(depth, rel=1e-9, abs=1e-14)
+            found += depth > 0.0
+        assert 1000 < found < 1990
+
+    def test_in_an_arch_is_at_the_joint_that_was_rotated(self):
+        arch = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
+        rest = np.zeros((1, 7, 2)), np.zeros((1, 7))
+        assert overlaps(arch, *rest).max() < 1e-14
+        for joint, corner, angle in ((2, 1, -2e-3), (3, 0, 2e-3)):
+            pivot = joint_faces(arch, *rest)[0][0, joint, corner]
+            for sense, depth in ((1.0, np.sin(2e-3)), (-1.0, 0.0)):
+                shift, angles = np.zeros((1, 7, 2)), np.zeros((1, 7))
+                angles[0, joint:] = sense * angle
+                centre = arch.chain.centroid[joint:]
+                shift[0, joint:] = rotated(sense * angle, pivot, centre) - centre
+                found = overlaps(arch, shift, angles)[0]
+                assert found[joint] == pytest.approx(depth, rel=1e-9, abs=1e-14)
+                assert np.delete(found, [joint, 7]).max() < 1e-14
+
+
+class TestOverlap:
+    @pytest.mark.parametrize("angle", [0.05, 0.2])
+    def test_a_block_on_its_corner_overlaps_nothing(self, angle):
+        assert overlap(BLOCK, rocked(angle)[None, None], np.array([[-angle]])) < 1e-12
+
+    def test_a_block_sunk_by_a_tenth_of_its_width_does(self):
+        sunk = np.array([[[0.0, -0.02]]])
+        assert overlap(BLOCK, sunk, np.zeros((1, 1))) == pytest.approx(0.1)
+
+    def test_rotated_about_its_centre_it_does(self):
+        angle = 0.1
+        depth = 0.1 * np.sin(angle) - 0.5 * (1.0 - np.cos(angle))
+        found = overlap(BLOCK, np.zeros((1, 1, 2)), np.array([[angle]]))
+        assert found == pytest.approx(depth / 0.2, rel=0.02)
+
+
+class TestEnergyGain:
+    def fall(self, factor):
+        """A body in free fall whose speed is `factor` times what gravity gives."""
+        time = np.linspace(0.0, 1.0, 2001)
+        g = BLOCK.chain.gravity
+        displacement, velocity = np.zeros((2, time.size, 1, 2))
+        displacement[:, 0, 1] = -0.5 * g * time**2
+        velocity[:, 0, 1] = -g * time * factor
+        still = af.Motion(np.zeros(3), 0.01)
+        return energy_gain(BLOCK, still, time, displacement, velocity, np.zeros((time.size, 1)))
+
+    def test_free_fall_gains_nothing(self):
+        assert self.fall(1.0) < 1e-12
+
+    def test_a_fall_that_is_too_fast_gains(self):
+        assert self.fall(1.1) == pytest.approx((1.21 - 1.0) / 1.21, rel=1e-6)
+
+    def test_a_body_left_behind_by_the_ground_takes_the_ground_s_work(self):
+        time = np.linspace(0.0, 0.5, 501)
+        acceleration = 3.0
+        motion = af.Motion(np.full(501, acceleration), 0.001)
+        displacement, velocity = np.zeros((2, time.size, 1, 2))
+        displacement[:, 0, 0] = -0.5 * acceleration * time**2
+        velocity[:, 0, 0] = -acceleration * time
+        spin = np.zeros((time.size, 1))
+        assert energy_gain(BLOCK, motion, time, displacement, velocity, spin) < 1e-12
+        still = af.Motion(np.zeros(501), 0.001)
+        assert energy_gain(BLOCK, still, time, displacement, velocity, spin) == 1.0
+
+
+class TestAfterwards:
+    """Frames of bodies that are moved by hand."""
+
+    def test_a_jump_is_what_velocities_do_not_explain(self):
+        time = np.linspace(0.0, 1.0, 11)
+        displacement, velocity = np.zeros((2, 11, 1, 2))
+        velocity[:, 0, 0] = np.where(time < 0.55, 0.2, -0.1)
+        displacement[:, 0, 0] = np.where(time < 0.55, 0.2 * time, 0.13 - 0.1 * (time - 0.55))
+        displacement[6:, 0, 0] += 0.2 * 0.55 - 0.13
+        still = np.zeros((11, 1))
+        assert largest_jump(BLOCK, time, displacement, still, velocity, still) < 1e-12
+        displacement[8:, 0, 1] += 3e-4
+        found = largest_jump(BLOCK, time, displacement, still, velocity, still)
+        assert found == pytest.approx(3e-4 / 0.2)
+
+    def test_a_rotation_in_no_time_is_a_jump_of_the_corner(self):
+        time = np.array([0.0, 1.0, 1.0])
+        none, angle = np.zeros((3, 1, 2)), np.array([[0.0], [0.0], [1e-3]])
+        found = largest_jump(BLOCK, time, none, angle, none, np.zeros((3, 1)))
+        assert found == pytest.approx(1e-3 * np.hypot(0.5, 0.1) / 0.2)
+
+    def test_energy_may_only_fall_once_the_ground_is_still(self):
+        time = np.arange(5.0)
+        none, velocity = np.zeros((2, 5, 1, 2))
+        velocity[:, 0, 0] = [1.0, 2.0, 1.0, 0.5, np.sqrt(0.5)]
+        still = np.zeros((5, 1))
+        gain = late_energy_gain(BLOCK, 1.5, time, none, velocity, still)
+        assert gain == pytest.approx(0.25 / 4.0)
+        assert late_energy_gain(BLOCK, 3.5, time, none, velocity, still) == 0.0

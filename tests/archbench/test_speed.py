@@ -1,0 +1,183 @@
+"""Speed against accuracy: its reference, its errors, and its tables from made-up points."""
+
+import math
+from dataclasses import asdict, replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from archbench.horizon import DIFFERENCE, growth_of, slope_interval
+from archbench.quantities import errors_of, marks_of, observe, positions_at, resultants_at
+from archbench.reference import MARGIN, Reference, find_reference, limit_of, richardson
+from archbench.scene import load_scene
+from archbench.search import nearest_change
+from archbench.settings import Setting, ladders
+from archbench.solve import arch_of, solve, solve_many, with_samples
+from archbench.speed import POINTS, kept_errors, levels_table, points_of
+from archfrag.errors import InputError
+from archfrag.methods.registry import METHODS
+
+EXACT = Setting("event_driven", "rtol", 1e-8)
+
+
+def made_up(*rows):
+    """Points of one scene: (method, value, seconds, error), from coarse to fine."""
+    table = pd.DataFrame(rows, columns=["method", "value", "seconds", "error"])
+    table = table.assign(scene="s", quantity="amplitude", floor=1e-7, drawn=True, at_floor=False,
+                         parameter="dt", settings="", status="")  # fmt: skip
+    return table[list(POINTS)]
+
+
+def test_settings_of_ladders_are_known_to_the_registry():
+    for quick in (True, False):
+        for method, settings in ladders(quick, ["mujoco"]).items():
+            own = (
+                {each.name for each in METHODS[method].parameters} if method in METHODS else {"dt"}
+            )
+            assert {setting.parameter for setting in settings} <= own
+
+
+def test_a_record_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(InputError, match="arch7_real_elc180 needs the record"):
+        with_samples(load_scene("arch7_real_elc180"), (tmp_path, None))
+
+
+def test_a_study_s_runs_are_those_of_single_calls():
+    scene, setting = load_scene("arch7_pulse"), Setting("auto", "rtol", 1e-2)
+    many = solve_many(scene, setting, [0.9, 2.0])
+    single = [solve(scene.at(0.5 * factor), setting) for factor in (0.9, 2.0)]
+    assert [run.collapsed for run in many] == [run.collapsed for run in single] == [False, True]
+    assert many[0].peak == pytest.approx(single[0].peak, rel=1e-9)
+
+
+class TestNearestChange:
+    @pytest.mark.parametrize("true", [0.93, 0.9999, 1.00002, 1.02, 1.4])
+    def test_finds_the_distance_to_a_tenth(self, true):
+        found = nearest_change(lambda a: a >= true, 1.0, 1e-7)
+        assert found.offset == pytest.approx(true - 1.0, rel=0.06)
+
+    def test_a_failed_run_is_neither_collapse_nor_survival(self):
+        found = nearest_change(lambda a: None if a > 1.0 else False, 1.0, 1e-6)
+        assert found.failed
+        assert math.isnan(found.offset)
+
+    def test_no_change_within_reach(self):
+        found = nearest_change(lambda a: False, 1.0, 1e-3, reach=0.3)
+        assert math.isnan(found.offset)
+        assert not found.failed
+
+
+class TestRichardson:
+    def test_limit_and_order_of_a_vector(self):
+        true, slope = np.array([1.0, -2.0]), np.array([0.3, 0.7])
+        limit, uncertainty, order = richardson([true + slope * h for h in (0.4, 0.2, 0.1)])
+        assert limit == pytest.approx(true, abs=1e-12)
+        assert (order, uncertainty) == (pytest.approx(1.0), pytest.approx(0.07))
+
+    def test_a_small_last_difference_is_not_taken_for_a_limit(self):
+        limit, doubt = limit_of([np.array(v) for v in (0.10, 0.15, 0.19, 0.1901)])
+        assert abs(float(limit) - 0.2) < doubt
+
+
+class TestHorizon:
+    time = np.linspace(0.0, 10.0, 1001)
+
+    def test_exponential_growth_is_measured_and_runs_into_its_horizon(self):
+        growth = growth_of(self.time, DIFFERENCE * np.exp(2.0 * self.time)[None, :], 1.0, 0.0)
+        assert growth["exponent"] == pytest.approx(2.0, rel=1e-9)
+        assert growth["horizon"] == pytest.approx(math.log(1e-2 / DIFFERENCE) / 2.0, abs=0.011)
+
+    def test_what_does_not_grow_has_no_horizon(self):
+        noise = 1.0 + 0.1 * np.sin(37.0 * self.time)
+        growth = growth_of(self.time, DIFFERENCE * noise[None, :], 1.0, 0.0)
+        assert math.isinf(growth["horizon"])
+        assert growth["low"] < 0.0 < growth["high"]
+
+    def test_interval_holds_the_true_slope_nine_times_in_ten(self):
+        generator, x = np.random.default_rng(5), np.arange(8.0)
+        found = [slope_interval(x, 0.7 * x + generator.normal(size=8)) for _ in range(1000)]
+        assert np.mean([low <= 0.7 <= high for _, low, high in found]) == pytest.approx(
+            0.9, abs=0.03
+        )
+
+
+class TestTables:
+    def test_chance_at_a_coarse_setting_is_not_accuracy(self):
+        points = made_up(("a", 4, 1.0, 1e-5), ("a", 2, 2.0, 1e-2), ("a", 1, 4.0, 1e-4))
+        assert kept_errors(points)["kept"].tolist() == [1e-2, 1e-2, 1e-4]
+
+    def test_errors_below_the_floor_stand_at_the_floor(self):
+        assert kept_errors(made_up(("a", 1, 1.0, 1e-9)))["kept"].tolist() == [1e-7]
+
+    def test_the_cheapest_at_each_error(self):
+        points = made_up(
+            ("auto", 1e-1, 1.0, 9e-2), ("auto", 1e-3, 8.0, 9e-4),
+            ("time_stepping", 4e-3, 2.0, 9e-3), ("time_stepping", 1e-3, 5.0, 9e-4),
+        )  # fmt: skip
+        table = levels_table(points)
+        rows = {error: group.set_index("method")["over_cheapest"].to_dict()
+                for error, group in table.groupby(table["error"].round(9))}  # fmt: skip
+        assert rows[0.1] == {"auto": 1.0, "time_stepping": 2.0}
+        assert rows[0.001] == {"auto": 1.6, "time_stepping": 1.0}
+
+
+@pytest.fixture(scope="module")
+def block():
+    scene = load_scene("block_sine")
+    run = solve(scene, EXACT, history=True)
+    return scene, run, marks_of(scene, run)
+
+
+class TestQuantities:
+    def test_positions_between_frames_follow_the_motion(self, block):
+        _, run, marks = block
+        frames = run.frames
+        inside = (frames.time > marks.onset + 1e-3) & (frames.time < marks.position)
+        frames = type(frames)(*(each[inside] for each in frames))
+        coarse = type(frames)(*(each[::4] for each in frames))
+        between = positions_at(coarse, frames.time[:-4])
+        assert between == pytest.approx(frames.displacement[:-4], abs=1e-8)
+
+    def test_the_block_s_reaction_is_what_newton_s_law_asks_for(self, block):
+        scene, run, marks = block
+        frames, mass = run.frames, float(scene.bodies().mass[0])
+        for instant in marks.reactions:
+            at = np.array([instant - 1e-3, instant + 1e-3])
+            speed = [np.interp(at, frames.time, frames.velocity[:, 0, k]) for k in (0, 1)]
+            samples, step = scene.ground_acceleration()
+            ground = np.interp(instant, step * np.arange(len(samples)), samples)
+            force = resultants_at(frames, np.array([instant]))[0, 0, :2]
+            wanted = mass * np.array(
+                [np.diff(speed[0])[0] / 2e-3 + ground, np.diff(speed[1])[0] / 2e-3 + 9.80665]
+            )
+            assert np.abs(force) == pytest.approx(np.abs(wanted), rel=2e-3, abs=2e-3 * mass)
+
+    def test_a_run_has_no_error_against_itself_and_a_coarse_one_has(self, block):
+        scene, run, marks = block
+        seen = observe(scene, run, marks)
+        own = errors_of(seen, seen, scene.thickness)
+        assert (own["position"], own["peak"], own["reactions"]) == (0.0, 0.0, 0.0)
+        coarse = solve(scene, Setting("time_stepping", "dt", 8e-3), history=True)
+        errors = errors_of(observe(scene, coarse, marks), seen, scene.thickness)
+        assert errors["position"] > 1e-6
+        assert errors["peak"] > 1e-4
+        failed = errors_of(replace(seen, collapsed=None), seen, scene.thickness)
+        assert all(math.isnan(value) for value in failed.values())
+
+
+def test_a_scene_from_reference_to_points():
+    content = asdict(find_reference(load_scene("block_sine"), quick=True))
+    reference = Reference.of(content)
+    # Housner's block: the two tolerances agree to the bracket, the second method to its own doubt.
+    assert reference.amplitude == pytest.approx(0.29334, rel=1e-4)
+    assert reference.error["amplitude"] < 1e-5
+    assert reference.second["amplitude"][0] < 2e-3
+    found = points_of(reference, [Setting("time_stepping", "dt", step) for step in (8e-3, 1e-3)],
+                      True, ())  # fmt: skip
+    points = pd.DataFrame(found["points"], columns=list(POINTS))
+    by = points[points["quantity"] == "amplitude"].set_index("value")
+    assert by.loc[8e-3, "error"] > 5.0 * by.loc[1e-3, "error"] > 0.0
+    assert by["floor"].min() >= MARGIN * reference.error["amplitude"] * (1.0 - 1e-12)
+    assert (points["seconds"] > 0.0).all()
+    assert arch_of(load_scene("block_sine")).n_voussoir == 1

@@ -1,0 +1,90 @@
+"""Maps of failures: a run made wrong in one thing is found wrong in that only."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from archbench import stability
+from archbench.scene import load_scene
+from archbench.settings import Setting
+from archbench.solve import solve
+from archbench.stability import judge_cell, planes, reference_of, settings_of
+from archfrag.simulation.checks import available_methods
+
+STEPS = Setting("time_stepping", "dt", 1e-3)
+SHORT = replace(load_scene("arch7_pulse"), duration=2.0).at(0.45)
+
+
+@pytest.fixture(scope="module")
+def right():
+    return solve(SHORT, STEPS, history=True)
+
+
+def moved(run, change):
+    """The run with its displacements changed, in frames and in the response's history."""
+    displacement = run.frames.displacement.copy()
+    change(run.frames.time, displacement)
+    history = run.response.history.copy(deep=True)
+    history["displacement"].values[:] = displacement
+    return replace(run, frames=run.frames._replace(displacement=displacement),
+                   response=replace(run.response, history=history))  # fmt: skip
+
+
+def sink(_, displacement):
+    displacement[:, 3, 1] -= 0.01
+
+
+def lift(time, displacement):
+    displacement[:, :, 1] += 0.1 * (time > 0.5)[:, None]
+
+
+def spoil(_, displacement):
+    displacement[-1] = np.nan
+
+
+@pytest.mark.parametrize(
+    ("change", "expected", "must_rest", "failures"),
+    [
+        (lambda run: run, False, False, ""),
+        (lambda run: replace(run, status="not_finite", collapsed=None), False, False, "diverged"),
+        (lambda run: moved(run, spoil), False, False, "diverged"),
+        (lambda run: replace(run, unconverged=True), False, False, "unconverged"),
+        (lambda run: replace(run, status="work_bound", collapsed=None), False, False, "hung"),
+        (lambda run: replace(run, peak=2e-6), False, True, "drifted at rest"),
+        (lambda run: moved(run, sink), False, False, "penetrated"),
+        (lambda run: run, True, False, "missed collapse"),
+        (lambda run: replace(run, collapsed=True), False, False, "false collapse"),
+        (lambda run: replace(run, collapsed=True), None, False, ""),
+    ],
+)
+def test_each_failure_is_found(monkeypatch, right, change, expected, must_rest, failures):
+    monkeypatch.setattr(stability, "solve", lambda *_, **__: change(right))
+    row = judge_cell(SHORT, STEPS, expected, must_rest)
+    assert row["failures"] == failures
+    assert row["kind"] == (failures or ("undecided" if expected is None else "right"))
+
+
+def test_energy_that_a_run_makes_is_found(monkeypatch, right):
+    monkeypatch.setattr(stability, "solve", lambda *_, **__: moved(right, lift))
+    assert "gained energy" in judge_cell(SHORT, STEPS, False, False)["failures"]
+
+
+def test_reference_is_open_where_two_methods_do_not_agree(monkeypatch, right):
+    answers = iter([True, True, True, False, True, True])
+    monkeypatch.setattr(stability, "solve", lambda *_: replace(right, collapsed=next(answers)))
+    assert reference_of(SHORT, quick=True) is None
+    monkeypatch.setattr(stability, "solve", lambda *_: replace(right, collapsed=True))
+    assert reference_of(SHORT, quick=True) is True
+
+
+def test_a_run_that_grows_without_bound_is_no_collapse():
+    scene = dict(next(p for p in planes(quick=True) if p.name == "slenderness").scenes)[0.3]
+    run = solve(scene, Setting("event_driven", "rtol", 0.3))
+    assert run.collapsed is not True or run.peak < 100.0
+
+
+def test_every_method_goes_from_coarse_to_fine():
+    for method in available_methods():
+        values = [setting.value for setting in settings_of(method, quick=True)]
+        assert values == sorted(values, reverse=True)
