@@ -1,4 +1,4 @@
-"""METHOD.md and the pages of the method: what they name exists, figures show what they say."""
+"""METHOD.md and the pages of the method: what they name exists, figures are right."""
 
 import importlib
 import inspect
@@ -22,15 +22,15 @@ ROWS = ROW.findall(TEXT)
 PAGES = TESTS.parent / "docs" / "method"
 sys.path.insert(0, str(PAGES))
 
-from figures import arch, block, equations  # noqa: E402
+from figures import arch, block, cone, equations  # noqa: E402
 
 
 def equations_named(text):
     """Numbers that follow Eq or Eqs, with lists and ranges."""
     found = set()
     for group in re.findall(r"Eqs? ([\d ,ab]+(?:(?:-| to | and )[\d ,ab]+)*)", text):
-        spread = re.sub(r" to ", "-", group).replace(" and ", ",")
-        for part in re.split(r"[ ,]+", spread):
+        ranges = re.sub(r" to ", "-", group).replace(" and ", ",")
+        for part in re.split(r"[ ,]+", ranges):
             first, _, last = re.sub("[ab]", "", part).partition("-")
             if first.isdigit():
                 found |= set(range(int(first), int(last or first) + 1))
@@ -121,7 +121,7 @@ class TestFigures:
         body = uniform_block(0.4, 1.0, 1.0)
         arm = formulas.corner_arm(body, CORNER_A, 0.1)
         pair = formulas.tangential_gradient(body, arm), formulas.normal_gradient(body, arm)
-        flat = block._Plane(*pair)
+        flat = cone.Plane(*pair)
         for a in pair:
             for b in pair:
                 assert flat(a) @ flat(b) == pytest.approx(formulas.dot(a, b))

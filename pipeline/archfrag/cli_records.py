@@ -72,7 +72,7 @@ def _drawing(figure: Path | None) -> None:
 
 
 def _save(shown: Any, figure: Path) -> None:
-    from archfrag.report.canvas import standalone
+    from archfrag.report.picture import standalone
     from archfrag.study.files import write_text
 
     write_text(figure, standalone(shown))
@@ -157,7 +157,7 @@ def inspect(
     if figure is not None and found:
         from archfrag.report.record_figures import inspected
 
-        _save(inspected(inspection_motions(found), "records"), figure)
+        _save(inspected(inspection_motions(found)), figure)
     if found or as_json:
         _print(facts, "\n".join(map(inspection_text, found)), as_json)
     for message in unreadable:
@@ -195,7 +195,7 @@ def measure(
     if figure is not None:
         from archfrag.report.record_figures import measured
 
-        _save(measured(table_spectra(table), "spectra"), figure)
+        _save(measured(table_spectra(table)), figure)
     _print(table_rows(table), f"{len(table)} components measured: {out}", as_json)
 
 

@@ -7,7 +7,7 @@ import ezdxf
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from hypothesis import given, settings
+from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 
 import archfrag as af
@@ -58,7 +58,10 @@ def arches(draw_):
         return af.Arch.circular(span / 2, thick * span, 60 + 240 * part, count, mu, **curved)
     low, high = RISES[kind]
     rise = (low + (high - low) * part) * span
-    return getattr(af.Arch, kind)(span, rise, thick * span, count, mu, **curved)
+    try:
+        return getattr(af.Arch, kind)(span, rise, thick * span, count, mu, **curved)
+    except GeometryError:  # joints that cross, mostly beside a pointed crown
+        reject()
 
 
 class TestRoundTrip:
@@ -97,8 +100,7 @@ class TestSection:
         arch = af.Arch.from_polygons([outline], 0.7, ground=[[(0, 0), (2, 0)]])
         assert arch.chain.mass[0] == pytest.approx(4 * 2000.0)
         np.testing.assert_allclose(arch.chain.centroid[0], [0.75, 1.25])
-        parts = 2 * (4 + 1) / 12 + 2 * (0.25**2 + 0.75**2) + 2 * (1 + 4) / 12
-        parts += 2 * (0.25**2 + 0.75**2)
+        parts = 2 * (2 * (4 + 1) / 12 + 2 * (0.25**2 + 0.75**2))
         assert arch.chain.inertia[0] == pytest.approx(2000.0 * parts)
 
 
@@ -222,8 +224,7 @@ class TestStudy:
         found = members(study)
         assert found.ids == [f"pier-000{i}" for i in (1, 2, 3, 4)]
         assert "pier.dxf" not in json.dumps([entry.model_dump() for entry in found.entries])
-        built = [entry.build() for entry in found.entries]
-        widths = [arch.intrados[0, 0] - arch.extrados[0, 0] for arch in built]
+        widths = [np.ptp(entry.build().outlines[0][:, 0]) for entry in found.entries]
         np.testing.assert_allclose(widths, found.parameters()["thickness_factor"], rtol=1e-12)
         draw(tmp_path / "pier.dxf", PIER[:2])
         assert members(study).entries[0].build().n_voussoir == 2
@@ -246,5 +247,4 @@ class TestStudy:
         answer = json.loads(CliRunner().invoke(main, asked).stdout)
         assert answer["plus"] == pytest.approx(0.37000973802187703, rel=1e-12)
         refused = CliRunner().invoke(main, [*asked, "--drawing-unit", "m"])
-        assert refused.exit_code == 2
-        assert "unit" in refused.stderr
+        assert (refused.exit_code, "unit" in refused.stderr) == (2, True)

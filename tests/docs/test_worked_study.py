@@ -1,14 +1,16 @@
 """The worked study's committed results are those of its study file, drawing and hazard curve."""
 
+import hashlib
 import json
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import archfrag as af
+from archfrag.arch.drawing import read_drawing
 from archfrag.study.config import load_study
-from archfrag.study.files import sha256_of
 
 STUDY = Path(__file__).parents[2] / "docs" / "worked_study"
 RESULTS = STUDY / "results"
@@ -20,8 +22,10 @@ def read(name):
 
 def test_results_belong_to_the_study():
     made = read("provenance")
-    assert made["sha256"] == {name: sha256_of(STUDY / name) for name in made["sha256"]}
-    assert set(made["sha256"]) == {"study.yaml", "bridge.dxf", "hazard.csv"}
+    assert made["sha256"] == {
+        name: hashlib.sha256((STUDY / name).read_bytes()).hexdigest()
+        for name in ("study.yaml", "bridge.dxf", "hazard.csv")
+    }
     assert read("summary")["study"] == load_study(STUDY / "study.yaml").id
     assert made["wall_time_s"] <= 300
     assert sum(path.stat().st_size for path in RESULTS.iterdir()) < 400_000
@@ -33,7 +37,9 @@ def test_drawing_is_the_one_of_the_page(tmp_path):
     shape = round(radius + 0.457 / 2, 4), 0.457, embrace
     ring = af.Arch.circular(*shape, voussoirs=21, friction=0.6)
     ring.to_dxf(tmp_path / "bridge.dxf", unit="mm")
-    assert (tmp_path / "bridge.dxf").read_bytes() == (STUDY / "bridge.dxf").read_bytes()
+    ours, theirs = (read_drawing(place / "bridge.dxf") for place in (tmp_path, STUDY))
+    assert np.array_equal(ours.outlines, theirs.outlines)
+    assert np.array_equal(ours.ground, theirs.ground)
     finer = af.Arch.circular(*shape, voussoirs=41, friction=0.6)
     assert af.onset(finer).plus == pytest.approx(af.onset(ring).plus, rel=0.02)
 

@@ -140,7 +140,7 @@ class TestBootstrap:
         assert min(records, theta) >= 0.78 * 80
         assert likelihood <= 0.70 * 80
 
-    def test_whole_events_are_drawn(self):
+    def test_events_are_drawn(self):
         """Three equal records an event are worth one: the band is that of the events alone."""
         one = verdicts(np.random.default_rng(2), 12)
         thrice, groups = np.repeat(one, 3, axis=0), np.repeat(np.arange(12), 3)

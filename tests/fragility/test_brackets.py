@@ -66,24 +66,24 @@ class TestBracketsOfRecords:
         table = np.random.default_rng(1).integers(0, 3, (40, 5))
         order, scale = np.array([3, 0, 4, 1, 2]), np.linspace(0.5, 2.0, 40)
         found = find_brackets(table, LEVELS, rule)
-        turned = find_brackets(table[:, order], LEVELS[order], rule)
+        reordered = find_brackets(table[:, order], LEVELS[order], rule)
         scaled = find_brackets(table, LEVELS * scale[:, None], rule)
-        assert np.array_equal(found.lower, turned.lower)
-        assert np.array_equal(found.upper, turned.upper)
+        assert np.array_equal(found.lower, reordered.lower)
+        assert np.array_equal(found.upper, reordered.upper)
         assert scaled.lower == pytest.approx(found.lower * scale)
 
     def test_bisected_grid_is_filled_to_the_grid_it_stands_for(self):
         capacity = np.random.default_rng(1).uniform(0.1, 0.9, 40)
-        whole = (capacity[:, None] <= LEVELS).astype(int)
-        bisected = np.full(whole.shape, 4)
-        for row, cells in zip(whole, bisected, strict=True):
+        full = (capacity[:, None] <= LEVELS).astype(int)
+        bisected = np.full(full.shape, 4)
+        for row, cells in zip(full, bisected, strict=True):
             low, high = -1, LEVELS.size
             while high - low > 1:
                 middle = (low + high) // 2
                 cells[middle] = row[middle]
                 low, high = (low, middle) if row[middle] else (middle, high)
         assert np.count_nonzero(bisected == 4) > 50
-        assert np.array_equal(fill_verdicts(bisected), whole)
+        assert np.array_equal(fill_verdicts(bisected), full)
 
     @pytest.mark.parametrize(
         ("verdict", "levels", "rule", "key"),

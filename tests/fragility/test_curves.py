@@ -47,7 +47,7 @@ class TestRuns:
         assert runs.records_repeat
         assert not gather_runs([1, 0, 1], [0.3, 0.1, 0.2]).records_repeat
 
-    def test_events_are_resampled_whole(self):
+    def test_events_are_resampled_together(self):
         verdict = np.array([[1, 1], [1, 1], [0, 0], [0, 0]])
         runs = gather_runs(verdict, [0.1, 0.2], event=["a", "a", "", ""])
         collapses, n = runs.resample(DRAWS)

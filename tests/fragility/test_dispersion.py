@@ -49,11 +49,18 @@ class TestCapacities:
         assert np.sqrt(np.mean(wrong)) < 0.97 * MODEL
 
     def test_law_of_total_variance(self):
-        """Of a whole population, the parts sum to the variance of all its values."""
+        """Of a population, the parts sum to the variance of all its values."""
         logs = np.random.default_rng(3).normal(size=(200, 1)) * 0.3
         logs = logs + np.random.default_rng(4).normal(0.0, 0.4, (1, 300))
         assert split_capacities(np.exp(logs)).combined() == pytest.approx(logs.std(), rel=0.01)
         assert combine(0.3, 0.4, 1.2) == pytest.approx(1.3)
+
+    def test_numerical_part_is_taken_from_record_to_record(self):
+        capacity = np.exp(study(np.random.default_rng(5)))
+        before, less = split_capacities(capacity), split_capacities(capacity, numerical=0.2)
+        square = before.beta_record_to_record**2 - 0.04
+        assert less.beta_record_to_record**2 == pytest.approx(square)
+        assert (less.beta_model, less.beta_numerical) == (before.beta_model, 0.2)
 
     def test_unequal_numbers_of_records(self):
         generator, squares = np.random.default_rng(6), []
@@ -82,7 +89,7 @@ class TestCurves:
             squares.append([parts.beta_record_to_record**2, parts.beta_model**2])
         assert np.sqrt(np.mean(squares, axis=0)) == pytest.approx([RECORD, MODEL], rel=0.05)
 
-    def test_shared_records_share_their_error(self):
+    def test_shared_records_have_their_error_in_common(self):
         given = np.exp([0.0, 0.2, 0.4]), np.full(3, 0.4), np.full(3, 0.1)
         own, shared = (split_curves(*given, n_record=16, shared=s) for s in (0.0, 0.75))
         assert own.beta_model**2 == pytest.approx(0.04 - 0.01)
@@ -164,7 +171,7 @@ class TestTwoFidelities:
         beta = np.sqrt(np.mean(residual**2) + slope**2 * x.var())
         assert raw == pytest.approx((intercept + slope * x.mean(), beta), rel=1e-9)
 
-    def test_same_settings_give_the_whole_sample(self):
+    def test_same_settings_give_the_full_sample(self):
         coarse, _ = pair(np.random.default_rng(3))
         found = estimate_two_fidelity(coarse, np.where(np.arange(100) < 20, coarse, np.nan))
         logs = np.log(coarse)
@@ -183,6 +190,13 @@ COARSE, FINE = pair(np.random.default_rng(4))
         (split_capacities, ([[1.0, 2.0]],), {}, FitError, "1 arches"),
         (split_capacities, ([[1.0, np.nan], [1.0, 2.0]],), {}, FitError, "1 records"),
         (split_capacities, ([[1.0, np.inf], [1.0, 2.0]],), {}, InputError, "inf"),
+        (
+            split_capacities,
+            (np.eye(2) + 1.0,),
+            {"numerical": -1.0},
+            InputError,
+            "dispersion is -1",
+        ),
         (split_curves, ([1, 2], [0.4] * 2, [0.1] * 2), {"shared": 1.0}, InputError, "shared is 1"),
         (split_curves, ([1, 2], [0.4, 0.4], [0.1]), {}, InputError, "standard_error"),
         (split_curves, ([1, np.nan], [0.4] * 2, [0.1] * 2), {}, InputError, "theta holds nan"),

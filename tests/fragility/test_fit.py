@@ -1,10 +1,9 @@
-"""Maximum likelihood: published data, other people's code, a search, and what cannot be."""
+"""Maximum likelihood: a search, invariances, and what cannot be; published data: validation."""
 
 import json
 
 import numpy as np
 import pytest
-import statsmodels.api as sm
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import approx_fprime, minimize
@@ -24,31 +23,6 @@ CAPACITIES = np.array([
 # fmt: on
 INF = np.inf
 SEARCH = {"method": "Nelder-Mead", "options": {"xatol": 1e-10, "fatol": 1e-12, "maxiter": 4000}}
-
-
-class TestPublishedData:
-    """Baker (2015), Earthquake Spectra 31(1): the author's two example data sets."""
-
-    def test_stripes(self):
-        fit = fit_stripes(STRIPES, COLLAPSES, 40)
-        assert fit.theta == pytest.approx(1.0761, abs=1e-4)
-        assert fit.beta == pytest.approx(0.4292, abs=1e-4)
-        assert fit.standard_errors == pytest.approx([0.0717, 0.0839], abs=1e-4)
-        assert fit.correlation == pytest.approx(0.810, abs=1e-3)
-        assert (fit.kind, fit.n_levels, fit.n_total) == ("stripes", 8, 320)
-
-    def test_truncated_ida(self):
-        fit = fit_ida(CAPACITIES, truncate_at=1.3)
-        assert fit.theta == pytest.approx(1.0582, abs=1e-4)
-        assert fit.beta == pytest.approx(0.3821, abs=1e-4)
-        assert (fit.kind, fit.n_levels, fit.n_total) == ("ida_truncated", 22, 37)
-
-    def test_complete_ida(self):
-        fit, logs = fit_ida(CAPACITIES), np.log(CAPACITIES)
-        assert fit.theta == pytest.approx(np.exp(logs.mean()), rel=1e-14)
-        assert fit.beta == pytest.approx(logs.std(ddof=1), rel=1e-13)
-        value = norm.logpdf(logs, np.log(fit.theta), fit.beta).sum()
-        assert fit.log_likelihood == pytest.approx(value, rel=1e-12)
 
 
 def loss_of_stripes(p):
@@ -99,24 +73,6 @@ class TestMaximum:
         slopes = [[approx_fprime(point + sign * s, loss, 1e-5) for sign in (1, -1)] for s in steps]
         information = np.array([(up - down) / 2e-4 for up, down in slopes])
         assert fit.covariance == pytest.approx(np.linalg.inv(information), rel=3e-3, abs=1e-6)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_probit_regression_of_statsmodels(seed):
-    generator = np.random.default_rng(seed)
-    im, n = np.sort(generator.uniform(0.2, 2.0, 8)), generator.integers(5, 60, 8)
-    collapses = generator.binomial(n, norm.cdf(np.log(im / 0.8) / 0.6))
-    fit = fit_stripes(im, collapses, n)
-    family = sm.families.Binomial(sm.families.links.Probit())
-    counts = np.stack([collapses, n - collapses], axis=1)
-    model = sm.GLM(counts, sm.add_constant(np.log(im)), family)
-    other = model.fit(method="newton", tol=1e-14, maxiter=200, cov_type="nonrobust")
-    a, b = other.params
-    assert (fit.theta, fit.beta) == pytest.approx((np.exp(-a / b), 1.0 / b), rel=1e-6)
-    assert fit.log_likelihood == pytest.approx(other.llf, abs=1e-6)
-    observed = np.linalg.inv(-model.hessian(other.params, observed=True))
-    jacobian = np.array([[-1.0 / b, a / b**2], [0.0, -1.0 / b**2]])
-    assert fit.covariance == pytest.approx(jacobian @ observed @ jacobian.T, rel=1e-6)
 
 
 class TestMany:

@@ -113,7 +113,7 @@ class TestCurves:
 
 
 class TestTies:
-    """States that no run tells apart; the others are fitted jointly all the same."""
+    """States that no run separates; the others are fitted jointly all the same."""
 
     @staticmethod
     def check(found):
@@ -138,7 +138,7 @@ class TestTies:
             assert theta == pytest.approx(expected, rel=1e-9)
 
     def test_partly_tied_states(self):
-        """One run of 400 tells the last two apart; others do not decide the last."""
+        """One run of 400 separates the last two; others do not decide the last."""
         exceeded = runs(2, [0.2, 0.4, 1.2])[:, :, [0, 1, 2, 2]]
         exceeded[:4, :, 3] = 4
         assert len(set(self.check(fit_limit_states(exceeded, LEVELS, "abcd")))) == 3

@@ -27,7 +27,7 @@ class TestBinomial:
         assert lines.intercept[0] == pytest.approx(model.intercept_[0], rel=1e-6)
 
     @pytest.mark.parametrize("link", ["probit", "logistic"])
-    def test_whole_weights_are_repeated_points(self, link):
+    def test_integer_weights_are_repeated_points(self, link):
         generator = np.random.default_rng(3)
         x = generator.normal(size=60)
         fell = (x + generator.normal(size=60) > 0).astype(float)

@@ -116,8 +116,8 @@ class TestGrid:
         first = verdict.argmax(axis=1)
         position = np.arange(LEVELS.size)
         bisected[np.abs(position - first[:, None] + 0.5) > 2.0] = 4
-        whole = compare_measures(verdict, factor, motions, "PGA", DRAWS)
-        assert compare_measures(bisected, factor, motions, "PGA", DRAWS).message == whole.message
+        full = compare_measures(verdict, factor, motions, "PGA", DRAWS)
+        assert compare_measures(bisected, factor, motions, "PGA", DRAWS).message == full.message
 
     def test_measures_that_have_no_curve(self):
         verdict, factor, motions = study(4)

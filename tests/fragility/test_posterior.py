@@ -1,4 +1,4 @@
-"""Posterior: brute-force integration, exact limits, few runs."""
+"""Posterior: brute-force integration, exact limits, small samples."""
 
 import numpy as np
 import pytest
@@ -139,7 +139,7 @@ class TestCapacities:
             assert [float(band.lower), float(band.upper)] == pytest.approx(p, abs=1e-3)
 
     def test_narrow_brackets_are_a_normal_sample(self):
-        """Student's t and chi-square, but for the pull of the finite span of levels."""
+        """Student's t and chi-square, but for the effect of the finite span of levels."""
         logs = np.random.default_rng(3).normal(0.0, 0.35, 40)
         known = fit_capacity_posterior(np.exp(logs - 1e-3), np.exp(logs + 1e-3))
         mean, deviation = logs.mean(), logs.std(ddof=1)

@@ -9,14 +9,7 @@ from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 from obspy import Inventory, Stream, Trace, UTCDateTime
-from obspy.core.event import (
-    Catalog,
-    Event,
-    EventDescription,
-    Magnitude,
-    Origin,
-    ResourceIdentifier,
-)
+from obspy.core import event
 from obspy.core.inventory import Channel, InstrumentSensitivity, Network, Response, Station
 from obspy.geodetics import locations2degrees
 
@@ -37,16 +30,16 @@ STATIONS = {
 
 def quakeml(magnitudes=(("ml", 5.4), ("mww", 5.6)), origins=True):
     """One event as QuakeML; the first magnitude is preferred."""
-    origin = Origin(time=ORIGIN, latitude=EPICENTRE[0], longitude=EPICENTRE[1], depth=8000.0)
-    event = Event(
-        resource_id=ResourceIdentifier(f"smi:local/{EVENT}"),
+    origin = event.Origin(time=ORIGIN, latitude=EPICENTRE[0], longitude=EPICENTRE[1], depth=8000.0)
+    quake = event.Event(
+        resource_id=event.ResourceIdentifier(f"smi:local/{EVENT}"),
         origins=[origin] if origins else [],
-        magnitudes=[Magnitude(mag=value, magnitude_type=kind) for kind, value in magnitudes],
-        event_descriptions=[EventDescription("Somewhere, Italy")],
+        magnitudes=[event.Magnitude(mag=value, magnitude_type=kind) for kind, value in magnitudes],
+        event_descriptions=[event.EventDescription("Somewhere, Italy")],
     )
     if magnitudes:
-        event.preferred_magnitude_id = event.magnitudes[0].resource_id
-    return _written(Catalog([event]), "QUAKEML")
+        quake.preferred_magnitude_id = quake.magnitudes[0].resource_id
+    return _written(event.Catalog([quake]), "QUAKEML")
 
 
 def station_xml(stations, responses=True):
@@ -153,7 +146,7 @@ class _Handler(BaseHTTPRequestHandler):
         if callable(answer):
             answer(self)
         elif isinstance(answer, int):
-            self.send(answer, b"" if answer == 204 else b"the server says why\nat length")
+            self.send(answer, b"" if answer == 204 else b"the server explains\nat length")
         else:
             self.send(200, answer)
 

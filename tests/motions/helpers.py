@@ -1,5 +1,6 @@
 """Small files that the tests write themselves, and the real ones that may lie beside the repo."""
 
+import csv
 from pathlib import Path
 
 import numpy as np
@@ -44,11 +45,9 @@ def wave(count=400, dt=0.01, frequency=1.5):
     return np.sin(2.0 * np.pi * frequency * time) * np.sin(np.pi * np.arange(count) / (count - 1))
 
 
-def real_rows(kind):
-    """Rows of the manifest of one format; none where the records are not at hand."""
-    import csv
-
-    if not (REAL_RECORDS / "manifest.csv").is_file():
+def manifest(name="manifest.csv"):
+    """Rows of a manifest of the real records; none where these are not there."""
+    if not (REAL_RECORDS / name).is_file():
         return []
-    with open(REAL_RECORDS / "manifest.csv", newline="") as file:
-        return [row for row in csv.DictReader(file) if row["format"] == kind]
+    with open(REAL_RECORDS / name, newline="") as file:
+        return list(csv.DictReader(file))

@@ -1,279 +1,189 @@
-"""COSMOS, CSMIP and SMC files in layouts of the agencies, with made-up numbers."""
+"""Text formats of agencies: claims, one motion in each, headers, faults and refusals."""
 
 import io
 import time
+import tomllib
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
+import obspy
 import pytest
+from obspy.core.util.base import ENTRY_POINTS, buffered_load_entry_point
 
 from archfrag.errors import RecordError
-from archfrag.motions.formats.blocks import read_smc
-from archfrag.motions.formats.csmip import read_cosmos, read_dmg
+from archfrag.motions.formats.keyed import read_knet
 from archfrag.motions.formats.text import numbers, on_even_steps
+from archfrag.motions.formats.waveform import OWN, _function, recognise
+from archfrag.motions.measures import pga
 from archfrag.motions.read import read_motion, read_motions
 
-from . import samples
-from .samples import cosmos, dmg_pairs, dmg_v1, dmg_v2, smc
+from .helpers import FOURTH_LINES, REAL_RECORDS, at2_text, manifest, needs_real_records, wave
+from .samples import (
+    KIKNET,
+    MADE_UP,
+    G,
+    components,
+    cosmos,
+    dmg_pairs,
+    dmg_v1,
+    dmg_v2,
+    dyna_text,
+    geonet_text,
+    itaca_text,
+    kiknet_text,
+    resorce_text,
+    smc,
+)
 
-G = 9.80665
-EAST, UP, NORTH = samples.components()
+GRAVITY = 9.80665
+EAST, UP, NORTH = components()
+SAMPLES = np.round(200.0 * wave(), 1)
+TEXTS = {f"{name}-{i}": (name, make()) for name, makers in MADE_UP.items()
+         for i, make in enumerate(makers)}  # fmt: skip
+every_text = pytest.mark.parametrize(("form", "text"), TEXTS.values(), ids=TEXTS)
 
 
 def put(folder, text, name="record.txt"):
-    path = folder / name
-    path.write_bytes(text.encode("latin-1"))
-    return path
+    (folder / name).write_bytes(text.encode("latin-1"))
+    return folder / name
 
 
 def read_all(folder, text, **options):
     return read_motions(put(folder, text), **options)
 
 
-class TestOneMotionInEveryFormat:
-    """Volumes of one motion agree to the rounding of their columns."""
+def refused(folder, text, *parts, name="record.txt", **options):
+    """The file is refused in one line that begins with its name and holds these parts."""
+    path = put(folder, text, name)
+    with pytest.raises(RecordError) as caught:
+        read_motions(path, **options)
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert "\n" not in message
+    assert len(message) < 1000
+    for part in parts:
+        assert part in message
+
+
+class TestClaims:
+    def test_every_reader_is_a_plug_in_of_obspy(self):
+        with open(Path(__file__).parents[2] / "pyproject.toml", "rb") as file:
+            points = tomllib.load(file)["project"]["entry-points"]
+        for name, module in OWN.items():
+            place = f"archfrag.motions.formats.{module}"
+            assert points["obspy.plugin.waveform"][name] == place
+            assert points[f"obspy.plugin.waveform.{name}"] == {
+                "isFormat": f"{place}:is_{name.lower()}",
+                "readFormat": f"{place}:read_{name.lower()}",
+            }
+
+    def test_no_file_of_obspy_is_claimed(self):
+        files = [p for p in Path(obspy.__file__).parent.glob("**/tests/data/**/*") if p.is_file()]
+        if len(files) < 100:
+            pytest.skip("this obspy came without its test data")
+        assert [(p, own) for p in files if (own := recognise(str(p), tuple(OWN)))] == []
+
+    @every_text
+    def test_by_one_format_only(self, tmp_path, form, text):
+        path = put(tmp_path, text)
+        assert [name for name in OWN if recognise(str(path), (name,))] == [form]
+        for name, point in ENTRY_POINTS["waveform"].items():
+            group = f"obspy.plugin.waveform.{name}"
+            test = buffered_load_entry_point(point.dist.name, group, "isFormat")
+            try:
+                claimed = test(str(path))
+            except Exception:
+                claimed = False
+            assert bool(claimed) == (name == form), name
+
+    @needs_real_records
+    def test_real_files(self):
+        for row in manifest():
+            path = str(REAL_RECORDS / row["file"])
+            found = [name for name in OWN if recognise(path, (name,))]
+            known = row["format"] not in ("knet", "mseed")
+            assert len(found) == known, path
+            assert not known or row["format"].upper().startswith(found[0][:3]) or found == ["DYNA"]
+
+    @pytest.mark.parametrize(
+        "content",
+        [b"", b"\n", b"\0" * 5000, bytes(range(256)) * 20, b"ACCELERATION\n" * 50,
+         b"\xff\xfe" * 3000, at2_text(EAST).replace("NPTS", "N").encode()],
+    )  # fmt: skip
+    def test_other_content(self, tmp_path, content):
+        (tmp_path / "other").write_bytes(content)
+        for path in (tmp_path / "other", tmp_path / "missing"):
+            assert recognise(str(path), tuple(OWN)) is None
+
+
+class TestEachFormat:
+    @every_text
+    @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+    def test_as_a_plug_in_of_obspy(self, tmp_path, form, text, end):
+        path = put(tmp_path, text.replace("\n", end))
+        plain, applied = obspy.read(str(path)), obspy.read(str(path), apply_calib=True)
+        assert {trace.stats._format for trace in plain} == {form}
+        with open(path, "rb") as file:
+            from_buffer = obspy.read(file)
+        for trace, other, third in zip(plain, applied, from_buffer, strict=True):
+            assert trace.stats.calib == 1.0
+            assert np.array_equal(trace.data, other.data)
+            assert np.array_equal(trace.data, third.data)
+            assert "faults" not in trace.stats.record
+
+    @every_text
+    def test_what_is_no_finite_number(self, tmp_path, form, text):
+        lines = text[: text.find(" 400 POINTS OF VELOC")].splitlines()
+        place = len(lines) - 2
+        for word in ("NaN", "-inf", "1_0", "******"):
+            spoiled = "\n".join([*lines[:place], f"   {word}", *lines[place + 1 :]])
+            path = put(tmp_path, spoiled)
+            with pytest.raises(RecordError, match=rf"line {place + 1}: .* is not a .*number$"):
+                _function(form, "read", "")(path)
+
+    @every_text
+    def test_cut_anywhere(self, tmp_path, form, text):
+        first = text.find("END OF DATA" if form == "DMG" else "End-of-data")
+        if " 400 POINTS OF VELOC" in text:
+            first = text.find(" 400 POINTS OF VELOC")
+        limit = first - 900 if first > 0 else text.find("Corrected acc", 99) - 900
+        for end in range(0, limit if limit > 0 else len(text) - 30, 900):
+            refused(tmp_path, text[:end])
 
     @pytest.mark.parametrize(
         ("text", "rounding"),
         [
-            (dmg_v1(dt=0.005), 0.5e-6 * G),
-            (dmg_v2(dt=0.005), 0.5e-5),
-            (cosmos(), 0.5e-6 * G),
-            (cosmos(2, 4, factor=980.665), 0.5e-7),
-            (dmg_pairs(jitter=0.0), 0.5e-4 * G),
-            (smc(EAST), 0.5e-4),
-            (smc(EAST, times=0.005 * np.arange(400)), 0.5e-4),
+            (at2_text(EAST, 0.005), 0.5e-8 * GRAVITY),
+            (dmg_v1(dt=0.005), 0.5e-6 * GRAVITY), (dmg_v2(dt=0.005), 0.5e-5),
+            (cosmos(), 0.5e-6 * GRAVITY), (cosmos(2, 4, factor=G), 0.5e-7),
+            (dmg_pairs(jitter=0.0), 0.5e-4 * GRAVITY), (smc(EAST), 0.5e-4),
+            (smc(EAST, times=0.005 * np.arange(400)), 0.5e-4), (dyna_text(G * EAST), 1e-8),
+            (resorce_text(GRAVITY * EAST), 1e-7), (geonet_text({"N00E": 10 * G * EAST}), 1e-4),
         ],
-        ids=["DMG 1", "DMG 2", "COSMOS 1", "COSMOS 2", "DMG pairs", "SMC 2", "SMC pairs"],
-    )
-    def test_samples(self, tmp_path, text, rounding):
+    )  # fmt: skip
+    def test_one_motion_to_the_rounding_of_its_columns(self, tmp_path, text, rounding):
         motion = read_all(tmp_path, text)[0]
-        expected = G * (EAST - EAST.mean() if motion.metadata["level"] == "raw" else EAST)
+        raw = motion.metadata.get("level") == "raw"
+        expected = GRAVITY * (EAST - EAST.mean() if raw else EAST)
         assert motion.dt == 0.005
         assert np.abs(motion.acceleration - expected).max() < 1.1 * rounding
+        assert any("mean removed" in step for step in motion.log) == raw
 
-    def test_corrected_and_uncorrected_volumes_are_told_apart(self, tmp_path):
-        for text, level in (
-            (dmg_v1(), "raw"), (dmg_pairs(), "raw"), (dmg_v2(), "processed"),
-            (cosmos(), "raw"), (cosmos(2, 4, factor=980.665), "processed"),
-            (smc(), "processed"), (smc(kind="1 UNCORRECTED ACCELEROGRAM"), "raw"),
-        ):  # fmt: skip
-            motion = read_all(tmp_path, text)[0]
-            assert motion.metadata["level"] == level
-            assert f"{level})." in motion.log[0]
-            removed = [step for step in motion.log if "mean removed" in step]
-            assert bool(removed) == (level == "raw")
+    @pytest.mark.parametrize("fourth", FOURTH_LINES)
+    def test_at2_of_every_age(self, tmp_path, fourth):
+        text = at2_text(EAST, 0.005, fourth=fourth).rstrip("\n")
+        assert read_all(tmp_path, text)[0].dt == 0.005
 
     def test_counts_of_cosmos_by_the_sensitivities_of_its_header(self, tmp_path):
         # 0.25 µV a count, 1.25 V/g, gain 1: 5,000,000 counts a g.
         text = cosmos(0, 50, factor=5e6, r21=0.25, r41=1.25, r46=1.0)
         motion = read_all(tmp_path, text)[0]
-        assert np.allclose(motion.acceleration, G * (EAST - EAST.mean()), atol=G * 2e-7)
-        assert motion.metadata["unit_in_file"] == "counts"
-        with pytest.raises(RecordError, match="the file holds counts and has the sensitivity"):
-            read_all(tmp_path, text, unit="g")
+        expected = GRAVITY * (EAST - EAST.mean())
+        assert np.allclose(motion.acceleration, expected, atol=GRAVITY * 2e-7)
+        refused(tmp_path, text, "unit 'g' was asked for", "sensitivity", unit="g")
+        refused(tmp_path, cosmos(0, 50, factor=5e6), "does not state the unit")
 
-    def test_counts_without_them_need_a_unit(self, tmp_path):
-        with pytest.raises(RecordError, match="does not say the unit of its samples"):
-            read_all(tmp_path, cosmos(0, 50, factor=5e6))
-
-
-class TestHeaders:
-    FACTS: ClassVar = {
-        "dmg": (dmg_v1(), {"event": "MADE-UP EARTHQUAKE", "date": "2018-01-02", "magnitude": 6.4,
-                "depth_km": 7.0, "event_latitude": 34.201, "event_longitude": -116.826,
-                "station": "Made-up Town - First & Main", "station_latitude": 34.063,
-                "station_longitude": -117.785, "azimuth": 90.0, "component": "90"}),
-        "dmg 2": (dmg_v2(), {"date": "1983-05-02", "magnitude": 6.5, "depth_km": 9.0,
-                  "station": "MADE-UP FAULT ZONE 14", "azimuth": 90.0}),
-        "cosmos": (cosmos(), {"event": "Made-up Earthquake of Tue Aug 28, 2018 19:33 UTC",
-                   "date": "2018-08-28", "magnitude": 5.6, "depth_km": 8.0, "azimuth": 360.0,
-                   "epicentral_km": 45.0, "station": "Made-up Town - First & Main",
-                   "station_latitude": 34.0625, "component": "HNN"}),
-        "smc": (smc(), {"event": "Made-up, CA", "date": "1989-10-18", "magnitude": 6.9,
-                "station": "MADE-UP Array #2", "epicentral_km": 63.0, "azimuth": 133.0,
-                "event_latitude": 37.037, "component": "133"}),
-    }  # fmt: skip
-
-    @pytest.mark.parametrize("case", FACTS)
-    def test_event_and_station_are_kept(self, tmp_path, case):
-        text, facts = self.FACTS[case]
-        motion = read_all(tmp_path, text)[0]
-        assert {key: motion.metadata.get(key) for key in facts} == facts
-
-    @pytest.mark.parametrize("text", [dmg_v1(), dmg_v2(), cosmos(), dmg_pairs()])
-    def test_all_channels_with_the_vertical(self, tmp_path, text):
-        motions = read_all(tmp_path, text)
-        assert len(motions) == 2
-        assert len({motion.id for motion in motions}) == 2
-        for motion in motions:
-            assert np.corrcoef(motion.vertical, UP)[0, 1] > 0.9999
-        assert np.corrcoef(motions[1].acceleration, NORTH)[0, 1] > 0.9999
-        assert motions[0].metadata["vertical_component"] in ("UP", "HNZ")
-
-    def test_a_vertical_that_counts_downwards(self, tmp_path):
-        text = dmg_v1(ways=("90 DEG", "DOWN", "360 DEG"))
-        assert np.corrcoef(read_all(tmp_path, text)[0].vertical, -UP)[0, 1] > 0.9999
-
-    def test_channels_of_several_places_do_not_mix(self, tmp_path):
-        ways = ("90 DEG  LOCATION: DECK", "UP  LOCATION: DECK", "90 DEG  LOCATION: GROUND",
-                "UP  LOCATION: GROUND")  # fmt: skip
-        text = dmg_v1((EAST, UP, NORTH, 2 * UP), ways)
-        motions = read_all(tmp_path, text)
-        assert [motion.id for motion in motions] == ["record:DECK.90", "record:GROUND.90"]
-        assert np.corrcoef(motions[0].vertical, UP)[0, 1] > 0.9999
-        assert motions[1].vertical.max() == pytest.approx(2 * motions[0].vertical.max(), rel=1e-3)
-
-    def test_channels_of_one_name_stay_apart(self, tmp_path):
-        motions = read_all(tmp_path, dmg_v1((EAST, NORTH), ("90 DEG", "90 DEG")))
-        assert [motion.id for motion in motions] == ["record:1.90", "record:2.90"]
-
-    @pytest.mark.parametrize(("read", "text"), [
-        (read_cosmos, cosmos()), (read_dmg, dmg_v2()), (read_smc, smc()),
-    ])  # fmt: skip
-    def test_open_buffers(self, read, text):
-        trace = read(io.BytesIO(text.encode()))[0]
-        assert trace.stats.npts == 400
-        assert trace.stats.calib == 1.0
-
-
-class TestTimes:
-    def test_unequal_steps_are_read_between_samples(self, tmp_path):
-        motion = read_all(tmp_path, dmg_pairs(jitter=0.002))[0]
-        assert motion.dt == 0.005
-        assert any("Samples at unequal steps of 0.003 to 0.007 s" in step for step in motion.log)
-
-    def test_a_straight_line_is_kept(self):
-        times = np.array([0.0, 0.011, 0.02, 0.02, 0.031, 0.05])
-        values, step, sentence = on_even_steps(np.column_stack((times, 3.0 * times)).ravel(), "a")
-        assert step == 0.01
-        assert np.allclose(values, 0.03 * np.arange(6))
-        assert "6 to 6 samples" in sentence
-
-    @pytest.mark.parametrize(
-        ("times", "sentence"),
-        [
-            ([0.0, 0.01, 0.005, 0.02], r"must increase; 0\.005 s at sample 2 does not"),
-            ([0.0, 0.0, 0.0], "must increase"),
-            ([0.0, 1e-6, 2e-6, 1e9], "too uneven"),
-        ],
-    )
-    def test_impossible_times(self, times, sentence):
-        with pytest.raises(RecordError, match=sentence):
-            on_even_steps(np.repeat(times, 2), "a")
-
-    def test_a_last_row_from_memory_is_left_out(self, tmp_path):
-        motion = read_all(tmp_path, smc(filler=8))[0]
-        assert motion.acceleration.size == 400
-        assert "Row beyond the 400 numbers that the header counts left out." in motion.log
-        with pytest.raises(RecordError, match=r"announces 400 samples .* the file holds 409"):
-            read_all(tmp_path, smc(filler=9))
-
-    @pytest.mark.parametrize(
-        ("text", "count"),
-        [(cosmos(r61=-999.0), 400), (cosmos(r62=77.0), 400)],
-    )
-    def test_steps_of_a_cosmos_header(self, tmp_path, text, count):
-        motion = read_all(tmp_path, text)[0]
-        assert (motion.dt, motion.acceleration.size) == (0.005, count)
-        assert ("faults" in motion.metadata) == ("77.000000" in text)
-
-
-class TestFaults:
-    def faults(self, folder, text, **options):
-        motion = read_all(folder, text, **options)[0]
-        for fault in motion.metadata.get("faults", ()):
-            assert f"Fault: {fault}." in motion.log
-        return motion.metadata.get("faults", [])
-
-    @pytest.mark.parametrize("text", [dmg_v1(), dmg_v2(), dmg_pairs(), cosmos(), smc(),
-                                      cosmos(2, 4, factor=980.665)])  # fmt: skip
-    def test_none_in_good_files(self, tmp_path, text):
-        assert self.faults(tmp_path, text) == []
-
-    def test_unequal_channels(self, tmp_path):
-        text = dmg_v1((EAST, UP[:-1], NORTH))
-        assert self.faults(tmp_path, text) == [
-            "the channels of the file have unequal numbers of samples (90 400, UP 399, 360 400)"
-        ]
-
-    @pytest.mark.parametrize("text", [dmg_v1(total=6), cosmos(total=6)])
-    def test_missing_channels(self, tmp_path, text):
-        assert self.faults(tmp_path, text) == ["the header counts 6 channels, the file holds 3"]
-
-    @pytest.mark.parametrize("text", [dmg_v1(), dmg_v2(), cosmos(), dmg_pairs()])
-    def test_no_end(self, tmp_path, text):
-        cut = text[: text.upper().rindex("END")].rstrip("/&- \n") + "\n"
-        assert "no end-of-data line" in read_all(tmp_path, cut)[1].metadata["faults"][0]
-
-    def test_an_offset_larger_than_the_motion(self, tmp_path):
-        (fault,) = self.faults(tmp_path, smc(EAST + 0.3))
-        assert fault.startswith("the offset of the samples, 294.2, is larger than their motion")
-
-    @pytest.mark.parametrize(
-        "make",
-        [lambda p: dmg_v2(peak=p), lambda p: smc(peak=p), lambda p: cosmos(r63=p / 980.665),
-         lambda p: dmg_v1(channels=(EAST, EAST), peak=p / 980.665)],
-        ids=["DMG 2", "SMC", "COSMOS", "DMG 1"],
-    )  # fmt: skip
-    def test_a_peak_that_is_not_the_samples(self, tmp_path, make):
-        peak = 980.665 * np.abs(EAST).max()
-        (fault, *_) = self.faults(tmp_path, make(1.06 * peak), accept=["header"])
-        assert fault.startswith("the header states a peak of ")
-        with pytest.raises(
-            RecordError, match=r"channel \w+: the header states a peak of .* with hea"
-        ):
-            read_all(tmp_path, make(2.0 * peak))
-        assert read_all(tmp_path, make(2.0 * peak), accept=["header"])[0].metadata["accepted"]
-
-    def test_two_places_of_one_station(self, tmp_path):
-        fault = self.faults(tmp_path, dmg_v1().replace("34.063N", "34.063S"))[0]
-        assert fault.startswith("latitude of the station is -34.063 in the text of the header")
-
-    @pytest.mark.parametrize("text", [dmg_v1(), dmg_v2(), cosmos(), smc(), dmg_pairs()])
-    def test_cut_off(self, tmp_path, text):
-        # Within the samples of the last channel.
-        count = (text.rfind("ACCEL DATA") if "ACCEL DATA" in text else len(text)) + 1500
-        cut = text[: min(count, len(text) - 1000)]
-        with pytest.raises(RecordError, match=r"announces 400 samples .* the file holds only \d+"):
-            read_all(tmp_path, cut)
-        assert len(read_all(tmp_path, cut, accept=["samples"])) >= 1
-
-    @pytest.mark.parametrize(
-        ("text", "sentence"),
-        [
-            (smc(kind="3 VELOCITY"), r"line 1: an accelerogram \(type 1 or 2\) is needed"),
-            (smc(kind="5 RESPONSE SPECTRA"), r"line 1: an accelerogram"),
-            (smc(count=1), r"line 14: '1' samples are announced; a record has 2 to"),
-            (cosmos().replace("1       1       2     120", "1       2       2     120"),
-             "none of the channels of the file is an acceleration"),
-            (cosmos(r61=0.0), "time step 0 s must be a positive number"),
-            (cosmos(r33=-999.0, r61=-999.0), "the header states no time step"),
-            (cosmos().replace("   400 accel", "   4x0 accel"), "'4x0' samples are announced"),
-            (cosmos().replace(" 100 Real-header", " 999999 Real-header"), "999999 real-header"),
-            (dmg_v1().replace("100 pts/sec", "0 pts/sec"), "time step 0 s must be a positive"),
-            (dmg_v1().replace("at 100 pts/sec", ""), "no time step is stated"),
-            (dmg_v2().replace("SPACED AT  0.020", "SPACED AT  nan"), "time step nan"),
-            (dmg_v1().replace("-0.0", "-0,0", 1), r"line \d+: '.*' is not a number"),
-            (dmg_v1() + "PROSE AFTER ALL\n", "a line that begins .UN.CORRECTED ACCELEROGRAM"),
-        ],
-    )  # fmt: skip
-    def test_one_sentence(self, tmp_path, text, sentence):
-        path = put(tmp_path, text)
-        with pytest.raises(RecordError, match=sentence) as caught:
-            read_motion(path)
-        assert str(caught.value).startswith(str(path))
-        assert "\n" not in str(caught.value)
-
-
-def test_a_header_line_without_end_takes_no_time(tmp_path):
-    text = dmg_v1().replace("HYPOCENTER", "9" * 2000 + " HYPOCENTER")
-    begun = time.process_time()
-    assert len(read_all(tmp_path, text)) == 2
-    assert time.process_time() - begun < 0.5
-
-
-class TestNumbers:
     @pytest.mark.parametrize(
         ("lines", "width", "expected"),
         [
@@ -281,16 +191,231 @@ class TestNumbers:
             (["1.0\t2.0\t", "3.0 "], 9, [1, 2, 3]),
             (["1.0D+00 2.0d-1"], None, [1, 0.2]),
             (["1234567812345678", "      -1"], 8, [12345678, 12345678, -1]),
-            (["-2378638-2378638"], 8, [-2378638, -2378638]),
             (["30.00012.345"], 6, [30.0, 12.345]),
             ([" 1.2714E+1-3.5253E+0"], 10, [12.714, -3.5253]),
+            (["-.1234567E-03-.2345678E-02 .5E+00"], None, [-1.234567e-4, -2.345678e-3, 0.5]),
+            (["0.1000000E-030.2000000E-02-0.300000E-01"], None, [1e-4, 2e-3, -0.03]),
         ],
-    )
-    def test_in_columns_or_parted(self, lines, width, expected):
-        found = numbers(lines, 1, "a", expected=len(expected), width=width)
-        assert np.array_equal(found, np.array(expected, dtype=float))
+    )  # fmt: skip
+    def test_numbers_in_columns_or_parted(self, lines, width, expected):
+        assert numbers(lines, 1, "a", len(expected), width).tolist() == expected
 
-    @pytest.mark.parametrize("word", ["1_0", "nan", "inf", "1e999", "0x10", "½", "--1", "1.2.3"])
-    def test_what_is_none(self, word):
+    @pytest.mark.parametrize("word", ["1_0", "nan", "1e999", "0x10", "½", "--1", "0.00120.0023"])
+    def test_what_is_no_number(self, word):
         with pytest.raises(RecordError, match=r"a, line 8: .* is not a (finite )?number"):
-            numbers(["1.0", word], 7, "a", width=9)
+            numbers(["1.0", word], 7, "a", width=15)
+
+
+class TestHeaders:
+    CASES: ClassVar = {
+        "at2": (at2_text(EAST), {"event": "Imperial Valley-02", "date": "5/19/1940",
+                "station": "El Centro Array #9", "component": "180", "azimuth": 180.0}),
+        "dmg": (dmg_v1(), {"event": "MADE-UP EARTHQUAKE", "date": "2018-01-02", "magnitude": 6.4,
+                "depth_km": 7.0, "event_latitude": 34.201, "event_longitude": -116.826,
+                "station": "Made-up Town - First & Main", "station_latitude": 34.063,
+                "station_longitude": -117.785, "azimuth": 90.0, "component": "90"}),
+        "dmg 2": (dmg_v2(), {"date": "1983-05-02", "magnitude": 6.5, "depth_km": 9.0,
+                  "station": "MADE-UP FAULT ZONE 14", "azimuth": 90.0, "level": "processed"}),
+        "cosmos": (cosmos(), {"event": "Made-up Earthquake of Tue Aug 28, 2018 19:33 UTC",
+                   "date": "2018-08-28", "magnitude": 5.6, "depth_km": 8.0, "azimuth": 360.0,
+                   "epicentral_km": 45.0, "station": "Made-up Town - First & Main",
+                   "station_latitude": 34.0625, "component": "HNN", "level": "raw"}),
+        "smc": (smc(), {"event": "Made-up, CA", "date": "1989-10-18", "magnitude": 6.9,
+                "station": "MADE-UP Array #2", "epicentral_km": 63.0, "azimuth": 133.0,
+                "event_latitude": 37.037, "component": "133", "level": "processed"}),
+        "dyna": (dyna_text(SAMPLES), {"level": "processed", "event": "NOWHERE",
+                 "date": "2001-02-03", "magnitude": 5.1, "depth_km": 8.5, "event_latitude": 41.5,
+                 "event_longitude": -13.25, "station": "ABC", "station_latitude": 41.6,
+                 "station_longitude": -13.3, "vs30_mps": 420.0, "epicentral_km": 12.3,
+                 "azimuth": 90.0, "start_time": "2001-02-03T04:05:10.250000Z"}),
+        "itaca": (itaca_text(SAMPLES), {"component": "WE", "azimuth": 90.0, "level": "raw",
+                  "magnitude": 5.2, "vs30_mps": 610.0, "date": "1999-04-05"}),
+        "afad": (dyna_text(SAMPLES, event_date_yyyymmdd="2001/02/03", low_cut_frequency_hz="",
+                 date_time_first_sample_yyyymmdd_hhmmss="03/02/2001 04:05:10.300",
+                 high_cut_frequency_hz=""), {"date": "2001-02-03", "level": None,
+                 "start_time": "2001-02-03T04:05:10.300000Z"}),
+        "geonet": (geonet_text({"S16W": SAMPLES, "Up": SAMPLES}), {"level": "raw",
+                   "component": "S16W",
+                   "azimuth": 196.0, "event": "10 km east of Nowhere", "date": "2001-02-03",
+                   "magnitude": 6.25, "depth_km": 9.0, "event_latitude": -41.6,
+                   "event_longitude": -172.5, "station": "ABCD", "station_latitude": -41.5,
+                   "station_longitude": 172.25, "epicentral_km": 21.0, "vertical_component": "Up",
+                   "start_time": "2001-02-03T04:04:57.250000Z"}),
+        "resorce": (resorce_text(EAST), {"level": "processed", "component": "NS", "azimuth": 0.0,
+                    "date": "2001-02-03", "station": "Some - Where, Nowhere"}),
+    }  # fmt: skip
+
+    @pytest.mark.parametrize("case", CASES)
+    def test_event_and_station_are_kept(self, tmp_path, case):
+        text, facts = self.CASES[case]
+        motion = read_all(tmp_path, text)[0]
+        assert {key: motion.metadata.get(key) for key in facts} == facts
+
+    @pytest.mark.parametrize("text", [dmg_v1(), dmg_v2(), cosmos(), dmg_pairs()])
+    def test_all_channels_with_the_vertical(self, tmp_path, text):
+        motions = read_all(tmp_path, text)
+        assert len({motion.id for motion in motions}) == 2
+        for motion in motions:
+            assert np.corrcoef(motion.vertical, UP)[0, 1] > 0.9999
+        assert np.corrcoef(motions[1].acceleration, NORTH)[0, 1] > 0.9999
+
+    def test_channels_of_several_places_do_not_mix(self, tmp_path):
+        bearings = ("90 DEG  LOCATION: DECK", "DOWN  LOCATION: DECK", "90 DEG  LOCATION: GROUND",
+                "UP  LOCATION: GROUND")  # fmt: skip
+        motions = read_all(tmp_path, dmg_v1((EAST, UP, NORTH, 2 * UP), bearings))
+        assert [motion.id for motion in motions] == ["record:DECK.90", "record:GROUND.90"]
+        assert np.corrcoef(motions[0].vertical, -UP)[0, 1] > 0.9999
+        assert np.corrcoef(motions[1].vertical, UP)[0, 1] > 0.9999
+        same = read_all(tmp_path, dmg_v1((EAST, NORTH), ("90 DEG", "90 DEG")))
+        assert [motion.id for motion in same] == ["record:1.90", "record:2.90"]
+
+    def test_names_in_other_alphabets(self, tmp_path):
+        text = dyna_text(SAMPLES, event_name="Åland, Αθήνα")
+        (tmp_path / "a.ASC").write_text(text, encoding="utf-8")
+        assert read_motion(tmp_path / "a.ASC").metadata["event"] == "Åland, Αθήνα"
+
+    @pytest.mark.parametrize("channel", KIKNET)
+    def test_sensors_of_kiknet(self, tmp_path, channel):
+        counts = np.round(1e5 * wave()).astype(int)
+        path = put(tmp_path, kiknet_text(counts, channel), f"ABCH01.{channel}")
+        (trace,) = read_knet(path)
+        record = trace.stats.record
+        assert record.sensor == ("borehole" if channel.endswith("1") else "surface")
+        assert record.vertical == channel.startswith("UD")
+        assert "faults" not in record
+        if not record.vertical:
+            motion = read_motion(path)
+            assert any("in the borehole" in step for step in motion.log) == (channel[2] == "1")
+            assert pga(motion) == pytest.approx(0.2384, rel=1e-2)
+
+    def test_a_start_that_no_calendar_can_name_is_left_out(self, tmp_path):
+        text = geonet_text({"N00E": SAMPLES}).replace(
+            "       3       4\n", "       3 9999999\n", 1
+        )
+        assert "start_time" not in read_all(tmp_path, text)[0].metadata
+
+
+class TestTimes:
+    def test_unequal_steps_are_read_between_samples(self, tmp_path):
+        motion = read_all(tmp_path, dmg_pairs(jitter=0.002))[0]
+        assert motion.dt == 0.005
+        assert any("Samples at unequal steps of 0.003 to 0.007 s" in step for step in motion.log)
+        times = np.array([0.0, 0.011, 0.02, 0.02, 0.031, 0.05])
+        values, step, _ = on_even_steps(np.column_stack((times, 3.0 * times)).ravel(), "a")
+        assert (step, values.tolist()) == (0.01, pytest.approx(0.03 * np.arange(6)))
+
+    @pytest.mark.parametrize(
+        ("times", "reason"),
+        [([0.0, 0.01, 0.005, 0.02], r"0\.005 s at sample 2"), ([0.0, 0.0, 0.0], "must increase"),
+         ([0.0, 1e-6, 2e-6, 1e9], "too uneven")],
+    )  # fmt: skip
+    def test_impossible_times(self, times, reason):
+        with pytest.raises(RecordError, match=reason):
+            on_even_steps(np.repeat(times, 2), "a")
+
+    def test_a_last_row_from_memory_is_left_out(self, tmp_path):
+        assert read_all(tmp_path, smc(filler=8))[0].acceleration.size == 400
+        refused(tmp_path, smc(filler=9), "announces 400 samples", "holds 409")
+
+    def test_steps_of_a_cosmos_header(self, tmp_path):
+        assert read_all(tmp_path, cosmos(r61=-999.0))[0].dt == 0.005
+        assert "length of 77 s" in read_all(tmp_path, cosmos(r62=77.0))[0].metadata["faults"][0]
+
+
+class TestFaults:
+    @pytest.mark.parametrize(
+        ("text", "fault"),
+        [
+            (dmg_v1((EAST, UP[:-1], NORTH)), "numbers of samples (90 400, UP 399, 360 400)"),
+            (geonet_text({"N00E": SAMPLES, "N90E": SAMPLES[:-3]}), "(N00E 400, N90E 397)"),
+            (dmg_v1(total=6), "the header counts 6 channels, the file holds 3"),
+            (cosmos(total=6), "the header counts 6 channels, the file holds 3"),
+            (dmg_v1().replace("34.063N", "34.063S"), "latitude of the station is -34.063"),
+            (smc(EAST + 0.3), "the offset of the samples, 294.2, is larger than their motion"),
+        ],
+    )  # fmt: skip
+    def test_contradictions_are_logged(self, tmp_path, text, fault):
+        motion = read_all(tmp_path, text)[0]
+        assert [f for f in motion.metadata["faults"] if fault in f]
+        assert [step for step in motion.log if step.startswith("Fault: ") and fault in step]
+
+    @pytest.mark.parametrize("text", [dmg_v1(), dmg_v2(), cosmos(), dmg_pairs()])
+    def test_no_end(self, tmp_path, text):
+        cut = text[: text.upper().rindex("END")].rstrip("/&- \n") + "\n"
+        assert "no end-of-data line" in read_all(tmp_path, cut)[1].metadata["faults"][0]
+        short = text[: text.upper().rindex("END") - 1500]
+        if "VELOC DATA" not in text:
+            refused(tmp_path, short, "announces 400 samples", "holds only")
+        assert read_all(tmp_path, short, accept=["samples"])
+
+    @pytest.mark.parametrize(
+        "make",
+        [lambda p: dmg_v2(peak=p), lambda p: smc(peak=p), lambda p: cosmos(r63=p / G),
+         lambda p: dmg_v1(channels=(EAST, EAST), peak=p / G),
+         lambda p: dyna_text(G * EAST, peak=p), lambda p: resorce_text(EAST, peak=p / G),
+         lambda p: geonet_text({"N00E": np.round(G * EAST, 1)}, peak=p)],
+    )  # fmt: skip
+    def test_a_peak_that_is_not_the_samples(self, tmp_path, make):
+        peak = G * np.abs(EAST).max()
+        good = read_all(tmp_path, make(1.004 * peak), accept=["header"])[0]
+        assert "faults" not in good.metadata
+        motion = read_all(tmp_path, make(1.06 * peak), accept=["header"])[0]
+        assert "the header states a peak of" in motion.metadata["faults"][0]
+        refused(tmp_path, make(2.0 * peak), "the header states a peak of", "accept` with header")
+        assert read_all(tmp_path, make(2.0 * peak), accept=["header"])[0].metadata["accepted"]
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("\n".join(at2_text(EAST).splitlines()[:4]), ["ends after 4 line(s)"]),
+        (at2_text(EAST, unit="FURLONGS"), ["line 3", "'FURLONGS'", "m/s2, cm/s2, gal, mm/s2"]),
+        (at2_text(EAST).replace("ACCELERATION", "VELOCITY"), ["line 3", "acceleration"]),
+        (at2_text(EAST, dt=0.0), ["line 4", "time step 0 s"]),
+        (at2_text(EAST, count=0), ["line 4", "'0' samples"]),
+        (at2_text(EAST).replace("NPTS", "N"), ["line 4", "NPTS"]),
+        (smc(kind="3 VELOCITY"), ["line 1", "an accelerogram (type 1 or 2)"]),
+        (smc(count=1), ["line 14", "'1' samples"]),
+        (cosmos().replace("1       1       2     120", "1       2       2     120"),
+         ["none of the channels"]),
+        (cosmos(r61=0.0), ["time step 0 s"]),
+        (cosmos(r33=-999.0, r61=-999.0), ["no time step"]),
+        (cosmos().replace("   400 accel", "   4x0 accel"), ["'4x0' samples"]),
+        (cosmos().replace(" 100 Real-header", " 999999 Real-header"), ["999999 real-header"]),
+        (dmg_v1().replace("100 pts/sec", "0 pts/sec"), ["time step 0 s"]),
+        (dmg_v1().replace("at 100 pts/sec", ""), ["no time step"]),
+        (dmg_v1() + "PROSE AFTER ALL\n", ["(UN)CORRECTED ACCELEROGRAM"]),
+        (dyna_text(SAMPLES, unit="cm/s"), ["line 22", "'cm/s'"]),
+        (dyna_text(SAMPLES, data_type="VELOCITY"), ["line 27", "'VELOCITY'"]),
+        (dyna_text(SAMPLES, units=None), ["gives no UNITS"]),
+        (dyna_text(SAMPLES, ndata="1e99"), ["line 20", "'1e99' samples"]),
+        (dyna_text(SAMPLES, sampling_interval_s="nan"), ["line 19", "time step nan s"]),
+        (dyna_text(SAMPLES, user5="\nUSER5: "), ["line 29", "USER5", "a second time"]),
+        (dyna_text(SAMPLES, count=500), ["announces 500 samples of channel HNE", "only 400"]),
+        (resorce_text(EAST).replace("Accelaration", "Velocity"), ["line 10", "'Velocity'"]),
+        (resorce_text(EAST).replace(": 0.005", ": -1"), ["Time Increment", "time step -1 s"]),
+        (resorce_text(EAST, count="4" * 3000), ["samples are announced"]),
+        ("\n".join(geonet_text({"N00E": SAMPLES}).splitlines()[:20]), ["26 header lines"]),
+        (geonet_text({"N00E": SAMPLES}, count=500), ["announces 500 samples of channel N00E"]),
+        ("\n".join(line for i, line in enumerate(
+            geonet_text({"N00E": SAMPLES}, level="processed").splitlines()) if i != 40),
+         ["channel N00E must hold 400 accelerations", "1190 numbers"]),
+    ],
+)  # fmt: skip
+def test_refusals(tmp_path, text, parts):
+    named = "a.AT2" if "PEER" in text[:9] else "record.txt"
+    refused(tmp_path, text, *parts, name=named)
+
+
+def test_a_header_line_without_end_takes_no_time(tmp_path):
+    begun = time.process_time()
+    read_all(tmp_path, dmg_v1().replace("HYPOCENTER", "9" * 2000 + " HYPOCENTER"))
+    refused(tmp_path, cosmos() + "(Format v" * 20_000)
+    assert time.process_time() - begun < 1.0
+
+
+def test_open_buffer_of_one_that_has_a_name():
+    buffer = io.BytesIO(b"EVENT_NAME: A\nNDATA: 5\n")
+    buffer.name = "here.ASC"
+    with pytest.raises(RecordError, match=r"here\.ASC: the header gives no UNITS"):
+        obspy.read(buffer, format="DYNA")

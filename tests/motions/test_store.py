@@ -1,4 +1,4 @@
-"""Motions as one file for the workers."""
+"""Motions as one file for the workers, and measures of many as a flatfile."""
 
 import subprocess
 import sys
@@ -8,6 +8,8 @@ import pytest
 
 from archfrag.errors import InputError, OutputError
 from archfrag.motions import store
+from archfrag.motions.flatfile import measure_records, read_flatfile, write_flatfile
+from archfrag.motions.measures import measure
 from archfrag.motions.motion import Motion
 from archfrag.motions.store import load_motions, save_motions
 
@@ -21,6 +23,8 @@ MOTIONS = [
 
 def test_round_trip_is_exact(tmp_path):
     save_motions(tmp_path / "motions.npz", MOTIONS)
+    save_motions(tmp_path / "again.npz", MOTIONS)
+    assert (tmp_path / "motions.npz").read_bytes() == (tmp_path / "again.npz").read_bytes()
     for before, after in zip(MOTIONS, load_motions(tmp_path / "motions.npz"), strict=True):
         assert np.array_equal(before.acceleration, after.acceleration)
         assert after.acceleration.dtype == np.float64
@@ -28,12 +32,6 @@ def test_round_trip_is_exact(tmp_path):
         assert before.vertical is None or np.array_equal(before.vertical, after.vertical)
         assert (after.dt, after.id, after.log) == (before.dt, before.id, before.log)
         assert after.metadata == before.metadata
-
-
-def test_same_motions_same_bytes(tmp_path):
-    for name in ("a", "b"):
-        save_motions(tmp_path / name, MOTIONS)
-    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
 def test_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
@@ -46,15 +44,10 @@ def test_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(store.np, "savez", full)
-    with pytest.raises(OutputError, match=r"cannot be written there \(No space left on device\)"):
+    with pytest.raises(OutputError, match=r"cannot be written \(No space left on device\)"):
         save_motions(target, MOTIONS)
     assert target.read_bytes() == before
     assert [path.name for path in tmp_path.iterdir()] == ["motions.npz"]
-
-
-def test_folder_that_is_not_there(tmp_path):
-    with pytest.raises(OutputError, match=r"motions\.npz: the motions cannot be written there"):
-        save_motions(tmp_path / "none" / "motions.npz", MOTIONS)
 
 
 def test_metadata_must_be_json(tmp_path):
@@ -75,10 +68,8 @@ def test_damaged_file(tmp_path, damage):
     elif damage == "archive":
         with open(path, "wb") as file:
             np.savez(file, x=np.zeros(3))
-    sentence = (
-        "no such file" if damage == "missing" else "not a file of motions written by archfrag"
-    )
-    with pytest.raises(InputError, match=sentence):
+    reason = "no such file" if damage == "missing" else "not a file of motions"
+    with pytest.raises(InputError, match=reason):
         load_motions(path)
 
 
@@ -92,3 +83,50 @@ def test_worker_modules_do_not_import_obspy_or_matplotlib(module):
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"
+
+
+def noise(count=2000, seed=1):
+    return np.random.default_rng(seed).standard_normal(count) * np.hanning(count)
+
+
+class TestFlatfile:
+    def test_columns_and_values(self, tmp_path):
+        facts = {"file": "a.AT2", "event": "Quake, 1999", "Mw": 6.5, "component": "090",
+                 "pulse": True}  # fmt: skip
+        known = Motion(noise(), 0.01, id="known", metadata=facts)
+        pair = Motion(noise(seed=3), 0.01, id="pair", across=noise(seed=4))
+        table = measure_records([known, pair], periods=[0.1, 1.0])
+        assert list(table.columns[:14]) == [
+            "record", "file", "event", "station", "magnitude", "distance_km", "vs30_mps",
+            "component", "scale", "dt_s", "PGA_g", "PGV_cms", "PGD_cm", "T0.100S",
+        ]  # fmt: skip
+        assert table["T1.000S"][0] == pytest.approx(measure(known, "Sa(1.0)") / 9.80665, rel=1e-12)
+        assert table["RotD50_T0.100S"].isna().tolist() == [True, False]
+        write_flatfile(tmp_path / "flat.csv", table)
+        again = read_flatfile(tmp_path / "flat.csv")
+        assert list(again.columns) == list(table.columns)
+        assert again["event"][0] == "Quake, 1999"
+        assert again["component"][0] == "090"
+        assert again["pulse"].isna().tolist() == [False, True]
+        assert bool(again["pulse"][0]) is True
+        assert again["PGV_cms"].tolist() == pytest.approx(table["PGV_cms"].tolist(), rel=1e-5)
+
+    def test_two_processes_give_the_same(self):
+        motions = [Motion(noise(300, seed), 0.01, id=str(seed)) for seed in range(5)]
+        alone = measure_records(motions, [0.2])
+        assert measure_records(iter(motions), [0.2], workers=2).equals(alone)
+
+    @pytest.mark.parametrize(
+        ("text", "reason"),
+        [("a,b\n1,2\n", "has no column 'record'"), ("", "cannot be read as a flatfile in CSV"),
+         ("record,magnitude\nx,big\n", "Unable to parse string")],
+    )  # fmt: skip
+    def test_no_flatfile(self, tmp_path, text, reason):
+        path = tmp_path / "flat.csv"
+        path.write_text(text)
+        with pytest.raises(InputError, match=reason):
+            read_flatfile(path)
+
+    def test_two_periods_of_one_column(self):
+        with pytest.raises(InputError, match="must differ in their first three decimals"):
+            measure_records([], periods=[0.1, 0.1001])

@@ -1,4 +1,4 @@
-"""Laws of the whole arch: equilibrium, rest, energy, symmetry. Values are in tests/validation."""
+"""Laws of an arch: equilibrium, standstill, energy, symmetry. Values are in tests/validation."""
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ class TestRest:
             assert response.status is Status.STANDING
             assert response.peak_displacement <= 1e-9
 
-    def test_a_motion_inside_the_rest_range_moves_nothing(self):
+    def test_a_motion_inside_the_range_of_rest_moves_nothing(self):
         arch = oppenheim()
         limit = af.onset(arch).plus
         noise = np.random.default_rng(1).uniform(-1, 1, 2000)

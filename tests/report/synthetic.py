@@ -5,6 +5,7 @@ import xarray as xr
 
 from archfrag.arch import Arch
 from archfrag.fragility.counts import Verdict
+from archfrag.fragility.curve import Fragility
 from archfrag.mechanics.status import CollapseMode
 from archfrag.motions.motion import Motion
 from archfrag.report.page import ReportInputs
@@ -151,14 +152,48 @@ def answers_of(data):
     return found
 
 
-def none(sentence):
+def none(why):
     """Answer of an arch without a curve."""
-    return Answer(sentence, sentence)
+    return Answer(why, why)
+
+
+def curve_of(theta, beta=0.4):
+    return Fragility(theta, beta, np.diag([0.01, 0.005]), -10.0, 9, 54, "stripes")
+
+
+def answer_of(theta):
+    """An answer with a band of a tenth to both sides."""
+    im = np.linspace(0.0, 8.4, 120)
+    chance = curve_of(theta).probability(im)
+    return Answer(
+        curve_of(theta), curve_of(1.01 * theta), (0.8 * theta, 1.2 * theta), (0.3, 0.6),
+        im.tolist(), (0.9 * chance).tolist(), (1.1 * chance).tolist(), 0.9, "made up",
+        "Nothing is assumed.", 6.0, 2,
+    )  # fmt: skip
+
+
+MEASURES = {
+    "message": "PGV is best.", "best": "PGV",
+    "rows": [
+        {"measure": name, "unit": unit, "theta": theta, "beta": beta, "efficiency": beta,
+         "practicality": 1.0, "proficiency": beta, "p_magnitude": "nan", "p_distance": 0.5}
+        for name, unit, theta, beta in (
+            ("PGA", "m/s2", 4.0, 0.42), ("PGV", "m/s", 0.3, 0.3), ("Arias", "m/s", "nan", "nan"),
+        )
+    ],
+}  # fmt: skip
+STATES = {
+    "message": "All are ordered.",
+    "states": [
+        {"name": "motion", "meaning": "a joint opens", "curve": curve_of(1.0).to_dict()},
+        {"name": "impact", "meaning": "a joint closes", "curve": {"none": "all collapse"}},
+    ],
+}
 
 
 def _split(end, moving):
-    """Time of each model: three rungs share the motion."""
-    parts = [end - moving, *(share * moving for share in (0.3, 0.6, 0.1))]
+    """Time of each model: three models have the motion."""
+    parts = [end - moving, *(part * moving for part in (0.3, 0.6, 0.1))]
     return np.stack(parts, axis=-1)
 
 

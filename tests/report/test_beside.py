@@ -1,4 +1,4 @@
-"""A study beside another one: both curves and their figures, or one sentence why not."""
+"""A study beside another one: both curves and their figures, or why not."""
 
 import json
 
@@ -86,7 +86,7 @@ class TestSection:
         rows = rows_of(shown(inputs(study("up", "used"), other))["arches"][0]["table"])
         assert rows["median capacity θ"][1] == "no curve"
         assert rows["change of θ from up"] == ["–", "–"]
-        assert rows["losses of contact by any gap"][1] == "not told"
+        assert rows["losses of contact by any gap"][1] == "not stated"
 
     def test_none_without_another_study(self):
         assert shown(synthetic.inputs()) is None
@@ -177,17 +177,17 @@ class TestCommand:
         assert losses[0] != losses[1]
         assert rows["losses of contact by any gap"] == [f"{n:,}" for n in losses]
 
-    def test_refused_in_one_sentence(self, studies):
+    def test_refused_in_one_line(self, studies):
         up, _, idle = studies
         page = up.parent / "up" / "report.html"
         assert call("report", up).exit_code == 0
         before = page.read_bytes()
-        for other, sentence in (
+        for other, why in (
             (idle, "study 'idle' cannot be shown beside 'up', since it is not finished: "),
             (up, "study 'up' cannot be shown beside 'up': each study needs its own id"),
         ):
             result = call("report", up, "--beside", other)
             assert result.exit_code != 0
-            assert result.stderr.startswith(f"archfrag: error: {sentence}")
+            assert result.stderr.startswith(f"archfrag: error: {why}")
             assert result.stderr.count("\n") == 1
         assert page.read_bytes() == before

@@ -11,9 +11,19 @@ from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict
 from archfrag.mechanics.status import CollapseMode
 from archfrag.motions.motion import Motion
-from archfrag.report import arch_figure, curve_figures, figures, motion_figures, picture
-from archfrag.report.axes import axis_x
-from archfrag.report.plot import NARROW, WIDE, Panel, Sheet
+from archfrag.report import (
+    arch_figure,
+    class_section,
+    curve_figures,
+    figures,
+    ladder_figures,
+    measure_figures,
+    mechanism_figures,
+    motion_figures,
+    picture,
+)
+from archfrag.report.picture import NARROW, WIDE
+from archfrag.report.plot import Panel, Sheet
 from archfrag.report.summary import NOT_SIMULATED, arch_results, reading_scale
 from archfrag.simulate import onset
 from tests.report import synthetic
@@ -24,18 +34,12 @@ def results(**options):
     return arch_results(data, "ring", reading_scale(data, "PGA"))
 
 
-@pytest.fixture
-def drawn(monkeypatch):
-    """Sheets that are drawn during a test: of each figure the wide one and the narrow one."""
-    kept = []
-    original = Sheet.svg
-
-    def keep(sheet, *args):
-        kept.append(sheet)
-        return original(sheet, *args)
-
-    monkeypatch.setattr(Sheet, "svg", keep)
-    return kept
+def groups_of(data, n_joint=8):
+    return [
+        mechanism_figures.by_mode(data, 0.9),
+        mechanism_figures.by_joint(data, n_joint, 0.9),
+        mechanism_figures.by_impacts(data, 0.9),
+    ]
 
 
 def overlaps(sheet):
@@ -84,27 +88,58 @@ class TestLabelsKeepClear:
         figures.collapses(data, 8)
         figures.numerics(data)
         curve_figures.curve(data, synthetic.none("no run collapsed"))
-        assert [sheet.width for sheet in drawn] == 4 * [WIDE, NARROW]
-        assert [overlaps(sheet) for sheet in drawn] == 8 * [[]]
+        mechanism_figures.fractions(groups_of(data), data)
+        ladder_figures.what_ran(data)
+        assert [sheet.width for sheet in drawn] == 6 * [WIDE, NARROW]
+        assert [overlaps(sheet) for sheet in drawn] == 12 * [[]]
 
-    def test_many_joints(self, drawn):
-        figures.collapses(results(n_joint=82), 82)
-        assert [overlaps(sheet) for sheet in drawn] == [[], []]
-
-    @pytest.mark.parametrize("n_record", [1, 6, 60])
-    def test_records(self, n_record, drawn):
+    @pytest.mark.parametrize("n_record", [1, 60])
+    def test_records_and_joints(self, n_record, drawn):
         items = synthetic.motions(n_record)
         figures.verdict_map(results(items=items if n_record > 1 else None))
-        assert [overlaps(sheet) for sheet in drawn] == [[], []]
-        shown = motion_figures.thumbnails(items)
-        assert shown.svg.count("<svg") == n_record
+        figures.collapses(results(n_joint=82 if n_record > 1 else 1), 82 if n_record > 1 else 1)
+        assert [overlaps(sheet) for sheet in drawn] == 4 * [[]]
+        assert motion_figures.thumbnails(items).svg.count("<svg") == n_record
 
-    def test_single_joint(self, drawn):
-        figures.collapses(results(n_joint=1), 1)
-        for panel in drawn[0].panels:
-            beside = [box[0] for box in drawn[0].boxes if box[3] <= panel.box[0]]
-            assert "0" in beside
-            assert "1" not in beside
+    @pytest.mark.parametrize("count", [2, 12, 40])
+    def test_curves_of_all_arches(self, count, drawn):
+        answers = {f"arch-number-{i}": synthetic.answer_of(2.0 + 0.2 * i) for i in range(count)}
+        shown = curve_figures.all_curves(answers, {}, {}, results().scale, (0.8, 0.3))
+        assert [overlaps(sheet) for sheet in drawn] == [[], []]
+        named = count if count <= curve_figures.MOST_NAMED else 0
+        assert sum(box[0].startswith("arch-") for box in drawn[0].boxes) == named
+        assert shown.svg.count("stroke-linejoin") >= count
+        one = dict(list(answers.items())[:1])
+        assert curve_figures.all_curves(one, {}, {}, results().scale, (1.0, None)) is None
+
+    def test_classes_are_named_and_their_arches_thin(self, drawn):
+        members = {"thin": [synthetic.answer_of(2.0 + 0.1 * i) for i in range(20)]}
+        answers = {f"a{i}": a for i, a in enumerate(members["thin"])}
+        answers |= {"alone": synthetic.answer_of(6.0)}
+        made = {"thin": synthetic.answer_of(3.0)}
+        curve_figures.all_curves(answers, made, members, results().scale, (0.8, None))
+        words = [box[0] for box in drawn[0].boxes]
+        assert {"thin", "alone", "each arch"} <= set(words)
+        assert "a3" not in words
+
+    def test_panels_of_a_class(self, drawn):
+        members = [synthetic.answer_of(3.0 + 0.1 * i) for i in range(20)]
+        values = {
+            "thickness": np.linspace(1.3, 1.7, 20),
+            "a parameter with a very long name indeed": np.linspace(-1e-4, 1e-4, 20),
+            "material": np.array([f"a long name of a stone {i % 9}" for i in range(20)]),
+        }
+        class_section.theta_panels(members, values, "ring", results().scale)
+        assert [overlaps(sheet) for sheet in drawn] == [[], []]
+        # A point for each arch in each panel.
+        assert "".join(drawn[0].parts).count("a2.4 2.4 0 1 0 4.8") == 60
+        assert class_section.theta_panels(members, {}, "ring", results().scale) is None
+
+    def test_measures(self, drawn):
+        rows = [{"measure": f"Sa({i / 10:g})", "efficiency": 0.2 + 0.01 * i} for i in range(25)]
+        measure_figures.measures_figure(rows, "ring", "Sa(0)")
+        assert [overlaps(sheet) for sheet in drawn] == [[], []]
+        assert measure_figures.measures_figure(rows[:1], "ring", "Sa(0)") is None
 
     def test_the_check_finds_an_overlap(self):
         sheet = Sheet(100.0)
@@ -119,15 +154,15 @@ class TestLabelsKeepClear:
         sheet = Sheet(100.0)
         sheet.height = 60.0
         panel = Panel(sheet, (10.0, 0.0, 90.0, 20.0), (0.0, 1.0), (0.0, 1.0))
-        axis_x(panel, np.linspace(0, 1, 30), "")
+        panel.axis_x(np.linspace(0, 1, 30), "")
         assert 2 <= len(sheet.boxes) < 10
         assert not overlaps(sheet)
 
 
 class TestArchFigure:
-    @pytest.mark.parametrize("voussoirs", [7, 27])
+    @pytest.mark.parametrize("voussoirs", [7, 27, 81])
     def test_hinges_are_drawn_at_their_corners(self, voussoirs, drawn):
-        """Pixels of the hinges lie as the corners do, up to one scale and shift for each way."""
+        """Pixels of the hinges lie as the corners do, but for a scale and shift a direction."""
         arch, start = synthetic.arch_and_onset(voussoirs)
         arch_figure.arch_at_onset(arch, start, "ring")
         for sheet in drawn:
@@ -140,6 +175,7 @@ class TestArchFigure:
                 sides = [points - points[0], (corners - corners[0]) * (1.0, -1.0)]
                 scale = np.linalg.norm(sides[0]) / np.linalg.norm(sides[1])
                 np.testing.assert_allclose(sides[0], scale * sides[1], atol=0.3)
+            assert not overlaps(sheet)
 
     def test_thrust_passes_through_the_hinges(self, drawn):
         """The real onset of the reference arch, ground towards +x."""
@@ -161,12 +197,6 @@ class TestArchFigure:
         lines = [p for p in drawn[0].parts if f'stroke="{picture.ORANGE}"' in p]
         assert len(lines) == 1
         assert "sliding joint" in shown.svg
-
-    @pytest.mark.parametrize("voussoirs", [7, 27, 81])
-    def test_joint_numbers_keep_clear(self, voussoirs, drawn):
-        arch_figure.arch_at_onset(*synthetic.arch_and_onset(voussoirs), "ring")
-        assert len(drawn[0].boxes) >= 8
-        assert [overlaps(sheet) for sheet in drawn] == [[], []]
 
 
 def dots_of(sheet):
@@ -198,7 +228,7 @@ class TestVerdictMap:
         ]
         assert shown == sorted(int(n) for n in fell.sum(axis=1) if n)
 
-    def test_what_was_not_simulated_is_blank_and_said(self):
+    def test_what_was_not_simulated_is_blank_and_named(self):
         data = results()
         data.verdict[:, 3] = NOT_SIMULATED
         assert "not simulated" in figures.verdict_map(data).svg
@@ -206,13 +236,9 @@ class TestVerdictMap:
 
 
 class TestSummary:
-    def test_reader_units(self):
+    def test_unit_is_needed(self):
         data = synthetic.cube()
-        scale = reading_scale(data, "PGA")
-        assert scale.label == "PGA [g]"
-        assert scale.text(9.80665) == "1.00 g"
-        data["intensity"].attrs["units"] = "m s-1"
-        assert reading_scale(data, "PGV").text(0.25) == "0.250 m/s"
+        assert reading_scale(data, "PGA").label == "PGA [g]"
         del data["intensity"].attrs["units"]
         with pytest.raises(InputError, match="no attribute units"):
             reading_scale(data, "PGA")
@@ -241,9 +267,9 @@ class TestSummary:
 
     def test_order_of_dimensions_does_not_matter(self):
         data = synthetic.cube()
-        turned = data.transpose("model", "level", "record", "arch")
+        transposed = data.transpose("model", "level", "record", "arch")
         scale = reading_scale(data, "PGA")
-        a, b = arch_results(data, "ring", scale), arch_results(turned, "ring", scale)
+        a, b = arch_results(data, "ring", scale), arch_results(transposed, "ring", scale)
         assert np.array_equal(a.verdict, b.verdict)
         assert np.array_equal(a.model_time, b.model_time)
         assert a.counts.collapsed.tolist() == b.counts.collapsed.tolist()

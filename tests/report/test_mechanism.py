@@ -1,6 +1,7 @@
-"""Mechanisms on the page: shares of collapses, one run done again, its log over time."""
+"""Mechanisms on the page: fractions of collapses, one run done again, its log over time."""
 
 import json
+import re
 from dataclasses import replace
 
 import lxml.html
@@ -10,25 +11,17 @@ import pytest
 import archfrag as af
 from archfrag.fragility.counts import Verdict
 from archfrag.mechanics.status import CollapseMode, Model, Status
-from archfrag.report import ladder_figures, mechanism_figures, timeline
-from archfrag.report.example import Example, choose, repeat
+from archfrag.report import animation, ladder_figures, mechanism_figures, timeline
+from archfrag.report.example import Example, choose, near_miss, repeat
 from archfrag.report.page import render
 from archfrag.report.summary import arch_results, reading_scale
 from archfrag.simulation.mechanism import MechanismChange
 from archfrag.study.config import Method
 from tests.report import synthetic
-from tests.report.test_figures import drawn, overlaps, rectangles, results  # noqa: F401
+from tests.report.test_figures import groups_of, overlaps, rectangles, results
 from tests.report.test_page import table, text
 
 ARCH = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7)
-
-
-def groups_of(data, n_joint=8):
-    return [
-        mechanism_figures.by_mode(data, 0.9),
-        mechanism_figures.by_joint(data, n_joint, 0.9),
-        mechanism_figures.by_impacts(data, 0.9),
-    ]
 
 
 def pulse(scale=1.0):
@@ -37,14 +30,14 @@ def pulse(scale=1.0):
     return motion, af.simulate(ARCH, motion, scale=scale, history=True)
 
 
-class TestShares:
-    def test_every_grouping_shares_out_the_same_collapses(self):
+class TestFractions:
+    def test_every_grouping_has_the_same_collapses(self):
         data = results()
         fell = (data.verdict == Verdict.COLLAPSED).sum(axis=0)
         for group in groups_of(data):
             np.testing.assert_array_equal(group.counts.sum(axis=0), fell)
 
-    def test_categories_are_what_the_cube_says(self):
+    def test_categories_are_what_the_cube_holds(self):
         data = results()
         fell = data.verdict == Verdict.COLLAPSED
         mode, joint, impacts = groups_of(data)
@@ -74,19 +67,12 @@ class TestShares:
         assert [int(cell) for cell in shown["all"][3:]] == fell.tolist()
         assert int(shown["all"][0]) == fell.sum()
         hinging = groups_of(data)[0]
-        assert shown["hinging"][heads.index("share") - 1] == f"{hinging.overall[1]:.2f}"
+        assert shown["hinging"][heads.index("fraction") - 1] == f"{hinging.overall[1]:.2f}"
         assert "lift-off" not in shown
 
-    @pytest.mark.parametrize("n_level", [2, 9, 16, 40])
-    def test_labels_keep_clear(self, n_level, drawn):  # noqa: F811
-        data = results(n_level=n_level)
-        mechanism_figures.shares(groups_of(data), data)
-        ladder_figures.what_ran(data)
-        assert [overlaps(sheet) for sheet in drawn] == 4 * [[]]
-
-    def test_columns_are_as_high_as_the_fraction_of_collapses(self, drawn):  # noqa: F811
+    def test_columns_are_as_high_as_the_fraction_of_collapses(self, drawn):
         data = results()
-        mechanism_figures.shares(groups_of(data), data)
+        mechanism_figures.fractions(groups_of(data), data)
         expected = data.counts.collapsed / data.counts.n
         for sheet in drawn:
             assert len(sheet.panels) == 3
@@ -98,15 +84,6 @@ class TestShares:
                         top[level] = max(top[level], high)
                 np.testing.assert_allclose(top, expected, atol=1e-3)
 
-    def test_nothing_collapsed_nothing_drawn(self):
-        data = results()
-        calm = replace(
-            data,
-            verdict=np.zeros_like(data.verdict),
-            counts=replace(data.counts, collapsed=0 * data.counts.collapsed),
-        )
-        assert mechanism_figures.shares(groups_of(calm), calm) is None
-
 
 class TestWhatRan:
     def test_table(self):
@@ -117,18 +94,18 @@ class TestWhatRan:
         assert rows["simulated time, mega-voussoirs"] == (
             f"{mega:,.1f} s ({100 * mega / total:.1f} %)"
         )
-        assert rows["share of the time in motion on all voussoirs"] == "10.0 %"
+        assert rows["fraction of the time in motion on all voussoirs"] == "10.0 %"
         assert rows["hand-overs to time stepping"].startswith(f"{data.hand_overs.sum():,} (")
         assert rows["contact problems left to the general solver"] == f"{data.general.sum():,}"
         again = data.level_iterations.sum()
-        share = 100 * again / data.two_level.sum()
-        assert rows["of these, with more than one round"] == f"{again:,} ({share:.2g} %)"
+        part = 100 * again / data.two_level.sum()
+        assert rows["of these, with more than one round"] == f"{again:,} ({part:.2g} %)"
 
-    def test_arch_that_never_moved(self, drawn):  # noqa: F811
+    def test_arch_that_never_moved(self, drawn):
         data = results()
         data.model_time[..., 0] = data.model_time.sum(axis=2)
         data.model_time[..., 1:] = 0.0
-        assert "share of the time in motion on all voussoirs" not in dict(
+        assert "fraction of the time in motion on all voussoirs" not in dict(
             ladder_figures.table(data).rows
         )
         ladder_figures.what_ran(data)
@@ -197,7 +174,7 @@ class TestRepetition:
         if settings:
             assert fallen.steps != pulse()[1].steps
 
-    def test_another_end_is_told(self, drawn):  # noqa: F811
+    def test_another_end_is_stated(self, drawn):
         data, motion, _ = study_of_pulses()
         data["steps"][0, 0, 1] += 1
         results_ = arch_results(data, "ring", reading_scale(data, "PGA"))
@@ -205,7 +182,7 @@ class TestRepetition:
         assert not again.same
         assert "did not end as the run in the cube did" in timeline.timeline(again).caption
 
-    def test_a_cube_that_does_not_tell_its_method(self):
+    def test_a_cube_without_its_method(self):
         data = results()
         assert (
             repeat(synthetic.cube(), data, ARCH, synthetic.motions(), choose(data, None)) is None
@@ -252,7 +229,7 @@ class TestTimeline:
         fine, _ = timeline.sampled(log, 3, np.linspace(0.98, 1.12, 15))
         assert [names[k] for k in fine[:, 1]] == ["closed"] + ["open"] * 11 + ["closed"] * 2
 
-    def test_bars_stand_where_the_log_says(self, drawn):  # noqa: F811
+    def test_bars_stand_where_the_log_has_them(self, drawn):
         """Coloured length of each joint in the figure against its time in the log."""
         motion, response = pulse()
         example = Example(ARCH, motion, 1.0, "PGA = 0.69 g", response, "chosen", True)
@@ -271,7 +248,7 @@ class TestTimeline:
         assert logged.max() > 0.5 * (end - start)
 
     @pytest.mark.parametrize("voussoirs", [1, 7, 27, 81])
-    def test_labels_keep_clear(self, voussoirs, drawn):  # noqa: F811
+    def test_labels_keep_clear(self, voussoirs, drawn):
         arch = (
             af.Arch.circular(10.0, 1.5, 157.5, voussoirs, 0.7) if voussoirs > 1
             else af.Block(1.0, 4.0, 0.7)
@@ -293,3 +270,59 @@ class TestTimeline:
         example = Example(ARCH, motion, 0.2, "PGA", response, "x", True)
         assert response.peak_displacement == 0.0
         assert timeline.timeline(example) is None
+        assert animation.animation(example, "a", "A near miss") is None
+
+
+@pytest.fixture(scope="module")
+def fallen():
+    motion, response = pulse()
+    return Example(ARCH, motion, 1.0, "PGA = 0.69 g", response, "chosen", True)
+
+
+class TestAnimation:
+    def test_linear_motion_between_key_frames_is_close_to_the_run(self, fallen):
+        frames, history = animation.key_frames(fallen), fallen.response.history
+        time = history["time"].values
+        inside = (time >= frames.time[0]) & (time <= frames.time[-1])
+        for body in range(ARCH.n_voussoir):
+            interpolated = np.interp(time[inside], frames.time, frames.rotation[:, body])
+            true = history["rotation"].values[inside, body]
+            assert (
+                np.abs(interpolated - true).max() < 0.02 * np.abs(history["rotation"].values).max()
+            )
+        assert 12 <= frames.time.size <= 40
+        assert frames.time[-1] == time[-1]
+
+    def test_no_script_small_and_all_names_defined(self, fallen):
+        shown = animation.animation(fallen, "fall0", "A collapse")
+        assert len(shown.svg) < 150_000
+        assert "<script" not in shown.svg
+        assert not re.search(r"\son\w+=", shown.svg)
+        assert 'class="still"' in shown.svg
+        used = set(re.findall(r'href="#([^"]+)"', shown.svg))
+        assert used <= set(re.findall(r'\bid="([^"]+)"', shown.svg))
+        names = set(re.findall(r"animation-name:([\w-]+)", shown.svg))
+        assert names == set(re.findall(r"@keyframes ([\w-]+)", shown.svg))
+        assert f"to {fallen.response.end_time:.2f} s" in shown.caption
+
+    def test_key_frames_end_where_the_run_ends(self, fallen):
+        """Rotation of each voussoir in the last key frame, clockwise in the drawing [deg]."""
+        shown = animation.animation(fallen, "fall0", "A collapse")
+        last = np.rad2deg(fallen.response.history["rotation"].values[-1])
+        for body in range(ARCH.n_voussoir):
+            rule = re.search(rf"@keyframes fall0-k{body}\{{(.*?)\}}\}}", shown.svg)[1]
+            rotation = float(re.findall(r"rotate\(([-.\d]+)deg", rule)[-1])
+            assert rotation == pytest.approx(-last[body], abs=0.06)
+            percents = [float(p) for p in re.findall(r"([.\d]+)%", rule)]
+            assert percents == sorted(percents)
+            assert percents[0] == 0.0
+
+    def test_near_miss_is_the_standing_run_with_the_largest_rotation(self):
+        data = results()
+        reach = np.zeros(data.verdict.shape)
+        stood, fell = np.argwhere(data.verdict == 0), np.argwhere(data.verdict == 1)
+        for run, value in ((stood[2], 0.08), (stood[1], 0.03), (fell[0], 0.9)):
+            reach[tuple(run)] = value
+        assert near_miss(replace(data, peak_rotation=reach))[:2] == tuple(stood[2])
+        assert near_miss(replace(data, peak_rotation=None)) is None
+        assert near_miss(replace(data, peak_rotation=0.0 * reach)) is None

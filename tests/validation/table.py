@@ -54,6 +54,7 @@ class Validated:
     committed: dict[tuple[str, ...], dict[str, str]] | None
     record: list[tuple[str, object]]
     seen: set[tuple[str, ...]] = field(default_factory=set)
+    wrong: list[str] = field(default_factory=list)
 
     def __call__(
         self, case, quantity, ours, reference, source, *,
@@ -61,7 +62,8 @@ class Validated:
     ):  # fmt: skip
         """Assert that `ours` is `reference` to a relative or absolute tolerance, and keep it.
 
-        `short` says why a value is known to fall short: then it has to.
+        A value that is known to fall short gives the reason in `short`, and has to. While a table
+        is written, failures wait for the end of the test, so that all its rows are there.
         """
         allowed = max(abs, rel * math.fabs(reference))
         ours, reference = float(ours), float(reference)
@@ -79,14 +81,19 @@ class Validated:
         self.seen.add(key)
         self.record.append((NAME, row))
         found = f"{case}, {quantity}: {ours:.6g} {unit}; {source} has {reference:.6g}"
-        assert holds != bool(short), f"{found}; allowed is a difference of {allowed:.3g}"
-        if self.committed is not None:
-            assert key in self.committed, f"{found}: no row of the table; write it anew"
-            before = self.committed[key]
-            changed = math.fabs(ours - float(before["ours"])) > 1e-4 * math.fabs(ours)
-            assert not changed, f"{found}: {before['ours']} in the table; write it anew"
-            same = ("reference", "tolerance", "unit", "holds", "note", "test")
-            assert [before[name] for name in same] == [row[name] for name in same]
+        if holds == bool(short):
+            self.wrong.append(f"{found}; allowed is a difference of {allowed:.3g}")
+        if self.committed is None:
+            return
+        assert not self.wrong, self.wrong[0]
+        assert key in self.committed, f"{found}: no row of the table; write it anew"
+        before = self.committed[key]
+        changed = math.fabs(ours - float(before["ours"])) > max(
+            1e-4 * math.fabs(ours), 1e-3 * allowed
+        )
+        assert not changed, f"{found}: {before['ours']} in the table; write it anew"
+        same = ("reference", "tolerance", "unit", "holds", "note", "test")
+        assert [before[name] for name in same] == [row[name] for name in same]
 
 
 @pytest.fixture
@@ -96,6 +103,7 @@ def validated(request):
     committed = None if request.config.getoption("--validation-table") else read_table()
     found = Validated(request.node.nodeid, topic, committed, request.node.user_properties)
     yield found
+    assert not found.wrong, "\n".join(found.wrong)
     if committed is not None:
         rows = {key for key, row in committed.items() if row["test"] == found.test}
         assert rows <= found.seen, (

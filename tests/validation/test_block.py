@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 import archfrag as af
 from archfrag.mechanics.block.formulas import CORNER_A, uniform_block
 from archfrag.mechanics.block.motion import ROCK, rocking_impact, starting_motion
-from archfrag.mechanics.block.regions import painleve_friction
+from archfrag.mechanics.block.regions import painleve_friction, rocking_acceleration
 from tests.validation.scenes import falls, first_collapse, g
 
 TOPIC = "Single block"
@@ -26,7 +26,7 @@ def least_friction(stays, low=0.0, high=5.0):
 
 
 def tilted(half, alpha, tilt):
-    """Block and its state turned about its right corner by `tilt` [rad], at rest."""
+    """Block and its state tilted about its right corner by `tilt` [rad], at rest."""
     up = half / math.tan(alpha)
     x = half - (half * math.cos(tilt) - up * math.sin(tilt))
     y = half * math.sin(tilt) + up * math.cos(tilt) - up
@@ -42,11 +42,11 @@ def free_rocking(half, alpha, tilt):
     return run.history, impacts
 
 
-def exact_rocking(half, alpha, tilt, turns):
+def exact_rocking(half, alpha, tilt, swings):
     """Times of impact and amplitudes after them, by the rocking equation and Housner's ratio."""
     rate = 0.75 * g / (half / math.sin(alpha))
 
-    def turning(_, state):
+    def rocking(_, state):
         return [state[1], -rate * math.sin(alpha - state[0])]
 
     def lands(_, state):
@@ -59,11 +59,11 @@ def exact_rocking(half, alpha, tilt, turns):
     lands.direction = tops.direction = -1.0
     ratio = 1.0 - 1.5 * math.sin(alpha) ** 2
     times, amplitudes, now = [], [], 0.0
-    for _ in range(turns):
-        fall = solve_ivp(turning, (0.0, 20.0), [tilt, 0.0], events=lands, **EXACT)
+    for _ in range(swings):
+        fall = solve_ivp(rocking, (0.0, 20.0), [tilt, 0.0], events=lands, **EXACT)
         times.append(now + fall.t[-1])
         speed = -ratio * fall.y[1, -1]
-        rise = solve_ivp(turning, (0.0, 20.0), [0.0, speed], events=tops, **EXACT)
+        rise = solve_ivp(rocking, (0.0, 20.0), [0.0, speed], events=tops, **EXACT)
         now = times[-1] + rise.t[-1]
         tilt = rise.y[0, -1]
         amplitudes.append(tilt)
@@ -137,14 +137,14 @@ class TestFreeRocking:
         times, amplitudes = exact_rocking(0.5, 0.2, 0.1, 3)
         exact = "rocking equation, scipy DOP853"
         small = "rocking equation of small angles"
-        turn = np.abs(history.rotation.values[:, 0])
+        rotation = np.abs(history.rotation.values[:, 0])
         for number in range(3):
             validated(
                 self.CASE, f"time of impact {number + 1}", impacts[number], times[number],
                 exact, rel=1e-5, unit="s",
             )  # fmt: skip
             within = slice(*np.searchsorted(history.time.values, impacts[number : number + 2]))
-            largest = turn[within].max() / 0.2
+            largest = rotation[within].max() / 0.2
             name = f"amplitude after impact {number + 1} over slenderness"
             validated(self.CASE, name, largest, amplitudes[number] / 0.2, exact, rel=1e-4)
             reference = (0.42019, 0.35777, 0.30721)[number]
@@ -161,7 +161,7 @@ class TestFreeRocking:
         after = np.searchsorted(history.time.values, impacts[0] + 1e-9)
         speed, time = history.angular_velocity.values[:, 0], history.time.values
         before = np.searchsorted(time, impacts[0] - 1e-9) - 1
-        # The rates change by the rotational acceleration of a few milliseconds in between.
+        # The rates change by the rotational acceleration of some milliseconds in between.
         rate = 0.75 * g / math.hypot(0.5 * width, 0.5) * math.sin(alpha)
         first = abs(speed[before]) + rate * (impacts[0] - time[before])
         second = abs(speed[after]) + rate * (time[after] - impacts[0])
@@ -175,6 +175,37 @@ def one_sine(frequency, unit):
     """One period of a sine with an amplitude of `unit` [g]."""
     time = np.linspace(0.0, 2 * math.pi / frequency, 4001)
     return af.Motion(unit * g * np.append(np.sin(frequency * time[:-1]), 0.0), time[1])
+
+
+def impacts_before_overturning(block, load, frequency, ratio):
+    """How often a block impacts under one sine of `load` [g] before it tips; None if it stands."""
+    end = 2 * math.pi / frequency
+
+    def rates(time, state, side):
+        ground = load * math.sin(frequency * time) if time < end else 0.0
+        return state[1], rocking_acceleration(block, side, state[0], ground, 0.0, g)
+
+    def flat(_, state, side):
+        return state[0]
+
+    def over(_, state, side):
+        return abs(state[0]) - 0.5 * math.pi
+
+    flat.terminal = over.terminal = True
+    # It starts to rock where the sine reaches its slenderness.
+    time = math.asin(block.reach_a / block.rise / load) / frequency
+    side, impacts, state = CORNER_A, 0, (1e-12 * -CORNER_A, 0.0)
+    while time < 60.0 and impacts < 3:
+        flat.direction = side
+        until = end if time < end else time + 60.0
+        found = solve_ivp(rates, (time, until), state, args=(side,), events=(flat, over), **EXACT)
+        time, state = found.t[-1], found.y[:, -1]
+        if found.t_events[1].size:
+            return impacts
+        if found.t_events[0].size:
+            impacts, side = impacts + 1, -side
+            state = (1e-12 * -side, ratio * state[1])
+    return None
 
 
 class TestOverturning:
@@ -193,6 +224,30 @@ class TestOverturning:
         validated(
             "one sine, ω/p 5, no impact, small angle", "least amplitude over α g", found, 7.168,
             "Zhang and Makris 2001; rocking equation", rel=3e-3,
+        )  # fmt: skip
+
+    @pytest.mark.parametrize(("low", "high", "expected"), [(2.9, 3.2, 3.033), (6.6, 6.9, 6.739)])
+    def test_one_impact(self, validated, low, high, expected):
+        """Ends of the range of amplitudes that overturn after one impact, by our accelerations."""
+        alpha, p = 0.25, 2.14
+        radius = 0.75 * g / p**2
+        block = uniform_block(2 * radius * math.sin(alpha), 2 * radius * math.cos(alpha), 1.0)
+
+        def after_one_impact(amplitude):
+            return impacts_before_overturning(block, amplitude * alpha, 5 * p, 0.9) == 1
+
+        begins = after_one_impact(high)
+        assert after_one_impact(low) != begins
+        while high - low > 2e-4:
+            middle = 0.5 * (low + high)
+            if after_one_impact(middle) == begins:
+                high = middle
+            else:
+                low = middle
+        validated(
+            "one sine, ω/p 5, one impact of ratio 0.9, α 0.25",
+            f"{'least' if begins else 'largest'} amplitude over α g", high, expected,
+            "rocking equation", rel=1e-3,
         )  # fmt: skip
 
     def test_one_sine_large_rotations(self, validated):

@@ -121,6 +121,20 @@ class TestSemicircle:
         found = least(lambda t: af.onset(on_centre_line(t, thick + 1e-6)).stands, 0.18, 0.22)
         validated(case, "t/R from which it stands", found, 0.200637, RIZZI, rel=2e-3)
 
+    @pytest.mark.parametrize("friction", [0.32, 0.35, 0.38])
+    def test_thrust_of_the_mixed_mechanism(self, validated, friction):
+        """From moments of half the arch about the contact centre at its springing."""
+        found = least(lambda t: af.onset(on_centre_line(t, friction)).stands, 0.1, 0.25)
+        arch = on_centre_line(found + 1e-6, friction)
+        line, half = af.onset(arch).thrust_plus, arch.n_voussoir // 2
+        lever = arch.chain.centroid[:half, 0] - line[0, 0]
+        weight = math.pi / (2 * half)
+        validated(
+            f"weight on the centre line, friction {friction:g}", "thrust over w r",
+            weight * lever.sum() / (line[half, 1] - line[0, 1]), 0.5 * math.pi * friction, RIZZI,
+            rel=1e-3,
+        )  # fmt: skip
+
 
 class TestOnset:
     """Least horizontal acceleration of the ground that starts motion."""
@@ -153,7 +167,7 @@ class TestOnset:
 
     def test_hinges_of_oppenheims_arch(self, validated):
         start = af.onset(af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7))
-        # Counted from the other springing than ours, which the mirrored motion turns round.
+        # Counted from the other springing than ours: the hinges of the mirrored motion.
         for number, (joint, _) in enumerate(start.hinges_minus):
             validated(
                 "t/R 0.15, embrace 157.5°, 7 voussoirs", f"hinge {number + 1}", joint * 22.5,

@@ -74,6 +74,7 @@ def scheme() -> HTML:
     bare(axes)
     return shown(
         figure, "An arch of seven voussoirs, joints numbered from 0 to 7",
+        "Fig 8. "
         "Voussoirs i = 1 … n between joints j = 0 … n; the ground moves horizontally.",
     )  # fmt: skip
 
@@ -82,8 +83,8 @@ def joint() -> HTML:
     """An open joint: the two normals that split the law in two (Fig 9, Eqs 23a and 23b)."""
     figure = sheet(7.0, 3.2)
     axes = figure.subplots()
-    turn = -0.35
-    rotate = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    angle = -0.35
+    rotate = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     lower = np.array([[-2.0, 0.0], [0.0, 0.0], [0.0, 1.5], [-2.0, 1.5]])
     upper = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.5], [0.0, 1.5]]) @ rotate.T
     stones(axes, [lower, upper])
@@ -96,6 +97,7 @@ def joint() -> HTML:
     bare(axes)
     return shown(
         figure, "Two voussoirs that touch at a corner with an open joint between them",
+        "Fig 9. "
         "At an open joint each face has a normal of its own, and Signorini’s and Coulomb’s laws "
         "hold for both; at a closed joint the two coincide.",
     )  # fmt: skip
@@ -122,9 +124,10 @@ def onset(times: float = 1.0) -> HTML:
     words = ", ".join(f"{joint} {side}" for joint, side in start.hinges)
     return shown(
         figure, "The arch at onset: four hinges, rotation centres and thrust line",
+        "Fig 10. "
         f"Ground accelerating to the right at {start.plus:.4f} g: hinges {words}. C₂, about which "
-        "the middle mega-voussoir starts to turn, lies where the lines C₁ C₁,₂ and C₃ C₂,₃ meet; "
-        "the thrust line passes through all four hinges.",
+        "the middle mega-voussoir starts to rotate, lies where the lines C₁ C₁,₂ and C₃ C₂,₃ "
+        "meet; the thrust line passes through all four hinges.",
     )  # fmt: skip
 
 
@@ -142,7 +145,7 @@ class Instant:
         history = response.history
         frame = history.isel(time=int(np.abs(history.time.values - time).argmin()))
         self.time = float(frame.time)
-        self.shift, self.turn = frame.displacement.values, frame.rotation.values
+        self.shift, self.rotation = frame.displacement.values, frame.rotation.values
         self.force, moment = frame.reaction.values, frame.moment.values
         self.mode = frame.contact_mode.values
         chain = arch().chain
@@ -152,7 +155,7 @@ class Instant:
             if i < 0:
                 self.corners[j] = chain.face_after[j]
                 continue
-            c, s = np.cos(self.turn[i]), np.sin(self.turn[i])
+            c, s = np.cos(self.rotation[i]), np.sin(self.rotation[i])
             placed = chain.face_after[j] @ np.array([[c, s], [-s, c]])
             self.corners[j] = chain.centroid[i] + self.shift[i] + placed
         along = self.corners[:, 1] - self.corners[:, 0]
@@ -173,7 +176,7 @@ def in_motion(amplitude: float = 0.4, time: float = 0.25, times: float = 20.0) -
     opened = [j for j, mode in enumerate(now.mode) if mode != CLOSED]
     figure = sheet(7.0, 4.8)
     axes = figure.subplots()
-    stones(axes, moved(arch(), now.shift, now.turn, 1.0))
+    stones(axes, moved(arch(), now.shift, now.rotation, 1.0))
     axes.plot(*now.thrust.T, color=GREEN, lw=1.2, label="thrust line")
     scale = 2.5 / np.linalg.norm(now.force, axis=1).max()
     hinge = [now.thrust[j] for j in opened]
@@ -226,8 +229,9 @@ def mechanism(amplitude: float = 0.5, end: float = 1.2) -> HTML:
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     for j in range(arch().n_joint):
         for modes, side in (((1, 2, 3), "intrados"), ((4, 5, 6), "extrados")):
-            held = np.isin(mode[:-1, j], modes)
-            spans = [[(a, j), (b, j)] for a, b, on in zip(time, time[1:], held) if on]
+            held = np.r_[False, np.isin(mode[:-1, j], modes), False]
+            ends = time[np.flatnonzero(np.diff(held.astype(int)))].reshape(-1, 2)
+            spans = [[(a, j), (b, j)] for a, b in ends]
             upper.add_collection(LineCollection(spans, colors=SIDES[side], linewidths=5))
     upper.set(ylim=(-0.6, arch().n_joint - 0.4), ylabel="joint hinged at")
     for side, colour in SIDES.items():
@@ -238,7 +242,7 @@ def mechanism(amplitude: float = 0.5, end: float = 1.2) -> HTML:
     return shown(
         figure, "Hinges of each joint over time, and how many joints are open",
         f"Ground +{amplitude:g} g for 0.3 s, then −{amplitude / 2:g} g for 0.6 s. Before the "
-        "first impact few joints are open; after it hinges split, migrate and change side.",
+        "first impact five joints are open; after it hinges split, migrate and change side.",
     )  # fmt: skip
 
 
@@ -249,10 +253,10 @@ def portraits(amplitudes: tuple[float, ...] = (0.4, 0.5, 0.6, 0.7)) -> HTML:
     for amplitude, colour in zip(amplitudes, (SKY, BLUE, ORANGE, VERMILION)):
         response = run(amplitude)
         history = response.history
-        turn, rate = history.rotation.values[:, 0], history.angular_velocity.values[:, 0]
+        angle, rate = history.rotation.values[:, 0], history.angular_velocity.values[:, 0]
         words = "collapses" if response.collapsed else "stands"
-        kept = np.abs(turn) < 0.2
-        axes.plot(turn[kept], rate[kept], color=colour, lw=1.0, label=f"{amplitude:g} g, {words}")
+        kept = np.abs(angle) < 0.2
+        axes.plot(angle[kept], rate[kept], color=colour, lw=1.0, label=f"{amplitude:g} g, {words}")
     axes.set(xlabel="rotation of voussoir 1 [rad]", ylabel="angular velocity [rad/s]")
     axes.set(ylim=(-0.6, 0.6))
     axes.legend()
@@ -268,7 +272,7 @@ def shapes(amplitude: float = 0.5, times: float = 8.0) -> HTML:
     for axes, time in zip(figure.subplots(2, 2).ravel(), (0.2, 0.4, 0.6, 0.8)):
         now = Instant(run(amplitude), time)
         stones(axes, arch().outlines, facecolor="none", edgecolor=PALE)
-        stones(axes, moved(arch(), now.shift, now.turn, times))
+        stones(axes, moved(arch(), now.shift, now.rotation, times))
         axes.set_title(f"{now.time:.1f} s")
         bare(axes)
     return shown(

@@ -1,39 +1,32 @@
-"""The single block: which motion starts, the laws of its contact, reactions, impacts."""
+"""The single block: which motion starts, the laws of its contact, impacts, free rocking."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from figures.cone import BLOCK, FRICTION
 from figures.drawing import (
     BLUE,
     EDGE,
-    GREEN,
     GREY,
     HTML,
     INK,
-    ORANGE,
     PALE,
-    PURPLE,
     SKY,
     STONE,
     VERMILION,
     arrow,
-    bare,
     name,
     sheet,
     shown,
 )
 from matplotlib.axes import Axes
-from matplotlib.patches import Polygon, Wedge
+from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
 import archfrag as af
-from archfrag.mechanics.block import formulas, plane
 from archfrag.mechanics.block.formulas import CORNER_A, RigidBlock, uniform_block
 from archfrag.mechanics.block.motion import (
     Mechanism,
-    corner_motion,
     rocking_impact,
     starting_motion,
 )
@@ -47,11 +40,6 @@ _SHADE = {
     Mechanism.LIFT_OFF: "#dcd3e6",
 }
 _BORDER: dict[str, Any] = {"color": INK, "lw": 1.1}
-# One block in all panels, so that they can be compared.
-_BLOCK = (0.4, 1.0)
-_FRICTION = 0.6
-FloatArray = NDArray[np.float64]
-_Vector = Sequence[float] | FloatArray
 
 
 def starting_regions(slenderness: float = 0.4, ground_y: float = -0.4) -> HTML:
@@ -70,6 +58,7 @@ def starting_regions(slenderness: float = 0.4, ground_y: float = -0.4) -> HTML:
         figure,
         f"Regions of starting motion of a block with b/h = {slenderness:g}: rest, slide, rock, "
         "slide-rock and lift-off, by ground acceleration and friction",
+        "Fig 1: the block. "
         f"Motion that starts from rest, uniform block with b/h = {slenderness:g}; kₛ and kᵥ are "
         "the accelerations of the ground in g, to the right and upwards. Borders: rest and slide "
         "|kₛ| = μ (1 + kᵥ); rest and rock |kₛ| = (b/h)(1 + kᵥ); slide and slide-rock μ = b/h; the "
@@ -78,14 +67,14 @@ def starting_regions(slenderness: float = 0.4, ground_y: float = -0.4) -> HTML:
 
 
 def _regions_over_friction(axes: Axes, block: RigidBlock, ground_y: float, reach: float) -> None:
-    pressed = 1.0 + ground_y
+    upward = 1.0 + ground_y
     tip = block.reach_a / block.rise
-    load = np.unique(np.append(np.linspace(0.0, reach / pressed, 301), tip))
+    load = np.unique(np.append(np.linspace(0.0, reach / upward, 301), tip))
     beyond = load[load >= tip]
     shenton = np.array([rocking_friction(block, CORNER_A, q) for q in beyond])
     inside = load[load <= tip]
     for sign in (1.0, -1.0):
-        x_in, x_out = sign * pressed * inside, sign * pressed * beyond
+        x_in, x_out = sign * upward * inside, sign * upward * beyond
         level, top = np.full(beyond.size, tip), np.full(beyond.size, reach)
         for x, low, high, mechanism in (
             (x_in, inside, np.full(inside.size, reach), Mechanism.REST),
@@ -96,11 +85,11 @@ def _regions_over_friction(axes: Axes, block: RigidBlock, ground_y: float, reach
         ):
             axes.fill_between(x, low, high, color=_SHADE[mechanism], linewidth=0.5)
         axes.plot(x_in, inside, **_BORDER)
-        axes.plot([sign * pressed * tip] * 2, [tip, reach], **_BORDER)
+        axes.plot([sign * upward * tip] * 2, [tip, reach], **_BORDER)
         axes.plot(x_out, level, **_BORDER)
         axes.plot(x_out, shenton, **_BORDER)
         corner = "A" if sign > 0 else "B"
-        middle = 0.5 * sign * (pressed * tip + reach)
+        middle = 0.5 * sign * (upward * tip + reach)
         end = shenton[-1]
         name(axes, middle, 0.5 * (end + reach), f"rock\nover {corner}")
         axes.text(
@@ -169,159 +158,35 @@ def _draw_block(axes: Axes, block: RigidBlock) -> None:
     axes.set_axis_off()
 
 
-def reactions_in_cone() -> HTML:
-    """Reactions of a block about corner A within Coulomb's cone, in plane pi (Eqs 15 to 20)."""
-    b, h = _BLOCK
-    block = uniform_block(b, h, 1.0)
-    figure = sheet(7.0, 6.8)
-    panels = figure.subplots(2, 2)
-    _balance(panels[0, 0], block, 0.0, 0.0, 0.5, "starts to rock")
-    _balance(panels[0, 1], block, 0.15, 0.8, 0.55, "rocks on")
-    _balance(panels[1, 0], block, 0.0, 0.0, 2.2, "starts to slide-rock")
-    _split(panels[1, 1], block, 0.15, 1.0, -0.8, "slide-rocks on")
-    return shown(
-        figure,
-        "Four balances of a block about a corner, drawn in the plane of the generalised "
-        "directions of its contact: starting to rock, rocking, starting to slide-rock, sliding",
-        f"Uniform block, b/h = {b / h:g}, μ = {_FRICTION:g}, in contact at corner A; vectors in "
-        "plane π, with mass, weight and height one. Nₜ and Nₙ are not orthogonal in the metric of "
-        "kinetic energy, so Coulomb’s cone (shaded, from N⁻ to N⁺) leans. Starting to rock, −S "
-        "lies inside the cone and its components are the reactions Ψₜ and Ψₙ. In motion the "
-        "centripetal part of ü is added to it. Starting to slide-rock, −S lies outside: the "
-        "reaction Ψ is on the boundary with the same projection on Nₙ, and what is missing from "
-        "it lets the corner accelerate opposite to Nₜ. While the corner slides, Nₜ is split along "
-        "u̇, the part that slows the motion, and across it, the part in plane π; the friction is "
-        "Rₜ Nₜ.",
-    )
-
-
-class _Plane:
-    """Coordinates in the plane of two directions: along the second, and across it."""
-
-    def __init__(self, first: _Vector, second: _Vector) -> None:
-        self.up = np.array(second) / np.linalg.norm(second)
-        across = np.array(first) - (np.array(first) @ self.up) * self.up
-        self.across = across / np.linalg.norm(across)
-
-    def __call__(self, vector: _Vector) -> FloatArray:
-        return np.array([self.across @ np.array(vector), self.up @ np.array(vector)])
-
-
-def _balance(
-    axes: Axes, block: RigidBlock, rotation: float, omega: float, k_s: float, title: str
-) -> None:
-    """Eq 19 in plane pi for a corner that had stuck until now."""
-    arm = formulas.corner_arm(block, CORNER_A, rotation)
-    n_t, n_n = formulas.tangential_gradient(block, arm), formulas.normal_gradient(block, arm)
-    turning = plane.rocking_mechanism(block, arm, 1.0)
-    known = np.sum(
-        plane.centripetal_acceleration(
-            n_t, n_n, formulas.tangential_gradient_rate(block, arm, omega),
-            formulas.normal_gradient_rate(block, arm, omega), formulas.scaled(omega, turning),
-        ), axis=0,
-    )  # fmt: skip
-    force = -np.array(plane.part_in_plane(formulas.active_force(block, k_s, 0.0, 1.0), turning))
-    now = corner_motion(block, CORNER_A, rotation, omega, 0.0, k_s, 0.0, _FRICTION, 1.0)
-    psi_t, psi_n = formulas.generalised_reaction(n_t, n_n, now.tangential, now.normal)
-    flat = _Plane(n_t, n_n)
-    wanted, held = flat(force + known), flat(np.add(psi_t, psi_n))
-    ends = (wanted, flat(force), flat(psi_t), flat(psi_n))
-    reach = 1.2 * max(float(np.linalg.norm(end)) for end in ends)
-    _cone(axes, flat, n_t, n_n, reach)
-    if omega:
-        arrow(axes, (0, 0), flat(force), GREEN, "−S")
-        arrow(axes, flat(force), wanted, ORANGE, "centripetal", 0.5)
-    else:
-        arrow(axes, (0, 0), wanted, GREEN, "−S")
-    sliding = now.mechanism == Mechanism.SLIDE_ROCK
-    for part, label, at in ((psi_t, "Ψₜ", -0.9), (psi_n, "Ψₙ", 0.9)):
-        arrow(axes, (0, 0), flat(part), BLUE, label, at)
-        axes.plot(*np.transpose([flat(part), held]), color=BLUE, lw=0.7, ls=(0, (3, 2)))
-    if sliding or omega:
-        arrow(axes, (0, 0), held, VERMILION, "Ψ", -0.45 if omega else 0.7)
-    if sliding:
-        arrow(axes, held, wanted, PURPLE, "missing", 0.5)
-    if omega:
-        title += f", θ = {rotation:g}, ω²h/g = {omega**2:.2g}"
-    axes.set_title(f"{title}, kₛ = {k_s:g}")
-    bare(axes, 0.17)
-
-
-def _cone(axes: Axes, flat: _Plane, n_t: _Vector, n_n: _Vector, reach: float) -> None:
-    rays = [flat(ray) for ray in plane.cone_boundaries(n_t, n_n, _FRICTION)]
-    ends = [float(np.degrees(np.arctan2(ray[1], ray[0]))) for ray in rays]
-    axes.add_patch(
-        Wedge((0.0, 0.0), reach, *ends, facecolor=_SHADE[Mechanism.ROCK], linewidth=0, zorder=0)
-    )
-    for ray, label in zip(rays, ("N⁺", "N⁻"), strict=True):
-        tip = reach * ray / np.linalg.norm(ray)
-        axes.plot([0.0, tip[0]], [0.0, tip[1]], color=SKY, lw=1.0, zorder=1)
-        _grey(axes, 1.07 * tip, label)
-    for vector, label in ((n_t, "Nₜ"), (n_n, "Nₙ")):
-        tip = reach * flat(vector) / np.linalg.norm(vector)
-        axes.plot([0.0, tip[0]], [0.0, tip[1]], color=GREY, lw=0.9, ls=(0, (5, 2)))
-        _grey(axes, 1.07 * tip, label)
-
-
-def _grey(axes: Axes, place: FloatArray, text: str) -> None:
-    x, y = place
-    axes.text(x, y, text, ha="center", va="center", color=GREY)
-
-
-def _split(
-    axes: Axes, block: RigidBlock, rotation: float, omega: float, slip: float, title: str
-) -> None:
-    """Fig 7: the tangential direction along a motion that slides, and across it."""
-    arm = formulas.corner_arm(block, CORNER_A, rotation)
-    n_t = formulas.tangential_gradient(block, arm)
-    velocity = formulas.combine(
-        1.0, plane.rocking_mechanism(block, arm, omega),
-        1.0, formulas.generalised(block, slip, 0.0, 0.0),
-    )  # fmt: skip
-    across = plane.split_along(n_t, velocity)[1]
-    now = corner_motion(block, CORNER_A, rotation, omega, slip, 0.3, 0.0, _FRICTION, 1.0)
-    flat = _Plane(across, velocity)
-    friction = formulas.scaled(now.tangential, n_t)
-    arrow(axes, (0, 0), flat(n_t), INK, "Nₜ")
-    arrow(axes, (0, 0), flat(across), BLUE, "in plane π", 0.6)
-    arrow(axes, flat(across), flat(n_t), PURPLE, "along u̇", 0.5)
-    arrow(axes, (0, 0), flat(friction), VERMILION, "Ψₜ = Rₜ Nₜ", -0.6)
-    speed = flat(velocity) / np.linalg.norm(velocity)
-    axes.plot([0.0, speed[0]], [0.0, speed[1]], color=GREY, lw=0.9, ls=(0, (5, 2)))
-    _grey(axes, 1.08 * speed, "u̇")
-    axes.axhline(0.0, color=SKY, lw=1.0, zorder=0)
-    axes.set_title(f"{title}, θ = {rotation:g}, ω²h/g = {omega**2:.2g}")
-    bare(axes, 0.17)
-
-
 def laws() -> HTML:
     """Signorini's and Coulomb's laws, traced by motions that start from rest (Figs 2 and 3)."""
     block, figure = uniform_block(2.0, 1.0, 1.0), sheet(7.0, 2.7)
     normal, tangential = figure.subplots(1, 2)
     lifts = np.linspace(-1.6, 0.6, 23)
-    starts = [starting_motion(block, 0.0, lift, _FRICTION, 1.0) for lift in lifts]
+    starts = [starting_motion(block, 0.0, lift, FRICTION, 1.0) for lift in lifts]
     rates = [max(start.y, 0.0) for start in starts]
     normal.plot(rates, [start.normal for start in starts], "o", color=BLUE, ms=4)
     normal.set(xlabel="normal acceleration of the base [g]", ylabel="Rₙ [weight]")
     loads = np.linspace(-1.2, 1.2, 25)
-    starts = [starting_motion(block, load, 0.0, _FRICTION, 1.0) for load in loads]
+    starts = [starting_motion(block, load, 0.0, FRICTION, 1.0) for load in loads]
     slips = [start.slip for start in starts]
     ratios = [start.tangential / start.normal for start in starts]
     tangential.plot(slips, ratios, "o", color=BLUE, ms=4)
-    tangential.axhline(_FRICTION, color=PALE, lw=0.8)
-    tangential.axhline(-_FRICTION, color=PALE, lw=0.8)
+    tangential.axhline(FRICTION, color=PALE, lw=0.8)
+    tangential.axhline(-FRICTION, color=PALE, lw=0.8)
     tangential.set(xlabel="tangential acceleration of the base [g]", ylabel="Rₜ / Rₙ")
     return shown(
         figure,
         "Two graphs: normal reaction over lift-off, tangential reaction over slip",
-        f"Reactions and accelerations of a squat block (b/h = 2, μ = {_FRICTION:g}) under "
+        "Figs 2 and 3. "
+        f"Reactions and accelerations of a squat block (b/h = 2, μ = {FRICTION:g}) under "
         "vertical (left) and horizontal (right) ground accelerations: each point is one solution.",
     )  # fmt: skip
 
 
 def contact_centre() -> HTML:
     """Contact centre e of Eq 14 over the horizontal ground acceleration."""
-    b, h = _BLOCK
+    b, h = BLOCK
     block, figure = uniform_block(b, h, 1.0), sheet(7.0, 2.6)
     axes = figure.subplots()
     loads = np.linspace(-0.9, 0.9, 181)
@@ -373,8 +238,8 @@ def phase_portrait() -> HTML:
             af.Block(width, height, friction=2.0), af.Motion(np.zeros(400), 0.01), initial=state,
             method="event_driven", rtol=1e-6, history=True,
         ).history  # fmt: skip
-        turn, rate = history.rotation.values[:, 0], history.angular_velocity.values[:, 0]
-        axes.plot(turn / alpha, rate, color=colour, label=f"from {part:g} α")
+        angle, rate = history.rotation.values[:, 0], history.angular_velocity.values[:, 0]
+        axes.plot(angle / alpha, rate, color=colour, label=f"from {part:g} α")
     axes.set(xlabel="rotation / α", ylabel="angular velocity [rad/s]")
     axes.legend(loc="upper right")
     return shown(

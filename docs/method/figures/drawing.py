@@ -1,4 +1,4 @@
-"""What the figures of the method share: colours, sheets, arrows, and how a page shows them."""
+"""What all figures of the method use: colours, sheets, arrows, and how a page shows them."""
 
 import base64
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from archfrag import Arch
 
-# Okabe and Ito (2008), apart for eyes that do not tell red from green.
+# Okabe and Ito (2008), apart for eyes that do not separate red from green.
 INK, GREY, PALE = "#24313d", "#6b7780", "#d5dbe0"
 BLUE, GREEN, ORANGE, VERMILION = "#0072b2", "#009e73", "#b87a00", "#d55e00"
 PURPLE, SKY = "#a0568a", "#56b4e9"
@@ -51,15 +51,16 @@ def shown(figure: Figure, words: str, caption: str) -> HTML:
     figure.savefig(held, format="svg", metadata={"Date": None, "Creator": None})
     data = base64.b64encode(held.getvalue()).decode()
     return HTML(
-        f'<figure><img style="max-width:100%;background:#fff" alt="{escape(words)}" '
-        f'src="data:image/svg+xml;base64,{data}"><figcaption>{caption}</figcaption></figure>'
+        '<figure style="margin:1em 0"><div style="overflow-x:auto"><img style="width:100%;'
+        f'min-width:32rem;background:#fff" alt="{escape(words)}" '
+        f'src="data:image/svg+xml;base64,{data}"></div><figcaption>{caption}</figcaption></figure>'
     )
 
 
 def arrow(
     axes: Axes, start: ArrayLike, end: ArrayLike, colour: str, label: str = "", at: float = 1.0
 ) -> None:
-    """An arrow; its label stands at a part of its way, on the right for a negative part."""
+    """An arrow; its label stands at a part of its length, on the right for a negative part."""
     start, end = np.asarray(start, float), np.asarray(end, float)
     axes.annotate(
         "", xy=tuple(end), xytext=tuple(start),

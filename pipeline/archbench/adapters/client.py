@@ -124,7 +124,7 @@ class OtherSolver:
         if "error" in reply:
             self.close()
             raise SolverFailed(f"{self.name}, {scene.name}, dt {dt:g} s: {reply['error']}")
-        return Outcome(**{**reply, "solver": self.name})
+        return Outcome(**reply)
 
     def close(self) -> None:
         """End the process."""

@@ -22,10 +22,6 @@ class Stepper(Protocol):
     def unconverged(self) -> int | None:
         """Steps that the solver left unconverged; None if it does not report them."""
 
-    @property
-    def contacts(self) -> int | None:
-        """Contact points at the last step; None if the solver does not report them."""
-
     def advance(self, ground_acceleration: Array) -> None:
         """Take as many steps as there are values [m/s2], each with its value held."""
 
@@ -46,20 +42,12 @@ class Outcome:
         Largest displacement of a centroid from its place in the scene [m].
     wall_seconds, cpu_seconds : float
         Of stepping alone.
-    setup_seconds : float
-        Of building the model and, for compiled kernels, compiling it.
     unconverged : int or None
         Steps whose contact problem was left unconverged; None if the solver does not report them.
     history : dict or None
         `time` [s] and `centroids` (time, voussoir, xy) [m], as lists.
     """
 
-    solver: str
-    version: str
-    settings: dict[str, Any]
-    scene: str
-    amplitude: float
-    dt: float
     collapsed: bool
     collapse_time: float
     peak_displacement: float
@@ -67,9 +55,7 @@ class Outcome:
     steps: int
     wall_seconds: float
     cpu_seconds: float
-    setup_seconds: float
     unconverged: int | None
-    contacts: int | None
     history: dict[str, Any] | None = field(default=None, repr=False)
 
 
@@ -81,7 +67,7 @@ def drive(
     sampling: float = 0.01,
     history: bool = False,
     stop_at_collapse: bool = True,
-) -> dict[str, Any]:
+) -> Outcome:
     """Run a built scene to its end, or to its collapse.
 
     Parameters
@@ -99,8 +85,7 @@ def drive(
 
     Returns
     -------
-    dict
-        Fields of `Outcome` that the run gives.
+    Outcome
 
     Raises
     ------
@@ -132,15 +117,14 @@ def drive(
             collapse_time = done * dt
         if stop_at_collapse and not math.isnan(collapse_time):
             break
-    return {
-        "collapsed": not math.isnan(collapse_time),
-        "collapse_time": collapse_time,
-        "peak_displacement": peak,
-        "simulated_seconds": done * dt,
-        "steps": done,
-        "wall_seconds": wall,
-        "cpu_seconds": cpu,
-        "unconverged": stepper.unconverged,
-        "contacts": stepper.contacts,
-        "history": {"time": times, "centroids": np.array(seen).tolist()} if history else None,
-    }
+    return Outcome(
+        collapsed=not math.isnan(collapse_time),
+        collapse_time=collapse_time,
+        peak_displacement=peak,
+        simulated_seconds=done * dt,
+        steps=done,
+        wall_seconds=wall,
+        cpu_seconds=cpu,
+        unconverged=stepper.unconverged,
+        history={"time": times, "centroids": np.array(seen).tolist()} if history else None,
+    )

@@ -84,9 +84,5 @@ class Lmgc90Stepper:
     def centroids(self) -> NDArray:
         return self.start + self._positions(self.result.bodies) - self.origin
 
-    @property
-    def contacts(self) -> int | None:
-        return len(self.result.interaction_coords)
-
 
 build = Lmgc90Stepper

@@ -56,10 +56,6 @@ class MujocoStepper:
     def centroids(self) -> NDArray:
         return self.start + self.data.qpos.reshape(-1, 3)[:, :2]
 
-    @property
-    def contacts(self) -> int | None:
-        return int(self.data.ncon)
-
 
 def _xml(scene: Scene, dt: float, settings: dict[str, Any]) -> str:
     """Model with x across, z up and the hinges about −y, so that rotation is anticlockwise."""

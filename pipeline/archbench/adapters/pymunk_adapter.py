@@ -61,9 +61,5 @@ class PymunkStepper:
     def centroids(self) -> NDArray:
         return np.array([tuple(body.position) for body in self.moving])
 
-    @property
-    def contacts(self) -> int | None:
-        return None
-
 
 build = PymunkStepper

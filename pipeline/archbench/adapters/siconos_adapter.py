@@ -26,7 +26,7 @@ SETTINGS: dict[str, Any] = {
 class _Relations:
     """Linear relations y = C q + e of the corners (y: gap and slip).
 
-    Siconos shares their arrays, which are made anew from the positions at the start of each step:
+    Siconos keeps their arrays; they are written anew from the positions at the start of each step:
     Moreau-Jean with explicit Jacobians, without a call back to Python for each contact.
     """
 
@@ -111,10 +111,6 @@ class SiconosStepper:
 
     def centroids(self) -> NDArray:
         return self.start + np.array([body.q()[:2] for body in self.bodies])
-
-    @property
-    def contacts(self) -> int | None:
-        return int(self.problem.getSizeOutput()) // 2
 
 
 build = SiconosStepper

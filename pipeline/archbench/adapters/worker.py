@@ -7,7 +7,7 @@ import importlib
 import json
 import os
 import sys
-import time
+from dataclasses import asdict
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -20,29 +20,16 @@ from archbench.adapters.drive import drive  # noqa: E402
 from archbench.scene import Scene  # noqa: E402
 
 
-def answer(solver: str, adapter: ModuleType, request: dict[str, Any]) -> dict[str, Any]:
+def answer(adapter: ModuleType, request: dict[str, Any]) -> dict[str, Any]:
     """Run one request: scene, dt, settings, and what `drive` takes."""
     scene, dt = Scene(**request["scene"]), request["dt"]
     unknown = set(request["settings"]) - set(adapter.SETTINGS)
     if unknown:
         raise ValueError(f"no setting {sorted(unknown)}; there are {sorted(adapter.SETTINGS)}")
     settings = {**adapter.SETTINGS, **request["settings"]}
-    began = time.perf_counter()
     if hasattr(adapter, "run"):
-        found = adapter.run(scene, dt, settings, **request["options"])
-    else:
-        stepper = adapter.build(scene, dt, settings)
-        setup = time.perf_counter() - began
-        found = {"setup_seconds": setup, **drive(stepper, scene, dt, **request["options"])}
-    return {
-        "solver": solver,
-        "version": adapter.VERSION,
-        "settings": settings,
-        "scene": scene.name,
-        "amplitude": float(scene.motion.get("amplitude", 0.0)),
-        "dt": dt,
-        **found,
-    }
+        return asdict(adapter.run(scene, dt, settings, **request["options"]))
+    return asdict(drive(adapter.build(scene, dt, settings), scene, dt, **request["options"]))
 
 
 def main() -> None:
@@ -61,7 +48,7 @@ def main() -> None:
     channel.write(json.dumps({"ready": solver, "version": adapter.VERSION}) + "\n")
     for line in sys.stdin:
         try:
-            reply = answer(solver, adapter, json.loads(line))
+            reply = answer(adapter, json.loads(line))
         except Exception as error:
             reply = {"error": f"{type(error).__name__}: {error}"}
         channel.write(json.dumps(reply) + "\n")

@@ -214,6 +214,9 @@ def write_dxf(arch: "Arch", path: str | Path, unit: str = "m", layer: str = LAYE
         for line in ground_lines(arch, outlines):
             start, end = (line / scale).tolist()
             space.add_line(start, end, dxfattribs=attributes)
+        # In an order of their own: ezdxf registers them from a set.
+        document.classes.add_required_classes(document.dxfversion)
+        document.classes.classes = dict(sorted(document.classes.classes.items()))
         text = io.StringIO()
         document.write(text)
     except ezdxf.DXFError as error:

@@ -418,12 +418,12 @@ class Arch:
         thickness_factor: float = 1.0,
         tolerance: float | None = None,
     ) -> Arch:
-        """Chain of any simple polygons, in any order: joints are the edges that two share.
+        """Chain of simple polygons in any order: joints are the edges that two have in common.
 
         Parameters
         ----------
         outlines : sequence of (m, 2) or (m, 3) array_like
-            Corners x, y of the blocks [m], either way round; the third column is the bulge of the
+            Corners x, y of the blocks [m] in either sense; the third column is the bulge of the
             side to the next corner, the tangent of a quarter of its arc's angle (positive
             anticlockwise, 0 straight). Area, centroid and inertia of arcs are exact.
         ground : sequence of (2, 2) array_like
@@ -521,7 +521,7 @@ class Arch:
         Parameters
         ----------
         path : str or Path
-            File to write; the same arch makes the same bytes.
+            File to write; the same arch and version of ezdxf make the same bytes.
         unit : str
             m, dm, cm, mm, in or ft.
         layer : str

@@ -221,13 +221,13 @@ def record_bootstrap_band(
 
     A record that fells the arch at one level tends to fell it at the next, so the runs of a
     study are not independent as the binomial likelihood takes them to be, and the band from its
-    covariance is too narrow. Here whole records are drawn with replacement (the cluster
+    covariance is too narrow. Here records are drawn with replacement (the cluster
     bootstrap; Davison and Hinkley 1997, section 3.8), each with its verdicts at all levels, and
     the curve is fitted to each draw. Draws without a curve enter as in `bootstrap_band`.
 
-    Where several records share one event whole events are drawn. The percentile method is too
-    narrow where records or events are few; it is a check that assumes no family of curves between
-    records, not what is quoted (`archfrag.fragility.quoted.quoted_band`).
+    Where several records are of one event the events are drawn. The percentile method is too
+    narrow for a small number of records or events; it is a check that assumes no family of curves
+    between records, not what is quoted (`archfrag.fragility.quoted.quoted_band`).
 
     Parameters
     ----------

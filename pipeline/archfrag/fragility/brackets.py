@@ -61,7 +61,7 @@ def find_brackets(verdict: ArrayLike, levels: ArrayLike, rule: str = "fewest") -
     """Border between standing and collapse of each record.
 
     Where a record stands again above a level at which it collapsed there is no capacity in the
-    strict sense, and a rule must say what is meant.
+    strict sense, and a rule must define what is meant.
 
     Parameters
     ----------

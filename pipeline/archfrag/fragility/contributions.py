@@ -69,7 +69,7 @@ def deaggregate(
 
     At one level every record is run once: the runs are taken to be independent, and each fraction
     has Wilson's score interval (Wilson 1927, J. Am. Stat. Assoc. 22, 209-212). Over all levels
-    the same records collapse again and again, most often in the same way. The interval of the
+    the same records collapse again and again, most often by one mechanism. The interval of the
     overall fractions therefore counts no more than ``(sum m)^2 / sum m^2`` collapses, where m are
     the numbers of collapses of the records (Kish 1965, *Survey Sampling*, sections 5.4 and
     11.7): what remains if all collapses of a record are alike.
@@ -137,7 +137,7 @@ def contributions(
     """Divide the rate of collapse of each level by category.
 
     Rate of a category = sum over levels of rate(level) P(category | collapse, level). The band is
-    the percentile bootstrap of whole records, each with its collapses at all levels; a resample in
+    the percentile bootstrap of records, each with its collapses at all levels; a resample in
     which a level has no collapse leaves the rate of this level out.
 
     Parameters
@@ -226,7 +226,7 @@ def implied_collapses(
     """Collapses that runs left out by a bisection would have shown, capacity being one number.
 
     A level that was not simulated counts as collapsed if its record collapsed at the nearest lower
-    level that was, in the way it did there.
+    level that was, by the category that it had there.
 
     Parameters
     ----------

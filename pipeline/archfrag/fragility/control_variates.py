@@ -98,7 +98,7 @@ def estimate_two_fidelity(coarse: ArrayLike, fine: ArrayLike) -> TwoFidelity:
 
 
 def _leaving_one_out(both: BoolArray) -> FloatArray:
-    """Weights of all records, then with each left out in turn, (1 + n_record, n_record).
+    """Weights of all records, then with one left out after the other, (1 + n_record, n_record).
 
     The others of its group (with both settings, or with the cheap one only) take over the weight
     of the record left out, so that means over all records keep their fractions of the groups and

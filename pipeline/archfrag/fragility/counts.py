@@ -94,7 +94,7 @@ def checked_stripes(
             )
         bad = values[~((values >= 0.0) & (values == np.floor(values)) & np.isfinite(values))]
         if bad.size:
-            raise InputError(f"{name} holds {bad[0]:g}; counts are whole numbers from 0 upwards")
+            raise InputError(f"{name} holds {bad[0]:g}; counts are integers from 0 upwards")
     positive(levels, "im")
     if np.any(k > m):
         i = int(np.argmax(k > m))
@@ -124,7 +124,7 @@ def clopper_pearson(
     Raises
     ------
     InputError
-        If a count is negative, not whole, or collapses exceed n.
+        If a count is negative, no integer, or collapses exceed n.
 
     Examples
     --------
@@ -141,7 +141,7 @@ def clopper_pearson(
 
 
 def wilson(k: ArrayLike, n: ArrayLike, confidence: float = 0.9) -> tuple[FloatArray, FloatArray]:
-    """Score interval of k among n, which need not be whole (Wilson 1927); nan where n = 0."""
+    """Score interval of k among n, which need not be integers (Wilson 1927); nan where n = 0."""
     z = ndtri(tails(confidence)[1])
     k = np.asarray(k, dtype=float)
     n = np.where(np.asarray(n) > 0, n, np.nan).astype(float)

@@ -1,4 +1,4 @@
-"""The lognormal fragility curve, a band about a curve, and checks that all modules share."""
+"""The lognormal fragility curve, a band about a curve, and checks for all modules."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -25,7 +25,7 @@ class Fragility:
     beta : float
         Dispersion: standard deviation of the logarithm of capacity [1].
     covariance : ndarray, (2, 2)
-        Of (ln theta, beta): inverse of the observed Fisher information, or as `kind` says.
+        Of (ln theta, beta): inverse of the observed Fisher information, or as `kind` implies.
     log_likelihood : float
         At the maximum; of stripes with the binomial coefficients, of capacities the density of
         their logarithms.

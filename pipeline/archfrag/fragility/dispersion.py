@@ -5,8 +5,9 @@ is not known of it, or one of a fleet),
 
     var ln C = E[var(ln C | A)] + var(E[ln C | A]),
 
-of which the first is beta_record_to_record^2 and the second beta_model^2. What records do to some
-arches and not to others (the interaction) belongs to the first.
+of which the first is beta_record_to_record^2 + beta_numerical^2, the latter being what time step
+and tolerances of a run bring, and the second beta_model^2. What records do to some arches and not
+to others (the interaction) belongs to the first.
 """
 
 from collections.abc import Mapping
@@ -27,6 +28,7 @@ class Dispersion:
     theta: float  #: median capacity over arches and records, in the unit of the capacities
     beta_record_to_record: float  #: 0 where the estimated variance is negative; see `notes`
     beta_model: float  #: between arches; likewise
+    beta_numerical: float  #: what a run's time step and tolerances bring, as given
     standard_errors: tuple[float, float]  #: of both, for normal ln capacities; nan where 0
     n_arch: int
     n_record: float  #: records of each arch, the mean number if they differ
@@ -53,12 +55,14 @@ def combine(*betas: float) -> float:
     return float(np.sqrt(sum(beta * beta for beta in betas)))
 
 
-def split_capacities(capacity: ArrayLike, *, same_records: bool = True) -> Dispersion:
+def split_capacities(
+    capacity: ArrayLike, *, same_records: bool = True, numerical: float = 0.0
+) -> Dispersion:
     """Divide the dispersion of capacities of sampled arches under records.
 
     Analysis of variance by moments (Searle, Casella and McCulloch 1992, *Variance Components*,
-    chapters 3 and 4): of two ways if all arches meet the same records, for then the means of the
-    arches share the scatter of the records; of one way if each arch has records of its own.
+    chapters 3 and 4): with two factors if all arches meet the same records, for then the means of
+    the arches all have the scatter of the records; with one if each arch has its own records.
 
     Parameters
     ----------
@@ -67,6 +71,9 @@ def split_capacities(capacity: ArrayLike, *, same_records: bool = True) -> Dispe
         `same_records`, columns are records, and records not known for all arches are left out.
     same_records : bool
         Whether column i is the same motion for all arches.
+    numerical : float
+        Standard deviation of ln capacity of one run due to the numerical method, which is taken
+        out of the record-to-record part.
 
     Raises
     ------
@@ -96,11 +103,11 @@ def split_capacities(capacity: ArrayLike, *, same_records: bool = True) -> Dispe
     if len(logs) < 2 or logs.shape[1] < 2:
         raise FitError(
             f"{len(logs)} arches with {logs.shape[1]} records of known capacity remain; two of "
-            "each are needed to tell modelling from records"
+            "each are needed to separate modelling from records"
         )
-    *squares, n_record = _two_way(logs) if same_records else _one_way(logs)
+    *squares, n_record = _two_factors(logs) if same_records else _one_factor(logs)
     theta = float(np.exp(np.nanmean(np.nanmean(logs, axis=1))))
-    return _dispersion(theta, squares, (len(logs), n_record), notes)
+    return _dispersion(theta, squares, (len(logs), n_record), notes, numerical)
 
 
 def split_curves(
@@ -110,6 +117,7 @@ def split_curves(
     *,
     shared: float = 0.0,
     n_record: int,
+    numerical: float = 0.0,
 ) -> Dispersion:
     """Divide the dispersion from one fitted curve per arch.
 
@@ -128,6 +136,8 @@ def split_curves(
         of their ln capacities where all meet the same records, 0 where each has its own.
     n_record : int
         Records of each arch, for the standard errors.
+    numerical : float
+        As in `split_capacities`.
 
     Raises
     ------
@@ -163,10 +173,11 @@ def split_curves(
     freedom = (n_record - 1) * (1.0 + (n_arch - 1) * (1.0 - shared))
     variances = 2.0 * within**2 / freedom, 2.0 * observed**2 / (n_arch - 1)
     squares = [within, observed - sampling, *variances]
-    return _dispersion(float(np.exp(logs.mean())), squares, (n_arch, float(n_record)), [])
+    sizes = n_arch, float(n_record)
+    return _dispersion(float(np.exp(logs.mean())), squares, sizes, [], numerical)
 
 
-def _two_way(logs: FloatArray) -> tuple[float, ...]:
+def _two_factors(logs: FloatArray) -> tuple[float, ...]:
     """Variances within and between arches that meet the same records, and their variances."""
     a, r = logs.shape
     arch, record, overall = logs.mean(axis=1), logs.mean(axis=0), logs.mean()
@@ -181,7 +192,7 @@ def _two_way(logs: FloatArray) -> tuple[float, ...]:
     return within, (of_arch - interaction) / r, within_variance, model_variance, float(r)
 
 
-def _one_way(logs: FloatArray) -> tuple[float, ...]:
+def _one_factor(logs: FloatArray) -> tuple[float, ...]:
     """The same for arches with records of their own, whose number may differ."""
     known = ~np.isnan(logs)
     count = np.count_nonzero(known, axis=1).astype(float)
@@ -197,9 +208,15 @@ def _one_way(logs: FloatArray) -> tuple[float, ...]:
 
 
 def _dispersion(
-    theta: float, squares: list[float], sizes: tuple[int, float], notes: list[str]
+    theta: float,
+    squares: list[float],
+    sizes: tuple[int, float],
+    notes: list[str],
+    numerical: float,
 ) -> Dispersion:
     """Of the variances within and between arches, and the variances of these two."""
+    combine(numerical)  # which refuses what is no dispersion
+    squares = [squares[0] - numerical**2, *squares[1:]]
     parts, errors = [], []
     for name, square, variance in zip(("record-to-record", "modelling"), squares, squares[2:]):
         if square <= 0.0:
@@ -209,7 +226,8 @@ def _dispersion(
             )
         parts.append(float(np.sqrt(max(square, 0.0))))
         errors.append(float(np.sqrt(variance) / (2.0 * parts[-1])) if square > 0.0 else np.nan)
-    return Dispersion(theta, parts[0], parts[1], (errors[0], errors[1]), *sizes, tuple(notes))
+    found = theta, parts[0], parts[1], float(numerical), (errors[0], errors[1])
+    return Dispersion(*found, *sizes, tuple(notes))
 
 
 @dataclass(frozen=True)

@@ -242,7 +242,7 @@ def _fit(lower: FloatArray, upper: FloatArray, kind: str) -> Fragility:
         )
     if not np.any((lower > 0.0) & np.isfinite(upper)):
         raise FitError(
-            "no capacity is bracketed from both sides, so brackets cannot tell theta from beta; "
+            "no capacity is bracketed from both sides, which does not separate theta from beta; "
             "add levels below and above"
         )
     with np.errstate(divide="ignore"):
@@ -285,7 +285,7 @@ def _require_overlap(im: FloatArray, collapses: FloatArray, n: FloatArray) -> No
         )
     if np.all(im == im[0]):
         raise FitError(
-            f"all runs are at one level, im = {im[0]:g}, which cannot tell theta from beta; "
+            f"all runs are at one level, im = {im[0]:g}, which cannot separate theta from beta; "
             "add levels"
         )
     first, last = im[collapses > 0].min(), im[collapses < n].max()

@@ -28,15 +28,15 @@ class FitTest:
 
     @property
     def message(self) -> str:
-        """The outcome in one sentence."""
+        """The outcome in words."""
         if self.p_value < 0.05:
             return (
                 f"The lognormal curve does not describe these collapses (p = {self.p_value:.3g}): "
                 "quote the isotonic or the kernel curve beside it."
             )
         return (
-            f"Nothing here contradicts a lognormal curve (p = {self.p_value:.2g}); with few "
-            "records only a large misfit would show."
+            f"Nothing here contradicts a lognormal curve (p = {self.p_value:.2g}); with a small "
+            "number of records only a large misfit would show."
         )
 
 

@@ -65,7 +65,7 @@ class HazardCurve:
             )
         if self.rate[0] == self.rate[-1]:
             raise InputError(
-                f"the hazard curve's rate is {self.rate[0]:g} at all its points, so it says "
+                f"the hazard curve's rate is {self.rate[0]:g} at all its points, so it holds "
                 "nothing of how often stronger motions occur"
             )
 

@@ -49,7 +49,7 @@ def fit_limit_states(
     construction. Curves fitted one by one cross somewhere unless their betas are equal; if two
     cross within the range of the levels, the curves with a fit of their own are replaced by an
     ordered probit model with one beta and a theta each (McCullagh 1980, J. R. Stat. Soc. B 42),
-    fitted to all states at once, in which they cannot cross; states that no run tells apart have
+    fitted to all states at once, in which they cannot cross; states that no run separates have
     one theta in it. Runs count as independent, as in `fit_stripes`.
 
     A state whose exceedances are separated in intensity from its other runs has no likeliest
@@ -150,7 +150,7 @@ def _crossing(states: list[LimitState], fitted: list[int], levels: FloatArray) -
 
 def _ordered(x: FloatArray, nested: IntArray, alone: Sequence[Fragility]) -> list[Fragility]:
     """Curves with one beta and ordered thetas, of states whose curves `alone` would cross."""
-    group, merged = _told_apart(nested)
+    group, merged = _separated(nested)
     fits = None
     # A state with a maximum of its own gives the joint likelihood one.
     if any(fit.kind == "stripes" for fit in alone):
@@ -165,7 +165,7 @@ def _ordered(x: FloatArray, nested: IntArray, alone: Sequence[Fragility]) -> lis
     ]
 
 
-def _told_apart(nested: IntArray) -> tuple[list[int], IntArray]:
+def _separated(nested: IntArray) -> tuple[list[int], IntArray]:
     """Group of each state, and the codes of the groups, (n_run, n_group).
 
     States belong to one group if no run exceeds the milder and spares the more severe one: the

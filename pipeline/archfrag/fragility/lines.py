@@ -91,7 +91,7 @@ def binomial_lines(
     x: FloatArray, collapses: FloatArray, n: FloatArray, link: str = "probit"
 ) -> Lines:
     """Likeliest lines of weighted counts 0 <= collapses <= n, (n_fit, n_point), which need not be
-    whole, at x, (n_point,) or (n_fit, n_point).
+    integers, at x, (n_point,) or (n_fit, n_point).
 
     The loss is convex for both links (Pratt 1981, J. Am. Stat. Assoc. 76).
     """

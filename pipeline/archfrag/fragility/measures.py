@@ -70,7 +70,7 @@ def compare_measures(
     Efficiency and sufficiency are those of Luco and Cornell (2007, Earthquake Spectra 23(2)). A
     measure is called sufficient if ln capacity in it depends neither on magnitude nor on ln
     distance, each tested at 5 % by itself (a t test of the slope; likelihood ratio where there
-    are bounds; score test for scattered runs). With few records dependence goes unseen.
+    are bounds; score test for scattered runs). A small number of records does not show dependence.
 
     Parameters
     ----------
@@ -132,11 +132,11 @@ def _table(
 ) -> MeasureTable:
     names = [row.measure for row in rows]
     most = max(row.n_records for row in rows)
-    whole = [row for row in rows if not row.none and row.n_records == most]
-    whole = [row for row in whole if np.isfinite(compared.merit(row))]
-    if not whole:
+    known = [row for row in rows if not row.none and row.n_records == most]
+    known = [row for row in known if np.isfinite(compared.merit(row))]
+    if not known:
         raise FitError("no measure has a curve from these runs: " + rows[names.index(own)].none)
-    chosen = [row for row in whole if row.sufficient is not False] or whole
+    chosen = [row for row in known if row.sufficient is not False] or known
     best = max(chosen, key=compared.merit)
     mine = rows[names.index(own)]
     p_value, ratio = 1.0, 1.0
@@ -146,8 +146,8 @@ def _table(
         failed = (1.0 + np.count_nonzero(gain <= 0.0)) / (1.0 + gain.size)
         p_value = float(min(1.0, failed * (len(chosen) - (mine in chosen))))
         ratio = best.efficiency / mine.efficiency
-    first = max(whole, key=compared.merit)
-    message = _message(best, mine, p_value, ratio, any(row.sufficient for row in whole))
+    first = max(known, key=compared.merit)
+    message = _message(best, mine, p_value, ratio, any(row.sufficient for row in known))
     if first is not best:
         message += f" {first.measure} is more efficient, but not sufficient."
     return MeasureTable(rows, own, best.measure, p_value, float(ratio), message)

@@ -1,4 +1,4 @@
-"""Posterior of a lognormal curve under a proper, objective prior: few runs give a band too.
+"""Posterior of a lognormal curve under a proper, objective prior: ten runs give a band too.
 
 The prior of runs rests on Jeffreys', the square root of the determinant of the Fisher
 information of the design, which is proper for a probit line at two levels or more, and so leaves
@@ -122,7 +122,7 @@ def fit_capacity_posterior(
     normal sample are exact (Student's t for theta, chi-square for beta, the non-central t for
     the curve), times beta^2 / (beta^2 + d^2 / 12) with d the median width of the brackets in
     ln im, so that it stays proper where one capacity would agree with all records, and times
-    1 / (1 + (beta / r)^2) with r that of all their ends, so that it does where few records are
+    1 / (1 + (beta / r)^2) with r that of all their ends, so that it does where hardly a record is
     bracketed from both sides. Assumes lognormal, independent capacities, and a beta between
     what the levels resolve and what they span. The likelihood is raised to the power
     `n_effective` / n where records are worth fewer independent ones.

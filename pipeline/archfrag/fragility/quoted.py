@@ -62,8 +62,8 @@ def quoted_band(
     confidence : float
         Between 0 and 1.
     groups : array_like, (n_record,), optional
-        Label of what rows share, such as the event of each record. Rows of one group are worth
-        fewer, by how alike their capacities are.
+        Label of what rows have in common, such as the event of each record. Rows of one group
+        are worth fewer, by how alike their capacities are.
     unit : str
         What a group is, for `assumptions`.
 
@@ -73,7 +73,7 @@ def quoted_band(
         If an argument cannot be.
     FitError
         If no run is decided, there is one group only, or nothing bounds theta from one side;
-        the message says which levels to add.
+        the message states which levels to add.
 
     Examples
     --------
@@ -142,7 +142,7 @@ def quoted_posterior(
             + ", ".join(repr(name) for name in SAME_RECORDS + OWN_MOTIONS)
         )
     if groups is not None:
-        raise InputError(f"groups are of records, which the design {design!r} does not share")
+        raise InputError(f"groups are of records, which do not repeat in the design {design!r}")
     codes, levels = np.asarray(verdict), np.asarray(intensity, dtype=float)
     if codes.shape != levels.shape:
         raise InputError(
@@ -160,7 +160,7 @@ def quoted_posterior(
 def shared_events(event: ArrayLike) -> NDArray[np.str_] | None:
     """Labels of groups from names of earthquakes; a record without one is its own.
 
-    None where no two records share one, or all do: of one earthquake nothing can be said of how
+    None where no two records are of one, or all are: one earthquake does not show how
     earthquakes differ.
     """
     names = np.asarray(event).astype(str)
@@ -176,15 +176,15 @@ def independent_records(found: Brackets, groups: ArrayLike) -> float:
 
     n / (1 + (m - 1) rho) with m = sum n_i^2 / n the records of an event (Kish 1965, Survey
     Sampling) and rho the correlation within events, by analysis of variance of ln capacity. As
-    rho is poorly known from few events, half its standard error is added: without it 90 % bands
-    held the truth in 84 to 88 % at 4 to 8 events of 3 records and rho = 0.5.
+    rho is poorly known from a small number of events, half its standard error is added: without
+    it 90 % bands held the truth in 84 to 88 % at 4 to 8 events of 3 records and rho = 0.5.
     """
     events, place, size = np.unique(np.asarray(groups), return_inverse=True, return_counts=True)
     n, n_event = place.size, events.size
     if n_event < 2:
         raise FitError(
             f"all records belong to one group, {events[0]!s}; at least two groups are needed to "
-            "tell how far they differ"
+            "show how far they differ"
         )
     worth = float((size**2).sum() / n)
     if n == n_event:

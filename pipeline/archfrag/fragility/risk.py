@@ -144,7 +144,7 @@ def parameter_draws(
 ) -> tuple[FloatArray, FloatArray]:
     """theta and beta as uncertain as the data leave them.
 
-    Where the data are the capacities of n records, or n records serve at all levels (which tell
+    Where the data are the capacities of n records, or n records serve at all levels (which hold
     no more than their n capacities do): from the distributions of mean and variance of a normal
     sample, (n - 1) s^2 / sigma^2 being chi-squared and the mean normal about the true one by
     sigma / sqrt(n) (the reference posterior; Box and Tiao 1973, section 2.4). Otherwise (ln theta,

@@ -83,7 +83,7 @@ class Runs:
         return bool(np.any(np.count_nonzero(self.n, axis=1) > 1))
 
     def binned(self, most: int) -> "Runs":
-        """The same with at most `most` levels: neighbours share their geometric mean."""
+        """The same with at most `most` levels: neighbours are at their geometric mean."""
         if self.levels.size <= most:
             return self
         place = np.arange(self.levels.size) * most // self.levels.size
@@ -94,7 +94,7 @@ class Runs:
         return Runs(np.exp(mean), collapses, n, self.group)
 
     def resample(self, resampling: Resampling) -> tuple[FloatArray, FloatArray]:
-        """Collapses and runs at each level in each draw of whole groups, (n_draw, n_level)."""
+        """Collapses and runs at each level in each draw of groups, (n_draw, n_level)."""
         n_group = int(self.group.max()) + 1
         kept = self.group % MOST_GROUPS
         size = min(n_group, MOST_GROUPS)
@@ -189,7 +189,7 @@ def _levels(used: FloatArray) -> tuple[FloatArray, IntArray]:
 
 
 def event_groups(event: ArrayLike | None, n_record: int) -> IntArray:
-    """A number for each record, the same for those that share a named event."""
+    """A number for each record, the same for those of one named event."""
     if event is None:
         return np.arange(n_record)
     names = np.asarray(event).astype(str)

@@ -41,7 +41,7 @@ class FreeCurve:
         """Pointwise band from the bootstrap of records (percentile method).
 
         Where all runs of a level agree, so do those of each resample: the band has no width
-        there, and the exact interval of the level's fraction says more.
+        there, and the exact interval of the level's fraction is wider.
 
         It is somewhat too narrow, most of all in the upper tail: a nominal 90 % held a lognormal
         curve (beta 0.4, 15 levels, 200 studies, standard error 2 %) at p = 0.1, 0.25, 0.5, 0.75,
@@ -65,7 +65,7 @@ def isotonic_curve(runs: Runs, resampling: Resampling) -> FreeCurve:
     likelihood under that condition alone (Ayer, Brunk, Ewing, Reid and Silverman 1955, Ann.
     Math. Stat. 26). The band is from the bootstrap of records, or of events where they are
     named; it is known to be inconsistent for isotonic curves where intensities are many and runs
-    at each are few (Sen, Banerjee and Woodroofe 2010, Ann. Stat. 38): read it as a rough one for
+    at each are not (Sen, Banerjee and Woodroofe 2010, Ann. Stat. 38): read it as a rough one for
     scattered runs.
 
     Parameters

@@ -24,61 +24,42 @@ class Calibrated(NamedTuple):
 
 
 def calibrate(
-    trace: Trace,
-    path: Path,
-    unit: str | None,
-    entry: IndexEntry | None,
+    trace: Trace, path: Path, unit: str | None, entry: IndexEntry | None,
     inventory: Inventory | None,
-) -> Calibrated:
-    """Turn the samples of a trace into m/s2.
+) -> Calibrated:  # fmt: skip
+    """Samples in m/s2, by the first that is known of the sources of a unit.
 
-    The unit comes from the first of: the file's header; the K-NET scale factor (which obspy
-    leaves in ``stats.calib`` as m/s2 a count, not applied); the index that lists the file; the
-    instrument's sensitivity in StationXML; the sensitivities in a COSMOS header; the argument
-    `unit`. Records of counts and uncorrected volumes are demeaned: their offset is the
-    instrument's and can exceed the motion.
-
-    Raises
-    ------
-    RecordError
-        If no unit is known, the one asked for contradicts the file, or the StationXML does not
-        describe this channel as an accelerometer.
+    They are the file's header; the K-NET scale factor (which obspy leaves in ``stats.calib`` as
+    m/s2 a count, not applied); the index that lists the file; the instrument's sensitivity in
+    StationXML; the sensitivities in a COSMOS header; the argument `unit`. Records of counts and
+    uncorrected volumes are demeaned: their offset is the instrument's and can exceed the motion.
     """
     if unit is not None:
         unit_factor(unit, str(path))
     known, source = _stated_unit(trace, entry)
+    per_count = trace.stats.get("record", {}).get("g_per_count")
     if known is not None:
         if unit is not None and METRES_PER_SECOND_SQUARED[unit] != unit_factor(known, source):
-            raise RecordError(
-                f"{path}: unit {unit!r} was asked for but the {source} says {known!r}; leave "
-                "`unit` out"
-            )
+            raise _superfluous(path, unit, f"the {source} states {known!r}; leave `unit` out")
         return _from_unit(trace, known, f"unit {known} from the {source}")
     if trace.stats.get("_format") == "KNET":
         if unit not in (None, "m/s2"):
-            raise RecordError(
-                f"{path}: unit {unit!r} was asked for but a K-NET file has its own scale factor; "
-                "leave `unit` out"
-            )
-        return _demeaned(trace, float(trace.stats.calib), "counts", "the file's scale factor")
+            reason = "a K-NET file has its own scale factor; leave `unit` out"
+            raise _superfluous(path, unit, reason)
+        return _demeaned(trace, float(trace.stats.calib), "the file's scale factor")
     if inventory is not None:
         if unit is not None:
-            raise RecordError(
-                f"{path}: unit {unit!r} was asked for but StationXML gives the sensitivity; use "
-                "one of the two"
-            )
+            reason = "StationXML gives the sensitivity; use one of the two"
+            raise _superfluous(path, unit, reason)
         sensitivity = _sensitivity(trace, path, inventory)
         text = f"the sensitivity {sensitivity:.6g} counts/(m/s2) of its StationXML"
-        return _demeaned(trace, 1.0 / sensitivity, "counts", text)
-    per_count = trace.stats.get("record", {}).get("g_per_count")
+        return _demeaned(trace, 1.0 / sensitivity, text)
     if per_count:
         if unit is not None:
-            raise RecordError(
-                f"{path}: unit {unit!r} was asked for but the file holds counts and has the "
-                "sensitivity of its instrument; leave `unit` out"
-            )
+            reason = "the file holds counts and has the sensitivity of its instrument"
+            raise _superfluous(path, unit, f"{reason}; leave `unit` out")
         text = f"the sensitivity {1.0 / per_count:.6g} counts/g of its header"
-        return _demeaned(trace, per_count * STANDARD_GRAVITY, "counts", text)
+        return _demeaned(trace, per_count * STANDARD_GRAVITY, text)
     if unit is not None:
         calibrated = _from_unit(trace, unit, f"unit {unit} as asked for")
         if trace.stats.calib != 1.0:
@@ -87,20 +68,18 @@ def calibrate(
         return calibrated
     allowed = ", ".join(METRES_PER_SECOND_SQUARED)
     raise RecordError(
-        f"{path}: the file does not say the unit of its samples; give `unit`, one of {allowed} "
+        f"{path}: the file does not state the unit of its samples; give `unit`, one of {allowed} "
         f"(--unit on the command line), or for counts its StationXML as {path.stem}.xml beside it "
         "or by `inventory` (--inventory on the command line)"
     )
 
 
-def find_inventory(path: Path, trace: Trace, given: Any) -> Inventory | None:
-    """StationXML for a trace: as given, or NAME.xml or NET.STA.xml in the folder of the record.
+def _superfluous(path: Path, unit: str | None, reason: str) -> RecordError:
+    return RecordError(f"{path}: unit {unit!r} was asked for but {reason}")
 
-    Raises
-    ------
-    RecordError
-        If the StationXML that is there or was given cannot be read.
-    """
+
+def find_inventory(path: Path, trace: Trace, given: Any) -> Inventory | None:
+    """StationXML for a trace: as given, or NAME.xml or NET.STA.xml in the folder of the record."""
     if isinstance(given, Inventory):
         return given
     if given is not None:
@@ -114,7 +93,7 @@ def find_inventory(path: Path, trace: Trace, given: Any) -> Inventory | None:
 
 
 def points_down(trace: Trace, inventory: Inventory | None) -> bool:
-    """Tell whether a vertical channel counts downwards as positive."""
+    """Whether a vertical channel counts downwards as positive."""
     if inventory is not None:
         try:
             orientation = inventory.get_orientation(trace.id, trace.stats.starttime)
@@ -159,14 +138,14 @@ def _from_unit(trace: Trace, unit: str, how: str) -> Calibrated:
     return Calibrated(samples, unit, log)
 
 
-def _demeaned(trace: Trace, factor: float, unit: str, how: str) -> Calibrated:
+def _demeaned(trace: Trace, factor: float, how: str) -> Calibrated:
     samples = np.asarray(trace.data, dtype=np.float64) * factor
     mean = float(samples.mean())
     log = (
-        f"Converted from {unit} to m/s2 by {how}, factor {factor:.9g}.",
+        f"Converted from counts to m/s2 by {how}, factor {factor:.9g}.",
         f"Mean removed ({mean:.6g} m/s2).",
     )
-    return Calibrated(samples - mean, unit, log)
+    return Calibrated(samples - mean, "counts", log)
 
 
 def _sensitivity(trace: Trace, path: Path, inventory: Inventory) -> float:

@@ -1,4 +1,4 @@
-"""The channels of a record file: read, judged, in m/s2, and told apart by direction."""
+"""The channels of a record file: read, judged, in m/s2, and sorted by direction."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -32,7 +32,7 @@ _reader = Reader()
 
 
 class Options(NamedTuple):
-    """What the user said of a file, see `archfrag.motions.read.read_motion`."""
+    """What the user states of a file, see `archfrag.motions.read.read_motion`."""
 
     unit: str | None = None
     inventory: str | Path | Inventory | None = None
@@ -56,30 +56,24 @@ class Channel(NamedTuple):
 
     @property
     def record(self) -> Mapping[str, Any]:
-        """What the header of the file says."""
+        """What the header of the file states."""
         return self.trace.stats.get("record", {})
 
+    @property
+    def vertical(self) -> bool:
+        """Whether it is vertical, by its header or its code."""
+        stated = self.record.get("vertical")
+        return VERTICAL.fullmatch(self.code) is not None if stated is None else bool(stated)
 
-def is_vertical(channel: Channel) -> bool:
-    """Whether a channel is vertical, by its header or its code."""
-    stated = channel.record.get("vertical")
-    return VERTICAL.fullmatch(channel.code) is not None if stated is None else bool(stated)
-
-
-def is_horizontal(channel: Channel) -> bool:
-    """Whether a channel is known to be horizontal, by its header or its code."""
-    stated = channel.record.get("vertical")
-    return HORIZONTAL.fullmatch(channel.code) is not None if stated is None else not stated
+    @property
+    def horizontal(self) -> bool:
+        """Whether it is known to be horizontal, by its header or its code."""
+        stated = self.record.get("vertical")
+        return HORIZONTAL.fullmatch(self.code) is not None if stated is None else not stated
 
 
 def read_channels(path: Path, options: Options) -> tuple[list[Channel], IndexEntry | None]:
-    """Channels of a file in their order, and the row of an index that lists it.
-
-    Raises
-    ------
-    RecordError
-        See `archfrag.motions.read.read_motion`.
-    """
+    """Channels of a file in their order, and the row of an index that lists it."""
     entry = find_entry(path)
     if entry is not None:
         accept = (*options.accept, *entry.accept)
@@ -135,12 +129,13 @@ def file_content(path: Path, columns: Columns | None = None) -> Content:
 
 def _readable_size(path: Path) -> int:
     check_name(path)
-    if not path.exists():
-        raise RecordError(f"{path}: there is no such file")
-    if path.is_dir():
-        raise RecordError(f"{path}: this is a folder; a record is one file")
-    if not path.is_file():
-        raise RecordError(f"{path}: this is no regular file")
+    for wrong, what in (
+        (not path.exists(), "there is no such file"),
+        (path.is_dir(), "this is a folder; a record is one file"),
+        (not path.is_file(), "this is no regular file"),
+    ):
+        if wrong:
+            raise RecordError(f"{path}: {what}")
     try:
         with open(path, "rb") as file:
             size = file.seek(0, os.SEEK_END)
@@ -154,7 +149,7 @@ def _readable_size(path: Path) -> int:
 def _check_counts(
     content: Content, path: Path, accept: tuple[str, ...]
 ) -> dict[str, tuple[str, ...]]:
-    """Judge what cannot be a record, and numbers of samples; sentences for each trace id."""
+    """Judge what cannot be a record, and numbers of samples; what was accepted by trace id."""
     accepted: dict[str, tuple[str, ...]] = {}
     counts = zip(content.traces, content.announced, content.held, strict=True)
     for trace, announced, held in counts:
@@ -170,18 +165,18 @@ def _check_counts(
         contradicted = trace.stats.get("record", {}).get("doubts", ()) if held == announced else ()
         doubts = (
             *doubtful_count(code, announced, held),
-            *(("header", f"channel {code}: {sentence}") for sentence in contradicted),
+            *(("header", f"channel {code}: {doubt}") for doubt in contradicted),
         )
-        sentences = accept_or_refuse(path, accept, doubts)
+        passed = accept_or_refuse(path, accept, doubts)
         if held < announced and trace is content.traces[-1] and _ends_in_a_number(content, path):
             trace.data = trace.data[:-1]
-            sentences += ("Last sample left out: the file ends in the middle of its line.",)
+            passed += ("Last sample left out: the file ends in the middle of its line.",)
         if len(trace.data) < 2:
             raise RecordError(
                 f"{path}: channel {trace.id} holds {len(trace.data)} sample(s) that can be used; "
                 "2 or more are needed"
             )
-        accepted[trace.id] = (*accepted.get(trace.id, ()), *sentences)
+        accepted[trace.id] = (*accepted.get(trace.id, ()), *passed)
     return accepted
 
 
@@ -193,7 +188,7 @@ def _ends_in_a_number(content: Content, path: Path) -> bool:
 
 
 def unequal_counts(content: Content) -> tuple[str, ...]:
-    """A sentence on channels of one record that have different numbers of samples."""
+    """The fault that channels of one record have different numbers of samples."""
     if len(set(content.held)) < 2:
         return ()
     counts = zip(content.traces, content.held)
@@ -248,14 +243,14 @@ def _channel(
         code, group, stats.starttime, float(stats.delta), samples, calibrated.unit_in_file, steps,
         (), faults, trace,
     )  # fmt: skip
-    if is_vertical(channel) and points_down(trace, table):
+    if channel.vertical and points_down(trace, table):
         steps = (*steps, f"Sign of {code} changed: it counts downwards.")
         channel = channel._replace(samples=-samples, log=steps)
     return channel
 
 
 def offset_fault(trace: Trace, unit: str) -> tuple[str, ...]:
-    """A sentence on a record whose mean exceeds what is left without it."""
+    """The fault that the mean of a record exceeds what is left without it."""
     values = np.asarray(trace.data, dtype=np.float64)
     mean = float(values.mean())
     motion = float(np.abs(values - mean).max())
@@ -267,8 +262,8 @@ def offset_fault(trace: Trace, unit: str) -> tuple[str, ...]:
 
 def by_direction(channels: Sequence[Channel], path: Path) -> tuple[list[Channel], list[Channel]]:
     """The horizontal channels, and those that are not known to be vertical; the vertical ones."""
-    verticals = [c for c in channels if is_vertical(c)]
-    others = [c for c in channels if not is_vertical(c)]
+    verticals = [c for c in channels if c.vertical]
+    others = [c for c in channels if not c.vertical]
     if not others:
         raise RecordError(
             f"{path}: holds only the vertical component ({verticals[0].code}); a horizontal one "
@@ -281,10 +276,10 @@ def refuse_unclear(
     horizontals: Sequence[Channel], channels: Sequence[Channel], path: Path, remedy: str
 ) -> None:
     """Raise RecordError if one channel of several may be horizontal or not."""
-    unclear = [c for c in horizontals if not is_horizontal(c)]
+    unclear = [c for c in horizontals if not c.horizontal]
     if unclear and len(channels) > 1:
         names = ", ".join(repr(c.code) for c in channels)
         raise RecordError(
-            f"{path}: which of the channels {names} is horizontal cannot be told from their "
+            f"{path}: which of the channels {names} is horizontal is not clear from their "
             f"codes; {remedy}"
         )

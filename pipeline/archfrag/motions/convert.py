@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from obspy import Stream, Trace, UTCDateTime
+from obspy import Stream, Trace
 
 from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing
-from archfrag.motions.channels import Channel, Options, is_vertical, read_channels
+from archfrag.motions.channels import Channel, Options, read_channels
 from archfrag.motions.index import index_table, write_index
 from archfrag.motions.plausible import accept_or_refuse, accepted_words, doubtful_motion
 from archfrag.motions.read import record_name
@@ -123,7 +123,7 @@ def _write_all(
             )
         _write(target, group, source, form, unit)
         written.append(target)
-        if not all(is_vertical(channel) for channel in group):
+        if not all(channel.vertical for channel in group):
             row = _row(target, group, source, unit) | {"accept": " ".join(allowed)}
             rows[row["id"]] = row
     write_index(place, rows.values())
@@ -143,38 +143,23 @@ def _write(target: Path, group: Sequence[Channel], source: _Source, form: str, u
 
 def _row(target: Path, group: Sequence[Channel], source: _Source, unit: str) -> dict[str, Any]:
     first = group[0]
-    facts = _facts(first)
     return {
-        "id": target.stem,
-        "file": target.name,
-        "sha256": _sha256(target),
-        "event": facts["event"],
+        "id": target.stem, "file": target.name, "sha256": _sha256(target),
+        "event": _facts(first)["event"],
         **{key: first.record[key] for key in _HEADER if key in first.record},
-        "dt_s": first.dt,
-        "unit": unit,
-        "channels": " ".join(channel.code for channel in group),
-        "source": source.path.name,
-        "source_sha256": source.sha256,
-        "steps": _steps(first),
-    }
+        "dt_s": first.dt, "unit": unit, "channels": " ".join(channel.code for channel in group),
+        "source": source.path.name, "source_sha256": source.sha256, "steps": " ".join(first.log),
+    }  # fmt: skip
 
 
 def _write_miniseed(part: Path, group: Sequence[Channel], unit: str) -> None:
-    factor = unit_factor(unit, str(part))
-    stream = Stream()
-    for codes, channel in zip(_seed_codes(group), group, strict=True):
-        values = channel.samples / factor
-        stream.append(_trace(codes, values, channel.dt, channel.start))
-    stream.write(str(part), format="MSEED", encoding="FLOAT64", byteorder=">")
-
-
-def _trace(
-    codes: tuple[str, str, str, str], values: NDArray[np.float64], dt: float, start: UTCDateTime
-) -> Trace:
+    factor, stream = unit_factor(unit, str(part)), Stream()
     names = ("network", "station", "location", "channel")
-    header = dict(zip(names, codes, strict=True))
-    data = np.ascontiguousarray(values, dtype=np.float64)
-    return Trace(data, {**header, "delta": dt, "starttime": start})
+    for codes, channel in zip(_seed_codes(group), group, strict=True):
+        data = np.ascontiguousarray(channel.samples / factor, dtype=np.float64)
+        timing = {"delta": channel.dt, "starttime": channel.start}
+        stream.append(Trace(data, {**dict(zip(names, codes)), **timing}))
+    stream.write(str(part), format="MSEED", encoding="FLOAT64", byteorder=">")
 
 
 def _seed_codes(group: Sequence[Channel]) -> list[tuple[str, str, str, str]]:
@@ -195,7 +180,7 @@ def _seed_codes(group: Sequence[Channel]) -> list[tuple[str, str, str, str]]:
     codes = []
     for (network, station, _, _), channel in zip(own, group, strict=True):
         place = f"{instruments.index(channel.group):02d}" if len(instruments) > 1 else ""
-        if is_vertical(channel):
+        if channel.vertical:
             code = "HNZ"
         else:
             horizontals[channel.group] += 1
@@ -215,7 +200,7 @@ def _at2_text(channel: Channel, values: NDArray[np.float64], source: _Source, un
     words = [facts["event"] or "unknown event", date, facts["station"] or "unknown station"]
     names = [word.replace(",", " ") for word in (*words, channel.code) if word]
     header = [
-        _line(f"{_made(source)}; {_steps(channel)}"),
+        _line(f"{_made(source)}; {' '.join(channel.log)}"),
         _line(", ".join(names)),
         f"ACCELERATION TIME SERIES IN UNITS OF {unit.upper()}",
         f"NPTS= {values.size:6d}, DT= {channel.dt!r} SEC",
@@ -254,10 +239,6 @@ def _facts(channel: Channel) -> dict[str, str]:
 
 def _made(source: _Source) -> str:
     return f"archfrag {version('archfrag')} from {source.path.name}, sha256 {source.sha256[:16]}"
-
-
-def _steps(channel: Channel) -> str:
-    return " ".join(channel.log)
 
 
 def _line(text: str) -> str:

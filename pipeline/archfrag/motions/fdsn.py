@@ -1,7 +1,7 @@
 """Events, stations and waveforms of FDSN web services, within limits of time and size.
 
 obspy's client knows the services' names and how a request is written; what it would leave open
-is bounded here: each answer comes whole, within its time and size, or not at all.
+is bounded here: each answer comes complete, within its time and size, or not at all.
 References: FDSN web service specifications, https://www.fdsn.org/webservices/.
 """
 
@@ -19,7 +19,6 @@ from obspy import Inventory, UTCDateTime, read_events, read_inventory
 from obspy.clients.fdsn import Client
 from obspy.clients.fdsn.header import URL_MAPPINGS
 from obspy.core.event import Event as Quake
-from obspy.core.event import Magnitude
 
 from archfrag.errors import InputError
 
@@ -35,20 +34,16 @@ class Limits(NamedTuple):
 
 
 class Refusal(Exception):
-    """One sentence on why something could not be had.
+    """Why something could not be had.
 
-    `kind` is ``no data``, ``too large``, ``timeout``, ``service`` or ``unusable``. Another
-    attempt may help after ``timeout`` and ``service``.
+    `kind` is ``no data``, ``too large``, ``timeout``, ``service`` or ``unusable``; after
+    ``timeout`` and ``service`` another attempt may help.
     """
 
-    def __init__(self, kind: str, sentence: str) -> None:
-        super().__init__(sentence)
+    def __init__(self, kind: str, message: str) -> None:
+        super().__init__(message)
         self.kind = kind
-
-    @property
-    def passing(self) -> bool:
-        """Whether the same request may succeed later."""
-        return self.kind in ("timeout", "service")
+        self.passing = kind in ("timeout", "service")
 
 
 class Event(NamedTuple):
@@ -78,25 +73,11 @@ class Channels(NamedTuple):
 
 
 class Service:
-    """One data centre.
-
-    Parameters
-    ----------
-    name : str
-        One of obspy's names, e.g. ``USGS``, ``NCEDC``, ``INGV``, or an address that begins with
-        ``http://`` or ``https://``.
-    limits : Limits
-
-    Raises
-    ------
-    InputError
-        If the name is neither.
-    """
+    """One data centre, by a name that obspy knows or an address; every request may be refused."""
 
     def __init__(self, name: str, limits: Limits) -> None:
-        if name.upper() not in URL_MAPPINGS and not name.lower().startswith(
-            ("http://", "https://")
-        ):
+        addressed = name.lower().startswith(("http://", "https://"))
+        if name.upper() not in URL_MAPPINGS and not addressed:
             raise InputError(
                 f"{name!r} is no data service that is known; allowed are an address "
                 f"(https://...) and {', '.join(sorted(URL_MAPPINGS))}"
@@ -108,12 +89,7 @@ class Service:
             raise InputError(f"{name!r} is not the address of a data service") from None
 
     def event(self, id: str) -> Event:
-        """The event of an identifier.
-
-        Raises
-        ------
-        Refusal
-        """
+        """The event of an identifier."""
         body = io.BytesIO()
         self._client.get_events(eventid=id, filename=body)
         what = f"{self.name}: the answer for event {id}"
@@ -128,12 +104,7 @@ class Service:
     def stations(
         self, channel: str, around: Event, radius: float, start: UTCDateTime, end: UTCDateTime
     ) -> Inventory:
-        """Stations with such channels within a radius [degrees], without responses.
-
-        Raises
-        ------
-        Refusal
-        """
+        """Stations with such channels within a radius [degrees], without responses."""
         body = io.BytesIO()
         self._client.get_stations(
             channel=channel, latitude=around.latitude, longitude=around.longitude,
@@ -143,12 +114,7 @@ class Service:
             return read_inventory(body, format="STATIONXML")
 
     def responses(self, wanted: Channels) -> bytes:
-        """StationXML with the responses of channels.
-
-        Raises
-        ------
-        Refusal
-        """
+        """StationXML with the responses of channels."""
         body = io.BytesIO()
         self._client.get_stations(**wanted._asdict(), level="response", filename=body)
         place = f"{self.name}: the responses of {wanted.network}.{wanted.station}"
@@ -157,12 +123,7 @@ class Service:
         return body.getvalue()
 
     def waveforms(self, wanted: Channels) -> bytes:
-        """MiniSEED as the service holds it; nothing of it is interpreted.
-
-        Raises
-        ------
-        Refusal
-        """
+        """MiniSEED as the service holds it; nothing of it is interpreted."""
         body = io.BytesIO()
         self._client.get_waveforms(**wanted._asdict(), filename=body)
         return body.getvalue()
@@ -185,12 +146,7 @@ class _BoundedClient(Client):
 def _answer(
     open_url: Callable[..., Any], request: urllib.request.Request, limits: Limits
 ) -> bytes:
-    """Body of an answer with status 200.
-
-    Raises
-    ------
-    Refusal
-    """
+    """Body of an answer with status 200."""
     place = request.full_url.split("/query")[0]
     end = time.monotonic() + limits.seconds
     try:
@@ -213,47 +169,44 @@ def _answer(
 def _body(response: Any, place: str, end: float, limits: Limits) -> bytes:
     most = int(limits.megabytes * 1e6)
     announced = int(response.headers.get("Content-Length") or 0)
-    pieces: list[bytes] = []
-    size = 0
-    while size <= most and announced <= most:
+    body = bytearray()
+    while len(body) <= most and announced <= most:
         if time.monotonic() > end:
             raise _late(place, limits)
         piece = response.read1(_PIECE)
+        body += piece
+        if not piece and len(body) < announced:
+            reason = f"the answer broke off after {len(body)} of {announced} bytes"
+            raise Refusal("service", f"{place}: {reason}")
         if not piece:
-            if size < announced:
-                raise Refusal(
-                    "service", f"{place}: the answer broke off after {size} of {announced} bytes"
-                )
-            return b"".join(pieces)
-        pieces.append(piece)
-        size += len(piece)
-    raise Refusal(
-        "too large", f"{place}: the answer is larger than the {limits.megabytes:g} MB allowed"
-    )
+            return bytes(body)
+    reason = f"the answer is larger than the {limits.megabytes:g} MB allowed"
+    raise Refusal("too large", f"{place}: {reason}")
 
 
 def _late(place: str, limits: Limits) -> Refusal:
-    return Refusal("timeout", f"{place}: no whole answer within {limits.seconds:g} s")
+    return Refusal("timeout", f"{place}: no complete answer within {limits.seconds:g} s")
 
 
 def _refused(place: str, error: urllib.error.HTTPError) -> Refusal:
     """What a status means, with the first words of the service's own text."""
     code = error.code
-    if code in _NOTHING:
-        return Refusal("no data", f"{place}: holds nothing that was asked for")
-    if code == 413:
-        return Refusal("too large", f"{place}: more was asked for than the service gives at once")
     try:
         text = " ".join(error.read1(500).decode("utf-8", "replace").split())
     except (OSError, HTTPException):
         text = ""
-    text = "" if text.startswith("<") else text[:120]
-    said = f" ({text or error.reason})" if text or error.reason else ""
-    if code in (401, 403):
-        return Refusal("unusable", f"{place}: the data are not open to all{said}")
-    if code == 429 or code >= 500:
-        return Refusal("service", f"{place}: the service answers with error {code}{said}")
-    return Refusal("unusable", f"{place}: the service refuses the request, error {code}{said}")
+    text = ("" if text.startswith("<") else text[:120]) or str(error.reason or "")
+    detail = f" ({text})" if text else ""
+    kind, reason = "unusable", f"the service refuses the request, error {code}{detail}"
+    if code in _NOTHING:
+        kind, reason = "no data", "holds nothing that was asked for"
+    elif code == 413:
+        kind, reason = "too large", "more was asked for than the service gives at once"
+    elif code in (401, 403):
+        reason = f"the data are not open to all{detail}"
+    elif code == 429 or code >= 500:
+        kind, reason = "service", f"the service answers with error {code}{detail}"
+    return Refusal(kind, f"{place}: {reason}")
 
 
 @contextmanager
@@ -268,17 +221,15 @@ def _parsing(body: io.BytesIO, what: str, language: str) -> Iterator[None]:
     except Refusal:
         raise
     except Exception as error:
-        reason = str(error).strip().splitlines()
-        raise Refusal(
-            "unusable",
-            f"{what} is not {language} ({reason[0] if reason else type(error).__name__})",
-        ) from None
+        reason = [*str(error).strip().splitlines(), type(error).__name__][0]
+        raise Refusal("unusable", f"{what} is not {language} ({reason})") from None
 
 
 def _event(id: str, quake: Quake, quakeml: bytes) -> Event:
     origin = quake.preferred_origin() or quake.origins[0]
     preferred = quake.preferred_magnitude() or next(iter(quake.magnitudes), None)
-    moment = next(filter(_is_moment, [preferred, *quake.magnitudes]), None)
+    magnitudes = [each for each in (preferred, *quake.magnitudes) if each is not None]
+    moments = [m.mag for m in magnitudes if (m.magnitude_type or "").lower().startswith("mw")]
     names = [text.text for text in quake.event_descriptions if text.text]
     return Event(
         id=id,
@@ -289,10 +240,6 @@ def _event(id: str, quake: Quake, quakeml: bytes) -> Event:
         depth_km=None if origin.depth is None else float(origin.depth) / 1000.0,
         magnitude=preferred.mag if preferred else None,
         magnitude_type=(preferred.magnitude_type or "") if preferred else "",
-        moment_magnitude=moment.mag if moment else None,
+        moment_magnitude=moments[0] if moments else None,
         quakeml=quakeml,
     )
-
-
-def _is_moment(magnitude: Magnitude | None) -> bool:
-    return magnitude is not None and (magnitude.magnitude_type or "").lower().startswith("mw")

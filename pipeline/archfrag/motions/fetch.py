@@ -72,13 +72,11 @@ class Request:
 
     def __post_init__(self) -> None:
         for name, value, low, high in (
-            ("radius [km]", self.radius, 0.0, 2000.0),
-            ("before [s]", self.before, 0.0, 3600.0),
-            ("after [s]", self.after, 1.0, 7200.0),
-            ("stations", self.most, 1, 100_000),
+            ("radius [km]", self.radius, 0.0, 2000.0), ("before [s]", self.before, 0.0, 3600.0),
+            ("after [s]", self.after, 1.0, 7200.0), ("stations", self.most, 1, 100_000),
             ("timeout [s]", self.limits.seconds, 0.01, 3600.0),
             ("size [MB]", self.limits.megabytes, 0.001, 2000.0),
-        ):
+        ):  # fmt: skip
             if not low <= value <= high:
                 raise InputError(f"{name} = {value:g} must be from {low:g} to {high:g}")
         for kind in self.channels:
@@ -98,7 +96,7 @@ class Fetched:
 
     @property
     def passing(self) -> list[Refusal]:
-        """Those that another attempt may mend."""
+        """Those after which another attempt may help."""
         return [refusal for refusal in self.refused if refusal.passing]
 
 
@@ -113,7 +111,7 @@ class _Site(NamedTuple):
 
 
 def fetch_records(
-    request: Request, folder: str | Path, say: Callable[[str], None] = lambda _: None
+    request: Request, folder: str | Path, report: Callable[[str], None] = lambda _: None
 ) -> Fetched:
     """Fetch records of events into a folder; what is there already is kept.
 
@@ -122,8 +120,8 @@ def fetch_records(
     request : Request
     folder : path
         Made if needed. No other command may be at work there.
-    say : callable
-        Takes a sentence for each record that came and for each that did not.
+    report : callable
+        Takes a message for each record that came and for each that did not.
 
     Raises
     ------
@@ -140,12 +138,12 @@ def fetch_records(
     >>> request = Request(("nc73201181",), "NCEDC", radius=30.0)
     >>> fetched = fetch_records(request, "napa")  # doctest: +SKIP
     """
-    return _Fetching(request, make_folder(Path(folder)), say).run()
+    return _Fetching(request, make_folder(Path(folder)), report).run()
 
 
 class _Fetching:
-    def __init__(self, request: Request, folder: Path, say: Callable[[str], None]) -> None:
-        self.request, self.folder, self.say = request, folder, say
+    def __init__(self, request: Request, folder: Path, report: Callable[[str], None]) -> None:
+        self.request, self.folder, self.report = request, folder, report
         self.catalogue = Service(request.events_from, request.limits)
         self.archive = Service(request.stations_from, request.limits)
         self.rows: dict[str, dict[str, Any]] = dict(index_table(folder))
@@ -191,7 +189,7 @@ class _Fetching:
 
     def _refuse(self, refusal: Refusal) -> None:
         self.result.refused.append(refusal)
-        self.say(str(refusal))
+        self.report(str(refusal))
 
     def _window(self, event: Event) -> tuple[Any, Any]:
         return event.time - self.request.before, event.time + self.request.after
@@ -219,7 +217,7 @@ class _Fetching:
         window = f"-{self.request.before:g} {self.request.after:g}"
         for row in self.rows.values():
             stated = (row.get("event"), row.get("station"), row.get("window_s"))
-            if stated == (event.id, site.name, window) and self._whole(row):
+            if stated == (event.id, site.name, window) and self._complete(row):
                 self.result.kept.append(row["id"])
                 return
         try:
@@ -235,9 +233,11 @@ class _Fetching:
         self.rows[name] = row
         write_index(self.folder, [self.rows[id] for id in sorted(self.rows)])
         self.result.new.append(name)
-        self.say(f"{label}: {facts['channels']}, {site.epicentral_km:.1f} km from the epicentre")
+        self.report(
+            f"{label}: {facts['channels']}, {site.epicentral_km:.1f} km from the epicentre"
+        )
 
-    def _whole(self, row: dict[str, Any]) -> bool:
+    def _complete(self, row: dict[str, Any]) -> bool:
         path = self.folder / row["file"]
         inventory = path.with_name(f"{row['station']}.xml")
         with contextlib.suppress(OSError):
@@ -271,8 +271,8 @@ class _Fetching:
             try:
                 motions = read_motions(files[1])
             except RecordError as error:
-                told = str(error).replace(part, str(place))
-                raise Refusal("unusable", f"{told}; nothing of it is kept") from None
+                reason = str(error).replace(part, str(place))
+                raise Refusal("unusable", f"{reason}; nothing of it is kept") from None
             for path in files:
                 path.replace(place / path.name)
         verticals = dict.fromkeys(m.metadata["vertical_component"] for m in motions)
@@ -309,28 +309,17 @@ def _located(inventory: Inventory, event: Event) -> Iterator[_Site]:
 
 
 def _row(name: str, event: Event, site: _Site, window: str) -> dict[str, Any]:
-    depth = event.depth_km
-    distance = None if depth is None else float(np.hypot(site.epicentral_km, depth))
+    depth, epicentral = event.depth_km, site.epicentral_km
     return {
-        "id": name,
-        "event": event.id,
-        "Mw": event.moment_magnitude,
-        "distance_km": None if distance is None else round(distance, 3),
-        "unit": "",
-        "distance_kind": "hypocentral",
-        "epicentral_km": round(site.epicentral_km, 3),
-        "event_name": event.name,
-        "origin_time": str(event.time),
-        "event_latitude": event.latitude,
-        "event_longitude": event.longitude,
-        "depth_km": depth,
-        "magnitude": event.magnitude,
-        "magnitude_type": event.magnitude_type,
-        "station": site.name,
-        "station_latitude": float(site.station.latitude),
-        "station_longitude": float(site.station.longitude),
-        "window_s": window,
-    }
+        "id": name, "event": event.id, "Mw": event.moment_magnitude,
+        "distance_km": None if depth is None else round(float(np.hypot(epicentral, depth)), 3),
+        "unit": "", "distance_kind": "hypocentral", "epicentral_km": round(epicentral, 3),
+        "event_name": event.name, "origin_time": str(event.time),
+        "event_latitude": event.latitude, "event_longitude": event.longitude,
+        "depth_km": depth, "magnitude": event.magnitude, "magnitude_type": event.magnitude_type,
+        "station": site.name, "station_latitude": float(site.station.latitude),
+        "station_longitude": float(site.station.longitude), "window_s": window,
+    }  # fmt: skip
 
 
 def _sha256(content: bytes) -> str:

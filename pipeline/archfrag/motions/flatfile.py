@@ -7,7 +7,8 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from archfrag.errors import InputError, OutputError
+from archfrag.errors import InputError
+from archfrag.files import replacing
 from archfrag.motions.measures import measure_all
 from archfrag.motions.motion import Motion
 from archfrag.motions.units import STANDARD_GRAVITY
@@ -34,7 +35,6 @@ _FACTS = {
     "vs30_mps": ("Vs30_mps", "vs30_mps"), "component": ("component",),
 }  # fmt: skip
 _NUMBERS = ("magnitude", "distance_km", "vs30_mps")
-_TRUTH = {"true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}
 _TEXTS = ("record", "file", "event", "station", "component")
 
 
@@ -90,35 +90,20 @@ def measure_records(
             "its columns by them"
         )
     row = partial(_row, periods=tuple(periods))
-    return _typed(pd.DataFrame(list(map(row, motions) if workers == 1 else
-                                    _shared_out(row, motions, workers))))  # fmt: skip
+    rows = map(row, motions) if workers == 1 else _by_processes(row, motions, workers)
+    return _typed(pd.DataFrame(list(rows)))
 
 
 def write_flatfile(path: str | Path, table: "pd.DataFrame") -> None:
-    """Write a table of `measure_records` as CSV, to six digits, whole or not at all.
+    """Write a table of `measure_records` as CSV, to six digits, complete or not at all.
 
     Raises
     ------
     OutputError
         If it cannot be written.
     """
-    import os
-    import tempfile
-
-    target = Path(path)
-    part = None
-    try:
-        handle, part = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-        with os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
-            table.to_csv(file, index=False, float_format="%.6g", lineterminator="\n")
-        os.chmod(part, 0o644)
-        os.replace(part, target)
-    except OSError as error:
-        if part is not None and os.path.exists(part):
-            os.unlink(part)
-        raise OutputError(
-            f"{target}: the flatfile cannot be written ({error.strerror or error})"
-        ) from None
+    with replacing(Path(path)) as part:
+        table.to_csv(part, index=False, float_format="%.6g", lineterminator="\n")
 
 
 def read_flatfile(path: str | Path) -> "pd.DataFrame":
@@ -146,10 +131,10 @@ def read_flatfile(path: str | Path) -> "pd.DataFrame":
         raise InputError(f"{path}: {error}") from None
 
 
-def _shared_out(
+def _by_processes(
     row: Callable[[Motion], dict[str, Any]], motions: Iterable[Motion], workers: int
 ) -> Iterator[dict[str, Any]]:
-    """Rows in the order of the motions, made by processes; few motions are in memory at once."""
+    """Rows in the order of the motions, made by processes, a batch of motions at a time."""
     waiting = iter(motions)
     with ProcessPoolExecutor(workers) as pool:
         while batch := list(islice(waiting, _BATCH * workers)):
@@ -180,10 +165,12 @@ def _typed(table: "pd.DataFrame") -> "pd.DataFrame":
     """The table with numbers, texts and truth values as such, whatever is missing."""
     import pandas as pd
 
+    from archfrag.motions.selection.candidates import TRUTH
+
     for column in table.columns:
         name = str(column)
         if name == "pulse":
-            words = table[column].map(lambda word: _TRUTH.get(str(word).lower()))
+            words = table[column].map(lambda word: TRUTH.get(str(word).lower()))
             table[column] = words.astype("boolean")
         elif name in _TEXTS:
             table[column] = table[column].astype("string")

@@ -2,7 +2,7 @@
 
 import csv
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -40,12 +40,12 @@ class IndexEntry:
         The record; the ``file`` of a row is relative to the folder of the index.
     unit : str
         Unit of the samples, a key of ``units.METRES_PER_SECOND_SQUARED``; empty where the file
-        or its StationXML says it.
+        or its StationXML states it.
     sha256 : str
         Of the file, or of its first bytes in hexadecimal; empty if not given.
     metadata : dict
         The other columns: ``Mw``, ``distance_km``, ``Vs30_mps`` and ``dt_s`` as float or None,
-        ``seed``, ``event_seed`` and ``site_seed`` as int or None, the rest as text.
+        ``seed``, ``event_seed`` and ``site_seed`` as int or None, others as text.
     accept : tuple of str
         What to let pass in this record, see `archfrag.motions.read.read_motion`.
     columns : archfrag.Columns, optional
@@ -66,7 +66,7 @@ def load_index(path: str | Path) -> list[IndexEntry]:
 
     Columns ``id``, ``file`` and ``unit`` are needed; see ``COLUMNS`` for the others. Of a file
     with several horizontals ``component`` names the one that is meant. A column ``accept`` may
-    say what to let pass (``pga``, ``time_step``, ``samples``, ``header``, blanks between), one
+    state what to let pass (``pga``, ``time_step``, ``samples``, ``header``, blanks between), one
     called ``columns`` where the numbers of a plain text are (``time=1 acceleration=2``).
 
     Raises
@@ -78,25 +78,30 @@ def load_index(path: str | Path) -> list[IndexEntry]:
     source = Path(path)
     if source.is_dir():
         source = source / INDEX_NAME
+    columns, rows = _table(source)
+    missing = [column for column in _NEEDED if column not in columns]
+    if missing:
+        raise RecordError(f"{source}: column {missing[0]!r} is missing from the index")
+    entries: dict[str, IndexEntry] = {}
+    for line, row in enumerate(rows, start=2):
+        entry = _entry(row, source, line)
+        if entry.id in entries:
+            raise RecordError(f"{source}, line {line}: id {entry.id!r} occurs twice")
+        entries[entry.id] = entry
+    return list(entries.values())
+
+
+def _table(source: Path) -> tuple[Sequence[str], list[dict[str, str]]]:
+    """Names of the columns and rows of a table in CSV."""
     try:
         with open(source, newline="", encoding="utf-8") as file:
             reader = csv.DictReader(file)
             rows = list(reader)
-            columns = reader.fieldnames or []
+            return reader.fieldnames or (), rows
     except OSError as error:
         raise RecordError(f"{source}: the index cannot be read ({error.strerror})") from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise RecordError(f"{source}: the index is not a table in CSV ({error})") from None
-    missing = [column for column in _NEEDED if column not in columns]
-    if missing:
-        raise RecordError(f"{source}: column {missing[0]!r} is missing from the index")
-    entries = [_entry(row, source, line) for line, row in enumerate(rows, start=2)]
-    seen: set[str] = set()
-    for line, entry in enumerate(entries, start=2):
-        if entry.id in seen:
-            raise RecordError(f"{source}, line {line}: id {entry.id!r} occurs twice")
-        seen.add(entry.id)
-    return entries
 
 
 def find_entry(path: str | Path) -> IndexEntry | None:
@@ -107,7 +112,7 @@ def find_entry(path: str | Path) -> IndexEntry | None:
     record = Path(path).resolve()
     for folder in (record.parent, record.parent.parent):
         index = folder / INDEX_NAME
-        if not index.is_file() or not _is_index(index):
+        if not index.is_file():
             continue
         state = index.stat()
         entry = _by_path(index, state.st_mtime_ns, state.st_size).get(record)
@@ -119,6 +124,8 @@ def find_entry(path: str | Path) -> IndexEntry | None:
 @lru_cache(maxsize=4)
 def _by_path(index: Path, changed: int, size: int) -> dict[Path, IndexEntry]:
     """Rows by their files: asked for each file of a folder, and thousands lie in one."""
+    if not _is_index(index):
+        return {}
     return {entry.path.resolve(): entry for entry in reversed(load_index(index))}
 
 
@@ -134,32 +141,12 @@ def index_table(folder: str | Path) -> dict[str, dict[str, str]]:
     if not path.exists():
         return {}
     load_index(path)
-    with open(path, newline="", encoding="utf-8") as file:
-        rows = [{key: row[key] for key in row if key} for row in csv.DictReader(file)]
+    rows = ({key: row[key] for key in row if key} for row in _table(path)[1])
     return {row["id"].strip(): row for row in rows}
 
 
 def write_index(folder: str | Path, rows: Iterable[Mapping[str, Any]]) -> Path:
-    """Write the index of a folder, whole or not at all; columns beyond ``COLUMNS`` come last.
-
-    Parameters
-    ----------
-    folder : path
-    rows : iterable of mapping
-        With ``id``, ``file`` (relative to the folder) and ``unit`` at least.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-
-    Examples
-    --------
-    >>> from archfrag.motions.index import load_index, write_index
-    >>> path = write_index(".", [{"id": "a", "file": "a.AT2", "unit": "g", "Mw": 6.5}])
-    >>> load_index(path)[0].metadata["Mw"]
-    6.5
-    """
+    """Write the index of a folder at once; columns beyond ``COLUMNS`` come last."""
     table = list(rows)
     path = Path(folder) / INDEX_NAME
     columns = dict.fromkeys((*COLUMNS, *(column for row in table for column in row)))
@@ -189,11 +176,9 @@ def check_sha256(entry: IndexEntry) -> None:
 
 def _is_index(path: Path) -> bool:
     try:
-        with open(path, newline="", encoding="utf-8") as file:
-            header = next(csv.reader(file), [])
-    except (OSError, UnicodeDecodeError, csv.Error):
+        return set(_NEEDED) <= set(_table(path)[0])
+    except RecordError:
         return False
-    return all(column in header for column in _NEEDED)
 
 
 def _entry(row: dict[str, str], source: Path, line: int) -> IndexEntry:

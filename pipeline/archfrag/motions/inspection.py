@@ -27,18 +27,18 @@ class Channel:
         Component as the file names it.
     station : str
     start : str
-        Time of the first sample (UTC) in ISO 8601; empty where the file does not say it.
+        Time of the first sample (UTC) in ISO 8601; empty where the file does not state it.
     dt : float [s]
     announced, count : int
         Samples by the header and in the file.
     unit : str
-        Of the samples in the file: of acceleration, ``counts``, or empty if nothing says it.
+        Of the samples in the file: of acceleration, ``counts``, or empty if nothing states it.
     level : str
-        ``raw``, ``processed`` or empty: what kind of volume the file says it is.
+        ``raw``, ``processed`` or empty: what kind of volume it is by its header.
     vertical : bool
     samples : numpy.ndarray, shape (count,) [m/s2], or None if the unit is unknown
     faults : tuple of str
-        What is wrong or doubtful, a sentence each.
+        What is wrong or doubtful.
     """
 
     code: str
@@ -56,7 +56,7 @@ class Channel:
 
 @dataclass(frozen=True, eq=False)
 class Inspection:
-    """A file: its format, what its header says of the event, its channels and its faults."""
+    """A file: its format, what its header states of the event, its channels and its faults."""
 
     path: Path
     format: str
@@ -74,13 +74,13 @@ def inspect_record(
     inventory: str | Path | Inventory | None = None,
     columns: Columns | None = None,
 ) -> Inspection:
-    """Tell what is in a record file and what is wrong with it; only an unreadable one is refused.
+    """What is in a record file and what is wrong with it; only an unreadable one is refused.
 
     Parameters
     ----------
     path : path
     unit : str, optional
-        Of the samples, where the file does not say it.
+        Of the samples, where the file does not state it.
     inventory : path or obspy.Inventory, optional
         StationXML of a record in counts.
     columns : Columns, optional
@@ -112,9 +112,9 @@ def inspect_record(
     faults = [*(() if columns else content.messages), *unequal_counts(content)]
     traces, announced = list(content.traces), list(content.announced)
     try:
-        whole = list(joined(list(content.traces), source))
-        if len(whole) < len(traces):
-            traces, announced = whole, [trace.stats.npts for trace in whole]
+        pieces = list(joined(list(content.traces), source))
+        if len(pieces) < len(traces):
+            traces, announced = pieces, [trace.stats.npts for trace in pieces]
     except RecordError as error:
         faults.append(_without(source, error))
     channels = tuple(
@@ -122,15 +122,9 @@ def inspect_record(
         for trace, count in zip(traces, announced, strict=True)
     )
     record = _record(traces[0])
-    return Inspection(
-        path=source,
-        format=content.format,
-        event=str(record.get("event", "")),
-        date=str(record.get("date", "")),
-        magnitude=record.get("magnitude"),
-        channels=channels,
-        faults=tuple(dict.fromkeys(faults)),
-    )
+    event, date = str(record.get("event", "")), str(record.get("date", ""))
+    magnitude, found = record.get("magnitude"), tuple(dict.fromkeys(faults))
+    return Inspection(source, content.format, event, date, magnitude, channels, found)
 
 
 def _channel(
@@ -139,14 +133,14 @@ def _channel(
     stats, record, code = trace.stats, _record(trace), channel_code(trace)
     data = np.ma.compressed(trace.data).astype(np.float64)
     faults = [fact for _, fact in doubtful_count(code or trace.id, announced, data.size)]
-    calibrated = None
+    calibrated, unit, samples = None, "", None
     if data.size == 0 or not np.isfinite(data).all():
         faults.append("there are no samples" if data.size == 0 else "not all samples are finite")
     else:
         calibrated, refused = _calibrated(trace, how)
         faults += [*offset_fault(trace, calibrated[1] if calibrated else "unit unknown"), *refused]
-    unit, samples = ("", None) if calibrated is None else (calibrated[1], calibrated[0])
-    if samples is not None:
+    if calibrated is not None:
+        samples, unit, _ = calibrated
         faults += [fact for _, fact in doubtful_motion(code, samples, float(stats.delta), unit)]
     vertical = record.get("vertical")
     names = [str(stats[key]) for key in ("network", "station", "location") if stats[key]]
@@ -154,15 +148,12 @@ def _channel(
         code=code,
         station=str(record.get("station") or ".".join(names)),
         start=str(stats.starttime) if stats.starttime.timestamp != 0.0 else "",
-        dt=float(stats.delta),
-        announced=announced,
-        count=data.size,
-        unit=unit,
+        dt=float(stats.delta), announced=announced, count=data.size, unit=unit,
         level=str(record.get("level") or ("raw" if unit == "counts" else "")),
         vertical=bool(VERTICAL.fullmatch(code)) if vertical is None else bool(vertical),
         samples=samples,
         faults=tuple(dict.fromkeys((*record.get("faults", ()), *faults))),
-    )
+    )  # fmt: skip
 
 
 def _calibrated(

@@ -44,10 +44,7 @@ def arias(motion: Motion) -> float:
 
 
 def arias_times(motion: Motion, fractions: tuple[float, ...]) -> tuple[float, ...]:
-    """When the Arias intensity has reached fractions of its total [s]; linear between samples.
-
-    Of both horizontal components together where the motion has the other one; 0 without motion.
-    """
+    """When the Arias intensity has reached fractions of its total [s]; linear between samples."""
     total = 0.0
     for _, husid in _husid(motion, both=True):
         total = float(husid[-1])

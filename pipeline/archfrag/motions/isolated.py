@@ -38,15 +38,7 @@ _NAMES = ("network", "station", "location", "channel", "_format")
 
 
 class Reader:
-    """A process that reads files, started when the first one comes.
-
-    Parameters
-    ----------
-    computing_time : float [s]
-        Processor time that one file may take.
-    memory : int [bytes]
-        Address space that the process may take.
-    """
+    """A process that reads files within processor time [s] and memory [bytes], started at need."""
 
     def __init__(self, computing_time: float = COMPUTING_TIME, memory: int = MEMORY) -> None:
         self.computing_time = computing_time
@@ -59,31 +51,23 @@ class Reader:
     def read(self, path: str, formats: tuple[str, ...]) -> Content | None:
         """Read a file in the first of the formats that it is in; None if it is in none of them.
 
-        Where only one format is named the file is taken to be in it.
-
-        Raises
-        ------
-        Unreadable
-            If the file cannot be read, or ended the process.
+        Where only one format is named the file is taken to be in it. Unreadable is raised if it
+        cannot be read, or ended the process.
         """
         with self._lock:
             try:
                 name, answer = self._ask(path, formats)
             except BaseException:
-                self._end()  # what the process would answer next belongs to this file
+                self.stop()  # what the process would answer next belongs to this file
                 raise
             if name is None:
                 return None
             if "error" in answer:
                 if name in IN_C:
-                    self._end()  # a damaged file may have left its memory in any state
+                    self.stop()  # a damaged file may have left its memory in any state
                 raise Unreadable(answer["error"])
         traces, announced, held = (answer[key] for key in ("traces", "announced", "held"))
         return Content(name, traces, announced, held, tuple(answer["messages"]))
-
-    def stop(self) -> None:
-        """End the process, if there is one."""
-        self._end()
 
     @property
     def pid(self) -> int | None:
@@ -108,7 +92,7 @@ class Reader:
     def _started(self) -> "subprocess.Popen[bytes]":
         if self._process is not None and self.pid is not None:
             return self._process
-        self._end()
+        self.stop()
         command = [sys.executable, "-c", _START, *sys.path]
         # Threads of numerical libraries would reserve much of the address space allowed.
         environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
@@ -137,7 +121,8 @@ class Reader:
         how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
         return f"ended in a crash ({how}); the file is damaged or not what it seems"
 
-    def _end(self) -> None:
+    def stop(self) -> None:
+        """End the process, if there is one."""
         process, self._process = self._process, None
         if process is None:
             return

@@ -3,6 +3,12 @@
 They are those of its horizontal component, but for RotD50 and RotD100, which need the other
 horizontal one too. No measure changes the record: nothing is demeaned, filtered or tapered here
 (see `process`).
+
+AvgSA: geometric mean of Sa at 10 periods, equally spaced in logarithm: Eads, Miranda and Lignos
+(2015), EESD 44(12). HI: integral of the pseudo-spectral velocity from 0.1 to 2.5 s (Housner 1952,
+"Spectrum intensities of strong-motion earthquakes"). ASI: integral of Sa from 0.1 to 0.5 s (Von
+Thun et al. 1988). Damping 5 %; trapezoid rule, steps of 0.02 and 0.01 s. RotD50 and RotD100:
+percentiles over 180 directions of the horizontal plane, Boore (2010), BSSA 100(4).
 """
 
 import difflib
@@ -28,10 +34,9 @@ from archfrag.motions.process import velocity
 from archfrag.motions.spectra import peaks_by_angle, response_spectrum, rotated_spectrum
 
 __all__ = [
-    "Measure", "arias", "average_spectral_acceleration", "cav", "cav_standardised", "fiv3",
-    "measure", "measure_all", "measure_unit", "parse_measure", "pga", "pgd", "pgv",
-    "rotated_percentile", "scaling_exponent", "significant_duration", "spectral_acceleration",
-    "spectrum_intensity",
+    "Measure", "arias", "cav", "cav_standardised", "fiv3", "measure", "measure_all",
+    "measure_unit", "parse_measure", "pga", "pgd", "pgv", "scaling_exponent",
+    "significant_duration", "spectral_acceleration",
 ]  # fmt: skip
 
 AVERAGED_PERIODS = 10
@@ -155,10 +160,7 @@ def measure_all(motion: Motion, names: Iterable[str]) -> dict[str, float]:
     periods = sorted({t for found in plain.values() for t in _spectral_periods(found)})
     spectrum = dict(zip(periods, spectral_acceleration(motion, periods) if periods else ()))
     values = {name: _value(motion, found, spectrum) for name, found in plain.items()}
-    for name, found in wanted.items():
-        if found.rotated:
-            percentile = 50.0 if found.rotated == "RotD50" else 100.0
-            values[name] = rotated_percentile(motion, found, percentile)
+    values |= {name: _rotated(motion, found) for name, found in wanted.items() if found.rotated}
     return {name: values[name] for name in wanted}
 
 
@@ -196,41 +198,12 @@ def spectral_acceleration(
     return response_spectrum(motion.acceleration, motion.dt, periods, damping)
 
 
-def average_spectral_acceleration(
-    motion: Motion, shortest: float, longest: float, damping: float = 0.05
-) -> float:
-    """Geometric mean of Sa at 10 periods from `shortest` to `longest` [s], equally spaced in log.
-
-    Returns m/s2.  Eads, Miranda and Lignos (2015), EESD 44(12).
-    """
-    periods = np.geomspace(shortest, longest, AVERAGED_PERIODS)
-    return _geometric_mean(spectral_acceleration(motion, periods, damping))
-
-
-def spectrum_intensity(motion: Motion, name: str) -> float:
-    """Housner's intensity (``HI``) [m] or the acceleration spectrum intensity (``ASI``) [m/s].
-
-    HI: integral of the pseudo-spectral velocity, damping 5 %, from 0.1 to 2.5 s (Housner 1952,
-    "Spectrum intensities of strong-motion earthquakes"). ASI: integral of Sa, damping 5 %, from
-    0.1 to 0.5 s (Von Thun et al. 1988). Trapezoid rule, steps of 0.02 and 0.01 s.
-    """
-    return measure(motion, name)
-
-
-def rotated_percentile(motion: Motion, found: Measure, percentile: float) -> float:
-    """A percentile over 180 directions of the horizontal plane: 50 for RotD50, 100 for RotD100.
-
-    Boore (2010), BSSA 100(4). Of PGA, PGV or Sa as `found` says, in its SI unit.
-
-    Raises
-    ------
-    InputError
-        If the motion has only one horizontal component.
-    """
+def _rotated(motion: Motion, found: Measure) -> float:
+    """RotD50 or RotD100 of PGA, PGV or Sa as `found` states."""
     if motion.across is None:
         raise InputError(
-            f"{motion.id or 'motion'}: {found.rotated or 'RotD'} needs two horizontal components, "
-            "and there is one"
+            f"{motion.id or 'motion'}: {found.rotated} needs two horizontal components, and there "
+            "is one"
         )
     pair = (motion.acceleration, motion.across)
     if found.kind == "Sa":
@@ -239,7 +212,7 @@ def rotated_percentile(motion: Motion, found: Measure, percentile: float) -> flo
         if found.kind == "PGV":
             pair = (velocity(motion), velocity(motion._replaced(acceleration=motion.across)))
         peaks = peaks_by_angle(*pair)
-    return float(np.percentile(peaks, percentile))
+    return float(np.percentile(peaks, 50.0 if found.rotated == "RotD50" else 100.0))
 
 
 def _spectral_periods(found: Measure) -> tuple[float, ...]:

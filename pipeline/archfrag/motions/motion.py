@@ -28,7 +28,7 @@ class Motion:
         What is known of the record: event, station, magnitude, file; JSON types only where the
         motion is to be stored.
     log : tuple of str
-        One sentence for each thing done to the samples since they left the file.
+        A line for each thing done to the samples since they left the file.
     across : array_like, shape (n_sample,) [m/s2], optional
         The other horizontal component, perpendicular to the first: measured, never simulated.
 

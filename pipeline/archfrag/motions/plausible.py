@@ -36,13 +36,7 @@ def check_name(path: Path) -> None:
 
 
 def accepted_words(words: Iterable[str], place: str) -> tuple[str, ...]:
-    """The words of an `accept`, in the order of ``ACCEPTABLE``.
-
-    Raises
-    ------
-    RecordError
-        If one of them is none of ``ACCEPTABLE``; begins with `place`.
-    """
+    """The words of an `accept`, in the order of ``ACCEPTABLE``."""
     given = [words] if isinstance(words, str) else list(words)
     for word in given:
         if word not in ACCEPTABLE:
@@ -85,19 +79,13 @@ def doubtful_count(channel: str, announced: int, held: int) -> Iterator[tuple[Ac
 def accept_or_refuse(
     path: object, accept: tuple[str, ...], doubts: Iterable[tuple[Acceptable, str]]
 ) -> tuple[str, ...]:
-    """A sentence for the log about each doubt whose word is in `accept`.
-
-    Raises
-    ------
-    RecordError
-        At the first doubt whose word is not.
-    """
-    sentences = []
+    """What the log states of doubts whose word is in `accept`; any other one is refused."""
+    accepted = []
     for word, fact in doubts:
         if word not in accept:
             raise RecordError(
                 f"{path}: {fact}; to use it as it is give `accept` with {word} (--accept {word} "
                 "on the command line)"
             )
-        sentences.append(f"Accepted: {fact}.")
-    return tuple(sentences)
+        accepted.append(f"Accepted: {fact}.")
+    return tuple(accepted)

@@ -1,8 +1,9 @@
-"""What may be done to a motion before it is used; each step writes a sentence in its log.
+"""What may be done to a motion before it is used; each step writes a line in its log.
 
 A step does the same to all components of a motion. None changes the motion that it is given.
 """
 
+import itertools
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 
@@ -21,9 +22,9 @@ _LONGEST_BASELINE = 5
 
 
 def demean(motion: Motion) -> Motion:
-    """Subtract from each component its mean over the whole record.
+    """Subtract from each component its mean over all samples.
 
-    Raw records of digital instruments carry an offset that can exceed the motion.
+    Raw records of digital instruments have an offset that can exceed the motion.
     """
     means = [float(samples.mean()) for samples in _components(motion)]
     offsets = " and ".join(f"{mean:.6g}" for mean in means)
@@ -123,13 +124,12 @@ def bandpass(
     InputError
         Unless 0 < lowest < highest < 1 / (2 dt), or for another order.
     """
-    from scipy.signal import butter
+    from scipy.signal import butter, sosfilt, sosfiltfilt
 
     nyquist = 0.5 / motion.dt
     corners = [corner for corner in (lowest, highest) if corner is not None]
-    if not corners or not all(0.0 < c < nyquist for c in corners) or corners[0] > corners[-1] or (
-        len(corners) == 2 and corners[0] == corners[1]
-    ):  # fmt: skip
+    rising = all(low < high for low, high in itertools.pairwise((0.0, *corners, nyquist)))
+    if not corners or not rising:
         raise InputError(
             f"{motion.id or 'motion'}: corners {lowest} and {highest} Hz must satisfy "
             f"0 < lowest < highest < {nyquist:g} Hz"
@@ -139,12 +139,15 @@ def bandpass(
     kind = "bandpass" if len(corners) == 2 else "lowpass" if lowest is None else "highpass"
     sections = butter(order, np.squeeze(corners), kind, fs=1.0 / motion.dt, output="sos")
     band = f"{lowest or 0.0:g} to {'the highest' if highest is None else f'{highest:g}'} Hz"
-    way = "forwards only (causal)" if causal else "forwards and backwards"
-    return _each(
-        motion,
-        lambda a: _forwards(sections, a.copy()) if causal else _both_ways(sections, a),
-        f"Band-pass {band}, Butterworth of order {order}, {way}.",
-    )
+    passes = "forwards only (causal)" if causal else "forwards and backwards"
+    done = f"Band-pass {band}, Butterworth of order {order}, {passes}."
+    taps = 2 * len(sections) + 1 - min((sections[:, [2, 5]] == 0.0).sum(axis=0))
+    edge = min(3 * taps, motion.acceleration.size - 1)  # scipy's own but for short records
+
+    def filtered(a: Samples) -> Samples:
+        return sosfilt(sections, a) if causal else sosfiltfilt(sections, a, padlen=edge)
+
+    return _each(motion, filtered, done)
 
 
 def cut(motion: Motion, start: float, end: float) -> Motion:
@@ -162,8 +165,8 @@ def cut(motion: Motion, start: float, end: float) -> Motion:
             f"{motion.id or 'motion'}: cannot cut from {start} s to {end} s; the record lasts "
             f"{motion.duration:g} s and at least two samples must remain"
         )
-    sentence = f"Cut to {first * motion.dt:g} to {last * motion.dt:g} s."
-    return _each(motion, lambda a: a[first : last + 1].copy(), sentence)
+    done = f"Cut to {first * motion.dt:g} to {last * motion.dt:g} s."
+    return _each(motion, lambda a: a[first : last + 1].copy(), done)
 
 
 def trim_by_arias(
@@ -220,7 +223,7 @@ def resample(motion: Motion, dt: float) -> Motion:
     Parameters
     ----------
     dt : float [s]
-        Its ratio to the motion's must be one of whole numbers up to 1000.
+        Its ratio to the motion's must be one of integers up to 1000.
 
     Raises
     ------
@@ -235,7 +238,7 @@ def resample(motion: Motion, dt: float) -> Motion:
     if not 0 < up <= _MOST_PARTS or abs(up / down - ratio) > 1e-9 * ratio:
         raise InputError(
             f"{motion.id or 'motion'}: cannot be resampled from {motion.dt:g} s to {dt:g} s; the "
-            f"ratio must be one of whole numbers up to {_MOST_PARTS}"
+            f"ratio must be one of integers up to {_MOST_PARTS}"
         )
     if up == down:
         return motion
@@ -264,12 +267,12 @@ def _components(motion: Motion) -> list[Samples]:
     return [samples for samples in found if samples is not None]
 
 
-def _each(motion: Motion, change: Callable[[Samples], Samples], sentence: str) -> Motion:
+def _each(motion: Motion, change: Callable[[Samples], Samples], done: str) -> Motion:
     return motion._replaced(
         acceleration=change(motion.acceleration),
         vertical=None if motion.vertical is None else change(motion.vertical),
         across=None if motion.across is None else change(motion.across),
-        log=(*motion.log, sentence),
+        log=(*motion.log, done),
     )
 
 
@@ -286,10 +289,7 @@ def _integral(samples: Samples) -> Samples:
 
 
 def _fitted(values: Samples, powers: Sequence[int]) -> np.polynomial.Polynomial:
-    """Polynomial of some powers that fits values best, over the record brought to 0 to 1.
-
-    Least squares by normal equations, a part at a time.
-    """
+    """Polynomial of some powers that fits values best, over the record brought to 0 to 1."""
     exponents = np.array(powers)
     matrix, right = np.zeros((exponents.size, exponents.size)), np.zeros(exponents.size)
     for start in range(0, values.size, _PART):
@@ -304,36 +304,9 @@ def _fitted(values: Samples, powers: Sequence[int]) -> np.polynomial.Polynomial:
 
 def _without(samples: Samples, shape: np.polynomial.Polynomial) -> Samples:
     """Samples less a polynomial over the record brought to 0 to 1."""
-    rest = np.empty(samples.size)
+    remainder = np.empty(samples.size)
     for start in range(0, samples.size, _PART):
         part = samples[start : start + _PART]
         place = (start + np.arange(part.size)) / (samples.size - 1)
-        rest[start : start + _PART] = part - shape(place)
-    return rest
-
-
-def _forwards(sections: Samples, samples: Samples, state: Samples | None = None) -> Samples:
-    """Filter in place, from a state at rest if none is given."""
-    from scipy.signal import sosfilt
-
-    state = np.zeros((len(sections), 2)) if state is None else state
-    for start in range(0, samples.size, _PART):
-        part = samples[start : start + _PART]
-        part[:], state = sosfilt(sections, part, zi=state)
-    return samples
-
-
-def _both_ways(sections: Samples, samples: Samples) -> Samples:
-    """What scipy's `sosfiltfilt` gives, with one copy of the samples in the place of four."""
-    from scipy.signal import sosfilt_zi
-
-    taps = 2 * len(sections) + 1
-    taps -= min(int((sections[:, 2] == 0.0).sum()), int((sections[:, 5] == 0.0).sum()))
-    edge = min(3 * taps, samples.size - 1)
-    before = 2.0 * samples[0] - samples[edge:0:-1]
-    after = 2.0 * samples[-1] - samples[-2 : -edge - 2 : -1]
-    padded = np.concatenate((before, samples, after))
-    steady = sosfilt_zi(sections)
-    for way in (padded, padded[::-1]):
-        _forwards(sections, way, steady * way[0])
-    return padded[edge : edge + samples.size]
+        remainder[start : start + _PART] = part - shape(place)
+    return remainder

@@ -13,15 +13,15 @@ from archfrag.motions.channels import (
     Channel,
     Options,
     by_direction,
-    is_horizontal,
-    is_vertical,
     read_channels,
     refuse_unclear,
 )
 from archfrag.motions.formats.columns import Columns
+from archfrag.motions.formats.facts import known
 from archfrag.motions.formats.waveform import recognise
 from archfrag.motions.index import IndexEntry, check_sha256
 from archfrag.motions.motion import Motion
+from archfrag.motions.partners import common_span
 from archfrag.motions.plausible import accept_or_refuse, accepted_words, doubtful_motion
 
 # What a motion's metadata take over from a header, in the words of ``stats.record``.
@@ -52,10 +52,10 @@ def read_motion(
         archive or a pickle. Of counts and uncorrected volumes the mean is removed.
     unit : str, optional
         Unit of the samples: ``m/s2``, ``cm/s2``, ``gal``, ``mm/s2`` or ``g``. Only for files
-        that do not say it themselves; it is never guessed.
+        that do not state it themselves; it is never guessed.
     component : str, optional
         Channel code (``HNE``), its last letter (``E``) or trace id of the horizontal wanted.
-        Without it the first horizontal of the file is taken, and the log says which.
+        Without it the first horizontal of the file is taken, and the log names it.
     vertical : path, optional
         File of the vertical component where it is not in the same file.
     inventory : path or obspy.Inventory, optional
@@ -64,7 +64,7 @@ def read_motion(
         What to let pass though it is hardly right: ``pga`` (peak outside 1e-5 to 5 g),
         ``time_step`` (outside 1e-4 to 0.1 s), ``samples`` (another number than the header
         announces), ``header`` (states a peak that is off by more than a tenth). An ``index.csv``
-        that lists the file may say it in a column ``accept``.
+        that lists the file may state it in a column ``accept``.
     columns : Columns, optional
         Where the numbers are in a plain text without a header that is known.
 
@@ -72,7 +72,7 @@ def read_motion(
     -------
     Motion
         In m/s2; every step from the file to it is in its log. Its metadata have what the header
-        says (see ``HEADER``), what was accepted under ``accepted`` and what the file contradicts
+        states (see ``HEADER``), what was accepted under ``accepted`` and what the file contradicts
         itself in under ``faults``.
 
     Raises
@@ -167,10 +167,7 @@ def read_vertical(
 
 
 def record_name(path: Path) -> str:
-    """What the id of a record is made of: the name of its file, without what only says the format.
-
-    The files of a K-NET record differ in their endings only, which are kept.
-    """
+    """What the id of a record is made of: its file's name, of K-NET's with the ending."""
     return path.name if recognise(str(path), ("KNET",)) else path.stem
 
 
@@ -190,7 +187,7 @@ def load_motion(entry: IndexEntry) -> Motion:
         raise RecordError(
             f"{entry.path}: the index lists dt_s = {step} s, the file has {motion.dt} s"
         )
-    merged = {**motion.metadata, **_given(entry.metadata)}
+    merged = {**motion.metadata, **known(**entry.metadata)}
     return motion._replaced(id=entry.id, metadata=merged)
 
 
@@ -210,17 +207,17 @@ def _choose(
     chosen = horizontals[0]
     if len(horizontals) > 1:
         return chosen, (f"Horizontal {chosen.code} taken, the first of {names}.",)
-    if not is_horizontal(chosen):
+    if not chosen.horizontal:
         return chosen, (f"Channel code {chosen.code!r} taken to be horizontal: the only one.",)
     return chosen, ()
 
 
 def _vertical_from(path: Path, options: Options) -> Channel:
     channels, _ = read_channels(path, options)
-    verticals = [c for c in channels if is_vertical(c)]
+    verticals = [c for c in channels if c.vertical]
     if len(verticals) == 1:
         return verticals[0]
-    if len(channels) == 1 and not is_horizontal(channels[0]):
+    if len(channels) == 1 and not channels[0].horizontal:
         return channels[0]
     names = ", ".join(repr(c.code) for c in channels)
     raise RecordError(f"{path}: one vertical channel is needed, the file holds {names}")
@@ -246,16 +243,11 @@ def _motion(
         accepted += upward.accepted + accept_or_refuse(path, accept, doubts)
     record = channel.record
     metadata: dict[str, Any] = {
-        "file": path.name,
-        "format": stats.get("_format", ""),
-        "unit_in_file": channel.unit_in_file,
-        "event": "",
-        "date": "",
-        "station": stats.station,
+        "file": path.name, "format": stats.get("_format", ""),
+        "unit_in_file": channel.unit_in_file, "event": "", "date": "", "station": stats.station,
         **{key: record[key] for key in HEADER if key in record},
-        "component": channel.code,
-        "vertical_component": upward.code if upward else "",
-    }
+        "component": channel.code, "vertical_component": upward.code if upward else "",
+    }  # fmt: skip
     if stats.network or stats.station:
         metadata["trace"] = channel.trace.id
         metadata["vertical_trace"] = upward.trace.id if upward else ""
@@ -265,8 +257,7 @@ def _motion(
     if stats.starttime.timestamp != 0.0:
         metadata["start_time"] = str(channel.start)
     if entry is not None:
-        listed = {key: value for key, value in entry.metadata.items() if value not in (None, "")}
-        metadata.update(listed)
+        metadata |= known(**entry.metadata)
     if accepted:
         metadata["accepted"] = list(accepted)
     return Motion._owning(horizontal, channel.dt, vertical, name, metadata, log + accepted)
@@ -280,25 +271,16 @@ def _aligned(
             f"{path}: time step of {channel.code} is {channel.dt:g} s and of the vertical "
             f"{upward.code} {upward.dt:g} s; they must be equal"
         )
-    later = round((upward.start - channel.start) / channel.dt)
-    first, first_upward = max(0, later), max(0, -later)
-    count = min(channel.samples.size - first, upward.samples.size - first_upward)
+    sizes = channel.samples.size, upward.samples.size
+    kept, its_kept, count = common_span(round((upward.start - channel.start) / channel.dt), *sizes)
     if count < 2:
         raise RecordError(
             f"{path}: {channel.code} and the vertical {upward.code} have no time in common"
         )
     log: tuple[str, ...] = ()
-    if count < max(channel.samples.size, upward.samples.size):
+    if count < max(sizes):
         log = (
-            f"Cut to the {count} samples common to {channel.code} ({channel.samples.size}) and "
-            f"{upward.code} ({upward.samples.size}).",
+            f"Cut to the {count} samples common to {channel.code} ({sizes[0]}) and "
+            f"{upward.code} ({sizes[1]}).",
         )
-    return (
-        channel.samples[first : first + count],
-        upward.samples[first_upward : first_upward + count],
-        log,
-    )
-
-
-def _given(metadata: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in metadata.items() if value not in (None, "")}
+    return channel.samples[kept], upward.samples[its_kept], log

@@ -55,8 +55,8 @@ def remove_response(
             )
         changed[key] = _removed(trace, found, Path(record), water_level, band)
     kept = "" if band is None else f", {', '.join(f'{corner:g}' for corner in band)} Hz"
-    sentence = f"Response removed by StationXML (obspy, water level {water_level:g} dB{kept})."
-    return motion._replaced(**changed, log=(*motion.log, sentence))
+    done = f"Response removed by StationXML (obspy, water level {water_level:g} dB{kept})."
+    return motion._replaced(**changed, log=(*motion.log, done))
 
 
 def _trace(motion: Motion, samples: NDArray[np.float64], name: str) -> Trace:

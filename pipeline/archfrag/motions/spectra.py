@@ -13,7 +13,6 @@ the memory of one block.
 
 from collections.abc import Iterator
 from functools import lru_cache
-from itertools import accumulate
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -24,7 +23,7 @@ from archfrag.errors import InputError
 SAMPLES_PER_PERIOD = 60  # where peaks are looked for: a peak is missed by 0.14 % at worst
 _BLOCK = 16  # samples in one product
 _BLOCKS = 2048  # there at a time
-_PRODUCTS = 200_000  # in one call: fewer than numerical libraries share out to threads
+_PRODUCTS = 200_000  # in one call: fewer than numerical libraries give to threads
 _DIGITS = 10
 _ANGLES = np.deg2rad(np.arange(180.0))
 
@@ -32,27 +31,7 @@ _ANGLES = np.deg2rad(np.arange(180.0))
 def response_spectrum(
     acceleration: NDArray[np.float64], dt: float, periods: ArrayLike, damping: float = 0.05
 ) -> NDArray[np.float64]:
-    """Largest (2 pi / T)^2 |u| of oscillators from rest, free vibration after the record included.
-
-    Parameters
-    ----------
-    acceleration : numpy.ndarray, shape (n_sample,) [m/s2]
-        Linear between samples, and to zero in the time step after the last.
-    dt : float [s]
-    periods : array_like, shape (n_period,) [s]
-    damping : float
-        Fraction of critical damping, in [0, 1).
-
-    Returns
-    -------
-    numpy.ndarray, shape (n_period,) [m/s2]
-        To 10 digits.
-
-    Raises
-    ------
-    InputError
-        If a period is not positive or the damping is outside [0, 1).
-    """
+    """Sa of oscillators from rest, free vibration after the record included, shape (n_period,)."""
     oscillators = _oscillators(dt, periods, damping)
     states = [acceleration[0] * oscillator.sudden for oscillator in oscillators]
     largest = np.zeros(len(oscillators))
@@ -73,10 +52,7 @@ def rotated_spectrum(
     periods: ArrayLike,
     damping: float = 0.05,
 ) -> NDArray[np.float64]:
-    """Sa in each direction of the horizontal plane, (n_period, 180) [m/s2], by degrees.
-
-    Parameters and errors are those of `response_spectrum`, with two perpendicular components.
-    """
+    """Sa in each direction of the horizontal plane, (n_period, 180) [m/s2], by degrees."""
     oscillators = _oscillators(dt, periods, damping)
     states = [[samples[0] * oscillator.sudden for samples in pair] for oscillator in oscillators]
     largest = np.zeros((len(oscillators), _ANGLES.size))
@@ -92,10 +68,9 @@ def rotated_spectrum(
 
 
 def peaks_by_angle(
-    one: NDArray[np.float64],
-    other: NDArray[np.float64],
+    one: NDArray[np.float64], other: NDArray[np.float64],
     largest: NDArray[np.float64] | None = None,
-) -> NDArray[np.float64]:
+) -> NDArray[np.float64]:  # fmt: skip
     """Largest |one cos(angle) + other sin(angle)| at 0, 1, … 179 degrees, (180,).
 
     `largest` is what was found before, and is raised in place. Points within a circle that no
@@ -136,11 +111,7 @@ def _oscillator(dt: float, period: float, damping: float) -> "_Oscillator":
 
 
 def _windows(record: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
-    """Samples of each block with the one before and the one after it, and two free columns.
-
-    Shape (n_block, _BLOCK + 4), a part of the record at a time. The record goes on with zeros to
-    the end of its last block, and begins with a slope of zero.
-    """
+    """Samples of each block with the one before and the one after it, and two free columns."""
     length = _BLOCK * _BLOCKS
     for start in range(0, record.size, length):
         part = record[max(start - 1, 0) : start + length + 1]
@@ -155,7 +126,7 @@ def _windows(record: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
 
 
 class _Oscillator:
-    """What turns blocks of samples into relative displacements of one oscillator."""
+    """Relative displacements of one oscillator, from blocks of samples."""
 
     def __init__(self, dt: float, period: float, damping: float) -> None:
         self.frequency = w = 2.0 * np.pi / period
@@ -166,20 +137,21 @@ class _Oscillator:
         # slope of 1 with y(0) = -2 z / w^3 and y'(0) = 1 / w^2.
         self.sudden = complex(1.0, -damping / root) / w**2
         slope = -complex(2.0 * damping, (1.0 - 2.0 * damping**2) / root) / w**3
-        turn = np.exp(pole * dt * np.arange(_BLOCK + 1))
+        rotation = np.exp(pole * dt * np.arange(_BLOCK + 1))
         order = np.arange(_BLOCK)
         later = order - order[:, None]
         at = {k: np.eye(_BLOCK + 2, _BLOCK, -k) for k in range(3)}
         slopes = (at[2] - at[1]) / dt
         changes = (at[2] - 2.0 * at[1] + at[0]) / dt
         # From a window to q after each of its samples, and to q where the block ends.
-        states = changes @ (slope * np.where(later >= 0, turn[np.abs(later)], 0.0))
-        self.end = np.ascontiguousarray((states[:, -1] * turn[1]).view(np.float64).reshape(-1, 2))
-        self.turn = turn[_BLOCK]
+        states = changes @ (slope * np.where(later >= 0, rotation[np.abs(later)], 0.0))
+        end = states[:, -1] * rotation[1]
+        self.end = np.ascontiguousarray(end.view(np.float64).reshape(-1, 2))
+        self.rotation = rotation[_BLOCK]
         into = np.zeros((4, _BLOCK + 4, _BLOCK))
-        carried = turn[:_BLOCK]
-        into[0] = np.vstack((states.real, carried.real, -carried.imag))
-        into[1] = np.vstack((states.imag, carried.imag, carried.real))
+        decay = rotation[:_BLOCK]
+        into[0] = np.vstack((states.real, decay.real, -decay.imag))
+        into[1] = np.vstack((states.imag, decay.imag, decay.real))
         into[2, :-2], into[3, :-2] = at[1], slopes
         fractions = np.arange(points) * dt / points
         free = np.exp(pole * fractions)
@@ -191,15 +163,10 @@ class _Oscillator:
 
     def put_states(self, windows: NDArray[np.float64], state: complex) -> complex:
         """Write the state before each block into its last two columns; the state after them."""
-        ends = (windows[:, :-2] @ self.end).view(np.complex128)[:, 0]
-        if len(ends) < _BLOCKS:  # scipy.signal takes longer to import than a hundred spectra
-            turn = complex(self.turn)
-            rows = accumulate(ends.tolist(), lambda q, end: q * turn + end, initial=state)
-            states = np.array(list(rows))
-        else:
-            from scipy.signal import lfilter
+        from scipy.signal import lfilter  # takes longer to import than most commands
 
-            states = lfilter([1.0], [1.0, -self.turn], np.concatenate(([state], ends)))
+        ends = (windows[:, :-2] @ self.end).view(np.complex128)[:, 0]
+        states = lfilter([1.0], [1.0, -self.rotation], np.concatenate(([state], ends)))
         windows[:, -2], windows[:, -1] = states.real[:-1], states.imag[:-1]
         return complex(states[-1])
 

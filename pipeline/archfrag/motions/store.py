@@ -1,23 +1,21 @@
 """Motions as one file that a worker can read without obspy."""
 
-import contextlib
 import json
-import os
-import tempfile
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from archfrag.errors import InputError, OutputError
+from archfrag.errors import InputError
+from archfrag.files import replacing
 from archfrag.motions.motion import Motion
 
 FORMAT = "archfrag motions 1"
 
 
 def save_motions(path: str | Path, motions: Sequence[Motion]) -> None:
-    """Write motions to one file, whole or not at all.
+    """Write motions to one file, complete or not at all.
 
     A numpy archive with, for each motion, its samples as float64 and, for all, one JSON text.
     The same motions give the same bytes.
@@ -29,7 +27,6 @@ def save_motions(path: str | Path, motions: Sequence[Motion]) -> None:
     OutputError
         If the file cannot be written; no part of it is left behind.
     """
-    target = Path(path)
     arrays: dict[str, np.ndarray] = {}
     table = []
     for number, motion in enumerate(motions):
@@ -45,19 +42,8 @@ def save_motions(path: str | Path, motions: Sequence[Motion]) -> None:
             ) from None
     text = json.dumps({"format": FORMAT, "motions": table})
     arrays["table"] = np.frombuffer(text.encode(), dtype=np.uint8)
-    part = None
-    try:
-        handle, part = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-        with os.fdopen(handle, "wb") as file:
-            np.savez(file, allow_pickle=False, **arrays)  # type: ignore[arg-type]
-        os.replace(part, target)
-    except OSError as error:
-        if part is not None:
-            with contextlib.suppress(OSError):
-                os.unlink(part)
-        raise OutputError(
-            f"{target}: the motions cannot be written there ({error.strerror or error})"
-        ) from None
+    with replacing(Path(path), lasting=False) as part, open(part, "wb") as file:
+        np.savez(file, allow_pickle=False, **arrays)  # type: ignore[arg-type]
 
 
 def load_motions(path: str | Path) -> list[Motion]:

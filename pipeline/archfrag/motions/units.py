@@ -13,20 +13,7 @@ METRES_PER_SECOND_SQUARED = {
 
 
 def unit_factor(unit: str, place: str) -> float:
-    """Factor that turns a value in `unit` into m/s2.
-
-    Parameters
-    ----------
-    unit : str
-        One of the keys of ``METRES_PER_SECOND_SQUARED``.
-    place : str
-        The file or key that named the unit, for the message.
-
-    Raises
-    ------
-    RecordError
-        If the unit is not one of these.
-    """
+    """What a value in `unit` is multiplied by to be in m/s2."""
     try:
         return METRES_PER_SECOND_SQUARED[unit]
     except (KeyError, TypeError):

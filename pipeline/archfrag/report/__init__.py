@@ -1,1 +1,1 @@
-"""One offline page that tells what a study found and how it was found."""
+"""One offline page of what a study found and how it was found."""

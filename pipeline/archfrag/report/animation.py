@@ -11,10 +11,10 @@ import numpy as np
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.report import picture as look
 from archfrag.report.arch_figure import EDGE, STONE
-from archfrag.report.axes import axis_x, even_ticks
+from archfrag.report.axes import even_ticks
 from archfrag.report.example import Example
-from archfrag.report.picture import Picture
-from archfrag.report.plot import NARROW, FloatArray, Panel, Sheet, number, trace
+from archfrag.report.picture import NARROW, FloatArray, Picture, number, trace
+from archfrag.report.plot import Panel, Sheet
 
 LONGEST = 8.0  # [s] of a run, shown in real time
 _MOST_FRAMES = 40
@@ -93,8 +93,8 @@ def _most_telling(time: FloatArray, state: FloatArray, most: int) -> np.ndarray:
     while kept.size < min(most, len(time)):
         right = np.clip(np.searchsorted(kept, np.arange(len(time)), side="left"), 1, None)
         a, b = kept[right - 1], kept[right]
-        share = ((time - time[a]) / np.maximum(time[b] - time[a], 1e-12))[:, None]
-        error = np.abs(state - (1.0 - share) * state[a] - share * state[b]).max(axis=1)
+        part = ((time - time[a]) / np.maximum(time[b] - time[a], 1e-12))[:, None]
+        error = np.abs(state - (1.0 - part) * state[a] - part * state[b]).max(axis=1)
         error[kept] = -1.0
         kept = np.sort(np.append(kept, int(error.argmax())))
     return kept
@@ -132,16 +132,7 @@ class _Stage:
 
 
 def animation(example: Example, name: str, title: str) -> Picture | None:
-    """A run in motion, with its still frames and a box to stop it; None if nothing moves.
-
-    Parameters
-    ----------
-    example : Example
-    name : str
-        Unique on the page.
-    title : str
-        What is shown, such as "A collapse".
-    """
+    """A run in motion, with its still frames and a box to stop it; None if nothing moves."""
     frames = key_frames(example)
     if frames is None:
         return None
@@ -162,7 +153,7 @@ def animation(example: Example, name: str, title: str) -> Picture | None:
         f'role="img" aria-label="{label}, four frames from {window}">{still}</svg></div>',
         f"{what}, {example.reason}. Motion relative to the ground, true to scale and in real "
         f"time, {window}; {frames.time.size} key frames, linear between them. Outlined: at rest. "
-        "Still frames: on the way to the largest rotation.",
+        "Still frames: before the largest rotation.",
     )
 
 
@@ -225,12 +216,12 @@ def _strip(example: Example, frames: Frames, height: float) -> tuple[str, float]
     box = (12.0, height + 2.0, NARROW - 12.0, height + 2.0 + _STRIP)
     panel = Panel(sheet, box, (start, end), (-reach, reach))
     panel.line(time, values, look.GREY, 0.8)
-    axis_x(panel, even_ticks(start, end, 6), "time [s], with the ground acceleration")
+    panel.axis_x(even_ticks(start, end, 6), "time [s], with the ground acceleration")
     return "".join(sheet.parts), box[2] - box[0]
 
 
 def _still(frames: Frames, stage: _Stage, name: str, height: float) -> str:
-    """Four frames on the way to the largest rotation, two in a row."""
+    """Four frames up to the largest rotation, two in a row."""
     sheet = Sheet(NARROW)
     reach = np.abs(frames.rotation).max(axis=1)
     chosen = [int(np.argmax(reach >= part * reach.max())) for part in (0.0, 0.33, 0.67, 1.0)]
@@ -252,7 +243,7 @@ def _still(frames: Frames, stage: _Stage, name: str, height: float) -> str:
 
 
 def _transform(place: FloatArray, rotation: float, kind: str) -> str:
-    x, y, turn = number(place[0]), number(place[1]), number(-float(np.rad2deg(rotation)))
+    x, y, angle = number(place[0]), number(place[1]), number(-float(np.rad2deg(rotation)))
     if kind == "css":
-        return f"translate({x}px,{y}px)rotate({turn}deg)"
-    return f"translate({x} {y})rotate({turn})"
+        return f"translate({x}px,{y}px)rotate({angle}deg)"
+    return f"translate({x} {y})rotate({angle})"

@@ -1,4 +1,4 @@
-"""The answer of a study in one sentence and a small table, and as data for ``summary.json``."""
+"""The answer of a study in a small table, and as data for ``summary.json``."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -8,7 +8,8 @@ import numpy as np
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import Fragility
 from archfrag.mechanics.status import CollapseMode
-from archfrag.report.summary import NOT_SIMULATED, Scale, digits, study_config
+from archfrag.report.axes import digits
+from archfrag.report.summary import NOT_SIMULATED, Scale, study_config
 from archfrag.report.tables import Table
 
 if TYPE_CHECKING:
@@ -19,53 +20,8 @@ if TYPE_CHECKING:
     from archfrag.study.curves import Answer
 
 SUMMARY_FORMAT = "archfrag-summary/2"
-_MOST_LISTED = 3  # arches that a sentence names
 MOST_ROWS = 200  # arches of the table
 Answers = Mapping[str, "Answer"]
-
-
-def headline(answers: Answers, scale: Scale, at: float | None) -> str:
-    """The answer of the study in one sentence, without its full stop.
-
-    Parameters
-    ----------
-    answers : mapping of str to Answer
-        By arch or class.
-    scale : Scale
-    at : float or None
-        Level in the reader's unit at which the probability is asked for.
-    """
-    known = {name: a for name, a in answers.items() if isinstance(a.curve, Fragility)}
-    if not known:
-        name, first = next(iter(answers.items()))
-        return f"{name}: no fragility curve, for {first.curve}"
-
-    def value(name: str) -> float:
-        if at is None:
-            return float(known[name].curve.theta)  # type: ignore[union-attr]
-        return known[name].probability(at / scale.factor)[0]
-
-    def of(name: str) -> str:
-        answer = known[name]
-        percent = f"{100 * answer.confidence:.0f} %"
-        if at is not None:
-            chance, *ends = answer.probability(at / scale.factor)
-            return f"{_chance(chance)} ({percent}: {_chances(ends)})"
-        low, high = (digits(scale.factor * end) for end in answer.theta)
-        return f"{digits(scale.factor * value(name))} {scale.unit} ({percent}: {low} to {high})"
-
-    order = sorted(known, key=value)
-    if len(order) <= _MOST_LISTED:
-        listed = "; ".join(f"{name} {of(name)}" for name in order)
-    else:
-        listed = f"from {order[0]} {of(order[0])} to {order[-1]} {of(order[-1])}"
-    if at is not None:
-        start = f"Probability of collapse at {scale.measure} = {digits(at)} {scale.unit}"
-    else:
-        start = f"{scale.measure} at which half of the motions bring the arch down (median θ)"
-    missing = len(answers) - len(known)
-    without = f"; {missing} of {len(answers)} arches without a curve" if missing else ""
-    return f"{start}: {listed}{without}"
 
 
 def answer_table(answers: Answers, scale: Scale, at: float | None) -> Table:
@@ -80,31 +36,20 @@ def answer_table(answers: Answers, scale: Scale, at: float | None) -> Table:
         if isinstance(answer.curve, str):
             rows.append([name, *("–" for _ in asked), "no curve", "–", "–"])
             continue
-        chance = []
+        row = [name]
         if at is not None:
             value, *ends = answer.probability(at / scale.factor)
-            chance = [f"{_chance(value)} {_together(_chances(ends))}"]
+            row.append(f"{_chance(value)} {_together(_chances(ends))}")
         low, high = (digits(scale.factor * end) for end in answer.theta)
-        rows.append(
-            [
-                name,
-                *chance,
-                f"{digits(scale.factor * answer.curve.theta)} {_together(f'{low}–{high}')}",
-                f"{answer.curve.beta:.2f} "
-                + _together(f"{answer.beta[0]:.2f}–{answer.beta[1]:.2f}"),
-                likelihood_words(answer, scale),
-            ]
-        )
+        theta = digits(scale.factor * answer.curve.theta)
+        beta = _together(f"{answer.beta[0]:.2f}–{answer.beta[1]:.2f}")
+        fit, likelihood = answer.likelihood, "–"
+        if isinstance(fit, Fragility):
+            likelihood = f"{digits(scale.factor * fit.theta)}, {fit.beta:.2f}"
+        row += [f"{theta} {_together(f'{low}–{high}')}", f"{answer.curve.beta:.2f} {beta}"]
+        rows.append([*row, likelihood])
     heads = ["arch", *asked, f"θ [{scale.unit}] ({percent})", f"β ({percent})"]
     return Table([*heads, "θ, β by maximum likelihood"], rows)
-
-
-def likelihood_words(answer: "Answer", scale: Scale) -> str:
-    """Theta and beta by maximum likelihood; a dash where it has no maximum."""
-    fit = answer.likelihood
-    if isinstance(fit, str):
-        return "–"
-    return f"{digits(scale.factor * fit.theta)}, {fit.beta:.2f}"
 
 
 def summary(
@@ -168,7 +113,7 @@ def summary(
 
 
 def classes(cube: "xr.Dataset") -> dict[str, str]:
-    """Class of each arch of a cube; its own name where the cube does not say."""
+    """Class of each arch of a cube; its own name where the cube holds none."""
     names = [str(name) for name in cube["arch"].values]
     own = [str(name) for name in cube["arch_class"].values] if "arch_class" in cube else names
     return dict(zip(names, own, strict=True))

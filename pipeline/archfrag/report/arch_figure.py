@@ -1,4 +1,4 @@
-"""The arch with its hinges and thrust lines at onset, both ways."""
+"""The arch with its hinges and thrust lines at onset, in both directions."""
 
 from typing import TYPE_CHECKING
 
@@ -6,8 +6,8 @@ import numpy as np
 
 from archfrag.arch import Arch
 from archfrag.report import picture as look
-from archfrag.report.picture import Picture
-from archfrag.report.plot import Entry, FloatArray, Sheet, picture, symbol, trace
+from archfrag.report.picture import FloatArray, Picture, symbol, trace
+from archfrag.report.plot import Entry, Sheet, picture
 
 if TYPE_CHECKING:
     from archfrag.simulate import Onset
@@ -24,8 +24,8 @@ class _View:
         low, high = points.min(axis=0), points.max(axis=0)
         span, height = np.maximum(high - low, 1e-9)
         self.sheet, self.span = sheet, float(span)
-        room = min(width - 46.0, 330.0)  # numbers of joints stand beside the springings
-        self.scale = float(min(room / span, 260.0 / height))
+        widest = min(width - 46.0, 330.0)  # numbers of joints stand beside the springings
+        self.scale = float(min(widest / span, 260.0 / height))
         self.middle, self.ground = left + 0.5 * width, top + 16.0 + self.scale * float(height)
         self.centre, self.low = float(0.5 * (low[0] + high[0])), float(low[1])
         self.end = self.ground + 24.0
@@ -42,28 +42,20 @@ class _View:
 
 
 def arch_at_onset(arch: Arch, onset: "Onset", identifier: str) -> Picture:
-    """Draw the chain twice: ground accelerating towards +x, and towards -x.
-
-    Parameters
-    ----------
-    arch : Arch
-    onset : Onset
-    identifier : str
-        The arch's name in the study.
-    """
-    ways = (("+x", 1.0), ("−x", -1.0)) if onset.stands else (("", 0.0),)
+    """Draw the chain twice: ground accelerating towards +x, and towards -x."""
+    directions = (("+x", 1.0), ("−x", -1.0)) if onset.stands else (("", 0.0),)
 
     def draw(width: float) -> Sheet:
         sheet = Sheet(width)
         top = sheet.legend(8.0, 0.0, _key(onset), width - 16.0) if onset.stands else 0.0
-        each = width if sheet.narrow else width / len(ways)
-        for i, (way, sign) in enumerate(ways):
+        each = width if sheet.narrow else width / len(directions)
+        for i, (direction, sign) in enumerate(directions):
             left = 0.0 if sheet.narrow else i * each
             title = 20.0 if onset.stands else 0.0
             view = _View(sheet, arch, left, top + title, each)
             if onset.stands:
                 limit = onset_text(onset.plus if sign > 0 else onset.minus)
-                words = f"ground accelerating towards {way}: {limit}"
+                words = f"ground accelerating towards {direction}: {limit}"
                 sheet.text(left + 8.0, top + 14.0, words, "b")
             for outline in arch.outlines:
                 view.path(outline, True, fill=STONE, stroke=EDGE, stroke_width=0.8)

@@ -1,4 +1,4 @@
-"""What the page says of one arch."""
+"""What the page shows of one arch."""
 
 import json
 from collections.abc import Sequence
@@ -19,7 +19,8 @@ from archfrag.report import (
     tables,
     timeline,
 )
-from archfrag.report.summary import ArchResults, Scale, digits
+from archfrag.report.axes import digits
+from archfrag.report.summary import ArchResults, Scale
 from archfrag.study.curves import curve_of_dict
 
 if TYPE_CHECKING:
@@ -41,18 +42,7 @@ _ENTRIES = 60  # of the log, in words
 def arch_section(
     inputs: "ReportInputs", cube: "xr.Dataset", results: ArchResults, place: int, animated: bool
 ) -> dict[str, Any]:
-    """Figures, tables and numbers of an arch, by the names that the page's template uses.
-
-    Parameters
-    ----------
-    inputs : ReportInputs
-    cube : xarray.Dataset
-    results : ArchResults
-    place : int
-        Of the arch in `inputs.arches`.
-    animated : bool
-        Whether to show runs in motion.
-    """
+    """Figures, tables and numbers of an arch, by the names that the page's template uses."""
     prefix, (name, arch, onset) = f"arch{place}", inputs.arches[place]
     answer, counts = inputs.answers[name], results.counts
     wall = None if inputs.timings is None else inputs.timings.get(name)
@@ -70,7 +60,7 @@ def arch_section(
         },
         "cautions": cautions_of(inputs.cautions, name),
         "grouped": results.grouped,
-        "design": design_sentence(cube, name),
+        "design": design_table(cube, name),
         "curve": curve_figures.curve(results, answer),
         "test_of_fit": answer.more.get("free", {}).get("test_of_fit", {}).get("message", ""),
         "levels": tables.levels(results, answer),
@@ -100,31 +90,30 @@ def cautions_of(cautions: Sequence[str], name: str) -> list[str]:
     return [caution.removeprefix(start) for caution in cautions if caution.startswith(start)]
 
 
-def design_sentence(cube: "xr.Dataset", name: str) -> str:
-    """What the design of a study says of the runs of an arch."""
+def design_table(cube: "xr.Dataset", name: str) -> tables.Table | None:
+    """How the runs of an arch were chosen; None where the cube does not hold it."""
     design = json.loads(cube.attrs.get("archfrag_design", "{}"))
     note = design.get("arches", {}).get(name)
     if note is None:
-        return ""
-    words = DESIGN_WORDS[design["kind"]]
-    parts = [f"Design {design['kind']}, {words}: {note['runs']} runs"]
-    if note.get("coarse_runs"):
-        parts.append(f"{note['coarse_runs']} coarse ones before")
-    if "records" in note:
-        parts.append(f"{note['records']} of {cube.sizes['record']} records")
-    text = ", ".join(parts)
-    if note.get("checked"):
-        text += (
-            f"; {note['contradictions']} of {note['checked']} runs at random contradict the "
-            "capacity of their record"
-        )
-    if np.isfinite(float(note.get("half_width", np.nan))):
-        text += (
-            f"; the design's own estimate of the median is known to "
-            f"{100 * note['half_width']:.2g} %, "
-            + ("as wanted" if note.get("reached") else f"not as wanted: {note.get('why', '')}")
-        )
-    return f"{text}."
+        return None
+    width = float(note.get("half_width", np.nan))
+    checked = f"{note.get('contradictions')} of {note.get('checked')}"
+    rows = {
+        f"design {design['kind']}": DESIGN_WORDS[design["kind"]],
+        "runs": str(note["runs"]),
+        "coarse runs before": str(note.get("coarse_runs") or ""),
+        "records": f"{note['records']} of {cube.sizes['record']}" if "records" in note else "",
+        "runs at random against the capacity of their record":
+            checked if note.get("checked") else "",
+        "half width of the median's interval, by the design's own estimate":
+            f"{100 * width:.2g} %" if np.isfinite(width) else "",
+        "as narrow as wanted":
+            ("yes" if note.get("reached") else f"no: {note.get('why', '')}")
+            if np.isfinite(width) else "",
+    }  # fmt: skip
+    return tables.Table(
+        ["design", "value"], [[key, value] for key, value in rows.items() if value]
+    )
 
 
 def _mechanisms(inputs: "ReportInputs", results: ArchResults, arch: Arch) -> dict[str, Any]:
@@ -135,8 +124,8 @@ def _mechanisms(inputs: "ReportInputs", results: ArchResults, arch: Arch) -> dic
     ]
     return {
         "collapses": figures.collapses(results, arch.n_joint),
-        "shares": mechanism_figures.shares(groups, results),
-        "shares_table": mechanism_figures.table(groups, results),
+        "fractions": mechanism_figures.fractions(groups, results),
+        "fractions_table": mechanism_figures.table(groups, results),
         "n_effective": f"{groups[0].n_effective:.1f}",
     }
 

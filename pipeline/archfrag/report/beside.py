@@ -12,10 +12,9 @@ from archfrag.fragility.curve import Fragility
 from archfrag.mechanics.collapse import NOTED_GAP
 from archfrag.report import picture as look
 from archfrag.report import tables
-from archfrag.report.axes import BESIDE
-from archfrag.report.curve_figures import PROBABILITY, curve_axes, draw_answer
+from archfrag.report.curve_figures import curve_picture, draw_answer
 from archfrag.report.picture import Picture
-from archfrag.report.plot import Entry, Sheet, picture
+from archfrag.report.plot import Entry, Panel
 from archfrag.report.summary import ArchResults, Scale, arch_results, study_config
 from archfrag.study.config import Study
 from archfrag.study.curves import Answer
@@ -46,16 +45,7 @@ class _Side(NamedTuple):
 
 
 def load_beside(study: Study, other: Study) -> Beside:
-    """Results of a study that is to be shown beside the report's own.
-
-    Raises
-    ------
-    InputError
-        If both have the same id, or the results of `other` are missing or not those of the study
-        as it is.
-    OutputError
-        If a third study's cube is in the folder of `other`.
-    """
+    """Results of a study that is to be shown beside the report's own."""
     refused = f"study {other.id!r} cannot be shown beside {study.id!r}"
     if study.id == other.id:
         raise InputError(f"{refused}: each study needs its own id")
@@ -71,30 +61,11 @@ def load_beside(study: Study, other: Study) -> Beside:
 def beside_section(
     inputs: "ReportInputs", cube: "xr.Dataset", scale: Scale
 ) -> dict[str, Any] | None:
-    """What the page says of another study, by the names that its template uses.
-
-    Parameters
-    ----------
-    inputs : ReportInputs
-    cube : xarray.Dataset
-        Of the report's own study.
-    scale : Scale
-        Of the report; levels of the other study are shown in its unit too.
-
-    Returns
-    -------
-    dict or None
-        None if there is no other study.
-
-    Raises
-    ------
-    InputError
-        If the studies differ in measure or SI unit, or have no arch in common.
-    """
+    """What the page shows of another study, by the names that its template uses."""
     if inputs.beside is None:
         return None
     cubes = (cube, inputs.beside.cube)
-    names = [str(each.attrs.get("archfrag_study", "not told")) for each in cubes]
+    names = [str(each.attrs.get("archfrag_study", "not stated")) for each in cubes]
     refused = f"study {names[1]!r} cannot be shown beside {names[0]!r}"
     kinds = [_measure(each) for each in cubes]
     if kinds[0] != kinds[1]:
@@ -125,7 +96,7 @@ def _measure(cube: "xr.Dataset") -> str:
 
 
 def _side(study: str, cube: "xr.Dataset", answer: Answer, arch: str, scale: Scale) -> _Side:
-    vertical = str(cube.attrs.get("vertical_component", "not told"))
+    vertical = str(cube.attrs.get("vertical_component", "not stated"))
     return _Side(study, vertical, arch_results(cube, arch, scale), answer)
 
 
@@ -139,17 +110,13 @@ def _curves(sides: Sequence[_Side]) -> Picture:
         for side, (colour, dash, _) in zip(sides, looks)
     ]
 
-    def draw(width: float) -> Sheet:
-        sheet = Sheet(width)
-        top = sheet.legend(BESIDE, 0.0, entries, width - BESIDE - 10.0) + 6.0
-        panel = curve_axes(sheet, top, reach, scale.label, PROBABILITY)
+    def draw(panel: Panel) -> None:
         for side, (colour, dash, mark) in zip(sides, looks):
             draw_answer(panel, side.answer, scale, colour, dash)
             known = side.results.known
             used = known.n > 0
             fraction = known.collapsed[used] / known.n[used]
             panel.dots(side.results.levels[used], fraction, colour, mark)
-        return sheet
 
     medians = (
         f"{side.study} median {scale.text(side.answer.curve.theta)}"
@@ -157,15 +124,14 @@ def _curves(sides: Sequence[_Side]) -> Picture:
         else f"{side.study} no curve"
         for side in sides
     )
-    return picture(
-        draw,
+    return curve_picture(
+        draw, entries, (reach, scale.label),
         alternative=f"Probability of collapse of {sides[0].results.arch} against {scale.label} in "
         f"two studies: {', '.join(medians)}",
-        caption="Points: fraction of the records that collapse at each level. Shaded: "
-        f"{100 * sides[0].answer.confidence:.0f} % bands, of each study by itself. Where "
-        "both have the same records the change is known better than the bands, which hold the "
-        "variation between records, suggest.",
-    )
+        caption="Points: fraction of the records that collapse at each level. Shaded: bands, of "
+        "each study by itself. Where both have the same records the change is known better than "
+        "the bands, which hold the variation between records, suggest.",
+    )  # fmt: skip
 
 
 def _table(sides: Sequence[_Side]) -> tables.Table:
@@ -203,7 +169,7 @@ def _figures(side: _Side, first: _Side) -> dict[str, str]:
         "dispersion β": answer.get("beta", "no curve"),
         f"{percent} of β": answer.get("beta_interval", "–"),
         "β by maximum likelihood": answer.get("beta_likelihood", "–"),
-        **{key: "not told" if n is None else f"{n:,}" for key, n in numbers.items()},
+        **{key: "not stated" if n is None else f"{n:,}" for key, n in numbers.items()},
     }
 
 

@@ -1,4 +1,4 @@
-"""What the page says of a class of arches: its curve, its dispersion, and what theta follows."""
+"""What the page shows of a class of arches: its curve, its dispersion, and what theta follows."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -8,30 +8,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.fragility.curve import Fragility
+from archfrag.fragility.dispersion import sensitivities
 from archfrag.report import picture as look
 from archfrag.report import tables
-from archfrag.report.axes import BELOW, BESIDE, axis_x, axis_y, even_ticks, heading
+from archfrag.report.axes import digits, even_ticks
 from archfrag.report.curve_figures import (
-    MOST_THIN,
-    PROBABILITY,
-    curve_axes,
+    band_entries,
+    band_words,
+    curve_picture,
     draw_answer,
     draw_thin,
-    stated,
     thinned,
 )
-from archfrag.report.picture import Picture
-from archfrag.report.plot import (
+from archfrag.report.picture import (
+    BELOW,
+    BESIDE,
     LINE,
     SMALL,
-    Entry,
     FloatArray,
-    Panel,
-    Sheet,
-    picture,
+    Picture,
     shortened,
 )
-from archfrag.report.summary import Scale, digits
+from archfrag.report.plot import Entry, Panel, Sheet, picture
+from archfrag.report.summary import Scale
 from archfrag.report.tables import Table
 
 if TYPE_CHECKING:
@@ -53,23 +52,12 @@ _PARTS = {
 def class_section(
     inputs: "ReportInputs", cube: "xr.Dataset", name: str, number: int, scale: Scale
 ) -> dict[str, Any]:
-    """Figures, tables and numbers of a class, by the names that the page's template uses.
-
-    Parameters
-    ----------
-    inputs : ReportInputs
-    cube : xarray.Dataset
-    name : str
-        Of the class.
-    number : int
-        Of the class on the page.
-    scale : Scale
-    """
+    """Figures, tables and numbers of a class, by the names that the page's template uses."""
     places = np.flatnonzero(cube["arch_class"].values.astype(str) == name)
     names = cube["arch"].values.astype(str)[places]
     members = [inputs.answers[str(each)] for each in names]
     answer = inputs.classes[name]
-    split = answer.more.get("dispersion", {})
+    split, differences = answer.more.get("dispersion", {}), _differences(cube, places)
     return {
         "id": f"class{number}",
         "name": name,
@@ -78,7 +66,8 @@ def class_section(
         "curve": class_curve(answer, members, name, scale),
         "dispersion": split.get("message") or split.get("none", ""),
         "dispersion_table": _dispersion(split),
-        "panels": theta_panels(members, _differences(cube, places), name, scale),
+        "panels": theta_panels(members, differences, name, scale),
+        "ranks": _ranks(members, differences),
     }
 
 
@@ -86,37 +75,22 @@ def class_curve(answer: "Answer", members: Sequence["Answer"], name: str, scale:
     """Curve of a class with its band, over those of its arches."""
     thin = thinned(members)
     ends = [scale.factor * each.im[-1] for each in (answer, *members) if each.im]
-    reach = max(ends, default=1.0)
-    percent = f"{100 * answer.confidence:.0f} %"
     entries = [Entry("arches of the class", "#b5bec8", "line")]
     if isinstance(answer.curve, Fragility):
-        entries += [
-            Entry("an arch of the class", look.BLUE, "line"), Entry(f"{percent} band", "#c9e3f5"),
-        ]  # fmt: skip
+        entries += band_entries("an arch of the class", f"{100 * answer.confidence:.0f} %")
 
-    def draw(width: float) -> Sheet:
-        sheet = Sheet(width)
-        top = sheet.legend(BESIDE, 0.0, entries, width - BESIDE - 10.0) + 6.0
-        panel = curve_axes(sheet, top, reach, scale.label, PROBABILITY)
+    def draw(panel: Panel) -> None:
         draw_thin(panel, thin, scale, look.GREY)
         draw_answer(panel, answer, scale, look.BLUE)
-        return sheet
 
-    which = f", {MOST_THIN} of them from the weakest to the strongest" if (
-        len(members) > MOST_THIN
-    ) else ""  # fmt: skip
-    band = (
-        f" Shaded: pointwise band, {answer.method}. {stated(answer.assumptions)}"
-        if answer.method
-        else ""
-    )
-    return picture(
-        draw,
+    return curve_picture(
+        draw, entries, (max(ends, default=1.0), scale.label),
         alternative=f"Probability of collapse of an arch of the class {name} against "
         f"{scale.label}, and the curves of {len(thin)} of its arches",
         caption="Bold: probability of collapse of an arch of the class of which nothing more is "
-        f"known, so that both records and arches differ. Thin: its arches{which}.{band}",
-    )
+        "known, so that both records and arches differ. Thin: its arches, of many some from the "
+        "weakest to the strongest." + band_words(answer),
+    )  # fmt: skip
 
 
 def _dispersion(split: Mapping[str, Any]) -> Table | None:
@@ -134,26 +108,45 @@ def _differences(cube: "xr.Dataset", places: NDArray) -> dict[str, NDArray]:
     for name in map(str, cube.data_vars):
         if name.startswith(("arch_", "attribute_")) and name != "arch_class":
             values = cube[name].values[places]
-            if values.dtype.kind not in "fiu":
-                values = values.astype(str)
+            values = values.astype(float if values.dtype.kind in "fiu" else str)
             if np.unique(values).size > 1:
                 found[name.partition("_")[2].replace("_", " ")] = values
     return found
+
+
+def _thetas(members: Sequence["Answer"]) -> FloatArray:
+    return np.array([np.nan if isinstance(a.curve, str) else a.curve.theta for a in members])
+
+
+def _ranks(members: Sequence["Answer"], differences: Mapping[str, NDArray]) -> Table | None:
+    """Rank correlation of theta with each number that the arches differ by."""
+    numbers = {name: values for name, values in differences.items() if values.dtype.kind == "f"}
+    confidence = members[0].confidence
+    rows = [
+        [each.parameter, _signed(each.correlation),
+         f"{_signed(each.lower)} to {_signed(each.upper)}", str(each.n_arch)]
+        for each in sensitivities(_thetas(members), numbers, confidence)
+    ]  # fmt: skip
+    heads = ["parameter", "rank correlation with θ", f"{100 * confidence:.0f} %", "arches"]
+    return Table(heads, rows) if rows else None
+
+
+def _signed(value: float) -> str:
+    return tables.signed(f"{value:+.2f}") if np.isfinite(value) else "–"
 
 
 def theta_panels(
     members: Sequence["Answer"], differences: Mapping[str, NDArray], name: str, scale: Scale
 ) -> Picture | None:
     """Theta of each arch against what the arches differ by, a panel for each; None if nothing."""
-    theta = np.array(
-        [np.nan if isinstance(a.curve, str) else a.curve.theta * scale.factor for a in members]
-    )
+    theta = scale.factor * _thetas(members)
     known = np.isfinite(theta)
     shown = dict(list(differences.items())[:MOST_PANELS])
     if not shown or known.sum() < 2:
         return None
-    margin = 0.05 * float(np.ptp(theta[known])) or 0.05 * float(theta[known][0])
-    ends = float(theta[known].min()) - margin, float(theta[known].max()) + margin
+    theta = theta[known]
+    margin = 0.05 * float(np.ptp(theta)) or 0.05 * float(theta[0])
+    ends = float(theta.min()) - margin, float(theta.max()) + margin
 
     def draw(width: float) -> Sheet:
         sheet = Sheet(width)
@@ -161,72 +154,44 @@ def theta_panels(
         each = (width - 10.0) / columns
         for i, (title, values) in enumerate(shown.items()):
             row, column = divmod(i, columns)
-            left = column * each + BESIDE
             top = row * (_HIGH + BELOW + LINE) + LINE
-            box = (left, top, column * each + each - 8.0, top + _HIGH)
-            if values.dtype.kind in "US":
-                _texts(sheet, box, ends, (values[known], theta[known]))
-            else:
-                _numbers(sheet, box, ends, (values[known].astype(float), theta[known]))
-            panel = sheet.panels[-1]
-            axis_y(panel, even_ticks(*ends), f"θ [{scale.unit}]", grid=True)
-            heading(panel, shortened(title, each - BESIDE - 8.0))
+            box = (column * each + BESIDE, top, (column + 1) * each - 8.0, top + _HIGH)
+            panel = Panel(sheet, box, (0.0, 1.0), ends)
+            (_texts if values.dtype.kind == "U" else _numbers)(panel, values[known], theta)
+            panel.axis_y(even_ticks(*ends), f"θ [{scale.unit}]", grid=True)
+            panel.heading(shortened(title, each - BESIDE - 8.0))
         sheet.height = -(-len(shown) // columns) * (_HIGH + BELOW + LINE) + 4.0
         return sheet
 
-    grouped = any(values.dtype.kind in "US" for values in shown.values())
-    ranks = "; ".join(
-        f"{title} {_rank_correlation(values[known].astype(float), theta[known]):+.2f}"
-        for title, values in shown.items()
-        if values.dtype.kind not in "US"
-    ).replace("-", "−")
     return picture(
         draw,
-        alternative=f"Median capacities of {int(known.sum())} arches of {name} against "
+        alternative=f"Median capacities of {theta.size} arches of {name} against "
         f"{', '.join(shown)}",
         caption="Points: median capacities of the arches of the class against what they differ "
-        "by."
-        + (f" Rank correlation (Spearman): {ranks}." if ranks else "")
-        + (" Bars: medians of groups." if grouped else ""),
-    )  # fmt: skip
+        "by. Bars: medians of groups.",
+    )
 
 
-def _numbers(
-    sheet: Sheet,
-    box: tuple[float, float, float, float],
-    ends: tuple[float, float],
-    points: tuple[FloatArray, FloatArray],
-) -> None:
-    values, theta = points
+def _numbers(panel: Panel, values: NDArray, theta: FloatArray) -> None:
     there = np.isfinite(values)
-    low, high = (float(end(values[there])) for end in (np.min, np.max))
+    low, high = float(values[there].min()), float(values[there].max())
     margin = 0.04 * (high - low) or 1.0
-    panel = Panel(sheet, box, (low - margin, high + margin), ends)
+    panel.x = (low - margin, high + margin)
     ticks = even_ticks(*panel.x, 4)
-    axis_x(panel, ticks, "", [digits_of(tick) for tick in ticks])
+    labels = [f"{tick:g}" if abs(tick) < 1e6 else digits(tick) for tick in ticks]
+    panel.axis_x(ticks, "", labels)
     panel.dots(values[there], theta[there], look.BLUE, radius=2.4)
 
 
-def digits_of(value: float) -> str:
-    """A tick of a parameter: short, never as a power of ten where it is of usual size."""
-    return f"{value:g}" if abs(value) < 1e6 else digits(value)
-
-
-def _texts(
-    sheet: Sheet,
-    box: tuple[float, float, float, float],
-    ends: tuple[float, float],
-    points: tuple[NDArray, FloatArray],
-) -> None:
-    texts, theta = points
+def _texts(panel: Panel, texts: NDArray, theta: FloatArray) -> None:
     frequent = [text for text, _ in Counter(texts.tolist()).most_common()]
     kept = sorted(frequent[: MOST_TEXTS - (len(frequent) > MOST_TEXTS)])
     labels = kept + (["others"] if len(frequent) > len(kept) else [])
     place = np.array([kept.index(t) if t in kept else len(kept) for t in texts], dtype=float)
-    panel = Panel(sheet, box, (-0.5, len(labels) - 0.5), ends)
-    width = (box[2] - box[0]) / len(labels)
+    panel.x = (-0.5, len(labels) - 0.5)
+    width = (panel.box[2] - panel.box[0]) / len(labels)
     words = [shortened(label or "not stated", width - 6.0, SMALL) for label in labels]
-    axis_x(panel, np.arange(len(labels)), "", words)
+    panel.axis_x(np.arange(len(labels)), "", words)
     for i in range(len(labels)):
         own = np.flatnonzero(place == i)
         middle = float(np.median(theta[own]))
@@ -234,17 +199,3 @@ def _texts(
         # Points of one text stand beside each other, in the order of the arches.
         place[own] += np.linspace(-0.25, 0.25, own.size) if own.size > 1 else 0.0
     panel.dots(place, theta, look.BLUE, radius=2.4)
-
-
-def _rank_correlation(one: FloatArray, other: FloatArray) -> float:
-    there = np.isfinite(one)
-    if there.sum() < 3 or np.ptp(one[there]) == 0.0 or np.ptp(other[there]) == 0.0:
-        return float("nan")
-    ranks = [_ranks(values[there]) for values in (one, other)]
-    return float(np.asarray(np.corrcoef(np.stack(ranks)))[0, 1])
-
-
-def _ranks(values: FloatArray) -> FloatArray:
-    """Ranks, the mean one for equal values."""
-    _, place, count = np.unique(values, return_inverse=True, return_counts=True)
-    return np.asarray((np.cumsum(count) - 0.5 * (count - 1))[place], dtype=float)

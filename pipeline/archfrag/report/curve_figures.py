@@ -1,6 +1,6 @@
 """Fragility curves: of one arch with its data, of all arches together, and of limit states."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -8,9 +8,9 @@ import numpy as np
 from archfrag.fragility.counts import clopper_pearson
 from archfrag.fragility.curve import Fragility
 from archfrag.report import picture as look
-from archfrag.report.axes import BELOW, BESIDE, axis_x, axis_y, even_ticks
-from archfrag.report.picture import Picture
-from archfrag.report.plot import Entry, FloatArray, Panel, Sheet, picture
+from archfrag.report.axes import even_ticks
+from archfrag.report.picture import BELOW, BESIDE, FloatArray, Picture
+from archfrag.report.plot import Entry, Panel, Sheet, picture
 from archfrag.report.summary import ArchResults, Scale
 
 if TYPE_CHECKING:
@@ -22,22 +22,44 @@ COLOURS = (
 )  # fmt: skip
 MOST_NAMED = 12  # curves with a colour and stroke of their own
 MOST_THIN = 60  # curves of arches that are drawn for their class
-PROBABILITY = "probability of collapse"
+_SHADED = 6  # curves that are drawn with their bands
+# What the data of each kind of design are, under the curve.
+_DATA = {
+    "bisected": "Steps: distribution of the capacities of the records, each at the middle in "
+    "logarithms of the two neighbouring levels between which it was found; the levels that were "
+    "run differ between records, so that fractions of runs mean nothing.",
+    "grouped": "Every run has a motion and an intensity of its own; each point stands for a group "
+    "of neighbours: collapsed / (collapsed + standing), bars: Clopper–Pearson.",
+    "stripes": "Points: collapsed / (collapsed + standing) at each level; bars: Clopper–Pearson, "
+    "of the records at that level.",
+}
 
 
-def stated(words: str) -> str:
-    """A sentence of others with its full stop."""
-    return words if words.endswith(".") else f"{words}."
+def curve_picture(
+    draw: Callable[[Panel], None],
+    entries: Sequence[Entry],
+    x: tuple[float, str],
+    words: str = "probability of collapse",
+    *,
+    alternative: str,
+    caption: str,
+) -> Picture:
+    """A figure of probabilities over levels from 0; `x` is where they end, and their title."""
+    reach, title = x
 
+    def drawn(width: float) -> Sheet:
+        sheet = Sheet(width)
+        top = sheet.legend(BESIDE, 0.0, entries, width - BESIDE - 10.0) + 6.0
+        bottom = top + (250.0 if sheet.narrow else 300.0)
+        panel = Panel(sheet, (BESIDE, top, width - 10.0, bottom), (0.0, reach), (0.0, 1.0))
+        ticks = np.linspace(0.0, 1.0, 6)
+        panel.axis_y(ticks, words, [f"{p:.1f}" for p in ticks])
+        panel.axis_x(even_ticks(0.0, reach, 6 if sheet.narrow else 9), title, grid=True)
+        draw(panel)
+        sheet.height = bottom + BELOW
+        return sheet
 
-def curve_axes(sheet: Sheet, top: float, reach: float, title: str, words: str) -> Panel:
-    """A panel of probabilities over levels from 0 to reach, and the height of its sheet."""
-    bottom = top + (250.0 if sheet.narrow else 300.0)
-    panel = Panel(sheet, (BESIDE, top, sheet.width - 10.0, bottom), (0.0, reach), (0.0, 1.0))
-    axis_y(panel, np.linspace(0.0, 1.0, 6), words, [f"{p:.1f}" for p in np.linspace(0, 1, 6)])
-    axis_x(panel, even_ticks(0.0, reach, 6 if sheet.narrow else 9), title, grid=True)
-    sheet.height = bottom + BELOW
-    return panel
+    return picture(drawn, alternative=alternative, caption=caption)
 
 
 def draw_answer(panel: Panel, answer: "Answer", scale: Scale, colour: str, dash: str = "") -> None:
@@ -47,14 +69,15 @@ def draw_answer(panel: Panel, answer: "Answer", scale: Scale, colour: str, dash:
         seen = im <= panel.x[1]
         low, high = (np.array(side)[seen] for side in (answer.lower, answer.upper))
         panel.band(im[seen], low, high, look.SKY if colour == look.BLUE else colour, 0.25)
-        draw_curve(panel, answer, scale, colour, dash)
+        draw_fit(panel, answer.curve, scale, colour, 1.8, dash)
 
 
-def draw_curve(panel: Panel, answer: "Answer", scale: Scale, colour: str, dash: str = "") -> None:
-    """The curve that is quoted, without its band."""
-    if isinstance(answer.curve, Fragility):
-        im = np.linspace(0.0, panel.x[1], 100)
-        panel.line(im, answer.curve.probability(im / scale.factor), colour, 1.8, dash)
+def draw_fit(
+    panel: Panel, fit: Fragility, scale: Scale, colour: str, width: float, dash: str = ""
+) -> None:
+    """A lognormal curve."""
+    im = np.linspace(0.0, panel.x[1], 100)
+    panel.line(im, fit.probability(im / scale.factor), colour, width, dash)
 
 
 def curve(results: ArchResults, answer: "Answer") -> Picture:
@@ -63,65 +86,56 @@ def curve(results: ArchResults, answer: "Answer") -> Picture:
     Observed fractions with exact intervals where every record was run at every level or the runs
     have levels of their own; the distribution of the records' capacities where the levels were
     bisected.
-
-    Parameters
-    ----------
-    results : ArchResults
-    answer : Answer
     """
-    scale, percent = results.scale, f"{100 * answer.confidence:.0f} %"
-    reach = 1.05 * results.levels.max()
-    if results.own_levels is not None:
-        reach = 1.05 * float(np.nanmax(results.own_levels))
-    fit, free = answer.curve, answer.more.get("free", {})
-    entries = _entries(results, answer, percent)
+    scale, percent, fit = results.scale, f"{100 * answer.confidence:.0f} %", answer.curve
+    free = {
+        kind: (colour, found)
+        for kind, colour in (("isotonic", look.GREY), ("kernel", look.GREEN))
+        if (found := answer.more.get("free", {}).get(kind))
+        and not (kind == "isotonic" and results.bisected)
+    }
+    data = (
+        "capacities of the records" if results.bisected else f"fraction, exact {percent} interval"
+    )
+    entries = [Entry(data, look.INK, "line" if results.bisected else "dot")]
+    what = "no lognormal curve could be fitted"
+    if isinstance(fit, Fragility):
+        entries += band_entries("lognormal curve", percent)
+        what = f"lognormal curve with median {scale.text(fit.theta)} and dispersion {fit.beta:.3f}"
+    if isinstance(answer.likelihood, Fragility):
+        entries.append(Entry("by maximum likelihood", look.BLUE, "dash"))
+    entries += [Entry(kind, colour, "line") for kind, (colour, _) in free.items()]
 
-    def draw(width: float) -> Sheet:
-        sheet = Sheet(width)
-        top = sheet.legend(BESIDE, 0.0, entries, width - BESIDE - 10.0) + 6.0
-        panel = curve_axes(sheet, top, reach, scale.label, PROBABILITY)
+    def draw(panel: Panel) -> None:
         draw_answer(panel, answer, scale, look.BLUE)
         if isinstance(answer.likelihood, Fragility):
-            im = np.linspace(0.0, reach, 100)
-            chance = answer.likelihood.probability(im / scale.factor)
-            panel.line(im, chance, look.BLUE, 0.9, _DASH)
-        for kind, colour in (("isotonic", look.GREY), ("kernel", look.GREEN)):
-            if kind in free and not (kind == "isotonic" and results.bisected):
-                at = scale.factor * np.array(free[kind]["im"])
-                panel.line(at, free[kind]["probability"], colour, 0.9)
-        if isinstance(fit, Fragility) and fit.theta * scale.factor <= reach:
+            draw_fit(panel, answer.likelihood, scale, look.BLUE, 0.9, _DASH)
+        for colour, found in free.values():
+            panel.line(scale.factor * np.array(found["im"]), found["probability"], colour, 0.9)
+        if isinstance(fit, Fragility) and fit.theta * scale.factor <= panel.x[1]:
             median = fit.theta * scale.factor
             panel.line([0.0, median, median], [0.5, 0.5, 0.0], look.GREY, 0.8, "4 3")
         _draw_data(panel, results, answer.confidence)
-        return sheet
 
-    what = "no lognormal curve could be fitted"
-    if isinstance(fit, Fragility):
-        what = f"lognormal curve with median {scale.text(fit.theta)} and dispersion {fit.beta:.3f}"
-    return picture(
-        draw,
+    kind = "bisected" if results.bisected else "grouped" if results.grouped else "stripes"
+    shaded = f"{band_words(answer)} Thin: curves without a given shape, made from the same runs."
+    return curve_picture(
+        draw, entries, (1.05 * float(results.levels.max()), scale.label),
         alternative=f"Probability of collapse of {results.arch} against {scale.label}: {what}",
-        caption=_caption(results, answer),
-    )
+        caption=_DATA[kind] + (shaded if answer.method else ""),
+    )  # fmt: skip
 
 
-def _entries(results: ArchResults, answer: "Answer", percent: str) -> list[Entry]:
-    free = answer.more.get("free", {})
-    if results.bisected:
-        entries = [Entry("capacities of the records", look.INK, "line")]
-    else:
-        entries = [Entry(f"fraction of collapses, exact {percent} interval", look.INK, "dot")]
-    if isinstance(answer.curve, Fragility):
-        entries += [
-            Entry("lognormal curve", look.BLUE, "line"), Entry(f"{percent} band", "#c9e3f5"),
-        ]  # fmt: skip
-    if isinstance(answer.likelihood, Fragility):
-        entries.append(Entry("by maximum likelihood", look.BLUE, "dash"))
-    if "isotonic" in free and not results.bisected:
-        entries.append(Entry("isotonic", look.GREY, "line"))
-    if "kernel" in free:
-        entries.append(Entry("kernel", look.GREEN, "line"))
-    return entries
+def band_entries(name: str, percent: str) -> list[Entry]:
+    """Legend of a curve that is quoted and of its band."""
+    return [Entry(name, look.BLUE, "line"), Entry(f"{percent} band", "#c9e3f5")]
+
+
+def band_words(answer: "Answer") -> str:
+    """How a band was made, for a caption."""
+    if not answer.method:
+        return ""
+    return f" Shaded: pointwise band, {answer.method}. {answer.assumptions.removesuffix('.')}."
 
 
 def _draw_data(panel: Panel, results: ArchResults, confidence: float) -> None:
@@ -148,31 +162,6 @@ def capacities(results: ArchResults) -> FloatArray:
     return np.where(found.bracketed, found.middle, found.upper)
 
 
-def _caption(results: ArchResults, answer: "Answer") -> str:
-    if results.bisected:
-        data = (
-            "Steps: distribution of the capacities of the records, each at the middle in "
-            "logarithms of the two neighbouring levels between which it was found; the levels "
-            "that were run differ between records, so that fractions of runs mean nothing."
-        )
-    elif results.grouped:
-        data = (
-            "Every run has a motion and an intensity of its own; each point stands for a group "
-            "of neighbours: collapsed / (collapsed + standing), bars: Clopper–Pearson."
-        )
-    else:
-        data = (
-            "Points: collapsed / (collapsed + standing) at each level; bars: Clopper–Pearson, of "
-            "the records at that level."
-        )
-    if not answer.method:
-        return data
-    return (
-        f"{data} Shaded: pointwise band, {answer.method}. {stated(answer.assumptions)} Thin: "
-        "curves without a given shape, made from the same runs."
-    )
-
-
 def all_curves(
     answers: Mapping[str, "Answer"],
     classes: Mapping[str, "Answer"],
@@ -182,23 +171,15 @@ def all_curves(
 ) -> Picture | None:
     """Curves of all arches in one figure; None if there are fewer than two.
 
-    Parameters
-    ----------
-    answers : mapping of str to Answer
-        Of arches; by name if they are few, otherwise those that are of no class thinly.
-    classes : mapping of str to Answer
-        Drawn with their bands.
-    members : mapping of str to sequence of Answer
-        Arches of each class, drawn thinly.
-    scale : Scale
-    marks : (float, float or None)
-        Level to which the curves are drawn, and one that is marked, in the reader's unit.
+    Classes are drawn with their bands, their arches (`members`) thinly; other arches by name if
+    they are not many. `marks` are the level to which the curves are drawn, and one that is
+    marked, in the reader's unit.
     """
     known = {k: a for k, a in answers.items() if isinstance(a.curve, Fragility)}
     if len(known) < 2:
         return None
     highest, at = marks
-    inside = {id(each) for each in (a for own in members.values() for a in own)}
+    inside = {id(each) for own in members.values() for each in own}
     named = {k: a for k, a in classes.items() if isinstance(a.curve, Fragility)}
     single = {k: a for k, a in known.items() if id(a) not in inside}
     thin = [(i, thinned(members[k])) for i, k in enumerate(named)]
@@ -206,42 +187,30 @@ def all_curves(
         named |= single
     elif single:
         thin.append((len(named), thinned(list(single.values()))))
-    shaded = len(named) <= 6
     entries = [Entry(name, *_stroke(i)[:2]) for i, name in enumerate(named)]
     if any(rows for _, rows in thin):
         entries.append(Entry("each arch", "#b5bec8", "line"))
 
-    def draw(width: float) -> Sheet:
-        sheet = Sheet(width)
-        top = sheet.legend(BESIDE, 0.0, entries, width - BESIDE - 10.0) + 6.0
-        panel = curve_axes(sheet, top, 1.05 * highest, scale.label, PROBABILITY)
+    def draw(panel: Panel) -> None:
         if at is not None and 0.0 < at < panel.x[1]:
             panel.line([at, at], [0.0, 1.0], look.GREY, 0.9, "2 2")
         for i, rows in thin:
             draw_thin(panel, rows, scale, _stroke(i)[0] if i < len(classes) else look.GREY)
         for i, answer in enumerate(named.values()):
             colour, _, dash = _stroke(i)
-            if shaded:
+            if len(named) <= _SHADED:
                 draw_answer(panel, answer, scale, colour, dash)
-            else:
-                draw_curve(panel, answer, scale, colour, dash)
-        return sheet
+            elif isinstance(answer.curve, Fragility):
+                draw_fit(panel, answer.curve, scale, colour, 1.8, dash)
 
-    shown = dict([*named.items(), *list(known.items())[:40]])
-    medians = "; ".join(
-        f"{name} {scale.text(a.curve.theta)}"
-        for name, a in shown.items()
-        if isinstance(a.curve, Fragility)
-    )
-    return picture(
-        draw,
+    fits = {k: a.curve for k, a in (*named.items(), *list(known.items())[:40])}
+    return curve_picture(
+        draw, entries, (1.05 * highest, scale.label),
         alternative=f"Fragility curves of {len(known)} arches against {scale.label}. "
-        f"Medians: {medians}",
-        caption="Lognormal curves"
-        + (", shaded their bands." if shaded else ".")
-        + (" Bold: of an arch of a class that is drawn at random; thin: arches of it." if thin
-           and classes else "")
-        + (f" Dotted: {scale.text(at / scale.factor)}." if at is not None else ""),
+        f"Medians: {_medians(fits, scale)}",
+        caption="Lognormal curves. Shaded, where they are not many: their bands. Of classes: "
+        "bold, of an arch of the class that is drawn at random; thin, arches of it. Dotted: the "
+        "level that the probability is asked for.",
     )  # fmt: skip
 
 
@@ -266,24 +235,24 @@ def limit_states(
     states: Sequence[tuple[str, Fragility]], arch: str, scale: Scale, highest: float
 ) -> Picture:
     """Curves of the limit states of an arch, in the order given."""
-    im = np.linspace(0.0, 1.05 * highest, 100)
-    entries = [Entry(name, *_stroke(i)[:2]) for i, (name, _) in enumerate(states)]
 
-    def draw(width: float) -> Sheet:
-        sheet = Sheet(width)
-        top = sheet.legend(BESIDE, 0.0, entries, width - BESIDE - 10.0) + 6.0
-        panel = curve_axes(sheet, top, float(im[-1]), scale.label, "probability of reaching it")
+    def draw(panel: Panel) -> None:
         for i, (_, fit) in enumerate(states):
             colour, _, dash = _stroke(i)
-            panel.line(im, fit.probability(im / scale.factor), colour, 1.8, dash)
-        return sheet
+            draw_fit(panel, fit, scale, colour, 1.8, dash)
 
-    medians = "; ".join(f"{name} {scale.text(fit.theta)}" for name, fit in states)
-    return picture(
-        draw,
-        alternative=f"Curves of limit states of {arch} against {scale.label}. Medians: {medians}",
+    return curve_picture(
+        draw, [Entry(name, *_stroke(i)[:2]) for i, (name, _) in enumerate(states)],
+        (1.05 * highest, scale.label), "probability of reaching it",
+        alternative=f"Curves of limit states of {arch} against {scale.label}. Medians: "
+        + _medians(dict(states), scale),
         caption="Lognormal curves from the same runs, one for each limit state.",
-    )
+    )  # fmt: skip
+
+
+def _medians(fits: Mapping[str, Fragility | str], scale: Scale) -> str:
+    known = {name: fit for name, fit in fits.items() if isinstance(fit, Fragility)}
+    return "; ".join(f"{name} {scale.text(fit.theta)}" for name, fit in known.items())
 
 
 def _stroke(place: int) -> tuple[str, str, str]:

@@ -55,12 +55,6 @@ def choose(results: ArchResults, median: float | None) -> tuple[int, int, str] |
     The record whose capacity, the lowest level that brings the arch down, is nearest the median
     in its logarithm, at that level; the middle one of the capacities where there is no curve;
     the standing run that was displaced most where nothing collapsed.
-
-    Parameters
-    ----------
-    results : ArchResults
-    median : float or None
-        Median capacity in the reader's unit.
     """
     fell = results.verdict == Verdict.COLLAPSED
     records = np.flatnonzero(fell.any(axis=1))
@@ -99,24 +93,7 @@ def repeat(
     motions: "Sequence[Motion]",
     chosen: tuple[int, int, str] | None,
 ) -> Example | None:
-    """Do a run of a study again, with the study's method and its history.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        Its attribute archfrag_config tells the method.
-    results : ArchResults
-    arch : Arch
-    motions : sequence of Motion
-        Unscaled.
-    chosen : (int, int, str) or None
-        Record, level and reason, from `choose` or `near_miss`.
-
-    Returns
-    -------
-    Example or None
-        None if the cube does not tell its method, or no run is worth showing.
-    """
+    """Do a run of a study again, with the study's method and its history."""
     method = study_config(cube).get("method")
     if method is None or chosen is None:
         return None

@@ -5,29 +5,18 @@ import numpy as np
 from archfrag.fragility.counts import Verdict
 from archfrag.mechanics.status import CollapseMode
 from archfrag.report import picture as look
-from archfrag.report.axes import (
+from archfrag.report.axes import integer_ticks, log_ticks
+from archfrag.report.picture import (
     BELOW,
     BESIDE,
-    axis_x,
-    axis_y,
-    heading,
-    level_axis,
-    log_ticks,
-    panes,
-    whole_ticks,
-)
-from archfrag.report.picture import Picture
-from archfrag.report.plot import (
     SMALL,
-    Entry,
     FloatArray,
-    Panel,
-    Sheet,
+    Picture,
     number,
-    picture,
     shortened,
     text_width,
 )
+from archfrag.report.plot import Box, Entry, Panel, Sheet, picture
 from archfrag.report.summary import ArchResults, IntArray
 
 VERDICT_LOOK = {
@@ -88,21 +77,15 @@ def verdict_map(results: ArchResults) -> Picture:
                 left - 8.0, 0.5 * (top + bottom),
                 f"{len(names)} records, most fragile at the bottom", "m", angle=-90,
             )  # fmt: skip
-        level_axis(panel, results.levels, results.scale.label)
+        panel.level_axis(results.levels, results.scale.label)
         sheet.height = bottom + BELOW
         return sheet
 
-    again, total = results.resurrections, len(names)
     return picture(
         draw,
-        alternative=f"Verdicts of {results.arch} for {total} records at {rows.shape[1]} levels",
-        caption="Every run, records ordered by the number of collapses. "
-        + (
-            f"{again} of {total} records bring the arch down at a level and leave it standing "
-            "at a higher one."
-            if again
-            else "No record leaves the arch standing above a level at which it collapsed."
-        ),
+        alternative=f"Verdicts of {results.arch} for {len(names)} records at {rows.shape[1]} "
+        "levels",
+        caption="Every run, records ordered by the number of collapses.",
     )
 
 
@@ -129,8 +112,8 @@ def scattered_runs(results: ArchResults) -> Picture:
         bottom = top + 220.0
         box = (BESIDE + 8.0, top, width - 10.0, bottom)
         panel = Panel(sheet, box, x, (ends[0], max(ends[1], 10.0 * ends[0])), True, True)
-        axis_x(panel, log_ticks(*x), results.scale.label, grid=True)
-        axis_y(panel, log_ticks(*panel.y, subs=(1.0,)), "largest displacement [m]")
+        panel.axis_x(log_ticks(*x), results.scale.label, grid=True)
+        panel.axis_y(log_ticks(*panel.y, subs=(1.0,)), "largest displacement [m]")
         for code, (_, colour, _) in VERDICT_LOOK.items():
             own = verdict == code
             colour = look.SKY if code == Verdict.STANDING else colour
@@ -180,11 +163,11 @@ def collapses(results: ArchResults, n_joint: int) -> Picture | None:
         sheet = Sheet(width)
         top = sheet.legend(48.0, 0.0, entries, width - 56.0)
         height = float(np.clip(17.0 * n_joint, 90.0, 420.0))
-        (first, second), sheet.height = panes(sheet, 2, top, height)
+        (first, second), sheet.height = sheet.panes(2, top, height)
         y = (-0.5, n_joint - 0.5)
         joints = np.arange(0, n_joint, max(1, -(-n_joint // int(height / 13.0))))
         left = Panel(sheet, first, (0.0, 1.02 * float(by_mode.sum(axis=1).max())), y)
-        axis_x(left, whole_ticks(left.x[1]), "collapses [runs]", grid=True)
+        left.axis_x(integer_ticks(left.x[1]), "collapses [runs]", grid=True)
         base = np.zeros(n_joint)
         for mode, (_, colour, hatch) in MODE_LOOK.items():
             if by_mode[:, mode].any():
@@ -192,13 +175,13 @@ def collapses(results: ArchResults, n_joint: int) -> Picture | None:
                 ends = base[here] + by_mode[here, mode]
                 left.boxes(base[here], ends, here - 0.38, here + 0.38, colour, hatch)
                 base += by_mode[:, mode]
-        axis_y(left, joints, "joint that lost contact", grid=False)
-        heading(left, "by mode")
+        left.axis_y(joints, "joint that lost contact", grid=False)
+        left.heading("by mode")
         right = Panel(sheet, second, (-0.5, results.levels.size - 0.5), y)
         _heat(right, by_level)
-        level_axis(right, results.levels, results.scale.label)
-        axis_y(right, joints, "joint that lost contact", grid=False)
-        heading(right, "by level [runs]")
+        right.level_axis(results.levels, results.scale.label)
+        right.axis_y(joints, "joint that lost contact", grid=False)
+        right.heading("by level [runs]")
         return sheet
 
     worst = int(by_level.sum(axis=1).argmax())
@@ -241,7 +224,7 @@ def numerics(results: ArchResults) -> Picture:
 
     def draw(width: float) -> Sheet:
         sheet = Sheet(width)
-        boxes, sheet.height = panes(sheet, 2, -12.0, 130.0)
+        boxes, sheet.height = sheet.panes(2, -12.0, 130.0)
         for box, (values, title, colour) in zip(boxes, shown, strict=True):
             _log_histogram(sheet, box, values, title, colour)
         return sheet
@@ -258,7 +241,7 @@ def numerics(results: ArchResults) -> Picture:
 
 def _log_histogram(
     sheet: Sheet,
-    box: tuple[float, float, float, float],
+    box: Box,
     values: FloatArray,
     title: str,
     colour: str,
@@ -275,9 +258,9 @@ def _log_histogram(
     panel = Panel(
         sheet, box, (10.0**low, 10.0 ** float(edges[-1])), (0.0, 1.04 * counts.max()), log_x=True
     )
-    axis_y(panel, whole_ticks(panel.y[1]), "runs")
+    panel.axis_y(integer_ticks(panel.y[1]), "runs")
     bars = 10.0 ** edges[there], 10.0 ** edges[there + 1]
     panel.boxes(*bars, np.zeros(there.size), counts[there], colour)
     ticks = log_ticks(*panel.x, subs=(1.0,))
     ticks = ticks[:: max(1, -(-ticks.size // 7))]
-    axis_x(panel, ticks, title, [f"1e{round(np.log10(tick)):d}" for tick in ticks])
+    panel.axis_x(ticks, title, [f"1e{round(np.log10(tick)):d}" for tick in ticks])

@@ -1,17 +1,12 @@
-"""What ran: shares of the models of the ladder, events, hand-overs, general contact problems."""
+"""What ran: models of the ladder, events, hand-overs, general contact problems."""
 
 import numpy as np
 
 from archfrag.mechanics.status import Model
 from archfrag.report import picture as look
-from archfrag.report.axes import (
-    axis_y,
-    level_axis,
-    log_ticks,
-    panes,
-)
-from archfrag.report.picture import Picture
-from archfrag.report.plot import LINE, Entry, Panel, Sheet, picture
+from archfrag.report.axes import log_ticks
+from archfrag.report.picture import LINE, Picture
+from archfrag.report.plot import Box, Entry, Panel, Sheet, picture
 from archfrag.report.summary import ArchResults
 from archfrag.report.tables import Table
 from archfrag.simulation.mechanism import MODEL_WORDS
@@ -22,22 +17,21 @@ MODEL_LOOK = {
     Model.MEGA_VOUSSOIRS: (look.GREEN, "dots"),
     Model.ALL_VOUSSOIRS: (look.PURPLE, "slash"),
 }
-_Box = tuple[float, float, float, float]
 
 
 def what_ran(results: ArchResults) -> Picture:
-    """Share of simulated time of each model, and what happened in a second of motion, by level."""
+    """Fraction of simulated time of each model, and events in a second of motion, by level."""
 
     def draw(width: float) -> Sheet:
         sheet = Sheet(width)
-        boxes, sheet.height = panes(sheet, 2, 20.0, 150.0, gap=26.0)
-        _shares(sheet, boxes[0], results)
+        boxes, sheet.height = sheet.panes(2, 20.0, 150.0, gap=26.0)
+        _fractions(sheet, boxes[0], results)
         _rates(sheet, boxes[1], results)
         return sheet
 
     return picture(
         draw,
-        alternative=f"Shares of simulated time of {results.arch} by model of the ladder, and "
+        alternative=f"Fractions of simulated time of {results.arch} by model of the ladder, and "
         "numbers of events in a second of motion, by level",
         caption="Simulated time that each model of the ladder had; and means over the time in "
         "motion, where what did not occur is not drawn. Impacts are joints that closed; an event "
@@ -48,60 +42,52 @@ def what_ran(results: ArchResults) -> Picture:
 
 def table(results: ArchResults) -> Table:
     """Simulated time of each model, and totals of events and contact problems."""
-    total = max(float(results.model_time.sum()), np.finfo(float).tiny)
-    moving = _moving(results).sum()
-    rows = []
+    time, moving = results.model_time, _moving(results).sum()
+    total = max(float(time.sum()), np.finfo(float).tiny)
+    rows = {}
     for i, model in enumerate(results.models):
-        seconds = float(results.model_time[..., i].sum())
-        rows.append(
-            [
-                f"simulated time, {_words(model)}",
-                f"{seconds:,.1f} s ({100 * seconds / total:.1f} %)",
-            ]
+        seconds = float(time[..., i].sum())
+        rows[f"simulated time, {_words(model)}"] = (
+            f"{seconds:,.1f} s ({100 * seconds / total:.1f} %)"
         )
-    by_steps = results.model_time[..., results.models.index("all_voussoirs")].sum()
     if moving > 0.0:
-        rows.append(
-            ["share of the time in motion on all voussoirs", f"{100 * by_steps / moving:.1f} %"]
-        )
+        by_steps = time[..., results.models.index("all_voussoirs")].sum() / moving
+        rows["fraction of the time in motion on all voussoirs"] = f"{100 * by_steps:.1f} %"
     for label, counts in (
         ("events located", results.events),
         ("impacts", results.impacts),
         ("hand-overs to time stepping", results.hand_overs),
     ):
         rate = f" ({counts.sum() / moving:.3g} in a second of motion)" if moving > 0.0 else ""
-        rows.append([label, f"{counts.sum():,}{rate}"])
-    solved = int(results.two_level.sum())
-    again = int(results.level_iterations.sum())
-    share = f" ({100 * again / solved:.2g} %)" if solved else ""
-    rows += [
-        ["contact problems solved by the two levels", f"{solved:,}"],
-        ["of these, with more than one round", f"{again:,}{share}"],
-        ["contact problems left to the general solver", f"{results.general.sum():,}"],
-    ]
-    return Table(["figure", "value"], rows)
+        rows[label] = f"{counts.sum():,}{rate}"
+    solved, again = int(results.two_level.sum()), int(results.level_iterations.sum())
+    part = f" ({100 * again / solved:.2g} %)" if solved else ""
+    rows["contact problems solved by the two levels"] = f"{solved:,}"
+    rows["of these, with more than one round"] = f"{again:,}{part}"
+    rows["contact problems left to the general solver"] = f"{results.general.sum():,}"
+    return Table(["figure", "value"], list(rows.items()))
 
 
-def _shares(sheet: Sheet, box: _Box, results: ArchResults) -> None:
+def _fractions(sheet: Sheet, box: Box, results: ArchResults) -> None:
     time = results.model_time.sum(axis=0)
     total = np.maximum(time.sum(axis=1), np.finfo(float).tiny)
     panel = Panel(sheet, box, (-0.5, results.levels.size - 0.5), (0.0, 100.0))
-    axis_y(panel, [0.0, 25.0, 50.0, 75.0, 100.0], "simulated time [%]")
+    panel.axis_y([0.0, 25.0, 50.0, 75.0, 100.0], "simulated time [%]")
     base, entries = np.zeros(results.levels.size), []
     for i, model in enumerate(results.models):
         colour, hatch = MODEL_LOOK[Model[model.upper()]]
-        share = 100.0 * time[:, i] / total
-        here = np.flatnonzero(share)
+        part = 100.0 * time[:, i] / total
+        here = np.flatnonzero(part)
         if here.size:
-            top = base[here] + share[here]
+            top = base[here] + part[here]
             panel.boxes(here - 0.42, here + 0.42, base[here], top, colour, hatch)
             entries.append(Entry(_words(model), colour, hatch or "area"))
-        base += share
+        base += part
     _key(sheet, panel, entries)
-    level_axis(panel, results.levels, results.scale.label)
+    panel.level_axis(results.levels, results.scale.label)
 
 
-def _rates(sheet: Sheet, box: _Box, results: ArchResults) -> None:
+def _rates(sheet: Sheet, box: Box, results: ArchResults) -> None:
     moving = _moving(results).sum(axis=0)
     rates, entries = [], []
     for label, counts, colour, mark in (
@@ -117,18 +103,18 @@ def _rates(sheet: Sheet, box: _Box, results: ArchResults) -> None:
             entries.append(Entry(label, colour, mark))
     x = (-0.5, results.levels.size - 0.5)
     if not rates:
-        level_axis(Panel(sheet, box, x, (0.0, 1.0)), results.levels, results.scale.label)
+        Panel(sheet, box, x, (0.0, 1.0)).level_axis(results.levels, results.scale.label)
         sheet.text(0.5 * (box[0] + box[2]), 0.5 * (box[1] + box[3]), "no events", "m q")
         return
     logs = np.log10(np.concatenate([rate[np.isfinite(rate)] for rate, _, _ in rates]))
     low, high = 10.0 ** np.floor(logs.min()), 10.0 ** np.ceil(logs.max() + 1e-9)
     panel = Panel(sheet, box, x, (low, high), log_y=True)
-    axis_y(panel, log_ticks(low, high, (1.0,)), "in a second of motion")
+    panel.axis_y(log_ticks(low, high, (1.0,)), "in a second of motion")
     for rate, colour, mark in rates:
         panel.line(np.arange(rate.size), rate, colour, 1.0)
         panel.dots(np.arange(rate.size), rate, colour, mark, 2.6)
     _key(sheet, panel, entries)
-    level_axis(panel, results.levels, results.scale.label)
+    panel.level_axis(results.levels, results.scale.label)
 
 
 def _key(sheet: Sheet, panel: Panel, entries: list[Entry]) -> None:

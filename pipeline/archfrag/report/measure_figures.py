@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from archfrag.report import picture as look
-from archfrag.report.axes import BELOW, axis_x, even_ticks
-from archfrag.report.picture import Picture
-from archfrag.report.plot import SMALL, Panel, Sheet, picture, shortened, text_width
+from archfrag.report.axes import even_ticks
+from archfrag.report.picture import BELOW, SMALL, Picture, shortened, text_width
+from archfrag.report.plot import Panel, Sheet, picture
 from archfrag.report.tables import Table
 
 Row = Mapping[str, Any]  # of archfrag.fragility.measures.MeasureRow, with the unit of theta
@@ -46,7 +46,7 @@ def measures_figure(rows: Sequence[Row], arch: str, best: str) -> Picture | None
             sheet, (left, 4.0, width - 44.0, bottom), (0.0, 1.02 * values.max()),
             (len(known) - 0.5, -0.5),
         )  # fmt: skip
-        axis_x(panel, even_ticks(0.0, float(values.max())), "efficiency [1]", grid=True)
+        panel.axis_x(even_ticks(0.0, float(values.max())), "efficiency [1]", grid=True)
         rows_ = np.arange(len(known))
         for own, colour in ((chosen, look.BLUE), (~chosen, look.SKY)):
             panel.boxes(0.0, values[own], rows_[own] + 0.3, rows_[own] - 0.3, colour)

@@ -7,11 +7,11 @@ import numpy as np
 from archfrag.fragility.contributions import Deaggregation, deaggregate
 from archfrag.mechanics.status import CollapseMode
 from archfrag.report import picture as look
-from archfrag.report.axes import axis_y, heading, level_axis, panes
+from archfrag.report.axes import digits
 from archfrag.report.figures import MODE_LOOK
-from archfrag.report.picture import Picture
-from archfrag.report.plot import LINE, Entry, Panel, Sheet, picture
-from archfrag.report.summary import ArchResults, digits
+from archfrag.report.picture import LINE, Picture
+from archfrag.report.plot import Entry, Panel, Sheet, picture
+from archfrag.report.summary import ArchResults
 from archfrag.report.tables import Table
 
 IMPACTS = ("no impact", "1 impact", "2 to 9 impacts", "10 to 99 impacts", "100 or more impacts")
@@ -51,32 +51,25 @@ def by_impacts(results: ArchResults, confidence: float) -> Deaggregation:
     return deaggregate(results.decided_or_neither, category, IMPACTS, confidence=confidence)
 
 
-def shares(groups: Sequence[Deaggregation], results: ArchResults) -> Picture | None:
-    """Observed fraction of collapses at each level, split three ways; None if none collapsed.
-
-    Parameters
-    ----------
-    groups : sequence of Deaggregation
-        By mode, by joint and by impacts.
-    results : ArchResults
-    """
+def fractions(groups: Sequence[Deaggregation], results: ArchResults) -> Picture | None:
+    """Fraction of collapses at each level, split by three criteria; None if none collapsed."""
     if not groups[0].collapsed.any():
         return None
     keys = [_key(group) for group in groups]
 
     def draw(width: float) -> Sheet:
         sheet = Sheet(width)
-        room = panes(sheet, len(groups), 0.0, 150.0)[0][0]
-        rows = max(sheet.legend_rows(key, room[2] - room[0]) for key in keys)
+        first = sheet.panes(len(groups), 0.0, 150.0)[0][0]
+        rows = max(sheet.legend_rows(key, first[2] - first[0]) for key in keys)
         gap = 10.0 + rows * LINE if sheet.narrow else 10.0
-        boxes, end = panes(sheet, len(groups), 0.0, 150.0, gap)
+        boxes, end = sheet.panes(len(groups), 0.0, 150.0, gap)
         sheet.height = end + rows * LINE
         for box, group, key, title in zip(boxes, groups, keys, _TITLES, strict=True):
             panel = Panel(sheet, box, (-0.5, group.n.size - 0.5), (0.0, 1.0))
-            axis_y(panel, [0.0, 0.25, 0.5, 0.75, 1.0], "share of the runs")
+            panel.axis_y([0.0, 0.25, 0.5, 0.75, 1.0], "fraction of the runs")
             _stack(panel, group)
-            level_axis(panel, results.levels, results.scale.label)
-            heading(panel, title)
+            panel.level_axis(results.levels, results.scale.label)
+            panel.heading(title)
             sheet.legend(box[0], box[3] + 35.0, key, box[2] - box[0])
         return sheet
 
@@ -92,18 +85,18 @@ def shares(groups: Sequence[Deaggregation], results: ArchResults) -> Picture | N
 
 
 def table(groups: Sequence[Deaggregation], results: ArchResults) -> Table:
-    """Collapses of each category at each level, and their share of all with its interval."""
+    """Collapses of each category at each level, and their fraction of all with its interval."""
     percent = f"{100 * groups[0].confidence:.0f} %"
     levels = map(digits, results.levels)
-    heads = ["collapses", "all levels", "share", f"{percent} interval", *levels]
+    heads = ["collapses", "all levels", "fraction", f"{percent} interval", *levels]
     everything = groups[0].collapsed
     rows = [["all", str(everything.sum()), "", "", *map(str, everything)]]
     for group in groups:
         for i, category in enumerate(group.categories):
             if group.counts[i].any():
                 ends = f"{group.overall_lower[i]:.2f} – {group.overall_upper[i]:.2f}"
-                total, share = str(group.counts[i].sum()), f"{group.overall[i]:.2f}"
-                rows.append([category, total, share, ends, *map(str, group.counts[i])])
+                total, fraction = str(group.counts[i].sum()), f"{group.overall[i]:.2f}"
+                rows.append([category, total, fraction, ends, *map(str, group.counts[i])])
     return Table(heads, rows)
 
 

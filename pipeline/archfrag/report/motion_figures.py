@@ -6,18 +6,16 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.report import picture as look
-from archfrag.report.axes import BELOW, BESIDE, axis_x, axis_y, log_ticks
-from archfrag.report.picture import Picture
-from archfrag.report.plot import Entry, Panel, Sheet, number, picture
+from archfrag.report.axes import log_ticks
+from archfrag.report.picture import BELOW, BESIDE, FloatArray, Picture, number
+from archfrag.report.plot import Entry, Panel, Sheet, picture
 
 if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
 
-FloatArray = NDArray[np.float64]
 Spectrum = tuple[FloatArray, FloatArray]
 
 PERIODS = np.geomspace(0.02, 5.0, 80)
@@ -45,7 +43,7 @@ def thumbnails(motions: Sequence["Motion"]) -> Picture:
     )
     return Picture(
         f'<div class="thumbnails" role="img" aria-label="{label}">{"".join(pieces)}</div>',
-        "Horizontal acceleration of each record divided by its own PGA, whole duration."
+        "Horizontal acceleration of each record divided by its own PGA, entire duration."
         + left_out,
     )
 
@@ -62,17 +60,7 @@ def _outline(motion: "Motion") -> str:
 def spectra(
     responses: Mapping[str, Spectrum], factors: Mapping[str, float], level: str
 ) -> Picture:
-    """Spectra at 5 % damping, all scaled to one intensity: each, their median and 16-84 %.
-
-    Parameters
-    ----------
-    responses : mapping of record to (periods [s], Sa [m/s2])
-        Unscaled, all at the same periods.
-    factors : mapping of record to float
-        Scale factor that brings the record to the intensity shown.
-    level : str
-        What the factors do, in words.
-    """
+    """Spectra at 5 % damping, all scaled to one intensity: each, their median and 16-84 %."""
     periods = np.asarray(next(iter(responses.values()))[0], dtype=float)
     scaled = (
         np.stack([responses[r][1] * factors[r] for r in responses if r in factors])
@@ -80,7 +68,7 @@ def spectra(
     )
     low, median, high = np.nanquantile(scaled, [0.16, 0.5, 0.84], axis=0)
     floor = max(median.max() / 1000.0, 0.7 * float(np.nanmin(scaled[scaled > 0])))
-    ends = (float(periods[0]), float(periods[-1])), (floor, 1.3 * float(np.nanmax(scaled)))
+    ends = floor, 1.3 * float(np.nanmax(scaled))
     entries = [
         Entry("records", look.GREY, "line"), Entry("16 to 84 %", "#b9dcf2"),
         Entry("median", look.BLUE, "line"),
@@ -89,18 +77,13 @@ def spectra(
     def draw(width: float) -> Sheet:
         sheet = Sheet(width)
         top = sheet.legend(BESIDE, 0.0, entries, width - BESIDE - 10.0) + 6.0
-        bottom = top + 240.0
-        box = (BESIDE, top, width - 10.0, bottom)
-        panel = Panel(sheet, box, *ends, log_x=True, log_y=True)
-        axis_x(panel, log_ticks(*panel.x), "period [s]", grid=True)
-        axis_y(panel, log_ticks(*panel.y), "Sa, 5 % damping [g]")
+        panel = spectral_panel(sheet, top, periods, ends)
         every = 2 if sheet.narrow else 1
         above = np.where(scaled >= floor, scaled, np.nan)
         for row in above[:_MOST_SPECTRA]:
             panel.line(periods[::every], row[::every], look.GREY, 0.5, opacity=0.6)
         panel.band(periods, np.maximum(low, floor), np.maximum(high, floor), look.SKY, 0.35)
         panel.line(periods, np.where(median >= floor, median, np.nan), look.BLUE, 2.0)
-        sheet.height = bottom + BELOW
         return sheet
 
     of = f"{min(len(scaled), _MOST_SPECTRA)} of " if len(scaled) > _MOST_SPECTRA else ""
@@ -111,14 +94,20 @@ def spectra(
     )
 
 
-def envelope(motion: "Motion", bins: int = _BINS) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Time and range of a record in bins as wide as a line, divided by its PGA.
+def spectral_panel(
+    sheet: Sheet, top: float, periods: FloatArray, ends: tuple[float, float]
+) -> Panel:
+    """Axes of spectra between two ordinates [g], the last of its sheet."""
+    box = (BESIDE, top, sheet.width - 10.0, top + 240.0)
+    panel = Panel(sheet, box, (float(periods[0]), float(periods[-1])), ends, True, True)
+    panel.axis_x(log_ticks(*panel.x), "period [s]", grid=True)
+    panel.axis_y(log_ticks(*panel.y), "Sa, 5 % damping [g]")
+    sheet.height = box[3] + BELOW
+    return panel
 
-    Returns
-    -------
-    (ndarray, ndarray, ndarray)
-        Bin centres [s], lowest and highest value [1], (n_bin,).
-    """
+
+def envelope(motion: "Motion", bins: int = _BINS) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Time and range of a record in bins as wide as a line, divided by its PGA."""
     values = np.asarray(motion.acceleration, dtype=float)
     peak = np.abs(values).max()
     values = values / peak if peak > 0.0 else values

@@ -1,4 +1,4 @@
-"""What the page says of the ground motions."""
+"""What the page shows of the ground motions."""
 
 from typing import TYPE_CHECKING, Any
 

@@ -1,8 +1,6 @@
 """The report of a study: one HTML file that needs nothing else, on a network or off it."""
 
 import json
-import os
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -12,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from archfrag.errors import InputError, OutputError
-from archfrag.report.answer import MOST_ROWS, answer_table, classes, headline, summary
+from archfrag.errors import InputError
+from archfrag.report.answer import MOST_ROWS, answer_table, classes, summary
 from archfrag.report.arch_section import arch_section, cautions_of
 from archfrag.report.class_section import class_section
 from archfrag.report.curve_figures import all_curves
@@ -21,6 +19,7 @@ from archfrag.report.motion_section import motion_section
 from archfrag.report.picture import SVG_STYLE, Picture, standalone
 from archfrag.report.plot import hatch_definitions
 from archfrag.report.summary import Scale, arch_results, reading_scale
+from archfrag.study.files import write_text
 from archfrag.study.members import SHOWN
 from archfrag.study.steps import ALL_CURVES, REPORT_FILES
 
@@ -97,9 +96,9 @@ class ReportInputs:
 
 
 def write_report(study_results: ReportInputs, out: Path) -> Path:
-    """Write the report, and beside it its numbers and curves; each file whole.
+    """Write the report, and beside it its numbers and curves; each file complete or not at all.
 
-    ``summary.json`` holds what `archfrag.report.answer.summary` says, ``curve-<arch>.svg`` the
+    ``summary.json`` is by `archfrag.report.answer.summary`, ``curve-<arch>.svg`` the
     curve of each arch; of many arches ``curves.svg`` holds all.
 
     Parameters
@@ -124,30 +123,11 @@ def write_report(study_results: ReportInputs, out: Path) -> Path:
     with _opened(study_results) as cube:
         text, curves, data = _render(study_results, cube)
     for name, curve in curves.items():
-        _write_whole(out.parent / name, standalone(curve))
+        write_text(out.parent / name, standalone(curve))
     numbers = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False)
-    _write_whole(out.parent / SUMMARY, numbers + "\n")
-    _write_whole(out, text)
+    write_text(out.parent / SUMMARY, numbers + "\n")
+    write_text(out, text)
     return out
-
-
-def _write_whole(out: Path, text: str) -> None:
-    temporary = None
-    try:
-        with tempfile.NamedTemporaryFile(
-            "w", encoding="utf-8", dir=out.parent, prefix=f".{out.name}.", delete=False
-        ) as file:
-            temporary = file.name
-            file.write(text)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, out)
-    except OSError as error:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
-        raise OutputError(
-            f"the report cannot be written to {out}: {error.strerror}; choose a folder that "
-            "exists, may be written to and has room"
-        ) from error
 
 
 @contextmanager
@@ -197,7 +177,6 @@ def _render(
         .get_template("report.html.j2")
         .render(
             title=inputs.title,
-            headline=headline(listed, scale, inputs.at),
             answers=answer_table(listed | dict(inputs.answers), scale, inputs.at),
             most_rows=MOST_ROWS,
             methods=_methods(inputs),
@@ -282,7 +261,7 @@ def _beside(inputs: ReportInputs, cube: "xr.Dataset", scale: Scale) -> dict[str,
 
 
 def _loss_limit(cube: "xr.Dataset") -> str | None:
-    """Gap over joint length from which a loss of contact is a collapse; None if not told."""
+    """Gap over joint length from which a loss of contact is a collapse; None if not known."""
     limit = cube.attrs.get("loss_limit", cube.get("loss_limit"))
     return None if limit is None else f"{100.0 * float(limit):g} %"
 

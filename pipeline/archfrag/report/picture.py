@@ -1,10 +1,18 @@
-"""What a figure is once it is drawn, and the colours that all figures share."""
+"""What a figure is once it is drawn; the colours, sizes and pieces of SVG of all."""
 
 import re
 from dataclasses import dataclass
 from html import escape
 
-# Okabe and Ito's palette: told apart with any kind of colour vision.
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+WIDE, NARROW = 760.0, 358.0  # widths that figures are drawn for [px]
+SIZE, SMALL = 11.5, 10.0  # of texts [px]
+LINE = 15.0  # [px]
+BELOW, BESIDE = 36.0, 48.0  # pixels that labels and title need below a panel and left of it
+# Okabe and Ito's palette: distinct with any kind of colour vision.
 BLUE = "#0072B2"
 SKY = "#56B4E9"
 GREEN = "#009E73"
@@ -37,7 +45,7 @@ class Picture:
     svg : str
         Inline SVG, or HTML that holds several.
     caption : str
-        The sentence that stands under it.
+        What stands under it.
     narrow : str
         The same drawn anew for narrow screens; empty where `svg` serves all widths.
     """
@@ -57,3 +65,47 @@ def standalone(shown: Picture) -> str:
         '<rect width="100%" height="100%" fill="white"/>'
     )
     return svg.replace(">", f">{inside}", 1) + "\n"
+
+
+def number(value: float) -> str:
+    """A coordinate to a tenth of a pixel."""
+    return f"{value:.1f}".removesuffix(".0").replace("-0.", "-.").removeprefix("-0") or "0"
+
+
+def text_width(words: str, size: float = SIZE) -> float:
+    """Width of a text [px], from above."""
+    return size * sum(
+        1.0 if ord(c) > 0x2E80 else 0.32 if c in "il.,:;|'!() " else 0.6 for c in words
+    )
+
+
+def shortened(words: str, width: float, size: float = SIZE) -> str:
+    """A text that fits a width, its middle left out where it is too long."""
+    if text_width(words, size) <= width:
+        return words
+    keep = len(words)
+    while keep > 4 and text_width(words[:keep], size) + size > width:
+        keep -= 1
+    return words[: keep // 2] + "…" + words[len(words) - (keep - keep // 2) :]
+
+
+def symbol(x: float, y: float, radius: float, square: bool = False) -> str:
+    """Path of a dot or a square."""
+    if square:
+        side = number(2.0 * radius)
+        return f"M{number(x - radius)} {number(y - radius)}h{side}v{side}h-{side}z"
+    r = number(radius)
+    across = number(2.0 * radius)
+    return f"M{number(x - radius)} {number(y)}a{r} {r} 0 1 0 {across} 0a{r} {r} 0 1 0 -{across} 0z"
+
+
+def trace(x: FloatArray, y: FloatArray) -> str:
+    """Path through points, with a gap where one is not finite."""
+    parts, pen = [], False
+    for a, b in zip(x.tolist(), y.tolist(), strict=True):
+        if not np.isfinite(a + b):
+            pen = False
+            continue
+        parts.append(f"{'' if pen else 'M'}{number(a)} {number(b)}")
+        pen = True
+    return " ".join(parts).replace(" M", "M").replace(" -", "-")

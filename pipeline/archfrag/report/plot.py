@@ -11,21 +11,36 @@ from html import escape
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from archfrag.report.picture import INK, Picture
+from archfrag.report.axes import digits
+from archfrag.report.picture import (
+    BELOW,
+    BESIDE,
+    INK,
+    LINE,
+    NARROW,
+    SIZE,
+    SMALL,
+    WIDE,
+    FloatArray,
+    Picture,
+    number,
+    shortened,
+    symbol,
+    text_width,
+    trace,
+)
 
-FloatArray = NDArray[np.float64]
-
-WIDE, NARROW = 760.0, 358.0  # [px]
-SIZE, SMALL = 11.5, 10.0  # of texts [px]
-LINE = 15.0  # [px]
 # White patterns that lie over a colour, held once by the page.
 HATCHES = {
     "slash": '<path d="M-1 7L7 -1M-1 1L1 -1M5 7L7 5" stroke="#fff" stroke-width="1.3"/>',
     "dots": '<path d="M2 2h2v2h-2z" fill="#fff"/>',
     "cross": '<path d="M0 0L6 6M6 0L0 6" stroke="#fff" stroke-width="1.1"/>',
 }
+
+
+Box = tuple[float, float, float, float]  # left, top, right, bottom [px]
 
 
 class Entry(NamedTuple):
@@ -52,43 +67,10 @@ def hatch_definitions() -> str:
 def picture(
     draw: Callable[[float], "Sheet"], *, alternative: str, caption: str, narrow: bool = True
 ) -> Picture:
-    """Draw a figure for the page's column and for a narrow screen.
-
-    Parameters
-    ----------
-    draw : callable
-        Takes the width [px].
-    alternative : str
-        What the figure shows, for those who cannot see it.
-    caption : str
-    narrow : bool
-        Whether to draw it for narrow screens too.
-    """
+    """Draw a figure for the page's column and for a narrow screen."""
     return Picture(
         draw(WIDE).svg(alternative), caption, draw(NARROW).svg(alternative) if narrow else ""
     )
-
-
-def number(value: float) -> str:
-    """A coordinate to a tenth of a pixel."""
-    return f"{value:.1f}".removesuffix(".0").replace("-0.", "-.").removeprefix("-0") or "0"
-
-
-def text_width(words: str, size: float = SIZE) -> float:
-    """Width of a text [px], from above."""
-    return size * sum(
-        1.0 if ord(c) > 0x2E80 else 0.32 if c in "il.,:;|'!() " else 0.6 for c in words
-    )
-
-
-def shortened(words: str, width: float, size: float = SIZE) -> str:
-    """A text that fits a width, its middle left out where it is too long."""
-    if text_width(words, size) <= width:
-        return words
-    keep = len(words)
-    while keep > 4 and text_width(words[:keep], size) + size > width:
-        keep -= 1
-    return words[: keep // 2] + "…" + words[len(words) - (keep - keep // 2) :]
 
 
 class Sheet:
@@ -114,10 +96,10 @@ class Sheet:
             self.boxes.append((words, x - 0.8 * size, y - 0.5 * width, x, y + 0.5 * width))
         else:
             self.boxes.append((words, left, y - 0.75 * size, left + width, y + 0.2 * size))
-        turned = f' transform="rotate({angle} {number(x)} {number(y)})"' if angle else ""
+        rotated = f' transform="rotate({angle} {number(x)} {number(y)})"' if angle else ""
         named = f' class="{kind}"' if kind else ""
         self.parts.append(
-            f'<text x="{number(x)}" y="{number(y)}"{named}{turned}>{escape(words)}</text>'
+            f'<text x="{number(x)}" y="{number(y)}"{named}{rotated}>{escape(words)}</text>'
         )
 
     def path(self, d: str, **attributes: object) -> None:
@@ -169,22 +151,31 @@ class Sheet:
             if mark in HATCHES:
                 self.path(box, fill=f"url(#hatch-{mark})")
 
+    def panes(
+        self, count: int, top: float, height: float, gap: float = 10.0, left: float = BESIDE
+    ) -> tuple[list[Box], float]:
+        """Boxes of panels, beside each other or on a narrow sheet below each other.
+
+        The first panel begins with its heading at `top`; `height` is without heading, labels and
+        title, `left` is for the axis of each. And where what comes below may begin [px].
+        """
+        start = top + LINE + 3.0
+        if self.narrow:
+            step = height + BELOW + LINE + gap
+            tops = [start + i * step for i in range(count)]
+            boxes = [(left, y, self.width - 14.0, y + height) for y in tops]
+        else:
+            each = (self.width - count * left - (count - 1) * gap - 14.0) / count
+            lefts = [left + i * (each + gap + left) for i in range(count)]
+            boxes = [(x, start, x + each, start + height) for x in lefts]
+        return boxes, boxes[-1][3] + BELOW
+
     def svg(self, alternative: str) -> str:
-        """The whole as an <svg> element with a name."""
+        """All of it as an <svg> element with a name."""
         return (
             f'<svg viewBox="0 0 {number(self.width)} {number(self.height)}" role="img" '
             f'aria-label="{escape(alternative, quote=True)}">{"".join(self.parts)}</svg>'
         )
-
-
-def symbol(x: float, y: float, radius: float, square: bool = False) -> str:
-    """Path of a dot or a square."""
-    if square:
-        side = number(2.0 * radius)
-        return f"M{number(x - radius)} {number(y - radius)}h{side}v{side}h-{side}z"
-    r = number(radius)
-    across = number(2.0 * radius)
-    return f"M{number(x - radius)} {number(y)}a{r} {r} 0 1 0 {across} 0a{r} {r} 0 1 0 -{across} 0z"
 
 
 def _look(colour: str, mark: str) -> dict[str, str]:
@@ -195,20 +186,10 @@ def _look(colour: str, mark: str) -> dict[str, str]:
 
 @dataclass
 class Panel:
-    """Axes on a sheet: a box in pixels and the ranges that it shows.
-
-    Attributes
-    ----------
-    sheet : Sheet
-    box : (float, float, float, float)
-        Left, top, right, bottom [px].
-    x, y : (float, float)
-        Ranges.
-    log_x, log_y : bool
-    """
+    """Axes on a sheet: a box in pixels and the ranges that it shows."""
 
     sheet: Sheet
-    box: tuple[float, float, float, float]
+    box: Box
     x: tuple[float, float]
     y: tuple[float, float]
     log_x: bool = False
@@ -278,17 +259,59 @@ class Panel:
         if hatch:
             self.sheet.path(d, fill=f"url(#hatch-{hatch})")
 
+    def axis_x(
+        self, ticks: ArrayLike, title: str = "", labels: Sequence[str] | None = None,
+        grid: bool = False,
+    ) -> None:  # fmt: skip
+        """Ticks below; a label that would come too close to the one before is left out."""
+        left, top, right, bottom = self.box
+        places = self.at_x(np.atleast_1d(ticks))
+        if grid:
+            lines = (f"M{number(x)} {number(top)}V{number(bottom)}" for x in places)
+            self.sheet.path("".join(lines), kind="gr")
+        marks = "".join(f"M{number(x)} {number(bottom)}v3" for x in places)
+        self.sheet.path(f"M{number(left)} {number(bottom)}H{number(right)}{marks}", kind="ax")
+        end = -np.inf
+        for x, label in zip(places, _labels(ticks, labels), strict=True):
+            half = 0.5 * text_width(label, SMALL)
+            if x - half >= end + 5.0:
+                self.sheet.text(x, bottom + 14.0, label, "s m")
+                end = x + half
+        if title:
+            self.sheet.text(0.5 * (left + right), bottom + 29.0, title, "m")
 
-def trace(x: FloatArray, y: FloatArray) -> str:
-    """Path through points, with a gap where one is not finite."""
-    parts, pen = [], False
-    for a, b in zip(x.tolist(), y.tolist(), strict=True):
-        if not np.isfinite(a + b):
-            pen = False
-            continue
-        parts.append(f"{'' if pen else 'M'}{number(a)} {number(b)}")
-        pen = True
-    return " ".join(parts).replace(" M", "M").replace(" -", "-")
+    def axis_y(
+        self, ticks: ArrayLike, title: str = "", labels: Sequence[str] | None = None,
+        grid: bool = True,
+    ) -> None:  # fmt: skip
+        """Ticks on the left, the title upright beside them."""
+        left, top, right, bottom = self.box
+        places = self.at_y(np.atleast_1d(ticks))
+        if grid:
+            lines = (f"M{number(left)} {number(y)}H{number(right)}" for y in places)
+            self.sheet.path("".join(lines), kind="gr")
+        self.sheet.path(f"M{number(left)} {number(top)}V{number(bottom)}", kind="ax")
+        end, widest = np.inf, 0.0
+        for y, label in zip(places, _labels(ticks, labels), strict=True):
+            if y <= end - 11.0:
+                self.sheet.text(left - 5.0, y + 3.5, label, "s e")
+                widest, end = max(widest, text_width(label, SMALL)), y
+        if title:
+            self.sheet.text(left - widest - 11.0, 0.5 * (top + bottom), title, "m", angle=-90)
+
+    def level_axis(self, levels: FloatArray, title: str) -> None:
+        """Labels under cells that stand for levels, the first always among them."""
+        most = max(2, int((self.box[2] - self.box[0]) / 38.0))
+        ticks = np.arange(0, levels.size, max(1, -(-levels.size // most)))
+        self.axis_x(ticks, title, [digits(levels[i]) for i in ticks])
+
+    def heading(self, words: str) -> None:
+        """A title over the left end."""
+        self.sheet.text(self.box[0], self.box[1] - 6.0, words, "b")
+
+
+def _labels(ticks: ArrayLike, labels: Sequence[str] | None) -> Sequence[str]:
+    return [f"{tick:g}" for tick in np.atleast_1d(ticks)] if labels is None else labels
 
 
 def _scaled(

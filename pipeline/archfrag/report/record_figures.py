@@ -3,9 +3,6 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullLocator
 from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY
@@ -13,137 +10,83 @@ from archfrag.errors import InputError
 from archfrag.motions.measures import spectral_acceleration
 from archfrag.motions.motion import Motion
 from archfrag.motions.process import velocity
-from archfrag.report import canvas
-from archfrag.report.canvas import Picture, faint_grid, legend_above, picture
-from archfrag.report.motion_figures import PERIODS, envelope
+from archfrag.report import picture as look
+from archfrag.report.axes import even_ticks
+from archfrag.report.motion_figures import PERIODS, envelope, spectra, spectral_panel
+from archfrag.report.picture import BESIDE, Picture, shortened
+from archfrag.report.plot import Entry, Panel, Sheet, picture
 
 MOST = 24
 _COLOURS = (
-    canvas.BLUE, canvas.VERMILION, canvas.GREEN, canvas.ORANGE, canvas.PURPLE, canvas.SKY,
-    canvas.INK,
+    look.BLUE, look.VERMILION, look.GREEN, look.ORANGE, look.PURPLE, look.SKY, look.INK,
 )  # fmt: skip
 _DECADES = 1e-4  # of the largest ordinate, below which a spectrum is not shown
+_HIGH = 70.0  # of a history [px]
 
 
-def inspected(traces: Sequence[tuple[str, Motion]], name: str) -> Picture:
+def inspected(traces: Sequence[tuple[str, Motion]]) -> Picture:
     """Acceleration and velocity of each channel as read, and the response spectra of all.
 
-    Parameters
-    ----------
-    traces : sequence of (str, Motion)
-        Up to 24 labels and channels.
-    name : str
-        Unique on a page.
-
-    Raises
-    ------
-    InputError
-        If there is none or there are more.
+    Of 1 to 24 labels and channels; InputError if there are others.
     """
     if not 1 <= len(traces) <= MOST:
         raise InputError(
             f"a figure shows 1 to {MOST} channels with a known unit; there are {len(traces)}"
         )
-    rows = len(traces)
+    rows = [spectral_acceleration(motion, PERIODS) / STANDARD_GRAVITY for _, motion in traces]
+    looks = [(_COLOURS[i % 7], "5 2.5" if i >= 7 else "") for i in range(len(rows))]
+    every = np.concatenate(rows)
+    top = float(every.max()) or 1.0
+    ends = 0.8 * float(every[every > _DECADES * top].min(initial=top)), 1.4 * top
 
-    def draw(figure: Figure) -> None:
-        halves = figure.subfigures(2, 1, squeeze=False, height_ratios=[0.9 + 0.9 * rows, 3.0])
-        top, bottom = halves[:, 0]
-        grid = top.subplots(rows, 2, squeeze=False, sharex="row")
-        for (left, right), (label, motion) in zip(grid, traces, strict=True):
-            _history(left, motion, 1.0 / STANDARD_GRAVITY)
-            rate = velocity(motion)
-            _history(right, Motion(rate, motion.dt), 100.0)
-            left.set_title(label)
-        grid[0, 1].set_title("velocity by the trapezoid rule")
-        for axes, quantity in zip(grid[rows // 2], ("acceleration [g]", "velocity [cm/s]")):
-            axes.set_ylabel(quantity)
-        for axes in grid[-1]:
-            axes.set_xlabel("time [s]")
-        axes = bottom.subplots()
-        for number, (label, motion) in enumerate(traces):
-            row = spectral_acceleration(motion, PERIODS) / STANDARD_GRAVITY
-            style = "-" if number < len(_COLOURS) else "--"
-            colour = _COLOURS[number % len(_COLOURS)]
-            axes.plot(PERIODS, row, style, color=colour, lw=1.3, label=label)
-        _spectral_axes(axes)
-        legend_above(axes, columns=3)
+    def draw(width: float) -> Sheet:
+        sheet, start, half = Sheet(width), 20.0, 0.5 * width
+        for label, motion in traces:
+            quantities = (
+                (motion, 1.0 / STANDARD_GRAVITY, f"{label}: acceleration [g]"),
+                (Motion(velocity(motion), motion.dt), 100.0, "velocity [cm/s]"),
+            )
+            for i, (series, factor, title) in enumerate(quantities):
+                box = (i * half + BESIDE, start, (i + 1) * half - 10.0, start + _HIGH)
+                _history(Panel(sheet, box, (0.0, series.duration), (-1.0, 1.0)), series, factor)
+                sheet.panels[-1].heading(shortened(title, half - BESIDE - 10.0))
+            start += _HIGH + 42.0
+        entries = [
+            Entry(label, colour, "dash" if dash else "line")
+            for (label, _), (colour, dash) in zip(traces, looks)
+        ]
+        start = sheet.legend(BESIDE, start, entries, width - BESIDE - 10.0) + 6.0
+        panel = spectral_panel(sheet, start, PERIODS, ends)
+        for row, (colour, dash) in zip(rows, looks):
+            panel.line(PERIODS, np.where(row >= ends[0], row, np.nan), colour, 1.3, dash)
+        return sheet
 
     return picture(
-        name, (canvas.WIDTH, 0.9 + 0.9 * rows + 3.0), draw,
-        alternative=f"Acceleration, velocity and response spectra of {rows} channels",
-        caption="Each channel as it is read, without filter; velocity drifts where the record "
-        "needs one. Spectra: pseudo-acceleration at 5 % damping.",
-    )  # fmt: skip
+        draw,
+        narrow=False,
+        alternative=f"Acceleration, velocity and response spectra of {len(rows)} channels",
+        caption="Each channel as it is read, without filter; velocity, by trapezia, drifts where "
+        "it needs one. Spectra: pseudo-acceleration at 5 % damping.",
+    )
 
 
-def measured(spectra: Mapping[float, NDArray[np.float64]], name: str) -> Picture:
-    """Response spectra of the records of a flatfile, as they are: each, median, 16 to 84 %.
-
-    Parameters
-    ----------
-    spectra : mapping of period [s] to Sa [g], (n_record,)
-        At two periods at least.
-    name : str
-        Unique on a page.
-
-    Raises
-    ------
-    InputError
-        If there are fewer periods.
-    """
-    periods = np.array(sorted(spectra))
+def measured(found: Mapping[float, NDArray[np.float64]]) -> Picture:
+    """Response spectra of a flatfile, period [s] to Sa [g] (n_record,), at two periods or more."""
+    periods = np.array(sorted(found))
     if periods.size < 2:
         raise InputError(f"a figure of spectra needs two periods or more; there is {periods.size}")
-    rows = np.stack([spectra[period] for period in periods], axis=1)
-    low, median, high = np.nanquantile(rows, [0.16, 0.5, 0.84], axis=0)
-
-    def draw(figure: Figure) -> None:
-        axes = figure.subplots()
-        faint = min(0.6, 60.0 / len(rows))  # so that hundreds leave the band to be seen
-        for row in rows:
-            axes.plot(periods, row, color=canvas.GREY, lw=0.5, alpha=faint)
-        axes.plot([], [], color=canvas.GREY, lw=0.5, label=f"{len(rows)} components")
-        axes.fill_between(
-            periods, low, high, color=canvas.SKY, alpha=0.4, linewidth=0, label="16 to 84 %",
-            zorder=2.5,
-        )  # fmt: skip
-        axes.plot(periods, median, color=canvas.BLUE, lw=2.0, label="median", zorder=3.0)
-        _spectral_axes(axes)
-        legend_above(axes)
-
-    return picture(
-        name, (canvas.WIDTH, 3.6), draw,
-        alternative=f"Response spectra of {len(rows)} components",
-        caption="Pseudo-acceleration spectra at 5 % damping, unscaled.",
-    )  # fmt: skip
+    rows = STANDARD_GRAVITY * np.stack([found[period] for period in periods], axis=1)
+    given = {str(i): (periods, row) for i, row in enumerate(rows)}
+    return spectra(given, dict.fromkeys(given, 1.0), "unscaled")
 
 
-def _history(axes: Axes, series: Motion, factor: float) -> None:
+def _history(panel: Panel, series: Motion, factor: float) -> None:
     time, low, high = envelope(series)
     peak = float(np.abs(series.acceleration).max()) * factor
-    axes.fill_between(time, low * peak, high * peak, color=canvas.BLUE, linewidth=0.5)
     reach = 1.1 * peak if peak > 0.0 else 1.0
-    axes.set(ylim=(-reach, reach), xlim=(0.0, series.duration))
-    axes.annotate(
-        f"{peak:.3g}", (1.0, 1.0), xycoords="axes fraction", ha="right", va="top", fontsize=7.5
-    )
-    faint_grid(axes)
-
-
-def _spectral_axes(axes: Axes) -> None:
-    lines = [np.asarray(line.get_ydata(), dtype=float) for line in axes.get_lines()]
-    values = np.concatenate(lines)
-    top = float(np.nanmax(values, initial=0.0)) or 1.0
-    shown = values[values > _DECADES * top]
-    axes.set(
-        xscale="log", yscale="log", xlabel="period [s]", ylabel="Sa, 5 % damping [g]",
-        xlim=tuple(np.asarray(axes.get_lines()[0].get_xdata(), dtype=float)[[0, -1]]),
-        ylim=(0.8 * float(shown.min()) if shown.size else 1e-3, 1.4 * top),
-    )  # fmt: skip
-    steps = (1.0, 2.0, 5.0)
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(LogLocator(subs=steps, numticks=20))
-        axis.set_major_formatter("{x:g}")
-        axis.set_minor_locator(NullLocator())
-    faint_grid(axes)
+    panel.y = (-reach, reach)
+    panel.axis_y(even_ticks(-reach, reach, 4))
+    panel.axis_x(even_ticks(*panel.x, 5), "")
+    panel.band(time, low * peak, high * peak, look.BLUE, 1.0)
+    words = f"{peak:.3g}"
+    panel.sheet.text(panel.box[2], panel.box[1] + 8.0, words, "s e")

@@ -1,89 +1,76 @@
 """Figures of risk: hazard, fragility and their product; the rate by level and by category."""
 
-from collections.abc import Sequence
-
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from numpy.typing import ArrayLike
 
 from archfrag.fragility.contributions import NOT_KNOWN, Contributions
-from archfrag.fragility.curve import FloatArray
-from archfrag.report import canvas
-from archfrag.report.canvas import Picture, faint_grid, legend_above, picture
-from archfrag.report.summary import Scale, digits
+from archfrag.report import picture as look
+from archfrag.report.axes import digits, even_ticks, log_ticks
+from archfrag.report.picture import BELOW, FloatArray, Picture
+from archfrag.report.plot import Box, Entry, Panel, Sheet, picture
+from archfrag.report.summary import Scale
 from archfrag.study.hazard import Hazard
 from archfrag.study.risk import OTHER, ArchRisk
 
 _LOOKS = (
-    (canvas.BLUE, ""), (canvas.ORANGE, "////"), (canvas.GREEN, "...."), (canvas.PURPLE, "xxxx"),
-    (canvas.SKY, "\\\\\\\\"), (canvas.VERMILION, "----"), (canvas.INK, ""), ("#8c6d31", ""),
+    (look.BLUE, ""), (look.ORANGE, "slash"), (look.GREEN, "dots"), (look.PURPLE, "cross"),
+    (look.SKY, ""), (look.VERMILION, "slash"), (look.INK, ""), ("#8c6d31", ""),
 )  # fmt: skip
 _REACH = 1e-4  # of the greatest density of the rate, where the axis ends
+_BESIDE, _ABOVE = 66.0, (150.0, 110.0, 110.0)  # left of the panels and their heights [px]
 
 
-def hazard_and_fragility(
-    arch: ArchRisk, hazard: Hazard, scale: Scale, name: str, width: float = canvas.WIDTH
-) -> Picture:
-    """Hazard curve, fragility curve and where the rate of collapse comes from, one over another.
-
-    Parameters
-    ----------
-    arch : ArchRisk
-    hazard : Hazard
-    scale : Scale
-        Unit in which intensities are shown.
-    name : str
-        Unique on the page.
-    width : float
-        [inch]
-    """
+def hazard_and_fragility(arch: ArchRisk, hazard: Hazard, scale: Scale) -> Picture:
+    """Hazard curve, fragility curve and where the rate of collapse comes from, in three panels."""
     im = _shown(arch, hazard)
-    density = _density(arch, hazard, im)
+    density, shown = _density(arch, hazard, im), scale.factor * im
+    rates = {key: curve.rate_at(im) for key, curve in hazard.curves.items()}
+    points, ends = hazard.main.im * scale.factor, (float(shown[0]), float(shown[-1]))
+    seen = (points >= ends[0]) & (points <= ends[1])
+    every = np.concatenate(list(rates.values()))
+    low, high = float(every[every > 0.0].min()), float(every.max())
+    entries = [Entry(key, look.GREY if i else look.BLUE, "line") for i, key in enumerate(rates)]
 
-    def draw(figure: Figure) -> None:
-        top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(1.3, 1.0, 1.0))
-        for i, (key, curve) in reversed(list(enumerate(hazard.curves.items()))):
-            look = (
-                {"color": canvas.BLUE, "lw": 1.6} if i == 0 else {"color": canvas.GREY, "lw": 0.8}
-            )
-            top.loglog(im * scale.factor, curve.rate_at(im), label=key, **look)  # type: ignore[arg-type]
-        points = hazard.main.im
-        seen = (points >= im[0]) & (points <= im[-1])
-        top.plot(points[seen] * scale.factor, hazard.main.rate[seen], "o", color=canvas.BLUE, ms=3)
-        top.set_ylabel("exceeded [1/year]")
-        _rate_ticks(top)
-        if len(hazard.curves) > 1:
-            legend_above(top)
-        middle.plot(im * scale.factor, arch.fit.probability(im), color=canvas.VERMILION)
-        middle.set(ylabel="P(collapse) [1]", ylim=(-0.02, 1.02))
-        bottom.fill_between(im * scale.factor, density, color=canvas.SKY, alpha=0.5, lw=0.0)
-        bottom.plot(im * scale.factor, density, color=canvas.BLUE)
-        bottom.set(ylabel="rate per ln im\n[1/year]", xlabel=scale.label, ylim=(0.0, None))
-        _rate_ticks(bottom)
-        _plain_ticks(bottom)
-        for axes in (top, middle, bottom):
-            for end in (points[0], points[-1]):
-                if im[0] < end < im[-1]:
-                    axes.axvline(end * scale.factor, color=canvas.GREY, ls=":", lw=0.9)
-            faint_grid(axes)
+    def draw(width: float) -> Sheet:
+        sheet = Sheet(width)
+        top = sheet.legend(_BESIDE, 0.0, entries, width - _BESIDE - 10.0) + 6.0
+        panels: list[Panel] = []
+        for height, y in zip(_ABOVE, ((low, high), (0.0, 1.0), (0.0, 1.05 * density.max()))):
+            box = (_BESIDE, top, width - 10.0, top + height)
+            panels.append(Panel(sheet, box, ends, y, True, log_y=not panels))
+            top += height + 14.0
+        first, second, third = panels
+        for i, rate in reversed(list(enumerate(rates.values()))):
+            first.line(shown, rate, look.GREY if i else look.BLUE, 0.8 if i else 1.6)
+        first.dots(points[seen], hazard.main.rate[seen], look.BLUE, radius=2.2)
+        second.line(shown, arch.fit.probability(im), look.VERMILION)
+        third.band(shown, np.zeros(im.size), density, look.SKY, 0.5)
+        third.line(shown, density, look.BLUE)
+        _rates(first, log_ticks(low, high, (1.0,)), "exceeded [1/year]")
+        second.axis_y([0.0, 0.5, 1.0], "P(collapse) [1]")
+        _rates(third, even_ticks(0.0, third.y[1], 4), "rate per ln im [1/year]")
+        for panel in panels:
+            for end in points[[0, -1]]:
+                if ends[0] < end < ends[1]:
+                    panel.line([end, end], panel.y, look.GREY, 0.9, "2 2")
+            labels = None if panel is third else [""] * log_ticks(*ends).size
+            panel.axis_x(log_ticks(*ends), scale.label if panel is third else "", labels, True)
+        sheet.height = third.box[3] + BELOW
+        return sheet
 
-    rate = arch.rate
     return picture(
-        name, (width, 5.0), draw,
+        draw,
         alternative=f"Hazard curve, fragility curve of {arch.arch} and their product; rate of "
-        f"collapse {rate.rate:.2g} a year",
+        f"collapse {arch.rate.rate:.2g} a year",
         caption="From above: how often a year an intensity is exceeded (points: as given); "
         "probability of collapse; and the rate of collapse by motions of an intensity, whose "
-        f"area is the rate of collapse, {rate.rate:.2g} a year. Dotted: ends of the hazard curve, "
-        f"beyond which its slope goes on; {100 * rate.outside:.1f} % of the rate is from there.",
-    )  # fmt: skip
+        "area is the rate of collapse. Dotted: ends of the hazard curve, beyond which its slope "
+        "goes on.",
+    )
 
 
-def deaggregation(
-    arch: ArchRisk, scale: Scale, name: str, width: float = canvas.WIDTH
-) -> Picture | None:
-    """The rate by level, split by mechanism, and its fractions by magnitude and distance.
+def deaggregation(arch: ArchRisk, scale: Scale) -> Picture | None:
+    """The rate by level and mechanism, and its fractions by magnitude and distance.
 
     None if no run collapsed.
     """
@@ -94,31 +81,41 @@ def deaggregation(
         for title, found in (("magnitude", arch.by_magnitude), ("distance", arch.by_distance))
         if any(n.any() for c, n in zip(found.categories, found.counts) if c != NOT_KNOWN)
     ]
-    narrow = width < 5.0
+    found = arch.by_mechanism
+    parts = [
+        (name, rate, (look.PALE, "") if name == OTHER else _LOOKS[i % len(_LOOKS)])
+        for i, (name, rate) in enumerate(zip(found.categories, found.rate))
+        if rate.any()
+    ]
+    if found.unassigned.any():
+        parts.append(("no collapse seen", found.unassigned, (look.GREY, "")))
+    entries = [Entry(name, colour, hatch or "area") for name, _, (colour, hatch) in parts]
 
-    def draw(figure: Figure) -> None:
-        panels = 1 + len(beside)
-        if narrow or not beside:
-            main, *others = figure.subplots(panels, 1, squeeze=False)[:, 0]
-        else:
-            grid = figure.add_gridspec(len(beside), 2, width_ratios=(1.5, 1.0))
-            main = figure.add_subplot(grid[:, 0])
-            others = [figure.add_subplot(grid[i, 1]) for i in range(len(beside))]
-        _stack(main, arch, scale)
-        for axes, (title, found) in zip(others, beside):
-            _bars(axes, found)
-            axes.set_title(f"by {title}")
+    def draw(width: float) -> Sheet:
+        sheet = Sheet(width)
+        top = sheet.legend(_BESIDE, 0.0, entries, width - _BESIDE - 10.0)
+        boxes, sheet.height = sheet.panes(1 + len(beside), top, 170.0, left=84.0)
+        _stack(Panel(sheet, boxes[0], (-0.5, arch.levels.size - 0.5), (0.0, 1.0)), parts)
+        panel = sheet.panels[-1]
+        step = max(1, -(-arch.levels.size // 6))
+        places = np.arange(0, arch.levels.size, step)
+        labels = [digits(level * scale.factor) for level in arch.levels[::step]]
+        panel.axis_x(places, scale.label, labels)
+        panel.heading("by level and mechanism")
+        for box, (title, part) in zip(boxes[1:], beside):
+            _bars(sheet, box, part)
+            sheet.panels[-1].heading(f"by {title}")
+        return sheet
 
-    confidence = f"{100 * arch.by_mechanism.confidence:.0f} %"
     return picture(
-        name, (width, 4.2 + (2.2 * len(beside) if narrow else 0.0)), draw,
+        draw,
         alternative=f"Rate of collapse of {arch.arch} by level and mechanism, and its fractions "
         "by magnitude and distance of the records",
-        caption="Rate of collapse by motions nearest to each level, shared out as the collapses "
+        caption="Rate of collapse by motions nearest to each level, divided as the collapses "
         "at that level were; grey: levels at which none was seen. Beside it, fractions of the "
-        f"rate by records of each magnitude and distance, with {confidence} bands from resampled "
-        "records. They hold for this set of records and are no deaggregation of the hazard.",
-    )  # fmt: skip
+        "rate by records of each magnitude and distance, with bands from resampled records. They "
+        "hold for this set of records and are no deaggregation of the hazard.",
+    )
 
 
 def _shown(arch: ArchRisk, hazard: Hazard) -> FloatArray:
@@ -128,7 +125,7 @@ def _shown(arch: ArchRisk, hazard: Hazard) -> FloatArray:
     density = _density(arch, hazard, im)
     used = im[density > _REACH * density.max()]
     low, high = min(used[0], arch.levels[0]), max(used[-1], arch.levels[-1])
-    return np.geomspace(low, high, 400)
+    return np.geomspace(low, high, 200)
 
 
 def _density(arch: ArchRisk, hazard: Hazard, im: FloatArray) -> FloatArray:
@@ -138,51 +135,28 @@ def _density(arch: ArchRisk, hazard: Hazard, im: FloatArray) -> FloatArray:
     return arch.fit.probability(im) * slope * curve.rate_at(im)
 
 
-def _rate_ticks(axes: Axes) -> None:
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.2g}"))
-    if axes.get_yscale() == "log":
-        axes.yaxis.set_minor_formatter(NullFormatter())
+def _rates(panel: Panel, ticks: ArrayLike, title: str) -> None:
+    panel.axis_y(ticks, title, [f"{tick:.2g}" for tick in np.atleast_1d(ticks)])
 
 
-def _plain_ticks(axes: Axes) -> None:
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.xaxis.set_minor_formatter(NullFormatter())
+def _stack(panel: Panel, parts: list[tuple[str, FloatArray, tuple[str, str]]]) -> None:
+    """Columns of parts (name, rate of each level, look), over each other."""
+    total = np.sum([rate for _, rate, _ in parts], axis=0)
+    panel.y = (0.0, 1.05 * float(total.max()))
+    base, place = np.zeros(total.size), np.arange(total.size)
+    _rates(panel, even_ticks(*panel.y, 4), "rate of collapse [1/year]")
+    for _, rate, (colour, hatch) in parts:
+        panel.boxes(place - 0.42, place + 0.42, base, base + rate, colour, hatch)
+        base = base + rate
 
 
-def _stack(axes: Axes, arch: ArchRisk, scale: Scale) -> None:
-    found = arch.by_mechanism
-    base = np.zeros(arch.levels.size)
-    place = np.arange(base.size)
-    parts: list[tuple[str, FloatArray, tuple[str, str]]] = [
-        (name, rate, (canvas.PALE, "") if name == OTHER else _LOOKS[i % len(_LOOKS)])
-        for i, (name, rate) in enumerate(zip(found.categories, found.rate))
-        if rate.any()
-    ]
-    if found.unassigned.any():
-        parts.append(("no collapse seen", found.unassigned, (canvas.GREY, "")))
-    for label, rate, (colour, hatch) in parts:
-        axes.bar(
-            place, rate, bottom=base, width=0.85, label=label, facecolor=colour, hatch=hatch,
-            edgecolor="white", linewidth=0.4,
-        )  # fmt: skip
-        base += rate
-    step = max(1, -(-base.size // 6))
-    axes.set_xticks(place[::step], [digits(level * scale.factor) for level in arch.levels[::step]])
-    axes.set(xlabel=scale.label, ylabel="rate of collapse [1/year]")
-    axes.set_title("by level and mechanism")
-    _rate_ticks(axes)
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.24), borderaxespad=0.0, ncols=2)
-    faint_grid(axes, "y")
-
-
-def _bars(axes: Axes, found: Contributions) -> None:
-    kept: Sequence[int] = [i for i, rate in enumerate(found.rate) if rate.any()]
-    place = np.arange(len(kept))
-    value, low, high = (x[kept] for x in (found.fraction, found.lower, found.upper))
-    reach = np.stack([np.maximum(value - low, 0.0), np.maximum(high - value, 0.0)])
-    axes.barh(place, value, height=0.7, color=canvas.SKY)
-    axes.errorbar(value, place, xerr=reach, fmt="none", ecolor=canvas.INK, lw=1.0, capsize=2.0)
-    axes.set_yticks(place, [found.categories[i] for i in kept])
-    axes.set(xlim=(0.0, 1.0), xlabel="fraction of the rate [1]")
-    faint_grid(axes, "x")
+def _bars(sheet: Sheet, box: Box, found: Contributions) -> None:
+    """Fractions of the rate by category, with their bands."""
+    kept = np.flatnonzero(found.rate.any(axis=1))
+    place = np.arange(kept.size)
+    panel = Panel(sheet, box, (0.0, 1.0), (-0.5, kept.size - 0.5))
+    panel.axis_x([0.0, 0.25, 0.5, 0.75, 1.0], "fraction of the rate [1]", grid=True)
+    panel.boxes(0.0, found.fraction[kept], place - 0.35, place + 0.35, look.SKY)
+    for at, i in zip(place, kept):
+        panel.line([found.lower[i], found.upper[i]], [at, at], look.INK, 1.0)
+    panel.axis_y(place, "", [found.categories[i] for i in kept], grid=False)

@@ -1,50 +1,28 @@
-"""What the page says of risk, by the names that its template uses."""
+"""What the page shows of risk, by the names that its template uses."""
 
-from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 from archfrag.fragility.contributions import Contributions
-from archfrag.report import canvas, tables
-from archfrag.report.picture import Picture
+from archfrag.report import tables
+from archfrag.report.axes import digits
 from archfrag.report.risk_figures import deaggregation, hazard_and_fragility
-from archfrag.report.summary import Scale, digits
+from archfrag.report.summary import Scale
 from archfrag.study.risk import ArchRisk, StudyRisk
 from archfrag.study.risk_output import ASSUMPTIONS
 
-_NARROW = 3.7  # [inch]
 
+def risk_section(risk: StudyRisk | None, scale: Scale) -> dict[str, Any] | None:
+    """Rates of collapse, their tables and figures, by the names of the page's template.
 
-def risk_section(
-    risk: StudyRisk | None, scale: Scale, width: float = canvas.WIDTH, prefix: str = "risk"
-) -> dict[str, Any] | None:
-    """Rates of collapse, their tables and figures.
-
-    Parameters
-    ----------
-    risk : StudyRisk or None
-    scale : Scale
-        Of the report.
-    width : float
-        Of the figures [inch]; below 5 their panels stand one under another.
-    prefix : str
-        Of the figures' names, unique on the page.
-
-    Returns
-    -------
-    dict or None
-        None without a risk. Keys: years; hazard (source); curve (name of the hazard curve); notes,
-        assumptions (sentences); table (one row for each arch); arches: list of name, none (why
-        there is no rate, or None), cautions, picture, shares (Picture or None), levels,
-        contributions (Table).
+    None without a risk.
     """
     if risk is None:
         return None
     arches = [
         {"name": name, "none": arch, "cautions": ()}
         if isinstance(arch, str)
-        else _arch(arch, risk, scale, (width, f"{prefix}{number}"))
-        for number, (name, arch) in enumerate(risk.arches.items())
+        else _arch(arch, risk, scale)
+        for name, arch in risk.arches.items()
     ]
     return {
         "years": f"{risk.years:g}",
@@ -57,34 +35,16 @@ def risk_section(
     }
 
 
-def _arch(
-    arch: ArchRisk, risk: StudyRisk, scale: Scale, look: tuple[float, str]
-) -> dict[str, Any]:
-    width, name = look
+def _arch(arch: ArchRisk, risk: StudyRisk, scale: Scale) -> dict[str, Any]:
     return {
         "name": arch.arch,
         "none": None,
         "cautions": arch.cautions,
-        "picture": _both(
-            lambda size, end: hazard_and_fragility(
-                arch, risk.hazard, scale, f"{name}-curves{end}", size
-            ),
-            width,
-        ),
-        "shares": _both(
-            lambda size, end: deaggregation(arch, scale, f"{name}-shares{end}", size), width
-        ),
+        "picture": hazard_and_fragility(arch, risk.hazard, scale),
+        "fractions": deaggregation(arch, scale),
         "levels": _levels(arch, scale),
         "contributions": _contributions(arch),
     }
-
-
-def _both(draw: Callable[[float, str], Picture | None], width: float) -> Any:
-    """A figure for the page's column, and drawn anew for a narrow screen."""
-    wide, narrow = draw(width, ""), draw(_NARROW, "-narrow")
-    if wide is None or narrow is None:
-        return wide
-    return replace(wide, narrow=narrow.svg)
 
 
 def _answers(risk: StudyRisk) -> tables.Table:
@@ -94,7 +54,8 @@ def _answers(risk: StudyRisk) -> tables.Table:
     percent = f"{100 * known[0].rate.confidence:.0f} %" if known else "band"
     heads = [
         "arch", "collapses a year", percent, "return period [years]",
-        f"probability in {risk.years:g} years", percent, *(f"a year, {name}" for name in others),
+        f"probability in {risk.years:g} years", percent, "beyond the hazard curve",
+        *(f"a year, {name}" for name in others),
     ]  # fmt: skip
     rows = []
     for name, arch in risk.arches.items():
@@ -106,7 +67,7 @@ def _answers(risk: StudyRisk) -> tables.Table:
         rows.append([
             name, f"{rate.rate:.2g}", f"{rate.lower:.2g} to {rate.upper:.2g}",
             _years(rate.return_period),
-            f"{value:.2g}", f"{low:.2g} to {high:.2g}",
+            f"{value:.2g}", f"{low:.2g} to {high:.2g}", f"{100 * rate.outside:.1f} %",
             *(f"{arch.by_curve[key]:.2g}" for key in others),
         ])  # fmt: skip
     return tables.Table(heads, rows)

@@ -1,4 +1,4 @@
-"""What a cube says, as plain arrays in the units that people read."""
+"""What a cube holds, as plain arrays in the units that people read."""
 
 import json
 from collections.abc import Mapping
@@ -12,6 +12,7 @@ from archfrag.errors import InputError
 from archfrag.fragility.brackets import Brackets, fill_verdicts, find_brackets
 from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
 from archfrag.mechanics.status import CollapseMode
+from archfrag.report.axes import digits
 from archfrag.study.config import LEVEL_UNITS
 
 if TYPE_CHECKING:
@@ -23,27 +24,28 @@ _MOST_GROUPS = 10
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-NEEDED = (
-    "verdict",
-    "collapse_time",
-    "collapse_joint",
-    "collapse_mode",
-    "peak_displacement",
-    "energy_error",
-    "model_time",
-    "end_time",
-    "steps",
-    "impacts",
-    "events",
-    "hand_overs",
-    "levels",
-    "level_iterations",
-    "general",
-    "contact_residual",
-    "fallbacks",
-    "scale_factor",
-    "intensity",
-)
+# Field of `ArchResults`: variable of the cube, kind, and the value where no run was made.
+_TABLES: dict[str, tuple[str, type, int]] = {
+    "verdict": ("verdict", int, NOT_SIMULATED),
+    "status": ("status", int, 0),
+    "collapse_time": ("collapse_time", float, 0),
+    "collapse_joint": ("collapse_joint", int, -1),
+    "collapse_mode": ("collapse_mode", int, 0),
+    "peak_displacement": ("peak_displacement", float, 0),
+    "energy_error": ("energy_error", float, 0),
+    "residual": ("contact_residual", float, 0),
+    "fallbacks": ("fallbacks", int, 0),
+    "steps": ("steps", int, 0),
+    "impacts": ("impacts", int, 0),
+    "events": ("events", int, 0),
+    "hand_overs": ("hand_overs", int, 0),
+    "two_level": ("levels", int, 0),
+    "level_iterations": ("level_iterations", int, 0),
+    "general": ("general", int, 0),
+    "end_time": ("end_time", float, 0),
+    "model_time": ("model_time", float, 0),
+}
+_OPTIONAL = {"lost_contact_time": float, "peak_rotation": float, "contact_losses": int}
 
 
 @dataclass(frozen=True)
@@ -64,14 +66,9 @@ class Scale:
         return f"{digits(value_si * self.factor)} {self.unit}"
 
 
-def digits(value: float) -> str:
-    """A level with three digits, or all before the point: 0.500, 12.0, 1250."""
-    return f"{value:.0f}" if 99.95 <= abs(value) < 1e6 else f"{value:#.3g}"
-
-
 @dataclass(frozen=True)
 class ArchResults:
-    """All runs of one arch; arrays (n_record, n_level) unless said otherwise."""
+    """All runs of one arch; arrays (n_record, n_level) unless stated otherwise."""
 
     arch: str
     records: list[str]
@@ -98,7 +95,7 @@ class ArchResults:
     models: list[str]
     factors: FloatArray  # on the motion
     status: IntArray
-    peak_rotation: FloatArray | None = None  # [rad]; None in cubes that do not say
+    peak_rotation: FloatArray | None = None  # [rad]; None in cubes without it
     lost_contact_time: FloatArray | None = None  # [s]; likewise
     contact_losses: IntArray | None = None  # times that a joint was without contact
     own_levels: FloatArray | None = None  # (n_record,), where each run has one of its own
@@ -143,7 +140,7 @@ class ArchResults:
 
     @property
     def stood_after_loss(self) -> int | None:
-        """Runs that lost all contact at a joint and stand; None if the cube does not say."""
+        """Runs that lost all contact at a joint and stand; None if the cube does not hold it."""
         if self.lost_contact_time is None:
             return None
         stands = self.verdict == Verdict.STANDING
@@ -168,13 +165,7 @@ class ArchResults:
 
 
 def reading_scale(cube: "xr.Dataset", measure: str) -> Scale:
-    """Unit in which the intensities of a cube are shown: the study's, or else g or as stored.
-
-    Raises
-    ------
-    InputError
-        If the cube's intensity carries no unit.
-    """
+    """Unit in which the intensities of a cube are shown: the study's, or else g or as stored."""
     units = cube["intensity"].attrs.get("units")
     if not units:
         raise InputError("the cube's variable intensity has no attribute units")
@@ -188,20 +179,15 @@ def reading_scale(cube: "xr.Dataset", measure: str) -> Scale:
 
 
 def study_config(cube: "xr.Dataset") -> Mapping[str, Any]:
-    """What a cube says of the study that made it; empty if it says nothing."""
+    """What a cube holds of the study that made it; may be empty."""
     found: Mapping[str, Any] = json.loads(cube.attrs.get("archfrag_config", "{}"))
     return found
 
 
 def arch_results(cube: "xr.Dataset", arch: str, scale: Scale) -> ArchResults:
-    """Everything the report needs of one arch of a cube.
-
-    Raises
-    ------
-    InputError
-        If a variable or the arch is missing.
-    """
-    missing = [name for name in NEEDED if name not in cube]
+    """Everything the report needs of one arch of a cube."""
+    needed = [variable for variable, _, _ in _TABLES.values()]
+    missing = [name for name in (*needed, "scale_factor", "intensity") if name not in cube]
     if missing:
         raise InputError(
             f"the cube lacks {', '.join(missing)}; is it of this version of archfrag?"
@@ -218,47 +204,25 @@ def arch_results(cube: "xr.Dataset", arch: str, scale: Scale) -> ArchResults:
         """Values of the runs, and `missing` where there is none."""
         values: NDArray = part[name].transpose("record", "level", ...).values
         values = np.where(run.reshape(run.shape + (1,) * (values.ndim - 2)), values, missing)
-        return (values if place is None else _spread(values, place, levels.size)).astype(kind)
+        return (values if place is None else _placed(values, place, levels.size)).astype(kind)
 
-    verdict = table("verdict", np.int64, NOT_SIMULATED)
+    tables = {field: table(*given) for field, given in _TABLES.items()}
+    verdict = tables["verdict"]
     if place is not None:
         verdict[place[:, None] != np.arange(levels.size)] = NOT_SIMULATED
     factors = part["scale_factor"].transpose("record", "level").values
-    optional = {
-        name: table(name, kind) if name in part else None
-        for name, kind in (
-            ("lost_contact_time", float), ("peak_rotation", float), ("contact_losses", np.int64),
-        )
-    }  # fmt: skip
     return ArchResults(
         arch=arch,
         records=[str(name) for name in cube["record"].values],
         levels=levels,
         scale=scale,
         counts=_counted(verdict),
-        verdict=verdict,
-        collapse_time=table("collapse_time", float),
-        collapse_joint=table("collapse_joint", np.int64, -1),
-        collapse_mode=table("collapse_mode", np.int64),
-        peak_displacement=table("peak_displacement", float),
-        energy_error=table("energy_error", float),
-        residual=table("contact_residual", float),
-        fallbacks=table("fallbacks", np.int64),
-        steps=table("steps", np.int64),
-        impacts=table("impacts", np.int64),
-        events=table("events", np.int64),
-        hand_overs=table("hand_overs", np.int64),
-        two_level=table("levels", np.int64),
-        level_iterations=table("level_iterations", np.int64),
-        general=table("general", np.int64),
-        end_time=table("end_time", float),
-        model_time=table("model_time", float),
         models=[str(name) for name in part["model"].values],
-        factors=factors if place is None else _spread(factors, place, levels.size),
-        status=table("status", np.int64),
+        factors=factors if place is None else _placed(factors, place, levels.size),
         own_levels=own,
         design=str(cube.attrs.get("archfrag_design_kind", "stripes")),
-        **optional,
+        **tables,
+        **{name: table(name, kind) for name, kind in _OPTIONAL.items() if name in part},
     )
 
 
@@ -284,7 +248,7 @@ def _levels(
     return levels, own, place
 
 
-def _spread(values: NDArray, place: IntArray, n_level: int) -> NDArray:
+def _placed(values: NDArray, place: IntArray, n_level: int) -> NDArray:
     """Values (n_record, 1, ...) put into the columns of their groups, zero elsewhere."""
     wide = np.zeros((values.shape[0], n_level, *values.shape[2:]), dtype=values.dtype)
     run = np.flatnonzero(place >= 0)

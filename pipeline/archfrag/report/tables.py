@@ -9,7 +9,8 @@ import numpy as np
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.fragility.counts import Verdict, clopper_pearson
 from archfrag.fragility.curve import Fragility
-from archfrag.report.summary import ArchResults, Scale, digits
+from archfrag.report.axes import digits
+from archfrag.report.summary import ArchResults, Scale
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -20,12 +21,9 @@ if TYPE_CHECKING:
 
 _UNITS = {
     **dict.fromkeys(("radius", "thickness", "span", "rise", "width", "height", "depth"), " [m]"),
-    "intrados": " [m]",
-    "extrados": " [m]",
-    "embrace": " [deg]",
-    "density": " [kg/m³]",
-    "dead_load": " [N]",
-}
+    **dict.fromkeys(("intrados", "extrados"), " [m]"),
+    "embrace": " [deg]", "density": " [kg/m³]", "dead_load": " [N]",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -66,30 +64,24 @@ def levels(results: ArchResults, given: "Answer") -> Table:
     Where levels were bisected the fraction is of all records whose capacity is known to lie below
     or above the level.
     """
-    counts, known = results.counts, results.known
+    counts, known, fit = results.counts, results.known, given.curve
     low, high = clopper_pearson(known.collapsed, known.n, given.confidence)
+    kinds = (
+        counts.runs, counts.collapsed, counts.standing, counts.unfinished, counts.solver_failures,
+    )  # fmt: skip
     rows = []
     for i, level in enumerate(results.levels):
-        fitted = "–"
-        if isinstance(given.curve, Fragility):
-            fitted = f"{given.curve.probability(level / results.scale.factor):.3f}"
-        kinds = (
-            counts.runs, counts.collapsed, counts.standing, counts.unfinished,
-            counts.solver_failures,
-        )  # fmt: skip
-        rows.append(
-            [
-                digits(level),
-                *(str(kind[i]) for kind in kinds),
-                f"{known.collapsed[i] / known.n[i]:.3f}" if known.n[i] else "–",
-                f"{low[i]:.3f} – {high[i]:.3f}" if known.n[i] else "–",
-                fitted,
-            ]
-        )
-    what = "records with capacity below" if results.bisected else "fraction"
+        fraction, ends, fitted = "–", "–", "–"
+        if known.n[i]:
+            fraction = f"{known.collapsed[i] / known.n[i]:.3f}"
+            ends = f"{low[i]:.3f} – {high[i]:.3f}"
+        if isinstance(fit, Fragility):
+            fitted = f"{fit.probability(level / results.scale.factor):.3f}"
+        rows.append([digits(level), *(str(kind[i]) for kind in kinds), fraction, ends, fitted])
     heads = [
         results.scale.label, "runs", "collapsed", "standing", "unfinished", "solver failures",
-        what, f"exact {100 * given.confidence:.0f} % interval", "curve",
+        "records with capacity below" if results.bisected else "fraction",
+        f"exact {100 * given.confidence:.0f} % interval", "curve",
     ]  # fmt: skip
     return Table(heads, rows, numeric_from=0)
 
@@ -97,36 +89,23 @@ def levels(results: ArchResults, given: "Answer") -> Table:
 def motions(
     cube: "xr.Dataset", items: Sequence["Motion"], measures: Mapping[str, Mapping[str, float]]
 ) -> Table:
-    """One row for each record: origin, length, measures as recorded, range of scale factors.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-    items : sequence of Motion
-    measures : mapping of record to mapping of measure to value in SI
-    """
+    """One row for each record: origin, length, measures as recorded, range of scale factors."""
     names = [str(name) for name in cube["record"].values]
     rows = []
     for motion in items:
-        place = names.index(motion.id)
+        place, values = names.index(motion.id), measures[motion.id]
         factor = cube["scale_factor"].isel(record=place).values
         factor = factor[np.isfinite(factor)]
-        values = measures[motion.id]
-        rows.append(
-            [
-                motion.id,
-                _optional(cube, "magnitude", place, "{:.2f}"),
-                _optional(cube, "distance", place, "{:.1f}"),
-                f"{motion.duration:.1f}",
-                f"{motion.dt:g}",
-                f"{values['PGA'] / STANDARD_GRAVITY:.4f}",
-                f"{100 * values['PGV']:.2f}",
-                f"{values['Arias']:#.3g}",
-                f"{values['D5_95']:.1f}",
-                "yes" if motion.vertical is not None else "no",
-                f"{factor.min():.2f} – {factor.max():.2f}" if factor.size else "not run",
-            ]
-        )
+        rows.append([
+            motion.id,
+            _optional(cube, "magnitude", place, "{:.2f}"),
+            _optional(cube, "distance", place, "{:.1f}"),
+            f"{motion.duration:.1f}", f"{motion.dt:g}",
+            f"{values['PGA'] / STANDARD_GRAVITY:.4f}", f"{100 * values['PGV']:.2f}",
+            f"{values['Arias']:#.3g}", f"{values['D5_95']:.1f}",
+            "yes" if motion.vertical is not None else "no",
+            f"{factor.min():.2f} – {factor.max():.2f}" if factor.size else "not run",
+        ])  # fmt: skip
     heads = [
         "record", "M", "distance [km]", "duration [s]", "dt [s]", "PGA [g]", "PGV [cm/s]",
         "Arias [m/s]", "D5\u2060–\u206095 [s]", "vertical", "scale factors",
@@ -135,59 +114,41 @@ def motions(
 
 
 def quality(results: ArchResults, wall: Sequence[float] | None) -> Table:
-    """Speed and energy figures of one arch.
-
-    Parameters
-    ----------
-    results : ArchResults
-    wall : sequence of float, optional
-        Wall time of each of its runs, or of groups of them [s].
-    """
+    """Speed and energy figures of one arch."""
     simulated = float(np.nansum(results.end_time))
     runs = int(results.counts.runs.sum())
-    rows = [["simulated time", f"{simulated:,.0f} s in {runs:,} runs"]]
+    rows = {"simulated time": f"{simulated:,.0f} s in {runs:,} runs"}
     times = np.array([] if wall is None else wall, dtype=float)
     if times.sum() > 0.0 and simulated > 0.0:
-        rows += [
-            ["wall time of the simulations, summed over workers", f"{times.sum():,.2f} s"],
-            ["wall time for one simulated second", f"{1e3 * times.sum() / simulated:#.3g} ms"],
-        ]
+        rows["wall time of the simulations, summed over workers"] = f"{times.sum():,.2f} s"
+        per_second = 1e3 * times.sum() / simulated
+        rows["wall time for one simulated second"] = f"{per_second:#.3g} ms"
     if times.size == runs:
         middle, tail = np.quantile(times, [0.5, 0.95])
-        rows.append(["wall time of a run, median and 95 %", f"{middle:#.3g} s, {tail:#.3g} s"])
-    rows.append(["steps of integration", f"{results.steps.sum():,}"])
+        rows["wall time of a run, median and 95 %"] = f"{middle:#.3g} s, {tail:#.3g} s"
+    rows["steps of integration"] = f"{results.steps.sum():,}"
     failed = results.verdict == Verdict.SOLVER_FAILURE
-    good = results.simulated & ~failed
-    rows += [
-        ["energy error, median and largest", _median_and_largest(results.energy_error[good])],
-        ["contact residual, median and largest", _median_and_largest(results.residual[good])],
-    ]
+    good, residual = results.simulated & ~failed, results.residual
+    rows["energy error, median and largest"] = _median_and_largest(results.energy_error[good])
+    rows["contact residual, median and largest"] = _median_and_largest(residual[good])
     if failed.any():
-        rows.append(
-            [
-                "contact residual of solver failures, median and largest",
-                _median_and_largest(results.residual[failed]),
-            ]
-        )
-    rows.append(
-        ["steps solved only with slightly compliant joints", f"{results.fallbacks.sum():,}"]
-    )
+        words = "contact residual of solver failures, median and largest"
+        rows[words] = _median_and_largest(residual[failed])
+    rows["steps solved only with slightly compliant joints"] = f"{results.fallbacks.sum():,}"
     if results.stood_after_loss is not None:
-        rows.append(
-            ["runs that lost all contact at a joint and stand", f"{results.stood_after_loss:,}"]
-        )
-    return Table(["figure", "value"], rows)
+        words = "runs that lost all contact at a joint and stand"
+        rows[words] = f"{results.stood_after_loss:,}"
+    rows["records that collapse at a level and stand at a higher one"] = str(results.resurrections)
+    return Table(["figure", "value"], list(rows.items()))
 
 
 def geometry(parameters: Mapping[str, Any]) -> Table:
     """What the user gave to build the arch; long lists shortened to their range."""
-    return Table(
-        ["parameter", "value"],
-        [
-            [name.replace("_", " ") + _UNITS.get(name, ""), _short(value)]
-            for name, value in parameters.items()
-        ],
-    )
+    rows = [
+        [name.replace("_", " ") + _UNITS.get(name, ""), _short(value)]
+        for name, value in parameters.items()
+    ]
+    return Table(["parameter", "value"], rows)
 
 
 def _optional(cube: "xr.Dataset", name: str, place: int, form: str) -> str:

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.mechanics.status import Model
 from archfrag.report import picture as look
-from archfrag.report.axes import BELOW, BESIDE, axis_x, axis_y, even_ticks
+from archfrag.report.axes import even_ticks
 from archfrag.report.example import Example
 from archfrag.report.ladder_figures import MODEL_LOOK
-from archfrag.report.picture import Picture
-from archfrag.report.plot import LINE, Entry, Panel, Sheet, picture
+from archfrag.report.picture import BELOW, BESIDE, LINE, Picture
+from archfrag.report.plot import Box, Entry, Panel, Sheet, picture
 from archfrag.simulation.mechanism import MODEL_WORDS, MechanismChange
 
 # What a joint may be seen doing; a sliding hinge is drawn as a hinge, hatched.
@@ -53,28 +53,30 @@ def timeline(example: Example) -> Picture | None:
         top = sheet.legend(BESIDE, 0.0, entries, width - BESIDE - 10.0) + LINE + 4.0
         right, height = width - 10.0, float(np.clip(15.0 * n_joint, 70.0, 400.0))
         _ground(sheet, (BESIDE, top, right, top + 62.0), example, edges)
-        sheet.text(BESIDE, top - 6.0, _headline(example), "b")
+        sheet.text(BESIDE, top - 6.0, _stated(example), "b")
         middle = Panel(
             sheet, (BESIDE, top + 72.0, right, top + 72.0 + height), (start, end),
             (-0.6, n_joint - 0.4),
         )  # fmt: skip
         step = max(1, -(-n_joint // int(height / 13.0)))
-        axis_y(middle, np.arange(0, n_joint, step), "joint")
-        stretches = [
-            (k, edges[low], edges[high], joint)
-            for joint in range(n_joint)
-            for k, low, high in runs(joints[:, joint])
-            if k
-        ]
-        for k, state in enumerate(_STATES):
-            _bars(middle, [stretch[1:] for stretch in stretches if k and stretch[0] == k], state)
+        middle.axis_y(np.arange(0, n_joint, step), "joint")
+        for k, state in enumerate(LOOK, start=1):
+            bars = [
+                (edges[low], edges[high], joint)
+                for joint in range(n_joint)
+                for found, low, high in runs(joints[:, joint])
+                if found == k
+            ]
+            if bars:
+                low, high, joint = np.array(bars, dtype=float).T
+                middle.boxes(low, high, joint - 0.4, joint + 0.4, *LOOK[state])
         bottom = middle.box[3] + 8.0
         last = Panel(sheet, (BESIDE, bottom, right, bottom + 14.0), (start, end), (-0.5, 0.5))
         for code, low, high in runs(models):
             colour, hatch = MODEL_LOOK[Model(code)]
             last.boxes(edges[low], edges[high], -0.5, 0.5, colour, hatch)
         sheet.text(BESIDE - 5.0, bottom + 11.0, "model", "s e")
-        axis_x(last, even_ticks(start, end, 5 if sheet.narrow else 9), "time [s]")
+        last.axis_x(even_ticks(start, end, 5 if sheet.narrow else 9), "time [s]")
         if example.response.collapsed:
             time = float(last.at_x(example.response.collapse_time))
             sheet.path(
@@ -87,7 +89,7 @@ def timeline(example: Example) -> Picture | None:
         draw,
         alternative=f"Mechanism over time under {example.motion.id}: hinges, sliding and open "
         "joints, and the model of the ladder",
-        caption=_caption(example, changes, edges),
+        caption=_caption(example),
     )
 
 
@@ -103,22 +105,7 @@ def window(changes: Sequence[MechanismChange], end_time: float) -> tuple[float, 
 def sampled(
     changes: Sequence[MechanismChange], n_joint: int, edges: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """What lasted longest in each bin of time.
-
-    Parameters
-    ----------
-    changes : sequence of MechanismChange
-    n_joint : int
-    edges : ndarray, (n_bin + 1,)
-        Of the bins [s].
-
-    Returns
-    -------
-    joints : ndarray of int, (n_bin, n_joint)
-        0 for a closed joint, else 1 plus the position in `LOOK`.
-    models : ndarray of int, (n_bin,)
-        Codes of `Model`.
-    """
+    """What lasted longest in each bin of time."""
     states = np.zeros((len(changes), n_joint), dtype=np.int64)
     for i, change in enumerate(changes):
         for joint, text in change.joints.items():
@@ -162,7 +149,7 @@ def _longest(samples: NDArray[np.int64], n_state: int) -> NDArray[np.int64]:
 
 def _ground(
     sheet: Sheet,
-    box: tuple[float, float, float, float],
+    box: Box,
     example: Example,
     edges: NDArray[np.float64],
 ) -> None:
@@ -181,45 +168,26 @@ def _ground(
         edges = edges[:: (edges.size - 1) // _TRACE]
     reach = 1.05 * max(float(np.abs([low, high]).max()), 1e-9)
     panel = Panel(sheet, box, (float(edges[0]), float(edges[-1])), (-reach, reach))
-    axis_y(panel, even_ticks(-reach, reach, 4), "ground [g]")
+    panel.axis_y(even_ticks(-reach, reach, 4), "ground [g]")
     panel.band(0.5 * (edges[:-1] + edges[1:]), low, high, look.GREY, 1.0)
 
 
-def _bars(panel: Panel, stretches: Sequence[tuple[float, float, int]], state: str) -> None:
-    """Stretches of time (from, to, joint) in which joints are in a state."""
-    if stretches:
-        low, high, joint = np.array(stretches, dtype=float).T
-        panel.boxes(low, high, joint - 0.4, joint + 0.4, *LOOK[state])
-
-
-def _headline(example: Example) -> str:
+def _stated(example: Example) -> str:
+    """What ended the run, over the drawing."""
     response = example.response
     if response.collapsed:
-        return (
-            f"{example.level}: contact lost at {response.collapse_time:.2f} s, joint "
-            f"{response.collapse_joint}"
-        )
+        time, joint = response.collapse_time, response.collapse_joint
+        return f"{example.level}: contact lost at {time:.2f} s, joint {joint}"
     return f"{example.level}: {response.status.name.lower().replace('_', ' ')}"
 
 
-def _caption(
-    example: Example, changes: Sequence[MechanismChange], edges: NDArray[np.float64]
-) -> str:
-    width = float(edges[1] - edges[0])
-    times = np.array([change.time for change in changes])
-    brief = np.count_nonzero(np.diff(times) < width)
+def _caption(example: Example) -> str:
     text = (
         f"Log of the mechanism under {example.motion.id} at {example.level}, {example.reason}. "
         "Joint 0 is the left springing, or the base of a free-standing chain; joints without a "
-        "bar are closed and stick."
+        "bar are closed and stick. Dashed: contact lost for good. Columns show what lasted "
+        "longest in them."
     )
-    if example.response.collapsed:
-        text += " Dashed: contact lost for good."
-    if brief:
-        text += (
-            f" {brief} of {len(changes)} states last less than the {1e3 * width:.2g} ms of a "
-            "column of the figure, which shows what lasted longest in it."
-        )
     if not example.same:
         text += (
             " This repetition did not end as the run in the cube did: versions or machine differ "

@@ -129,8 +129,8 @@ def _smc_record(
     text: Sequence[str], integers: NDArray[np.float64], reals: NDArray[np.float64]
 ) -> dict[str, Any]:
     found = _COMPONENT.match(text[5])
-    station, way = found.groups() if found else ("", "")
-    stated = facts.direction(way)
+    station, bearing = found.groups() if found else ("", "")
+    stated = facts.direction(bearing)
     upward, across = integers[12], integers[13]  # degrees from the vertical, from north
     if upward in (0.0, 180.0):
         stated |= {"component": "UP" if upward == 0.0 else "DOWN", "vertical": True}

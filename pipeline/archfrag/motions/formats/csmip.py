@@ -213,7 +213,7 @@ def _g_per_count(head: _Header) -> float | None:
 def _cosmos_record(head: _Header) -> tuple[dict[str, Any], tuple[str, str, str]]:
     text = [*head.text, *[""] * 9]
     channel = re.search(r"(?i)Sta\s+Cha\w*\s*:?\s*([\w?]+)\s*:\s*(.*?)\s*\(Rcrdr", text[8])
-    number, way = channel.groups() if channel else (None, "")
+    number, bearing = channel.groups() if channel else (None, "")
     position = " ".join(text[8].partition("Location:")[2].split())
     station = re.search(r"(?i)Code:\s*([\w-]+?)-(\w+)\s+(.*)", text[4])
     network, code, owner = station.groups() if station else ("", "", "")
@@ -227,10 +227,10 @@ def _cosmos_record(head: _Header) -> tuple[dict[str, Any], tuple[str, str, str]]
         header="\n".join(line.rstrip() for line in (*head.text, *head.comments)),
         **{name: head.real(index) for name, index in _REALS.items()},
     )
-    direction = facts.direction(way)
+    direction = facts.direction(bearing)
     if not {"azimuth", "vertical"} & direction.keys():
         angle = int(head.integers[53])  # or up, or down
-        word = str(angle) if 1 <= angle <= 360 else {400: "UP", 401: "DOWN"}.get(angle, way)
+        word = str(angle) if 1 <= angle <= 360 else {400: "UP", 401: "DOWN"}.get(angle, bearing)
         direction = facts.direction(word)
     record |= direction
     dotted = r"<SCNL>\s*" + r"\.".join([r"([\w-]+)"] * 4)
@@ -350,8 +350,8 @@ def _unit_of(text: str) -> tuple[str, float]:
 def _dmg_record(text: list[str]) -> tuple[dict[str, Any], str, str]:
     """What the lines of a header state, the station's code and the place of the sensor."""
     channel = re.search(r"(?i)CHAN\s*(\d+)?\s*:\s*(.*)", text[6])
-    number, way = channel.groups() if channel else (None, "")
-    way, _, position = way.partition("LOCATION:")
+    number, bearing = channel.groups() if channel else (None, "")
+    bearing, _, position = bearing.partition("LOCATION:")
     origin = text[2].upper().partition("ORIGIN")[2]
     dates = map(facts.iso_date, (origin, text[2], text[1]))
     record = facts.known(
@@ -365,7 +365,7 @@ def _dmg_record(text: list[str]) -> tuple[dict[str, Any], str, str]:
         channel=number,
     )
     code = facts.search(r"STATION\s+(?:NO|ID)\.\s*(\w+)(?=\s)", text[4])
-    return record | facts.direction(way), code, " ".join(position.split())
+    return record | facts.direction(bearing), code, " ".join(position.split())
 
 
 def _compare_places(record: dict[str, Any], lines: list[str]) -> None:

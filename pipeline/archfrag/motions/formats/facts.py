@@ -107,7 +107,7 @@ def checked_count(text: str, where: str) -> int:
     count = int(text) if text.strip().isdigit() and len(text.strip()) < 12 else -1
     if not 2 <= count <= _LONGEST:
         raise RecordError(
-            f"{where}: {text.strip()!r} samples are announced; a record has 2 to {_LONGEST}"
+            f"{where}: {text.strip()[:40]!r} samples are announced; a record has 2 to {_LONGEST}"
         )
     return count
 

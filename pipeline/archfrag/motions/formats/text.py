@@ -88,7 +88,7 @@ def _read_bytes(source: Source, size: int = -1) -> bytes:
     if isinstance(source, (str, Path)):
         with open(source, "rb") as file:
             return file.read(size)
-    position = source.tell()
+    position = source.seek(0, io.SEEK_CUR)
     content = source.read(size)
     source.seek(position, io.SEEK_SET)
     return content

@@ -43,11 +43,7 @@ class Unreadable(Exception):
 
 
 class Content(NamedTuple):
-    """What a file holds: its traces, what their header announced, and what the reader warned of.
-
-    `announced` has the number of samples for each trace, `held` those that the file has: others
-    than those of the trace where it was read at other times than the file's.
-    """
+    """What a file holds: traces, samples announced and held, and what the reader warned of."""
 
     format: str
     traces: "list[Trace]"

@@ -3,9 +3,8 @@
 Spectral accelerations are in g here, as in flatfiles and ground-motion models.
 """
 
-from archfrag.motions.selection.baker_jayaram import correlation
 from archfrag.motions.selection.candidates import screen
-from archfrag.motions.selection.models import MODELS, Prediction, Rupture, predict
+from archfrag.motions.selection.models import MODELS, Prediction, Rupture, correlation, predict
 from archfrag.motions.selection.select import Selection, select_records
 from archfrag.motions.selection.target import (
     PERIODS,

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import RecordError
 
+TRUTH = {"true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}
 _SPECTRAL = re.compile(r"T(\d+(?:\.\d+)?)S")
 _WIDEST = 2.0  # ratio of neighbouring periods between which ln Sa is interpolated
 Range = tuple[float | None, float | None]
@@ -75,13 +76,7 @@ def screen(
 
 
 def sorted_candidates(table: pd.DataFrame) -> pd.DataFrame:
-    """The rows in the order of their ids, so that a selection does not hang on that of a file.
-
-    Raises
-    ------
-    RecordError
-        If there is no column ``record``, no row, or two rows have one id.
-    """
+    """The rows in the order of their ids, so that a selection does not hang on that of a file."""
     _need(table, ("record",))
     if table.empty:
         raise RecordError(f"{name_of(table)}: has no record")
@@ -96,15 +91,10 @@ def sorted_candidates(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def spectra(table: pd.DataFrame, periods: ArrayLike) -> NDArray[np.float64]:
-    """ln Sa of the records of a flatfile, shape (n_record, n_period), Sa in g.
+    """ln Sa [g] of the records of a flatfile, shape (n_record, n_period).
 
-    Linear in ln T between columns ``T0.100S`` (g) that are at most a factor 2 apart. A record
-    with a value that is missing or not positive (-999 in NGA flatfiles) has nan there.
-
-    Raises
-    ------
-    RecordError
-        If there are no such columns, or a period is outside them or in a wider gap.
+    Linear in ln T between columns ``T0.100S`` (g) that are at most a factor 2 apart; nan where a
+    value is missing or not positive (-999 in NGA flatfiles).
     """
     found = _columns(table)
     if not found:
@@ -143,17 +133,12 @@ def is_column(table: pd.DataFrame, period: float) -> bool:
 
 
 def groups(table: pd.DataFrame, columns: Iterable[str]) -> NDArray[np.int64]:
-    """A number for each row, the same where all these columns say the same, shape (n_record,).
-
-    A row with an empty value is alone.
-    """
-    known = table.reindex(columns=list(columns))
-    text = known.astype(object).where(known.notna(), "").astype(str)
-    full = (text.map(str.strip) != "").all(axis=1).to_numpy()
-    rows = zip(text.itertuples(index=False, name=None), full)
-    keys = [row if complete else number for number, (row, complete) in enumerate(rows)]
-    codes: dict[Any, int] = {}
-    return np.array([codes.setdefault(key, len(codes)) for key in keys], dtype=np.int64)
+    """A number for each row, the same where all these columns agree; one alone if any is empty."""
+    known = table.reindex(columns=list(columns)).astype("string").fillna("")
+    filled = [(known[column].str.strip() != "").to_numpy(bool) for column in known]
+    full = np.all(filled, axis=0)
+    same = known.groupby(list(known.columns), sort=False).ngroup()
+    return np.unique(np.where(full, same, -1 - np.arange(len(table))), return_inverse=True)[1]
 
 
 def numbers(table: pd.DataFrame, column: str) -> NDArray[np.float64]:
@@ -186,7 +171,4 @@ def _need(table: pd.DataFrame, columns: Iterable[str]) -> None:
 
 def _truth(value: Any) -> bool | None:
     """True, False or None for what a CSV may hold of a bool."""
-    text = str(value).strip().lower()
-    return {"true": True, "1": True, "1.0": True, "false": False, "0": False, "0.0": False}.get(
-        text
-    )
+    return TRUTH.get(str(value).strip().lower())

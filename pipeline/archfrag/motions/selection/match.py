@@ -9,7 +9,7 @@ from archfrag.motions.selection.target import Target
 
 TRIALS = 20  # simulated sets
 STARTS = 5  # the nearest of them to the target: each is matched and improved, the best kept
-MOST_PASSES = 50  # over the set; the improvement ends by itself after a few
+MOST_PASSES = 50  # over the set; the improvement ends by itself sooner
 Array = NDArray[np.float64]
 
 
@@ -17,13 +17,9 @@ Array = NDArray[np.float64]
 class Limits:
     """Which records may be together.
 
-    Attributes
-    ----------
-    ln_scale : float
-        Largest \\|ln factor\\|.
-    groups : tuple of (numpy.ndarray, int)
-        For each rule the group of each record, shape (n_record,), and how many may come from
-        one. A rule of one from each recording is among them, so that no record comes twice.
+    `ln_scale` is the largest ln factor; `groups` has, for each rule, the group of each record and
+    how many may come from one. A rule of one from each recording is among them, so that no
+    record comes twice.
     """
 
     ln_scale: float
@@ -39,10 +35,7 @@ class Limits:
 
 
 def deviation(target: Target, mean: Array, sd: Array, weights: tuple[float, float]) -> Array:
-    """Weighted squared errors of mean and standard deviation of ln Sa, summed over periods.
-
-    Jayaram, Lin and Baker (2011). `mean` and `sd` have shape (..., n_period).
-    """
+    """Weighted squared errors of mean and sd of ln Sa, (..., n_period), summed over periods."""
     return weights[0] * ((mean - target.ln_mean) ** 2).sum(-1) + weights[1] * (
         (sd - target.sd) ** 2
     ).sum(-1)
@@ -75,7 +68,7 @@ def factors(ln_sa: Array, target: Target, wanted: Array, limit: float) -> Array:
     return np.clip((wanted - ln_sa).mean(axis=1), -limit, limit)
 
 
-def match(ln_sa: Array, target: Target, simulated: Array, limits: Limits) -> NDArray[np.int64]:
+def _match(ln_sa: Array, target: Target, simulated: Array, limits: Limits) -> NDArray[np.int64]:
     """Record nearest to each simulated spectrum among those still allowed, shape (count,)."""
     chosen = np.empty(0, dtype=np.int64)
     for wanted in simulated:
@@ -91,25 +84,13 @@ def best_set(
 ) -> tuple[NDArray[np.int64], Array, Array]:
     """Match and improve from each start, keep the set nearest to the target.
 
-    Parameters
-    ----------
-    ln_sa : numpy.ndarray, shape (n_record, n_period)
-        Of records whose factors are within the limit.
-    target : Target
-    simulated : numpy.ndarray, shape (n_start, count, n_period)
-    limits : Limits
-    weights : (float, float)
-        Of mean and standard deviation.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Rows chosen, ln of their factors, and the simulated spectra of that start.
+    Returns the rows of `ln_sa` (n_record, n_period) chosen, ln of their factors, and the simulated
+    spectra of that start.
     """
     found = []
     for start in simulated:
-        chosen = match(ln_sa, target, start, limits)
-        chosen = improve(ln_sa, target, start, chosen, limits, weights)
+        chosen = _match(ln_sa, target, start, limits)
+        chosen = _improve(ln_sa, target, start, chosen, limits, weights)
         ln_factor = np.array([
             factors(ln_sa[[record]], target, start[place], limits.ln_scale)[0]
             for place, record in enumerate(chosen)
@@ -121,14 +102,10 @@ def best_set(
     return min(found, key=lambda each: each[0])[1:]
 
 
-def improve(
-    ln_sa: Array,
-    target: Target,
-    simulated: Array,
-    chosen: NDArray[np.int64],
-    limits: Limits,
+def _improve(
+    ln_sa: Array, target: Target, simulated: Array, chosen: NDArray[np.int64], limits: Limits,
     weights: tuple[float, float],
-) -> NDArray[np.int64]:
+) -> NDArray[np.int64]:  # fmt: skip
     """Replace one record after the other by whichever makes the set nearest to the target.
 
     The greedy optimisation of Jayaram, Lin and Baker (2011), until a pass changes nothing: all

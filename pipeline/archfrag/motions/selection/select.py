@@ -1,10 +1,7 @@
 """Records selected from a flatfile so that their spectra are distributed as a target's."""
 
-import csv
 import os
-import tempfile
 from collections import Counter
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +10,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from archfrag.errors import InputError, OutputError, RecordError
+from archfrag.errors import InputError, RecordError
+from archfrag.files import replacing
 from archfrag.motions.selection.candidates import (
     groups,
     is_column,
@@ -27,8 +25,8 @@ from archfrag.motions.selection.target import Target
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LARGE_SCALE = 4.0  # a factor that is said even where the limit allows it
-NEAR_MEAN, NEAR_SD = 0.05, 0.10  # differences from the target that are not said
+LARGE_SCALE = 4.0  # a factor that is a caution even where the limit allows it
+NEAR_MEAN, NEAR_SD = 0.05, 0.10  # differences from the target that are none
 # Columns of an index of records by those of a flatfile.
 _INDEX = {
     "record": "id", "file": "file", "sha256": "sha256", "event": "event", "magnitude": "Mw",
@@ -84,18 +82,17 @@ class Selection:
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """What whoever uses the selection should know; a sentence each."""
-        said = list(self.target.notes)
-        given = self.target.conditioning
+        """What whoever uses the selection should know."""
+        found, given = list(self.target.notes), self.target.conditioning
         if given is not None and not is_column(self.table, given):
-            said.append(
+            found.append(
                 f"Sa({given:g}) of the records is interpolated, which makes their scatter at "
                 "periods near it too small; measure them at that period"
             )
         for error, near, what in zip(self.errors, (NEAR_MEAN, NEAR_SD), ("median", "sd")):
             if np.nanmax(np.abs(error), initial=0.0) > near:
                 worst = int(np.nanargmax(np.abs(error)))
-                said.append(
+                found.append(
                     f"the {what} of the selected spectra differs from the target's by up to "
                     f"{100.0 * error[worst]:+.0f} % (at {self.target.periods[worst]:g} s); take "
                     "more candidates or other limits"
@@ -103,35 +100,33 @@ class Selection:
         scale = self.table["scale"].to_numpy(dtype=np.float64)
         large = np.maximum(scale, 1.0 / scale)
         if (large > LARGE_SCALE).any():
-            said.append(
+            found.append(
                 f"{(large > LARGE_SCALE).sum()} of {len(large)} records are scaled by more than "
                 f"{LARGE_SCALE:g} or less than 1/{LARGE_SCALE:g}, up to a factor of "
                 f"{large.max():.3g} ({self.table['record'].iloc[int(large.argmax())]})"
             )
-        event, most = self._largest_event()
-        if most > max(0.25 * len(self.table), 1):
-            said.append(
-                f"{most} of {len(self.table)} records are of one event ({event}); `per_event` "
-                "limits them"
-            )
-        return tuple(said)
+        events = self.table["event"].dropna() if "event" in self.table else ()
+        named = Counter(str(event) for event in events if str(event).strip()).most_common(1)
+        for event, most in named:
+            if most > max(0.25 * len(self.table), 1):
+                found.append(
+                    f"{most} of {len(self.table)} records are of one event ({event}); "
+                    "`per_event` limits them"
+                )
+        return tuple(found)
 
     def facts(self) -> dict[str, Any]:
         """What a command prints as JSON: records, factors, target and differences from it."""
         mean, sd = ([None if np.isnan(e) else float(e) for e in each] for each in self.errors)
+        target = self.target
         return {
             "records": self.table["record"].astype(str).tolist(),
-            "scale": self.table["scale"].tolist(),
-            "seed": self.seed,
-            "candidates": self.candidates,
-            "conditioning_s": self.target.conditioning,
-            "period_s": self.target.periods.tolist(),
-            "target_median_g": self.target.median.tolist(),
-            "target_sd": self.target.sd.tolist(),
-            "median_error": mean,
-            "sd_error": sd,
+            "scale": self.table["scale"].tolist(), "seed": self.seed,
+            "candidates": self.candidates, "conditioning_s": target.conditioning,
+            "period_s": target.periods.tolist(), "target_median_g": target.median.tolist(),
+            "target_sd": target.sd.tolist(), "median_error": mean, "sd_error": sd,
             "cautions": list(self.cautions),
-        }
+        }  # fmt: skip
 
     def write(self, path: str | Path, folder: str | Path = ".") -> None:
         """Write the records as an index that a study reads (``motions: index: PATH``).
@@ -144,7 +139,7 @@ class Selection:
         Parameters
         ----------
         path : path
-            Written whole or not at all.
+            Replaced at once.
         folder : path
             What the column ``file`` of the flatfile is relative to.
 
@@ -166,18 +161,14 @@ class Selection:
             rows["unit"] = ""
         rows["scale"] = [f"{factor:.9g}" for factor in self.table["scale"]]
         rows["selection"] = f"seed {self.seed}, {_describe(self.target)}"
-        _write_whole(place, rows)
+        with replacing(place) as part:
+            rows.to_csv(part, index=False, lineterminator="\n")
 
     def figure(self) -> "Figure":
         """Spectra of target and selection with means and 2.5 and 97.5 percentiles; their sd."""
         from archfrag.motions.selection.figure import draw
 
         return draw(self)
-
-    def _largest_event(self) -> tuple[str, int]:
-        events = self.table["event"].dropna() if "event" in self.table else pd.Series(dtype=str)
-        names = Counter(str(event) for event in events if str(event).strip())
-        return names.most_common(1)[0] if names else ("", 0)
 
 
 def select_records(
@@ -298,14 +289,12 @@ def _candidates(
 def _check(
     count: int, seed: int, max_scale: float, per_event: int | None, weights: tuple[float, float]
 ) -> None:
-    if count < 1:
-        raise InputError(f"count = {count} of records to select must be at least 1")
-    if seed < 0:
-        raise InputError(f"seed = {seed} must be at least 0")
-    if not max_scale >= 1.0:
-        raise InputError(f"max_scale = {max_scale} must be at least 1")
-    if per_event is not None and per_event < 1:
-        raise InputError(f"per_event = {per_event} must be at least 1")
+    for name, value, least in (
+        ("count", count, 1), ("seed", seed, 0), ("max_scale", max_scale, 1),
+        ("per_event", 1 if per_event is None else per_event, 1),
+    ):  # fmt: skip
+        if not value >= least:
+            raise InputError(f"{name} = {value} must be at least {least}")
     if not (np.isfinite(weights).all() and min(weights) >= 0.0 and max(weights) > 0.0):
         raise InputError(f"weights {weights} must be numbers from 0 on, one of them above 0")
 
@@ -314,20 +303,3 @@ def _describe(target: Target) -> str:
     if target.given is None:
         return "spectrum" if target.sd.any() else "mean spectrum"
     return f"Sa({target.conditioning:g}) = {target.median[target.given]:.6g} g"
-
-
-def _write_whole(path: Path, rows: pd.DataFrame) -> None:
-    part = None
-    try:
-        handle, part = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        with os.fdopen(handle, "w", newline="", encoding="utf-8") as file:
-            rows.to_csv(file, index=False, lineterminator="\n", quoting=csv.QUOTE_MINIMAL)
-        os.chmod(part, 0o644)
-        os.replace(part, path)
-    except OSError as error:
-        if part is not None:
-            with suppress(OSError):
-                os.unlink(part)
-        raise OutputError(
-            f"{path}: the selection cannot be written there ({error.strerror or error})"
-        ) from None

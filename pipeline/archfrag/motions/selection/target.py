@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError
-from archfrag.motions.selection.baker_jayaram import correlation
-from archfrag.motions.selection.models import Rupture, predict
+from archfrag.motions.selection.models import Rupture, correlation, predict
 
 PERIODS = tuple(float(f"{period:.3g}") for period in np.geomspace(0.05, 5.0, 20))
 _SAME = 1e-6  # relative difference of periods that are the same
@@ -119,12 +118,12 @@ def conditional_spectrum(
     means, covariances, weights, notes = [], [], [], dict[str, None]()
     for rupture in (ruptures,) if isinstance(ruptures, Rupture) else tuple(ruptures):
         for model, weight in _weighted(models).items():
-            median, sd, said = predict(rupture, model, grid)
+            median, sd, cautions = predict(rupture, model, grid)
             epsilon = (np.log(level) - median[known]) / sd[known]
             means.append(median + rho[known] * epsilon * sd)
             covariances.append(np.outer(sd, sd) * (rho - np.outer(rho[known], rho[known])))
             weights.append(rupture.weight * weight)
-            notes |= dict.fromkeys(said)
+            notes |= dict.fromkeys(cautions)
     if not weights:
         raise InputError("a conditional spectrum needs at least one rupture and one model")
     fraction = np.array(weights) / np.sum(weights)
@@ -165,11 +164,11 @@ def spectrum_target(
     sa = _like(median, given, f"{source}: median Sa")[order]
     if not (sa > 0.0).all():
         raise InputError(f"{source}: median Sa {sa.min():g} g must be above 0")
-    spread = np.zeros(given.size) if sd is None else _like(sd, given, f"{source}: sd")[order]
-    if (spread < 0.0).any():
-        raise InputError(f"{source}: sd {spread.min():g} must not be below 0")
-    zero = np.flatnonzero(spread == 0.0)
-    if zero.size == spread.size:
+    scatter = np.zeros(given.size) if sd is None else _like(sd, given, f"{source}: sd")[order]
+    if (scatter < 0.0).any():
+        raise InputError(f"{source}: sd {scatter.min():g} must not be below 0")
+    zero = np.flatnonzero(scatter == 0.0)
+    if zero.size == scatter.size:
         return Target(rising, np.log(sa), np.zeros((sa.size, sa.size)))
     if zero.size > 1:
         raise InputError(
@@ -183,7 +182,7 @@ def spectrum_target(
         rho = (rho - np.outer(star, star)) / np.outer(rest, rest)
         np.fill_diagonal(rho, 1.0)
     conditioning = float(rising[zero[0]]) if zero.size else None
-    return Target(rising, np.log(sa), np.outer(spread, spread) * rho, conditioning)
+    return Target(rising, np.log(sa), np.outer(scatter, scatter) * rho, conditioning)
 
 
 def read_target(path: str | Path) -> Target:
@@ -221,14 +220,14 @@ def read_target(path: str | Path) -> Target:
             )
     if not rows:
         raise InputError(f"{path}: the target has no rows")
-    wanted = ("period_s", "Sa_g", *(("sd",) if "sd" in columns else ()))
-    numbers = [
-        [_number(row[name], f"{path}, line {line}: {name}") for name in wanted]
-        for line, row in enumerate(rows, start=2)
+    table = [
+        np.array(
+            [_number(row[name], f"{path}, line {n}: {name}") for n, row in enumerate(rows, 2)]
+        )
+        for name in ("period_s", "Sa_g", "sd")
+        if name in columns
     ]
-    table = np.array(numbers)
-    sd = table[:, 2] if "sd" in columns else None
-    return spectrum_target(table[:, 0], table[:, 1], sd, str(path))
+    return spectrum_target(table[0], table[1], table[2] if len(table) > 2 else None, str(path))
 
 
 def _number(text: str | None, place: str) -> float:

@@ -27,12 +27,7 @@ from archfrag.motions.synthetic.source import (
     site_factor,
     window,
 )
-from archfrag.motions.synthetic.variation import (
-    draw_term,
-    frequencies,
-    grid,
-    median_correction,
-)
+from archfrag.motions.synthetic.variation import draw_term, frequencies, grid, median_correction
 from archfrag.motions.synthetic.vertical import COMPONENT_CORRELATION, vertical_factor
 
 MODEL = (
@@ -49,7 +44,7 @@ _STREAMS = ("event", "site", "record", "noise", "vertical_record", "vertical_noi
 
 @dataclass(frozen=True)
 class Seeds:
-    """What a motion's random numbers follow from: motions of one event share `event`, and so on.
+    """What a motion's random numbers follow from: those of one event have one `event`, and so on.
 
     Attributes
     ----------
@@ -133,33 +128,19 @@ def make_motion(
     if options.vertical:
         stream = _generator("vertical_noise", seeds.record)
         vertical = _finished(_shaken(frame, stream, terms["vertical"]), options.dt)
-    return Motion(
-        _finished(horizontal, options.dt),
-        options.dt,
-        vertical,
-        id=f"M{magnitude:g}-R{distance:g}-{seeds.record}",
-        metadata={**_facts(magnitude, distance, seeds, options), **pulse},
-        log=(f"Made by {MODEL}; seeds {seeds.record}, {seeds.event}, {seeds.site}.",),
-    )
-
-
-def _facts(
-    magnitude: float, distance: float, seeds: Seeds, options: Options
-) -> dict[str, float | str]:
-    return {
-        "event": f"synthetic M{magnitude:g} {seeds.event}",
-        "Mw": magnitude,
-        "distance_km": distance,
-        "Vs30_mps": options.vs30,
-        "seed": seeds.record,
-        "event_seed": seeds.event,
-        "site_seed": seeds.site,
-        "model": MODEL,
-    }
+    facts: dict[str, float | str] = {
+        "event": f"synthetic M{magnitude:g} {seeds.event}", "Mw": magnitude,
+        "distance_km": distance, "Vs30_mps": options.vs30, "seed": seeds.record,
+        "event_seed": seeds.event, "site_seed": seeds.site, "model": MODEL,
+    }  # fmt: skip
+    log = f"Made by {MODEL}; seeds {seeds.record}, {seeds.event}, {seeds.site}."
+    name = f"M{magnitude:g}-R{distance:g}-{seeds.record}"
+    samples = _finished(horizontal, options.dt)
+    return Motion(samples, options.dt, vertical, name, {**facts, **pulse}, (log,))
 
 
 class _Frame(NamedTuple):
-    """What all motions of one magnitude, distance and time step share."""
+    """What is common to motions of one magnitude, distance and time step."""
 
     dt: float
     active: int  # samples that are kept
@@ -201,23 +182,23 @@ def _shaken(
 
 
 def _check(magnitude: float, distance: float, seeds: Seeds, options: Options) -> None:
-    if not 3.0 <= magnitude <= 8.0:
-        raise InputError(f"magnitude {magnitude} is outside 3 to 8, the range of the model")
-    if not 0.0 <= distance <= 300.0:
-        raise InputError(f"distance {distance} km is outside 0 to 300 km, the range of the model")
+    for name, value, low, high in (
+        ("magnitude", magnitude, 3.0, 8.0), ("distance [km]", distance, 0.0, 300.0),
+        ("vs30 [m/s]", options.vs30, 450.0, 1000.0),
+    ):  # fmt: skip
+        if not low <= value <= high:
+            raise InputError(
+                f"{name} = {value} is outside {low:g} to {high:g}, the range of the model"
+            )
     if not 0.0 < options.dt <= 0.02:
         raise InputError(f"time step {options.dt} s must be above 0 and at most 0.02 s")
-    if not 450.0 <= options.vs30 <= 1000.0:
-        raise InputError(f"vs30 {options.vs30} m/s is outside 450 to 1000, the range of the model")
     for seed in (seeds.record, seeds.event, seeds.site):
         if not 0 <= seed < 2**63:
             raise InputError(f"seed {seed} must be from 0 to 2^63 - 1")
 
 
 def _generator(stream: str, seed: int) -> np.random.Generator:
-    return np.random.Generator(
-        np.random.PCG64(np.random.SeedSequence([_STREAMS.index(stream), seed]))
-    )
+    return np.random.default_rng(np.random.SeedSequence([_STREAMS.index(stream), seed]))
 
 
 def _amplitude(

@@ -4,13 +4,17 @@ References
 ----------
 .. [1] Shahi and Baker (2011), An empirically calibrated framework for including the effects of
    near-fault directivity in probabilistic seismic hazard analysis, BSSA 101(2), 742-755: the
-   period of a pulse, and the amplification of Sa over the same motion without it.
+   period of a pulse, and the amplification of Sa over the same motion without it. The period's
+   coefficients are those of PEER report 2013/15 of the same authors, too; the amplification's are
+   from memory and without a second source: check them before use.
 .. [2] Mavroeidis and Papageorgiou (2003), A mathematical representation of near-fault ground
    motions, BSSA 93(3), 1099-1131: the form.
 """
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from archfrag.motions.spectra import response_spectrum
 
 _PERIOD = (-5.73, 0.99, 0.56)  # ln s; slope with magnitude; standard deviation
 _PEAK_PERIOD = 0.88  # of the amplification, as a fraction of that of the pulse
@@ -36,14 +40,7 @@ def wavelet(time: ArrayLike, period: float, phase: float) -> NDArray[np.float64]
     """Acceleration of a pulse whose velocity has the amplitude 1 m/s, shape of `time` [m/s2].
 
     The derivative of (1 + cos(2 pi t / (gamma Tp))) cos(2 pi t / Tp + phase) / 2 [2]_, zero where
-    abs(t) > gamma Tp / 2.
-
-    Parameters
-    ----------
-    time : array_like [s]
-        From the middle of the pulse.
-    period : float [s]
-    phase : float [rad]
+    abs(t) > gamma Tp / 2; `time` [s] is from its middle.
     """
     angle = 2.0 * np.pi * np.asarray(time, dtype=np.float64) / period
     envelope = 1.0 + np.cos(angle / CYCLES)
@@ -58,32 +55,15 @@ def add_pulse(
     magnitude: float,
     generator: np.random.Generator,
 ) -> tuple[NDArray[np.float64], float]:
-    """A motion with a pulse in its middle.
+    """A motion with a pulse at time zero, and the period of the pulse [s].
 
     Period and phase are drawn, the phase uniformly. The amplitude is such that the root of the sum
     of squares of Sa of motion and pulse at 0.88 Tp is Shahi and Baker's median amplification
     there.
-
-    Parameters
-    ----------
-    samples : ndarray, shape (n_sample,) [m/s2]
-    time : ndarray, shape (n_sample,) [s]
-        Zero where the middle of the pulse is to be.
-    magnitude : float
-    generator : numpy.random.Generator
-
-    Returns
-    -------
-    ndarray, shape (n_sample,) [m/s2]
-    float
-        Period of the pulse [s].
     """
-    from archfrag.motions.measures import spectral_acceleration
-    from archfrag.motions.motion import Motion
-
     period = draw_period(magnitude, generator)
     pulse = wavelet(time, period, generator.uniform(0.0, 2.0 * np.pi))
     dt, at = time[1] - time[0], _PEAK_PERIOD * period
-    without, alone = (spectral_acceleration(Motion(row, dt), at)[0] for row in (samples, pulse))
+    without, alone = (response_spectrum(row, dt, at)[0] for row in (samples, pulse))
     gain = np.sqrt(amplification(_PEAK_PERIOD) ** 2 - 1.0)
     return samples + gain * without / alone * pulse, period

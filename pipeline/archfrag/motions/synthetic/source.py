@@ -1,4 +1,4 @@
-"""The Fourier amplitude that a point source gives on the way to a site, and its duration.
+"""The Fourier amplitude that a point source gives at a site, and its duration.
 
 The equivalent point source of Stafford, Boore, Youngs and Bommer (2022) [2]_, fitted to the
 ground-motion model of Chiou and Youngs (2014): crustal earthquakes of active regions on rock with
@@ -15,6 +15,12 @@ References
    ground motions, BSSA 104(5), 2541-2552.
 .. [4] Al Atik and Abrahamson (2021), A methodology for the development of 1D reference VS
    profiles compatible with ground-motion prediction equations, BSSA 111(4), 1765-1783.
+.. [5] Bayless and Abrahamson (2019), Summary of the BA18 ground-motion model for Fourier amplitude
+   spectra, BSSA 109(5), 2088-2105: c8 ln(min(Vs30, 1000) / 760); the nonlinear term is left out.
+.. [6] Made by multiplying the amplitude at 1 / T by what Sa(T) of many simulations lacks and
+   repeating (spectra brought back to Fourier amplitudes as by inverse random vibration theory: Al
+   Atik et al. 2014, BSSA 104(1), 336-346), for the geometric mean of Chiou and Youngs (2014) and
+   Abrahamson, Silva and Kamai (2014) and a vertical strike-slip fault; constant beyond the table.
 """
 
 from functools import lru_cache
@@ -22,8 +28,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-VS30 = 760.0
 
 # Stafford et al. (2022), optimised functional form.
 SHEAR_VELOCITY = 3.5  # [km/s]
@@ -34,7 +38,7 @@ PARTITION = 1.0 / np.sqrt(2.0)
 KAPPA = 0.039  # [s]
 _STRESS = (4.599, 0.4624)  # ln bar; slope below M 5
 _SATURATION = (-0.8712, 0.4451, 1.1513, 5.0948, 7.2725)
-_SPREADING = (1.1611, 0.5, 50.0)  # near rate, far rate, transition distance [km]
+_DECAY = (1.1611, 0.5, 50.0)  # near rate, far rate, transition distance [km]
 _QUALITY = (205.4, 0.6884, 0.1354, 5.1278)  # Q0; exponent n = a + b tanh(M - c)
 
 # Boore and Thompson (2014), table 1: path duration in active regions, 0.156 s/km beyond.
@@ -45,18 +49,16 @@ _PATH_SLOPE = 0.156  # [s/km]
 # Amplification from the source to a surface with Vs30 = 760 m/s: the profile of Al Atik and
 # Abrahamson (2021) as used by Stafford et al. (2022), at 29 of its 302 frequencies; linear in
 # log-log between them it differs by less than 0.1 % from all.
-_AMPLIFICATION = np.array(
-    [
-        (0.01, 1.0), (0.1, 1.264743), (0.128825, 1.343563), (0.165959, 1.423873),
-        (0.213796, 1.507478), (0.275423, 1.588421), (0.354813, 1.660755), (0.457088, 1.725979),
-        (0.588844, 1.788483), (0.758578, 1.853331), (1.0, 1.931032), (1.28825, 2.0064),
-        (1.659587, 2.082088), (2.137962, 2.156601), (2.754228, 2.230798), (3.548134, 2.307549),
-        (4.570881, 2.391837), (5.888436, 2.491416), (7.585776, 2.611704), (10.0, 2.750306),
-        (12.882492, 2.882748), (16.59587, 3.020564), (21.37962, 3.163971), (27.4534, 3.311217),
-        (35.3893, 3.466789), (45.6192, 3.628651), (58.8062, 3.797022), (75.8052, 3.972112),
-        (100.0, 4.170967),
-    ]
-)  # fmt: skip
+_AMPLIFICATION = np.array([
+    (0.01, 1.0), (0.1, 1.264743), (0.128825, 1.343563), (0.165959, 1.423873),
+    (0.213796, 1.507478), (0.275423, 1.588421), (0.354813, 1.660755), (0.457088, 1.725979),
+    (0.588844, 1.788483), (0.758578, 1.853331), (1.0, 1.931032), (1.28825, 2.0064),
+    (1.659587, 2.082088), (2.137962, 2.156601), (2.754228, 2.230798), (3.548134, 2.307549),
+    (4.570881, 2.391837), (5.888436, 2.491416), (7.585776, 2.611704), (10.0, 2.750306),
+    (12.882492, 2.882748), (16.59587, 3.020564), (21.37962, 3.163971), (27.4534, 3.311217),
+    (35.3893, 3.466789), (45.6192, 3.628651), (58.8062, 3.797022), (75.8052, 3.972112),
+    (100.0, 4.170967),
+])  # fmt: skip
 
 # Boore (2003), after Saragoni and Hart (1974): where the window peaks and what is left of it at
 # the end of its nominal length, which is twice the duration of ground motion.
@@ -69,20 +71,13 @@ _HERE = Path(__file__).parent
 
 
 def corner_frequency(magnitude: float) -> float:
-    """Corner of the omega-squared source, 4.9058e6 beta (stress / M0)^(1/3) [Hz].
-
-    Brune (1970, 1971) with beta in km/s, stress parameter in bar and M0 in dyne cm; the stress
-    parameter is that of Stafford et al. (2022), 99.4 bar from magnitude 5 on.
-    """
+    """Corner [Hz] by Brune (1970): 4.9058e6 beta (stress / M0)^(1/3) in km/s, bar, dyne cm."""
     stress = np.exp(_STRESS[0] + _STRESS[1] * min(magnitude - 5.0, 0.0))
     return float(4.9058e6 * SHEAR_VELOCITY * np.cbrt(stress / _seismic_moment(magnitude)))
 
 
 def point_source_distance(magnitude: float, distance: float) -> float:
-    """Distance at which a point source shakes like the fault [km].
-
-    The rupture distance [km] plus the near-source saturation length of Stafford et al. (2022).
-    """
+    """Rupture distance and the near-source saturation length of Stafford et al. (2022) [km]."""
     a, b, c, d, e = _SATURATION
     bend = np.log1p(np.exp(-d * (magnitude - e)))
     return float(distance + np.exp(a + b * magnitude + (b - c) / d * bend))
@@ -99,29 +94,17 @@ def ground_motion_duration(magnitude: float, distance: float) -> float:
 def fourier_amplitude(
     frequency: ArrayLike, magnitude: float, distance: float
 ) -> NDArray[np.float64]:
-    """Fourier amplitude of the acceleration of one horizontal component at the surface [m/s].
-
-    Source, spreading, anelastic loss, amplification and kappa: the product of Boore (2003) with
-    the forms and values of Stafford et al. (2022).
-
-    Parameters
-    ----------
-    frequency : array_like, shape (n_frequency,) [Hz]
-    magnitude : float
-        Moment magnitude.
-    distance : float [km]
-        Closest distance to the rupture.
-    """
+    """Fourier amplitude of a horizontal acceleration [m/s]: form of [1]_, values of [2]_."""
     f = np.asarray(frequency, dtype=np.float64)
     # 1e-20 with these units gives cm s; 1e-2 more gives m s.
     constant = RADIATION_PATTERN * FREE_SURFACE * PARTITION * 1e-22
     constant /= 4.0 * np.pi * DENSITY * SHEAR_VELOCITY**3
     source = constant * _seismic_moment(magnitude) / (1.0 + (f / corner_frequency(magnitude)) ** 2)
 
-    near, far, transition = _SPREADING
+    near, far, transition = _DECAY
     reach = point_source_distance(magnitude, distance)
     bend = (distance**2 + transition**2) / (1.0 + transition**2)
-    spreading = reach**-near * bend ** (0.5 * (near - far))
+    decay = reach**-near * bend ** (0.5 * (near - far))
 
     quality, n0, n1, n2 = _QUALITY
     exponent = n0 + n1 * np.tanh(magnitude - n2)
@@ -133,32 +116,19 @@ def fourier_amplitude(
         np.interp(log_f, np.log(_AMPLIFICATION[:, 0]), np.log(_AMPLIFICATION[:, 1]))
     )
     site = amplification * np.exp(-np.pi * KAPPA * f)
-    return (2.0 * np.pi * f) ** 2 * source * spreading * loss * site
+    return (2.0 * np.pi * f) ** 2 * source * decay * loss * site
 
 
 def window(time: ArrayLike, length: float) -> NDArray[np.float64]:
-    """Saragoni and Hart's window with peak 1: (a t / length)^b exp(-c t / length).
-
-    As Boore (2003) sets it: peak at 0.2 of the length, 0.05 of the peak at its end.
-
-    Parameters
-    ----------
-    time : array_like, shape (n_sample,) [s]
-        From the start of the window; zero before it.
-    length : float [s]
-    """
+    """Saragoni and Hart's window with peak 1, (a t / length)^b exp(-c t / length), as in [1]_."""
     b = -WINDOW_PEAK * np.log(_WINDOW_END) / (1.0 + WINDOW_PEAK * (np.log(WINDOW_PEAK) - 1.0))
     c = b / WINDOW_PEAK
-    share = np.maximum(np.asarray(time, dtype=np.float64) / length, 0.0)
-    return (np.e / WINDOW_PEAK * share) ** b * np.exp(-c * share)
+    part = np.maximum(np.asarray(time, dtype=np.float64) / length, 0.0)
+    return (np.e / WINDOW_PEAK * part) ** b * np.exp(-c * part)
 
 
 def site_factor(frequency: ArrayLike, vs30: float) -> NDArray[np.float64]:
-    """Amplitude at a site of another Vs30 over that at 760 m/s, shape (n_frequency,).
-
-    The linear site term c8 ln(min(Vs30, 1000) / 760) of Bayless and Abrahamson (2019), BSSA
-    109(5), 2088-2105; their nonlinear term is left out.
-    """
+    """Amplitude over that at 760 m/s: linear site term of Bayless and Abrahamson (2019) [5]_."""
     f = np.asarray(frequency, dtype=np.float64)
     c8 = np.interp(f, table()["frequency_hz"], table()["c8"])
     return np.exp(c8 * np.log(min(vs30, 1000.0) / VS30))
@@ -167,21 +137,7 @@ def site_factor(frequency: ArrayLike, vs30: float) -> NDArray[np.float64]:
 def median_adjustment(
     frequency: ArrayLike, magnitude: float, distance: float
 ) -> NDArray[np.float64]:
-    """Factor on the amplitude that brings the median Sa to ground-motion models.
-
-    The models are Chiou and Youngs (2014) and Abrahamson, Silva and Kamai (2014), their geometric
-    mean for a vertical strike-slip fault; ``tests/benchmarks/run_median.py`` made the table, by
-    multiplying the amplitude at 1 / T by what Sa(T) of many simulations lacks and repeating
-    (spectra brought back to Fourier amplitudes as by inverse random vibration theory: Al Atik et
-    al. 2014, BSSA 104(1), 336-346). Linear in magnitude, ln distance and ln frequency; constant
-    beyond the table.
-
-    Parameters
-    ----------
-    frequency : array_like, shape (n_frequency,) [Hz]
-    magnitude : float
-    distance : float [km]
-    """
+    """Factor that brings the median Sa to CY14 and ASK14, linear in M, ln R and ln f [6]_."""
     magnitudes, distances, nodes, logarithms = _adjustment()
     at_magnitude = _along(magnitudes, logarithms, magnitude)
     row = _along(np.log(distances), at_magnitude, np.log(max(distance, distances[0])))

@@ -1,16 +1,15 @@
 """Suites of synthetic motions: earthquakes, their records, and the seeds of all of them."""
 
-import csv
 import hashlib
-import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from archfrag.errors import InputError, OutputError
-from archfrag.motions.index import COLUMNS, INDEX_NAME
+from archfrag.errors import InputError
+from archfrag.files import make_folder, replacing
+from archfrag.motions.index import COLUMNS, write_index
 from archfrag.motions.motion import Motion
 from archfrag.motions.synthetic.motion import Options, Seeds, make_motion
 
@@ -55,7 +54,7 @@ class Recipe:
     def make(self) -> Motion:
         """The motion, with the recipe's id; errors are those of `make_motion`."""
         made = make_motion(self.magnitude, self.distance, self.seeds, self.options)
-        return Motion(made.acceleration, made.dt, made.vertical, self.id, made.metadata, made.log)
+        return made._replaced(id=self.id)
 
 
 @dataclass(frozen=True)
@@ -66,9 +65,11 @@ class Plan:
     ----------
     events, records_per_event : int
     magnitude : sequence of float
-        Taken in turn by the events; with `drawn_magnitude` two ends between which they are drawn.
+        Taken one after the other by the events; with `drawn_magnitude` two ends between which
+        they are drawn.
     distance : sequence of float [km]
-        Taken in turn by the records; with `drawn_distance` two ends, drawn uniformly in logarithm.
+        Taken one after the other by the records; with `drawn_distance` two ends, drawn uniformly
+        in logarithm.
     seed : int
         From 0 to 10^9.
     sites : int, optional
@@ -123,15 +124,10 @@ def plan_motions(plan: Plan) -> list[Recipe]:
     for number in range(count):
         event, record = divmod(number, plan.records_per_event)
         site = number if plan.sites is None else number % plan.sites
-        recipes.append(
-            Recipe(
-                f"e{event + 1}-r{record + 1}",
-                magnitudes[event],
-                distances[number],
-                Seeds(first + number, first + event, first + site),
-                Options(vs30=plan.vs30, vertical=plan.vertical, pulse=bool(pulses[number])),
-            )
-        )
+        name = f"e{event + 1}-r{record + 1}"
+        seeds = Seeds(first + number, first + event, first + site)
+        options = Options(vs30=plan.vs30, vertical=plan.vertical, pulse=bool(pulses[number]))
+        recipes.append(Recipe(name, magnitudes[event], distances[number], seeds, options))
     return recipes
 
 
@@ -155,18 +151,13 @@ def shipped_recipes() -> list[Recipe]:
     return recipes
 
 
-def suite() -> list[Motion]:
-    """Make the shipped motions."""
-    return [recipe.make() for recipe in shipped_recipes()]
-
-
 def make_suite(out_dir: str | Path, recipes: Sequence[Recipe] | None = None) -> list[Path]:
     """Write motions: ``synthetic/*.mseed`` in m/s2 and ``index.csv``.
 
     Parameters
     ----------
     out_dir : path
-        Folder, made if needed. Files of the same names are replaced, each whole; the index last.
+        Folder, made if needed. Files of the same names are replaced at once; the index last.
     recipes : sequence of Recipe, optional
         The shipped motions if not given.
 
@@ -180,44 +171,21 @@ def make_suite(out_dir: str | Path, recipes: Sequence[Recipe] | None = None) -> 
     OutputError
         If a file cannot be written.
     """
-    folder = Path(out_dir)
+    folder, rows = Path(out_dir), []
+    make_folder(folder / FOLDER)
     recipes = shipped_recipes() if recipes is None else recipes
-    try:
-        (folder / FOLDER).mkdir(parents=True, exist_ok=True)
-        rows = list(_written(folder, recipes))
-        part = folder / f".{INDEX_NAME}.part"
-        with open(part, "w", newline="", encoding="utf-8") as file:
-            columns = (*COLUMNS, *(["pulse"] if any(r.options.pulse for r in recipes) else []))
-            writer = csv.DictWriter(file, columns, lineterminator="\n", extrasaction="ignore")
-            writer.writeheader()
-            writer.writerows(rows)
-        os.replace(part, folder / INDEX_NAME)
-    except OSError as error:
-        raise OutputError(
-            f"{folder}: the motions cannot be written there ({error.strerror or error})"
-        ) from None
-    return [folder / row["file"] for row in rows]
-
-
-def _written(folder: Path, recipes: Sequence[Recipe]) -> Iterator[dict]:
-    """Write the motions one after the other; their rows of the index."""
+    pulses = any(recipe.options.pulse for recipe in recipes)
     for number, recipe in enumerate(recipes, start=1):
         motion = recipe.make()
-        station = f"S{number % 10000:04d}"  # five characters at most
         path = folder / FOLDER / f"{recipe.id}.mseed"
-        _write_miniseed(path, motion, station)
+        _write_miniseed(path, motion, f"S{number % 10000:04d}")  # five characters at most
         known = {key: value for key, value in motion.metadata.items() if key in COLUMNS}
-        yield {
-            **known,
-            "id": recipe.id,
-            "file": f"{FOLDER}/{path.name}",
-            "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
-            "component": COMPONENT,
-            "dt_s": motion.dt,
-            "unit": "m/s2",
-            "terms": TERMS,
-            "pulse": recipe.options.pulse,
-        }
+        made = {"component": COMPONENT, "dt_s": motion.dt, "unit": "m/s2", "terms": TERMS}
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        row = {"id": recipe.id, "file": f"{FOLDER}/{path.name}", "sha256": digest, **made}
+        rows.append(known | row | ({"pulse": recipe.options.pulse} if pulses else {}))
+    write_index(folder, rows)
+    return [folder / row["file"] for row in rows]
 
 
 def _write_miniseed(path: Path, motion: Motion, station: str) -> None:
@@ -231,6 +199,5 @@ def _write_miniseed(path: Path, motion: Motion, station: str) -> None:
         for channel, samples in components.items()
         if samples is not None
     )
-    part = path.with_name(f".{path.name}.part")
-    stream.write(str(part), format="MSEED", encoding="FLOAT32", reclen=4096, byteorder=">")
-    os.replace(part, path)
+    with replacing(path, lasting=False) as part:
+        stream.write(str(part), format="MSEED", encoding="FLOAT32", reclen=4096, byteorder=">")

@@ -2,7 +2,7 @@
 
 The logarithm of the amplitude has three normal terms, each a row over frequency: one of the
 earthquake (tau), one of the site (phi_s2s) and one of the record (phi_ss). Their standard
-deviations, and the correlation between frequencies that all three share, are those of Bayless and
+deviations, and the correlation between frequencies that all three have, are those of Bayless and
 Abrahamson; that amplitudes drawn so give response spectra the variance and the correlation between
 periods of records is the theory of Stafford (2017).
 
@@ -35,20 +35,9 @@ def frequencies() -> NDArray[np.float64]:
 
 
 def correlation(frequency: ArrayLike) -> NDArray[np.float64]:
-    """Correlation of ln amplitude between frequencies, shape (n_frequency, n_frequency).
+    """Correlation of ln amplitude between frequencies [Hz], shape (n_frequency, n_frequency).
 
-    tanh(A exp(B x) + C exp(D x)) with x = abs(ln(f1 / f2)) and A to D at the lower frequency:
-    Bayless and Abrahamson (2019).
-
-    Parameters
-    ----------
-    frequency : array_like, shape (n_frequency,) [Hz]
-
-    Examples
-    --------
-    >>> from archfrag.motions.synthetic import correlation
-    >>> correlation([1.0, 2.0]).round(2).tolist()
-    [[1.0, 0.64], [0.64, 1.0]]
+    tanh(A exp(B x) + C exp(D x)), x = abs(ln(f1 / f2)), A to D at the lower frequency [2]_.
     """
     f = np.clip(np.asarray(frequency, dtype=np.float64), *frequencies()[[0, -1]])
     lower = np.minimum(f[:, None], f)
@@ -66,34 +55,21 @@ def deviation(frequency: ArrayLike) -> NDArray[np.float64]:
 
 
 def draw_term(kind: str, generator: np.random.Generator) -> NDArray[np.float64]:
-    """One term of ln amplitude at `frequencies`, shape (61,).
-
-    Parameters
-    ----------
-    kind : str
-        ``event``, ``site`` or ``record``.
-    generator : numpy.random.Generator
-    """
+    """One term of ln amplitude (``event``, ``site`` or ``record``) at `frequencies`."""
     normal = generator.standard_normal(frequencies().size)
     return table()[TERMS[kind]] * (_factor() @ normal)
 
 
-def power_shares(amplitude: NDArray[np.float64], period: ArrayLike) -> NDArray[np.float64]:
-    """What each frequency adds to the mean square of oscillators, shape (n_period, 150).
-
-    Parameters
-    ----------
-    amplitude : ndarray, shape (150,)
-        Fourier amplitude of the ground acceleration at `grid`.
-    period : array_like, shape (n_period,) [s]
-    """
+def power_fractions(amplitude: NDArray[np.float64], period: ArrayLike) -> NDArray[np.float64]:
+    """Fraction of the mean square of oscillators that each frequency of `grid` adds."""
     ratio = _GRID * np.asarray(period, dtype=np.float64)[:, None]
     oscillator = 1.0 / ((1.0 - ratio**2) ** 2 + (2.0 * DAMPING * ratio) ** 2)
-    return amplitude**2 * oscillator * np.gradient(_GRID)
+    power = amplitude**2 * oscillator * np.gradient(_GRID)
+    return power / power.sum(axis=1, keepdims=True)
 
 
 def grid() -> NDArray[np.float64]:
-    """Frequencies of `power_shares`, shape (150,) [Hz]."""
+    """Frequencies of `power_fractions`, shape (150,) [Hz]."""
     return _GRID
 
 
@@ -104,19 +80,13 @@ def median_correction(amplitude: NDArray[np.float64]) -> NDArray[np.float64]:
     is above the sum of their medians unless all vary as one. The correction at a frequency f is
     found by repetition so that the mean of the sum's logarithm, over 150 drawn rows of variation
     and the same with opposite sign, is unchanged at the period 1 / f.
-
-    Parameters
-    ----------
-    amplitude : ndarray, shape (150,)
-        Fourier amplitude of the ground acceleration at `grid`.
     """
     nodes, periods = np.log(frequencies()), 1.0 / frequencies()
-    shares = power_shares(amplitude, periods)
-    shares /= shares.sum(axis=1, keepdims=True)
+    fractions = power_fractions(amplitude, periods)
     correction = np.zeros(nodes.size)
     for _ in range(_ROUNDS):
         gain = np.exp(2.0 * np.interp(np.log(_GRID), nodes, correction))
-        correction -= 0.5 * np.log((shares * gain) @ _drawn_powers()).mean(axis=1)
+        correction -= 0.5 * np.log((fractions * gain) @ _drawn_powers()).mean(axis=1)
     return correction
 
 

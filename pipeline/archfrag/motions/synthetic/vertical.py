@@ -9,12 +9,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from archfrag.motions.synthetic.source import (
-    ground_motion_duration,
-    read_table,
-    site_factor,
-)
-from archfrag.motions.synthetic.variation import frequencies, grid, power_shares
+from archfrag.motions.synthetic.source import ground_motion_duration, read_table, site_factor
+from archfrag.motions.synthetic.variation import frequencies, grid, power_fractions
 from archfrag.motions.units import STANDARD_GRAVITY
 
 # Coefficients that are the same at all periods.
@@ -36,17 +32,7 @@ def _table() -> dict[str, NDArray[np.float64]]:
 def vertical_ratio(
     magnitude: float, distance: float, vs30: float, rock_pga: float
 ) -> NDArray[np.float64]:
-    """Median ratio of vertical to horizontal Sa (5 %), shape (22,), at `vertical_periods`.
-
-    Parameters
-    ----------
-    magnitude : float
-    distance : float [km]
-        Closest distance to the rupture.
-    vs30 : float [m/s]
-    rock_pga : float [g]
-        Median peak acceleration at a site with Vs30 = 1100 m/s.
-    """
+    """Median of vertical over horizontal Sa (5 %) at `vertical_periods`; rock_pga in g."""
     t = _table()
     over = magnitude - _C1
     scaling = t["a1"] + t["a8"] * (8.5 - magnitude) ** 2
@@ -68,36 +54,22 @@ def vertical_periods() -> NDArray[np.float64]:
 def vertical_factor(
     amplitude: NDArray[np.float64], magnitude: float, distance: float, vs30: float
 ) -> NDArray[np.float64]:
-    """ln of the factor on horizontal amplitudes that gives spectra the model's ratio.
+    """ln of the factor on horizontal amplitudes that gives spectra the model's ratio, (61,).
 
     Peak over root mean square and duration being those of the horizontal, the ratio of spectra is
     the root of that of mean squares; the factor at 1 / T is found by repetition.
-
-    Parameters
-    ----------
-    amplitude : ndarray, shape (150,)
-        Of the horizontal acceleration at `variation.grid`.
-    magnitude : float
-    distance : float [km]
-    vs30 : float [m/s]
-
-    Returns
-    -------
-    ndarray, shape (61,)
-        At `variation.frequencies`.
     """
     rock = amplitude * site_factor(grid(), _ROCK) / site_factor(grid(), vs30)
     rock_pga = _expected_peak(rock, magnitude, distance) / STANDARD_GRAVITY
     chosen = vertical_periods() >= _SHORTEST
     periods = vertical_periods()[chosen][::-1]
     wanted = np.log(vertical_ratio(magnitude, distance, vs30, rock_pga))[chosen][::-1]
-    shares = power_shares(amplitude, periods)
-    shares /= shares.sum(axis=1, keepdims=True)
+    fractions = power_fractions(amplitude, periods)
     nodes = np.log(1.0 / periods)
     logarithm = wanted.copy()
     for _ in range(_ROUNDS):
         gain = np.exp(2.0 * np.interp(np.log(grid()), nodes, logarithm))
-        logarithm += wanted - 0.5 * np.log(shares @ gain)
+        logarithm += wanted - 0.5 * np.log(fractions @ gain)
     return np.interp(np.log(frequencies()), nodes, logarithm)
 
 

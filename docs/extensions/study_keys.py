@@ -1,0 +1,104 @@
+"""Tables of a study file's keys, from the schema of archfrag, at the marks of a page.
+
+``<!-- keys: study -->`` stands for the top of the file, ``<!-- keys: Circular Segmental -->`` for
+definitions of the schema, ``<!-- keys: * -->`` for all that no other mark of the page names.
+"""
+
+import json
+import re
+
+from sphinx.application import Sphinx
+
+MARK = re.compile(r"<!-- keys: (.+?) -->")
+
+WORDS = {"number": "number", "integer": "integer", "string": "text", "boolean": "true, false"}
+BOUNDS = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
+
+
+def anchor(name: str) -> str:
+    return f"study-{name.lower()}"
+
+
+def values(schema: dict) -> str:
+    """What a key may hold, as MyST."""
+    if "$ref" in schema:
+        name = schema["$ref"].rsplit("/", 1)[-1]
+        return f"[{name}](#{anchor(name)})"
+    if "const" in schema:
+        return f"`{schema['const']}`"
+    if "enum" in schema:
+        return ", ".join(f"`{value}`" for value in schema["enum"])
+    for several in ("oneOf", "anyOf"):
+        if several in schema:
+            parts = [values(one) for one in schema[several] if one.get("type") != "null"]
+            return " or ".join(dict.fromkeys(parts))
+    kind = schema.get("type")
+    if kind == "array":
+        inner = schema.get("items") or schema.get("prefixItems", [{}])[0]
+        return f"list of {values(inner)}"
+    if kind == "object":
+        inner = schema.get("additionalProperties")
+        of = f" of {values(inner)}" if isinstance(inner, dict) and inner else ""
+        return f"mapping{of}"
+    bounds = ", ".join(f"{sign} {schema[key]:g}" for key, sign in BOUNDS.items() if key in schema)
+    return " ".join(filter(None, (WORDS.get(kind, kind or "any"), bounds)))
+
+
+def default(schema: dict, required: bool) -> str:
+    if required:
+        return "**required**"
+    value = schema.get("default")
+    if value is None or value == {} or "default" not in schema:
+        return ""
+    return "see there" if isinstance(value, dict) else f"`{json.dumps(value)}`"
+
+
+def cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|").replace("$", "\\$")
+
+
+def table(schema: dict) -> list[str]:
+    required = schema.get("required", [])
+    lines = ["| key | values | if not given | meaning |", "|---|---|---|---|"]
+    for name, one in schema.get("properties", {}).items():
+        row = (f"`{name}`", values(one), default(one, name in required),
+               one.get("description", ""))  # fmt: skip
+        lines.append("| " + " | ".join(cell(part) for part in row) + " |")
+    return lines
+
+
+def section(schema: dict, name: str) -> str:
+    one = schema if name == "study" else schema["$defs"][name]
+    lines = table(one) if one.get("properties") else []
+    if name != "study":
+        lines = [
+            f"({anchor(name)})=",
+            f"### {name}",
+            "",
+            cell(one.get("description", "")),
+            "",
+            *lines,
+        ]
+    return "\n".join(lines)
+
+
+def write_tables(app: Sphinx, page: str, source: list[str]) -> None:
+    """Replace the marks of a page; a mark that names no definition is an error."""
+    if not MARK.search(source[0]):
+        return
+    from archfrag.study.config import study_schema
+
+    schema = json.loads(study_schema())
+    named = {name for marked in MARK.findall(source[0]) for name in marked.split()}
+    left = [name for name in sorted(schema["$defs"]) if name not in named]
+
+    def tables(mark: re.Match) -> str:
+        names = left if mark[1] == "*" else mark[1].split()
+        return "\n\n".join(section(schema, name) for name in names)
+
+    source[0] = MARK.sub(tables, source[0])
+
+
+def setup(app: Sphinx) -> dict:
+    app.connect("source-read", write_tables)
+    return {"version": "3", "parallel_read_safe": True, "parallel_write_safe": True}

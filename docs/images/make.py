@@ -1,0 +1,23 @@
+"""Makes the curve of README and of the front page anew: python docs/images/make.py."""
+
+import json
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+HERE = Path(__file__).parent
+STUDY = HERE.parents[1] / "configs" / "shipped.yaml"
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        output = f"--set=output={json.dumps(folder + '/results')}"
+        command = [sys.executable, "-m", "archfrag.cli", "run", str(STUDY), output]
+        subprocess.run(command, check=True)
+        shutil.copyfile(next(Path(folder).rglob("curve-*.svg")), HERE / "curve.svg")
+
+
+if __name__ == "__main__":
+    main()

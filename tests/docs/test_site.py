@@ -1,0 +1,94 @@
+"""The site is built as a reader gets it: no warning, no dead link, no request to anywhere."""
+
+import os
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urldefrag, urlparse
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+LOADED = {
+    "script": "src", "link": "href", "img": "src", "iframe": "src", "source": "src",
+    "video": "src", "object": "data", "embed": "src", "use": "href", "image": "href",
+}  # fmt: skip
+
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("site")]
+
+
+class Page(HTMLParser):
+    """Anchors, links and what is loaded of one page."""
+
+    def __init__(self, path):
+        super().__init__()
+        self.anchors, self.links, self.loaded, self.tags = {""}, [], [], set()
+        self.feed(path.read_text("utf-8"))
+
+    def handle_starttag(self, tag, attributes):
+        found = dict(attributes)
+        self.tags.add(tag)
+        self.anchors |= {found[key] for key in ("id", "name") if found.get(key)}
+        if tag == "a" and found.get("href"):
+            self.links.append(found["href"])
+        value = found.get(LOADED.get(tag, ""))
+        if value and not (tag == "link" and found.get("rel") in ("canonical", "alternate")):
+            self.loaded.append(value)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    out = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "sphinx", "-E", "-q", "-W", "--keep-going", "-n"]
+    done = subprocess.run(
+        [*command, "-d", str(out / "trees"), str(ROOT / "docs"), str(out / "html")],
+        capture_output=True, text=True, cwd=out, env={**os.environ, "NO_COLOR": "1"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-6000:]
+    return out / "html"
+
+
+@pytest.fixture(scope="module")
+def pages(site):
+    return {path.relative_to(site).as_posix(): Page(path) for path in site.rglob("*.html")
+            if "_static" not in path.parts}  # fmt: skip
+
+
+def test_pages_are_there(pages):
+    wanted = {"index", "tutorial", "limits", "study_file", "changelog", "howto/index",
+              "howto/records", "howto/drawing", "method/index", "validation",
+              "reference/python", "reference/command_line", "made/tutorial-report"}  # fmt: skip
+    assert {f"{name}.html" for name in wanted} <= set(pages)
+
+
+def test_every_link_between_pages_leads_to_its_place(site, pages):
+    broken = []
+    for name, page in pages.items():
+        for link in page.links:
+            target, anchor = urldefrag(link)
+            if urlparse(link).scheme or link.startswith("//"):
+                continue
+            path = (site / name).parent / unquote(target) if target else site / name
+            place = os.path.relpath(path, site)
+            known = pages[place].anchors if place in pages else {"", unquote(anchor)}
+            if not path.exists() or unquote(anchor) not in known:
+                broken.append(f"{name}: {link}")
+    assert broken == []
+
+
+def test_nothing_is_loaded_from_a_network(site, pages):
+    asked = [f"{name}: {value}" for name, page in pages.items() for value in page.loaded
+             if urlparse(value).scheme not in ("", "data") or value.startswith("//")]  # fmt: skip
+    for path in site.rglob("*.css"):
+        text = path.read_text("utf-8").replace("'", "").replace('"', "")
+        asked += [f"{path.name}: {mark}" for mark in ("url(http", "url(//", "@import")
+                  if mark in text]  # fmt: skip
+    assert asked == []
+
+
+def test_formulas_are_mathml_and_keys_are_tables(pages, site):
+    assert "math" in pages["method/index.html"].tags
+    keys = (site / "study_file.html").read_text("utf-8")
+    assert "study-circular" in pages["study_file.html"].anchors
+    assert all(word in keys for word in ("embrace", "loss_limit", "records_per_event"))
