@@ -105,7 +105,7 @@ class TestParts:
         run = 5
         assert cases[["arch", "record", "place"]][run].tolist() == (0, 1, 2)
         response = af.simulate(
-            done.study.arches[0].build(), load_record(done.study, done.plan.records[1]),
+            done.study.arches[0].build(), load_record(done.study.work, done.plan.records[1]),
             scale=factors[run], method="time_stepping", dt=2e-3, follow=2.0,
         )  # fmt: skip
         store = Store(done.plan.parts)
