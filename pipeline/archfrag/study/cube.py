@@ -172,7 +172,7 @@ def _write(cube: Any, study: Study, plan: Plan, results: Gathered) -> None:
     _create(cube, column, (_RUN[0], _RUN[2]), "arch level")
     column = Column(
         "model_time", "f8", "s", "simulated time in each model",
-        comment="The models add up to end_time: from rest through mega-voussoirs to all voussoirs.",
+        comment="They add up to end_time: from rest through mega-voussoirs to all voussoirs.",
     )  # fmt: skip
     _create(cube, column, (*_RUN, "model"), f"{_LABELS} model")
     for arch in range(len(found)):
