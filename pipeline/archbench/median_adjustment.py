@@ -1,7 +1,7 @@
 """Makes the table that brings the median Sa of synthetic motions to two ground-motion models.
 
 ``python -m archbench.median_adjustment`` writes ``adjustment.csv`` beside
-``archfrag.motions.synthetic``; some minutes on two cores.
+``archfrag.motions.synthetic``; minutes on two cores.
 """
 
 from concurrent.futures import ProcessPoolExecutor

@@ -9,7 +9,6 @@ from archbench.measures import (
     joint_faces,
     largest_jump,
     late_energy_gain,
-    overlap,
     overlap_depth,
     overlaps,
 )
@@ -98,22 +97,6 @@ class TestOverlapDepth:
                 found = overlaps(arch, shift, angles)[0]
                 assert found[joint] == pytest.approx(depth, rel=1e-9, abs=1e-14)
                 assert np.delete(found, [joint, 7]).max() < 1e-14
-
-
-class TestOverlap:
-    @pytest.mark.parametrize("angle", [0.05, 0.2])
-    def test_a_block_on_its_corner_overlaps_nothing(self, angle):
-        assert overlap(BLOCK, rocked(angle)[None, None], np.array([[-angle]])) < 1e-12
-
-    def test_a_block_sunk_by_a_tenth_of_its_width_does(self):
-        sunk = np.array([[[0.0, -0.02]]])
-        assert overlap(BLOCK, sunk, np.zeros((1, 1))) == pytest.approx(0.1)
-
-    def test_rotated_about_its_centre_it_does(self):
-        angle = 0.1
-        depth = 0.1 * np.sin(angle) - 0.5 * (1.0 - np.cos(angle))
-        found = overlap(BLOCK, np.zeros((1, 1, 2)), np.array([[angle]]))
-        assert found == pytest.approx(depth / 0.2, rel=0.02)
 
 
 class TestEnergyGain:
