@@ -127,11 +127,6 @@ def inputs(names=("ring",), n_record=6, n_level=9, voussoirs=7, **changes):
         "arches": [(name, arch, onset) for name in names],
         "answers": answers_of(changes.get("cube", data)),
         "timings": {name: [0.05] * (n_record * n_level) for name in names},
-        "provenance": {
-            "archfrag": "0.1.0",
-            "commit": "0123abcd",
-            "config": {"levels": [0.1, 0.2], "measure": "PGA"},
-        },
     }
     return ReportInputs(**(values | changes))
 
