@@ -303,7 +303,7 @@ class TestTerms:
 
 
 class TestScatter:
-    """The rows of tests/benchmarks/run_scatter.py, with fewer seeds."""
+    """The rows of records/README.md, with fewer seeds."""
 
     def test_scatter_is_the_published_total(self):
         # Mean total of four models at M 6.5 and PERIODS; 0.1, and 0.06 for 300 seeds.
