@@ -6,6 +6,7 @@ network, neither while it is built nor when it is read.
 
 import logging
 import os
+import shutil
 import sys
 from pathlib import Path
 
@@ -30,7 +31,7 @@ extensions = [
     "mathml",
     "study_keys",
 ]
-exclude_patterns = ["build", "**/results/**", "**/data/**"]
+exclude_patterns = ["build", "**/results/**", "**/data/**", "howto/study"]
 
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
@@ -39,7 +40,6 @@ nb_execution_mode = "force"
 nb_execution_show_tb = True  # with -W a cell that fails is an error
 nb_execution_timeout = 600  # of one cell, on a loaded machine with kernels to compile
 nb_execution_in_temp = True
-nb_merge_streams = True
 nb_output_stderr = "remove"  # progress
 
 autodoc_typehints = "none"
@@ -51,6 +51,7 @@ html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_math_renderer = "mathml"
 html_show_sphinx = False
+html_show_copyright = False
 html_copy_source = False
 html_theme_options = {"navigation_with_keys": False}
 html_baseurl = ""
@@ -62,5 +63,7 @@ logging.getLogger("sphinx.sphinx.directives.other").addFilter(
 
 
 def setup(app):
-    """Cells put files that pages link into the built site."""
-    os.environ["ARCHFRAG_SITE"] = str(app.outdir)
+    """Cells put files that pages link into the built site; one study serves several pages."""
+    study = Path(app.doctreedir) / "finished-study"
+    shutil.rmtree(study, ignore_errors=True)
+    os.environ.update(ARCHFRAG_SITE=str(app.outdir), ARCHFRAG_FINISHED=str(study))

@@ -10,19 +10,31 @@ import tempfile
 from docutils import nodes
 from sphinx.application import Sphinx
 
-MAGIC = "%%bash -e\n"
+MAGICS = {"%%bash -e": "bash", "%%writefile": "yaml"}
 FOLDER = re.compile(re.escape(tempfile.gettempdir()) + r"/[^\s/'\"]+/(?=\S)")
 
 
+def join_streams(outputs: nodes.Element) -> None:
+    """What a command writes reaches the page in pieces, cut anywhere: one block again."""
+    pieces = [one for one in outputs.children if "stream" in one.get("classes", [])]
+    for one in pieces[1:]:
+        pieces[0].children = [nodes.Text(pieces[0].astext() + one.astext())]
+        outputs.remove(one)
+
+
 def show_plainly(app: Sphinx, doctree: nodes.document) -> None:
+    for outputs in doctree.findall(nodes.container):
+        if "cell_output" in outputs["classes"]:
+            join_streams(outputs)
     for literal in doctree.findall(nodes.literal_block):
-        text = literal.astext()
-        plain = FOLDER.sub("", text.removeprefix(MAGIC))
-        if text.startswith(MAGIC):
-            literal["language"] = "bash"
-        if plain != text:
-            literal.children = [nodes.Text(plain)]
-            literal.rawsource = plain
+        text = FOLDER.sub("", literal.astext())
+        for magic, language in MAGICS.items():
+            if text.startswith(magic):
+                text = text.split("\n", 1)[1]
+                literal["language"] = language
+        if text != literal.astext():
+            literal.children = [nodes.Text(text)]
+        literal.rawsource = text  # or else what it was is highlighted no more
 
 
 def plain_help(app: Sphinx, context: object, lines: list[str]) -> None:

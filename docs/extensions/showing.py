@@ -42,7 +42,7 @@ def from_report(report: Path | str, caption: str) -> HTML:
 
 def finished_study() -> None:
     """Copy the study ring.yaml with its results here; the first page that asks has it run."""
-    folder = Path(os.environ["ARCHFRAG_SITE"] + "-study")
+    folder = Path(os.environ["ARCHFRAG_FINISHED"])
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)

@@ -206,24 +206,6 @@ def fragility_chart(curves: pd.DataFrame) -> Figure:
     return figure
 
 
-def dispersion_chart(dispersion: pd.DataFrame) -> Figure:
-    """What beta squared is made of, by setting."""
-    figure = new_figure(0.9 + 0.24 * len(dispersion))
-    axes = figure.subplots()
-    labels = [f"{style_of(m).label} {v:g}" for m, v in
-              zip(dispersion["method"], dispersion["value"], strict=True)]  # fmt: skip
-    start = np.zeros(len(dispersion))
-    for name, colour in (("record", "#56B4E9"), ("level", PALE), ("numerical", "#D55E00")):
-        width = 100.0 * dispersion[name].to_numpy()
-        axes.barh(range(len(labels)), width, left=start, color=colour, height=0.6, label=name)
-        start += width
-    axes.set_yticks(range(len(labels)), labels)
-    axes.invert_yaxis()
-    axes.set_xlabel("fraction of beta² (%)")
-    figure.legend(loc="outside upper left", ncols=3)
-    return figure
-
-
 def growth_chart(runs: pd.DataFrame, exponents: pd.DataFrame) -> Figure:
     """CPU seconds for a second of motion against the number of voussoirs."""
     figure = new_figure(3.4)

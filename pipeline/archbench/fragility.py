@@ -20,10 +20,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from archbench.dispersion import parts_of
 from archbench.runner import Bench
 from archbench.scene import Scene, load_scene
-from archbench.settings import COLUMNS, Setting
+from archbench.settings import Setting
 from archbench.solve import solve, solve_many, with_motion
 from archfrag.errors import ArchfragError, FitError
 from archfrag.fragility.fit import fit_stripes
@@ -113,7 +112,7 @@ def predicted_seconds(setting: Setting, folder: Path, real: bool, quick: bool) -
 def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     """Make the studies."""
     left_out: list[tuple[str, str, float, str]] = []
-    tables: dict[str, list[pd.DataFrame]] = {"studies": [], "curves": [], "dispersion": []}
+    tables: dict[str, list[pd.DataFrame]] = {"studies": [], "curves": []}
     for study, folder in (("shipped", bench.records), ("real", bench.real)):
         if folder is None:
             continue
@@ -159,7 +158,7 @@ Studies = Mapping[tuple[str, str, float, int], tuple[Setting, dict[str, Any]]]
 
 
 def tables_of(studies: Studies, levels: Array) -> dict[str, pd.DataFrame]:
-    """Tables `studies`, `curves` and `dispersion`."""
+    """Tables `studies` and `curves`."""
     groups: dict[tuple[str, str, float], list[tuple[Setting, dict[str, Any]]]] = {}
     for (role, method, value, _), entry in studies.items():
         groups.setdefault((role, method, value), []).append(entry)
@@ -172,7 +171,7 @@ def tables_of(studies: Studies, levels: Array) -> dict[str, pd.DataFrame]:
     ]  # fmt: skip
     known = known_to([curve_of(levels, *each) for each in pooled.values()], alone)
     sampling = _sampling(levels, collapsed, stood)
-    rows, curves, dispersion = [], [], []
+    rows, curves = [], []
     for (role, _, _), group in groups.items():
         found = np.array([curve_of(levels, *_counts([entry])) for entry in group])
         setting = group[0][0]
@@ -181,11 +180,6 @@ def tables_of(studies: Studies, levels: Array) -> dict[str, pd.DataFrame]:
             rows.append({**each[0].columns, "role": role, "repeat": k, "theta": theta,
                          "beta": found[k, 1], "seconds": seconds[k]})  # fmt: skip
         counts = _counts(group)
-        if np.isfinite(found).all():
-            theta, beta = curve_of(levels, *counts)
-            parts = parts_of((np.log(levels) - theta) / beta, *counts)
-            dispersion.append({**setting.columns, "role": role, "repeats": len(group),
-                               "beta": beta, **parts._asdict()})  # fmt: skip
         if role == "setting":
             away = (found - centre) / (1.0, centre[1])
             row: dict[str, Any] = {
@@ -204,7 +198,6 @@ def tables_of(studies: Studies, levels: Array) -> dict[str, pd.DataFrame]:
     return {
         "studies": pd.DataFrame(rows),
         "curves": pd.DataFrame(curves),
-        "dispersion": pd.DataFrame(dispersion, columns=None if dispersion else [*COLUMNS]),
     }
 
 

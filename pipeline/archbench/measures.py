@@ -1,4 +1,9 @@
-"""Measures outside every method: of a motion, whoever computed it, by the laws alone."""
+"""Measures outside every method: of a motion, whoever computed it, by the laws alone.
+
+Arrays in all of them: time (n_time,) [s]; displacement and velocity (n_time, n_voussoir, 2) [m],
+[m/s]; rotation and angular_velocity (n_time, n_voussoir) [rad], [rad/s]. Energies are over the
+largest kinetic energy of the run, overlaps and jumps over the joint's length.
+"""
 
 from __future__ import annotations
 
@@ -18,19 +23,7 @@ LASTING = 4
 
 
 def joint_faces(arch: Arch, displacement: Array, rotation: Array) -> tuple[Array, Array]:
-    """Corners of the faces before and after every joint.
-
-    Parameters
-    ----------
-    arch : Arch
-    displacement : ndarray, (n_time, n_voussoir, 2) [m]
-    rotation : ndarray, (n_time, n_voussoir) [rad]
-
-    Returns
-    -------
-    before, after : ndarray, (n_time, n_joint, 2, 2)
-        Corner (intrados, extrados), xy in the ground frame [m].
-    """
+    """Corners of the faces before and after every joint."""
     chain = arch.chain
     cos, sin = np.cos(rotation), np.sin(rotation)
     matrix = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
@@ -55,16 +48,6 @@ def overlap_depth(before: Array, after: Array) -> Array:
     or the same with faces exchanged where that is less: a vertex that has sunk into a face, and
     the edge of a wedge where one body is rotated into the other about a corner. At most the width
     in which the faces face each other, across which the bodies may part as well.
-
-    Parameters
-    ----------
-    before, after : ndarray, (..., 2, 2)
-        Corner, xy of the two faces, as from `joint_faces` [m].
-
-    Returns
-    -------
-    ndarray, (...) [m]
-        Zero where there is none.
 
     Examples
     --------
@@ -95,28 +78,12 @@ def overlap_depth(before: Array, after: Array) -> Array:
 
 
 def overlaps(arch: Arch, displacement: Array, rotation: Array) -> Array:
-    """`overlap_depth` of all joints over the shorter of their faces, (n_time, n_joint) [1].
-
-    Parameters
-    ----------
-    arch, displacement, rotation
-        As of `joint_faces`.
-    """
+    """`overlap_depth` of all joints over the shorter of their faces, (n_time, n_joint) [1]."""
     return overlap_depth(*joint_faces(arch, displacement, rotation)) / _lengths(arch)
 
 
 def overlap(arch: Arch, displacement: Array, rotation: Array) -> float:
-    """Deepest overlap of neighbours at any joint and instant, over the joint's length [1].
-
-    Examples
-    --------
-    >>> import numpy as np, archfrag as af
-    >>> from archbench.measures import overlap
-    >>> block = af.Block(0.2, 1.0, friction=0.8)
-    >>> sunk = np.array([[[0.0, -0.001]]])
-    >>> round(overlap(block, sunk, np.zeros((1, 1))), 6)
-    0.005
-    """
+    """Deepest overlap of neighbours at any joint and instant, over the joint's length [1]."""
     return float(overlaps(arch, displacement, rotation).max(initial=0.0))
 
 
@@ -139,18 +106,6 @@ def largest_jump(
     A body that moves by a law is displaced by the interval times a velocity between the two, an
     impact in the interval included; what is beyond that was moved by the method. Rotations count
     at the face corner that is farthest from the centroid.
-
-    Parameters
-    ----------
-    arch : Arch
-    time : ndarray, (n_time,) [s]
-    displacement, velocity : ndarray, (n_time, n_voussoir, 2) [m], [m/s]
-    rotation, angular_velocity : ndarray, (n_time, n_voussoir) [rad], [rad/s]
-
-    Returns
-    -------
-    float
-        Over the shortest joint [1].
     """
     chain = arch.chain
     arm = np.linalg.norm(chain.face_after[: arch.n_voussoir], axis=2).max(axis=1)
@@ -177,19 +132,6 @@ def late_energy_gain(
     """Largest rise of kinetic and potential energy once the ground is still.
 
     As `energy_gain`, without the ground's work, which frames could make inexact.
-
-    Parameters
-    ----------
-    arch : Arch
-    end : float
-        From when on the ground is still [s].
-    time, displacement, velocity, angular_velocity : ndarray
-        As of `energy_gain`.
-
-    Returns
-    -------
-    float
-        Over the largest kinetic energy of the run [1]; 0 if nothing moved.
     """
     kinetic = _kinetic(arch.chain, velocity, angular_velocity)
     potential = arch.chain.gravity * displacement[:, :, 1] @ arch.chain.mass
@@ -209,20 +151,6 @@ def energy_gain(
     The work of the ground is taken from the motion itself: the sum over voussoirs of minus mass
     times ground acceleration, integrated over the displacement between frames. Contacts can only
     take energy, so that what rises was made by the method.
-
-    Parameters
-    ----------
-    arch : Arch
-    motion : Motion
-        The ground's, at the scale that was run.
-    time : ndarray, (n_time,) [s]
-    displacement, velocity : ndarray, (n_time, n_voussoir, 2) [m], [m/s]
-    angular_velocity : ndarray, (n_time, n_voussoir) [rad/s]
-
-    Returns
-    -------
-    float
-        Over the largest kinetic energy [1]; 0 if nothing moved.
     """
     chain = arch.chain
     kinetic = _kinetic(chain, velocity, angular_velocity)
@@ -240,19 +168,6 @@ def path_energy_gain(
     step). An interval with an impact in it has too little kinetic energy, one with a jump of the
     ground's acceleration a little too much: dips and peaks of less than `LASTING` intervals do
     not count.
-
-    Parameters
-    ----------
-    arch : Arch
-    motion : Motion
-    time : ndarray, (n_time,) [s]
-    displacement : ndarray, (n_time, n_voussoir, 2) [m]
-    rotation : ndarray, (n_time, n_voussoir) [rad]
-
-    Returns
-    -------
-    float
-        Over the largest kinetic energy [1].
     """
     distinct = np.append(True, np.diff(time) > 1e-9)
     time, displacement, rotation = time[distinct], displacement[distinct], rotation[distinct]
@@ -307,13 +222,3 @@ def _largest_rise(surplus: Array, kinetic: Array) -> float:
         return 0.0
     rise = surplus - np.minimum.accumulate(surplus)
     return float(rise.max(initial=0.0)) / largest
-
-
-def drift(displacement: Array) -> float:
-    """Largest displacement of a chain that ought to be at rest [m].
-
-    Parameters
-    ----------
-    displacement : ndarray, (n_time, n_voussoir, 2) [m]
-    """
-    return float(np.max(np.hypot(displacement[..., 0], displacement[..., 1]), initial=0.0))

@@ -41,8 +41,6 @@ def figures_of(part: str, tables: dict[str, pd.DataFrame]) -> Iterator[tuple[str
     if part == "fragility":
         for study, curves in tables["curves"].groupby("study", sort=False):
             yield f"fragility_{study}", charts.fragility_chart(curves)
-        for study, parts in tables["dispersion"].groupby("study", sort=False):
-            yield f"dispersion_{study}", charts.dispersion_chart(parts)
     elif part == "speed":
         yield "speed_overview", charts.overview_chart(tables["points"])
         for quantity in QUANTITIES:

@@ -94,7 +94,7 @@ class Bench:
         folder = make_folder(self.output)
         for name, table in tables.items():
             with replacing(folder / f"{part}_{name}.csv") as temporary:
-                table.to_csv(temporary, index=False, float_format="%.6g")
+                table.to_csv(temporary, index=False, float_format="%.5g")
         about = {
             "quick": self.quick, "solvers": list(self.solvers), "workers": self.workers,
             "versions": versions(), "commit": commit(), "machine": machine(),

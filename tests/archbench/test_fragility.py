@@ -1,41 +1,18 @@
-"""Curves of studies beside a reference, what their dispersion is made of, and the page."""
+"""Curves of studies beside a reference, and the page."""
+
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.stats import multivariate_normal
 
 from archbench import page
-from archbench.dispersion import both_below, parts_of
 from archbench.fragility import REFERENCES, run_study, scenes_of, tables_of
 from archbench.runner import Bench
 from archbench.settings import Setting
 
 LEVELS = np.linspace(0.2, 3.0, 15)
-ROOT = __import__("pathlib").Path(__file__).parents[2]
-
-
-@pytest.mark.parametrize("correlation", [-0.5, 0.0, 0.3, 0.9, 0.999])
-@pytest.mark.parametrize("bound", [(0.0, 0.0), (-1.5, 0.4), (2.0, 1.9)])
-def test_chance_of_both_is_that_of_the_bivariate_normal(bound, correlation):
-    expected = multivariate_normal([0.0, 0.0], [[1.0, correlation], [correlation, 1.0]])
-    found = both_below(np.array([bound[0]]), np.array([bound[1]]), correlation)
-    assert found[0] == pytest.approx(expected.cdf(bound), abs=1e-6)
-
-
-@pytest.mark.parametrize("parts", [(0.02, 0.08, 0.9), (0.2, 0.3, 0.5), (0.0, 0.2, 0.8)])
-def test_parts_of_the_dispersion_are_found_again(parts):
-    rng, repeats = np.random.default_rng(3), 6
-    latent = sum(
-        rng.normal(size=shape) * np.sqrt(part)
-        for part, shape in zip(parts, ((400, 15, repeats), (400, 15, 1), (400, 1, 1)), strict=True)
-    )
-    bound = np.log(LEVELS / 1.4) / 0.5
-    collapsed = np.sum(bound[None, :, None] > latent, axis=2).astype(float)
-    found = parts_of(bound, collapsed, repeats - collapsed)
-    assert tuple(found) == pytest.approx(parts, abs=0.04)
-    if parts[0] == 0.0:
-        assert found.numerical == 0.0
+ROOT = Path(__file__).parents[2]
 
 
 def made_up(factors, n_record=24, repeats=8, scatter=0.0):

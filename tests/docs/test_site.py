@@ -40,7 +40,7 @@ class Page(HTMLParser):
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     out = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-m", "sphinx", "-E", "-q", "-W", "--keep-going", "-n"]
+    command = [sys.executable, "-m", "sphinx", "-j", "2", "-E", "-q", "-W", "--keep-going", "-n"]
     done = subprocess.run(
         [*command, "-d", str(out / "trees"), str(ROOT / "docs"), str(out / "html")],
         capture_output=True, text=True, cwd=out, env={**os.environ, "NO_COLOR": "1"},

@@ -26,27 +26,16 @@ def study(generator, shared=True, n_record=RECORDS):
 class TestCapacities:
     """Mean of squares over 400 studies: standard error of each beta about 1 %."""
 
-    @pytest.mark.parametrize("shared", [True, False])
-    def test_known_parts_come_back(self, shared):
+    def test_known_parts_come_back(self):
         generator = np.random.default_rng(1)
-        found = [
-            split_capacities(np.exp(study(generator, shared)), same_records=shared)
-            for _ in range(STUDIES)
-        ]
+        found = [split_capacities(np.exp(study(generator))) for _ in range(STUDIES)]
         record = np.array([parts.beta_record_to_record for parts in found])
         model = np.array([parts.beta_model for parts in found])
-        within = np.hypot(RECORD, INTERACTION) if shared else RECORD
+        within = np.hypot(RECORD, INTERACTION)
         assert np.sqrt(np.mean(record**2)) == pytest.approx(within, rel=0.03)
         assert np.sqrt(np.mean(model**2)) == pytest.approx(MODEL, rel=0.05)
         errors = np.nanmean([parts.standard_errors for parts in found], axis=0)
         assert errors == pytest.approx([record.std(), model.std()], rel=0.2)
-
-    def test_taking_shared_records_for_own_hides_the_model(self):
-        """The mean of an arch has the scatter of the records: removing it twice is wrong."""
-        generator = np.random.default_rng(2)
-        studies = [np.exp(study(generator)) for _ in range(STUDIES)]
-        wrong = [split_capacities(c, same_records=False).beta_model ** 2 for c in studies]
-        assert np.sqrt(np.mean(wrong)) < 0.97 * MODEL
 
     def test_law_of_total_variance(self):
         """Of a population, the parts sum to the variance of all its values."""
@@ -61,14 +50,6 @@ class TestCapacities:
         square = before.beta_record_to_record**2 - 0.04
         assert less.beta_record_to_record**2 == pytest.approx(square)
         assert (less.beta_model, less.beta_numerical) == (before.beta_model, 0.2)
-
-    def test_unequal_numbers_of_records(self):
-        generator, squares = np.random.default_rng(6), []
-        for _ in range(STUDIES):
-            logs = study(generator, False, 60)
-            logs[2:, 3:] = np.nan
-            squares.append(split_capacities(np.exp(logs), same_records=False).beta_model ** 2)
-        assert np.sqrt(np.mean(squares)) == pytest.approx(MODEL, rel=0.08)
 
     def test_a_negative_part_is_zero_and_reported(self):
         logs = np.random.default_rng(7).normal(size=(1, 30)) * np.ones((5, 1))

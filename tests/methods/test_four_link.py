@@ -221,7 +221,7 @@ class TestReferenceValues:
         assert found == pytest.approx(duration, rel=2e-3)
 
     def test_verdict_is_wrong_by_a_factor_of_two_on_the_unsafe_side(self):
-        # All voussoirs collapse from 0.6805 g (tests/physics, tests/benchmarks).
+        # All voussoirs collapse from 0.6805 g (tests/physics).
         found = least(
             lambda a: four_link(oppenheim(), there_and_back(a)).collapsed, 0.6805, 2.0, 1e-3
         )

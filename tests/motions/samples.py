@@ -85,7 +85,8 @@ def dmg_v2(channels=None, bearings=("90 DEG", "UP", "0 DEG"), dt=0.02, peak=None
         stated = acceleration[np.abs(acceleration).argmax()] if peak is None else peak
         count = len(values)
         lines += [
-            f"CORRECTED ACCELEROGRAM   99999-S0001-83123.01       CHAN  {number}:  {bearing}   FROM",
+            f"CORRECTED ACCELEROGRAM   99999-S0001-83123.01       CHAN  {number}:  {bearing}  "
+            " FROM",
             "UNCORRECTED ACCELEROGRAM DATA              PROCESSED:  6/06/83, CDMG MADE-UP",
             "MADE-UP EARTHQUAKE",
             "MAY 2, 1983 16:42 PDT                   (ORIGIN(BRK): 05/02/83, 23:42:38.5 UTC)",

@@ -1,7 +1,5 @@
 """Plain text in columns, read as keys state."""
 
-import re
-
 import numpy as np
 import pytest
 
@@ -40,7 +38,8 @@ class TestLayouts:
         motion = read_motion(write(tmp_path, text), "g", columns=TIMED)
         assert motion.dt == 0.01
         assert np.allclose(motion.acceleration, SAMPLES * G, rtol=1e-6, atol=1e-9)
-        assert motion.metadata["format"] == "COLUMNS"
+        rounded = write(tmp_path, rows(dt=1 / 128, form="{:.3f} {:.6f}"))
+        assert read_motion(rounded, "g", columns=TIMED).dt == pytest.approx(1 / 128, rel=2e-4)
         assert "Columns acceleration=2 time=1." in motion.log
 
     @pytest.mark.parametrize("width", [1, 5, 8, 400])
@@ -74,70 +73,37 @@ class TestLayouts:
         assert np.array_equal(motion.vertical, -motion.acceleration)
 
 
-class TestTimes:
-    def test_that_are_rounded(self, tmp_path):
-        text = rows(dt=1 / 128, form="{:.3f} {:.6f}")
-        motion = read_motion(write(tmp_path, text), "g", columns=TIMED)
-        assert motion.dt == pytest.approx(1 / 128, rel=2e-4)
-
-    @pytest.mark.parametrize(
-        ("times", "line"),
-        [
-            (np.delete(np.arange(401) * 0.01, 100), 101),
-            (np.delete(np.arange(401) * 0.01, 1), 2),
-            (np.arange(400) * 0.01 + 0.01 * (np.arange(400) > 398), 400),
-            (np.arange(400) * 0.01 * (1.0 + 1e-3 * np.arange(400)), None),
-        ],
-        ids=["a hole", "at the beginning", "at the end", "growing steps"],
-    )
-    def test_that_are_uneven(self, tmp_path, times, line):
-        path = write(tmp_path, rows(times=times))
-        with pytest.raises(RecordError, match="times in column 1 are not evenly spaced;") as found:
-            read_motion(path, "g", columns=TIMED)
-        named = re.match(re.escape(str(path)) + r", line (\d+): ", str(found.value))
-        assert named
-        assert line in (None, int(named.group(1)))
-
-    @pytest.mark.parametrize("step", [0.0, -0.01])
-    def test_that_do_not_rise(self, tmp_path, step):
-        times = np.arange(400) * 0.01
-        times[200] = times[199] + step
-        path = write(tmp_path, "# head\n" + rows(times=times))
-        reason = r"line 202: time [\d.]+ s in column 1 does not come after 1\.99 s$"
-        with pytest.raises(RecordError, match=reason):
-            read_motion(path, "g", columns=TIMED)
-
-    @pytest.mark.parametrize("columns", [Columns(dt=0.01), Columns(acceleration=1, dt=0.01)])
-    def test_that_would_be_taken_for_accelerations(self, tmp_path, columns):
-        with pytest.raises(RecordError, match="what would be accelerations rises evenly, as tim"):
-            read_motion(write(tmp_path, rows()), "cm/s2", columns=columns)
+EVEN = np.arange(401) * 0.01
+BACK = np.where(np.arange(400) == 200, 1.99, EVEN[:400])
+BAD = [
+    (rows(times=np.delete(EVEN, 100)), TIMED, ["line 101", "column 1", "not evenly spaced"]),
+    (rows(times=np.delete(EVEN, 1)), TIMED, ["line 2", "not evenly spaced"]),
+    (rows(times=EVEN[:400] * (1.0 + EVEN[:400])), TIMED, ["not evenly spaced"]),
+    ("# head\n" + rows(times=BACK), TIMED, ["line 202", "column 1", "after 1.99 s"]),
+    (rows(), Columns(dt=0.01), ["rises evenly"]),
+    (rows(), Columns(acceleration=1, dt=0.01), ["rises evenly"]),
+    (rows().replace("0.050000\t", "0.050000 \n"), TIMED, ["line 6", "1 column(s)", "column 2"]),
+    (rows().replace("0.000000\n", "nan\n", 1), TIMED, ["line 1", "'nan'", "finite"]),
+    (rows() + "4.00 1e999\n", TIMED, ["line 401", "'1e999'", "finite"]),
+    (rows() + "4.00 1_0\n", TIMED, ["line 401", "'1_0'"]),
+    (rows() + "4.0", TIMED, ["line 401", "1 column(s)"]),
+    (rows(form="{:.2f};{:.6f}").replace(".", ","), TIMED, ["line 1", "decimal point"]),
+    ("0.0 1.0\n", TIMED, ["1 sample(s)"]),
+    ("# only a comment\n", TIMED, ["0 sample(s)"]),
+    ("\x00\x01\x02\n" * 9, TIMED, ["line 1", "1 column(s)"]),
+]
 
 
-BAD = {
-    "short row": (rows().replace("0.050000\t", "0.050000 \n"), r"line 6: has 1 column\(s\), colu"),
-    "nan": (rows().replace("0.000000\n", "nan\n", 1), r"line 1: 'nan' is not a finite number$"),
-    "infinite": (rows() + "4.00 1e999\n", r"line 401: '1e999' is not a finite number$"),
-    "underscore": (rows() + "4.00 1_0\n", r"line 401: '1_0' is not a number$"),
-    "stars": (rows() + "4.00 ******\n", r"line 401: '\*{6}' is not a number$"),
-    "cut": (rows() + "4.0", r"line 401: has 1 column\(s\), column 2 is asked for; lines of text"),
-    "commas": (
-        rows(form="{:.2f};{:.6f}").replace(".", ","),
-        r"line 1: numbers with commas and no",
-    ),
-    "one row": ("0.0 1.0\n", r"holds 1 sample\(s\); 2 or more are needed$"),
-    "nothing": ("# only a comment\n", r"holds 0 sample\(s\); 2 or more are needed$"),
-    "binary": ("\x00\x01\x02\n" * 9, r"line 1: has 1 column\(s\)"),
-}
-
-
-@pytest.mark.parametrize("case", BAD)
-def test_bad_text_is_refused_in_one_line(tmp_path, case):
-    text, reason = BAD[case]
+@pytest.mark.parametrize(("text", "columns", "parts"), BAD)
+def test_bad_text_is_refused_in_one_line(tmp_path, text, columns, parts):
     path = write(tmp_path, text)
-    with pytest.raises(RecordError, match=reason) as caught:
-        read_motion(path, "g", columns=TIMED)
-    assert str(caught.value).startswith(str(path))
-    assert "\n" not in str(caught.value)
+    with pytest.raises(RecordError) as caught:
+        read_motion(path, "g", columns=columns)
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert "\n" not in message
+    for part in parts:
+        assert part in message
 
 
 def test_limits_of_size(tmp_path, monkeypatch):

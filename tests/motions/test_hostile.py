@@ -281,7 +281,7 @@ def test_no_process_is_left_behind(tmp_path, number):
 
 @pytest.mark.slow
 def test_spoiled_files_of_every_text_format():
-    count, root = 400, Path(__file__).parents[2]
+    count, root = 250, Path(__file__).parents[2]
     command = [sys.executable, "-m", "tests.motions.fuzz", "20260000", str(count)]
     done = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=300)
     last = done.stderr.splitlines()[-1:]

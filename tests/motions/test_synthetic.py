@@ -303,7 +303,7 @@ class TestTerms:
 
 
 class TestScatter:
-    """The rows of tests/benchmarks/run_scatter.py, with fewer seeds."""
+    """The rows of records/README.md, with fewer seeds."""
 
     def test_scatter_is_the_published_total(self):
         # Mean total of four models at M 6.5 and PERIODS; 0.1, and 0.06 for 300 seeds.
@@ -322,7 +322,7 @@ class TestScatter:
         assert np.exp((varied - plain).mean(axis=0) - sample) == pytest.approx(1.0, abs=0.07)
 
     def test_scaled_to_pga_velocities_still_vary(self):
-        plan = Plan(60, 2, [5.5, 7.5], [10.0, 100.0], True, True)
+        plan = Plan(60, 2, [5.5, 6.0, 6.5, 7.0, 7.5], [10.0, 30.0, 100.0])
         motions = [recipe.make() for recipe in plan_motions(plan)]
         assert np.std([np.log(pgv(m) / pga(m)) for m in motions], ddof=1) > 0.45
 

@@ -35,10 +35,12 @@ class Arch:
     """Rigid voussoirs in a row between two rigid springings, or on one.
 
     Made by one of the class methods: `circular`, `segmental`, `pointed`, `elliptic`, `catenary`
-    for ready-made profiles, `from_joints` for any other.
+    for ready-made profiles, `from_joints` for any other. All raise `GeometryError`, in a message
+    that names the parameter, its value and what is allowed, for anything of which no ring can be
+    built. What they have in common is listed here.
 
-    Arguments that they have in common
-    -------------------------
+    Other Parameters
+    ----------------
     thickness : float
         Of the ring, measured along its joints [m].
     voussoirs : int
@@ -59,9 +61,6 @@ class Arch:
         Weight on the back of all voussoirs or of each [N]: a point mass fixed to the middle of
         the voussoir's extrados. It has weight and inertia, so that equilibrium depends only on
         the direction of the body force.
-
-    All raise `GeometryError`, in a message that names the parameter, its value and what is
-    allowed, for anything of which no ring can be built.
 
     Attributes
     ----------

@@ -6,14 +6,14 @@ leaving it out would bias the line. Two remedies: the verdicts alone (`cloud_bin
 and verdict together by total probability (`cloud_modified`).
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import expit, ndtr
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.curve import Band, BoolArray, FloatArray, log_intensity, positive, tails
+from archfrag.fragility.curve import BoolArray, FloatArray, log_intensity, positive
 from archfrag.fragility.lines import Lines, binomial_lines
 from archfrag.fragility.runs import Resampling, event_groups
 
@@ -27,7 +27,7 @@ _RESPONSE_LINE = ("response_intercept", "response_slope", "response_deviation", 
 
 @dataclass(frozen=True)
 class CloudCurve:
-    """A fragility curve from a cloud, with the draws of its bootstrap.
+    """A fragility curve from a cloud, with intervals from the bootstrap of records.
 
     `theta` and `beta` are the equivalents of a lognormal curve: the 50 % point, and
     ln(84 % point / 16 % point) / 2.
@@ -42,28 +42,15 @@ class CloudCurve:
     beta_interval: tuple[float, float]
     n_runs: int
     n_collapsed: int
-    n_degenerate: int  #: resamples that determine no curve; left out of band and intervals
-    confidence: float  #: two-sided, of band and intervals
+    n_degenerate: int  #: resamples that determine no curve; left out of the intervals
+    confidence: float  #: two-sided, of the intervals
     notes: tuple[str, ...]  #: what a reader must know of this fit
-    _draws: FloatArray = field(repr=False, compare=False)
 
     def probability(self, im: ArrayLike) -> FloatArray:
         """Probability at intensities >= 0 of any shape."""
         x = log_intensity(im)
         own = np.array([list(self.parameters.values())])
         return _curves(own, x.reshape(1, -1))[0].reshape(x.shape)
-
-    def band(self, im: ArrayLike) -> Band:
-        """Pointwise band at intensities >= 0 from the bootstrap of records (percentile method).
-
-        Measured with probit lines on 200 simulated clouds (beta 0.4, standard error 2 %), a
-        nominal 90 % held the curve between p = 0.1 and 0.9 in 80 to 90 % with 100 runs and in 86
-        to 89 % with 300.
-        """
-        x = log_intensity(im)
-        curves = _curves(self._draws, x.reshape(1, -1))
-        lower, upper = np.quantile(curves, tails(self.confidence), axis=0).reshape(2, *x.shape)
-        return Band(lower, upper, self.confidence, self.n_degenerate)
 
 
 def cloud_binary(
@@ -140,8 +127,8 @@ def cloud_modified(
     P(exceeded | im) = P(response > limit | im, no collapse) (1 - P(collapse | im))
     + P(collapse | im): five parameters, of the line of ln response on ln im over the runs that
     did not collapse (its deviation with n - 2) and of the logistic line of collapse (Jalayer,
-    Ebrahimian, Miano, Manfredi and Sezen 2017, EESD 46(15), 2639-2663). The band is from the
-    bootstrap of records instead of their Bayesian sampling.
+    Ebrahimian, Miano, Manfredi and Sezen 2017, EESD 46(15), 2639-2663). The intervals are from
+    the bootstrap of records instead of their Bayesian sampling.
 
     Parameters
     ----------
@@ -263,7 +250,6 @@ def _curve(
         n_degenerate=int(np.count_nonzero(lost[1:])),
         confidence=resampling.confidence,
         notes=notes,
-        _draws=kept,
     )
 
 

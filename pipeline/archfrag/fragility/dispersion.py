@@ -31,7 +31,7 @@ class Dispersion:
     beta_numerical: float  #: what a run's time step and tolerances bring, as given
     standard_errors: tuple[float, float]  #: of both, for normal ln capacities; nan where 0
     n_arch: int
-    n_record: float  #: records of each arch, the mean number if they differ
+    n_record: float  #: records of each arch
     notes: tuple[str, ...] = ()
 
     def combined(self) -> float:
@@ -55,22 +55,18 @@ def combine(*betas: float) -> float:
     return float(np.sqrt(sum(beta * beta for beta in betas)))
 
 
-def split_capacities(
-    capacity: ArrayLike, *, same_records: bool = True, numerical: float = 0.0
-) -> Dispersion:
+def split_capacities(capacity: ArrayLike, *, numerical: float = 0.0) -> Dispersion:
     """Divide the dispersion of capacities of sampled arches under records.
 
-    Analysis of variance by moments (Searle, Casella and McCulloch 1992, *Variance Components*,
-    chapters 3 and 4): with two factors if all arches meet the same records, for then the means of
-    the arches all have the scatter of the records; with one if each arch has its own records.
+    Analysis of variance by moments with two factors, since all arches meet the same records and
+    their means all have the scatter of the records (Searle, Casella and McCulloch 1992, *Variance
+    Components*, chapters 3 and 4). For arches with records of their own see `split_curves`.
 
     Parameters
     ----------
     capacity : array_like, (n_arch, n_record)
-        Capacity of each arch under each record, any unit, > 0; nan where not known. With
-        `same_records`, columns are records, and records not known for all arches are left out.
-    same_records : bool
-        Whether column i is the same motion for all arches.
+        Capacity of each arch under each record, any unit, > 0; nan where not known. Records not
+        known for all arches are left out.
     numerical : float
         Standard deviation of ln capacity of one run due to the numerical method, which is taken
         out of the record-to-record part.
@@ -92,22 +88,26 @@ def split_capacities(
     logs = np.log(positive(capacity, "capacities", unknown=True))
     if logs.ndim != 2 or logs.size == 0:
         raise InputError(f"capacities have shape {logs.shape}; (n_arch, n_record) is needed")
-    notes = []
-    if same_records:
-        known = ~np.isnan(logs).any(axis=0)
-        if not known.all():
-            notes.append(f"{np.count_nonzero(~known)} records without all capacities are left out")
-        logs = logs[:, known]
-    else:
-        logs = logs[np.count_nonzero(~np.isnan(logs), axis=1) >= 2]
+    notes, known = [], ~np.isnan(logs).any(axis=0)
+    if not known.all():
+        notes.append(f"{np.count_nonzero(~known)} records without all capacities are left out")
+    logs = logs[:, known]
     if len(logs) < 2 or logs.shape[1] < 2:
         raise FitError(
             f"{len(logs)} arches with {logs.shape[1]} records of known capacity remain; two of "
             "each are needed to separate modelling from records"
         )
-    *squares, n_record = _two_factors(logs) if same_records else _one_factor(logs)
-    theta = float(np.exp(np.nanmean(np.nanmean(logs, axis=1))))
-    return _dispersion(theta, squares, (len(logs), n_record), notes, numerical)
+    (a, r), overall = logs.shape, logs.mean()
+    arch, record = logs.mean(axis=1), logs.mean(axis=0)
+    of_arch, of_record = r * float(arch.var(ddof=1)), a * float(record.var(ddof=1))
+    residual = logs - arch[:, None] - record + overall
+    interaction = float((residual**2).sum()) / ((a - 1) * (r - 1))
+    # var(ln C | arch) is that of the records and of the interaction together.
+    within = (of_record + (a - 1) * interaction) / a
+    within_variance = 2.0 * (of_record**2 / (r - 1) + (a - 1) * interaction**2 / (r - 1)) / a**2
+    model_variance = 2.0 * (of_arch**2 / (a - 1) + interaction**2 / ((a - 1) * (r - 1))) / r**2
+    squares = [within, (of_arch - interaction) / r, within_variance, model_variance]
+    return _dispersion(float(np.exp(overall)), squares, (a, float(r)), notes, numerical)
 
 
 def split_curves(
@@ -175,36 +175,6 @@ def split_curves(
     squares = [within, observed - sampling, *variances]
     sizes = n_arch, float(n_record)
     return _dispersion(float(np.exp(logs.mean())), squares, sizes, [], numerical)
-
-
-def _two_factors(logs: FloatArray) -> tuple[float, ...]:
-    """Variances within and between arches that meet the same records, and their variances."""
-    a, r = logs.shape
-    arch, record, overall = logs.mean(axis=1), logs.mean(axis=0), logs.mean()
-    of_arch = r * float(arch.var(ddof=1))
-    of_record = a * float(record.var(ddof=1))
-    residual = logs - arch[:, None] - record + overall
-    interaction = float((residual**2).sum()) / ((a - 1) * (r - 1))
-    # var(ln C | arch) is that of the records and of the interaction together.
-    within = (of_record + (a - 1) * interaction) / a
-    within_variance = 2.0 * (of_record**2 / (r - 1) + (a - 1) * interaction**2 / (r - 1)) / a**2
-    model_variance = 2.0 * (of_arch**2 / (a - 1) + interaction**2 / ((a - 1) * (r - 1))) / r**2
-    return within, (of_arch - interaction) / r, within_variance, model_variance, float(r)
-
-
-def _one_factor(logs: FloatArray) -> tuple[float, ...]:
-    """The same for arches with records of their own, whose number may differ."""
-    known = ~np.isnan(logs)
-    count = np.count_nonzero(known, axis=1).astype(float)
-    a, total = len(logs), count.sum()
-    mean = np.nansum(logs, axis=1) / count
-    overall = np.nansum(logs) / total
-    within = float(np.nansum((logs - mean[:, None]) ** 2) / (total - a))
-    between = float(np.sum(count * (mean - overall) ** 2) / (a - 1))
-    size = float((total - np.sum(count**2) / total) / (a - 1))
-    within_variance = 2.0 * within**2 / (total - a)
-    model_variance = (2.0 * between**2 / (a - 1) + within_variance) / size**2
-    return within, (between - within) / size, within_variance, model_variance, float(total / a)
 
 
 def _dispersion(

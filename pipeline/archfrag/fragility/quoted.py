@@ -1,6 +1,6 @@
 """Which band a report quotes, chosen for each design by its coverage.
 
-The table is in tests/benchmarks/RESULTS.md, section "Coverage of the bands".
+The table is docs/evidence/data/coverage.csv.
 """
 
 from dataclasses import dataclass

@@ -10,15 +10,14 @@ import time
 import urllib.error
 import urllib.request
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from http.client import HTTPException
 from typing import Any, NamedTuple
 
-from obspy import Inventory, UTCDateTime, read_events, read_inventory
+from obspy import read_events, read_inventory
 from obspy.clients.fdsn import Client
 from obspy.clients.fdsn.header import URL_MAPPINGS
-from obspy.core.event import Event as Quake
+from obspy.core.event import Event
 
 from archfrag.errors import InputError
 
@@ -46,34 +45,8 @@ class Refusal(Exception):
         self.passing = kind in ("timeout", "service")
 
 
-class Event(NamedTuple):
-    """An earthquake: origin and magnitudes, each None where the service has none."""
-
-    id: str
-    name: str
-    time: UTCDateTime
-    latitude: float
-    longitude: float
-    depth_km: float | None
-    magnitude: float | None
-    magnitude_type: str
-    moment_magnitude: float | None
-    quakeml: bytes
-
-
-class Channels(NamedTuple):
-    """Codes of the channels asked for, ``--`` for no location, and a span of time."""
-
-    network: str
-    station: str
-    location: str
-    channel: str
-    starttime: UTCDateTime
-    endtime: UTCDateTime
-
-
-class Service:
-    """One data centre, by a name that obspy knows or an address; every request may be refused."""
+class Service(Client):
+    """A data centre, by a name that obspy knows or an address: obspy's client within limits."""
 
     def __init__(self, name: str, limits: Limits) -> None:
         addressed = name.lower().startswith(("http://", "https://"))
@@ -82,65 +55,53 @@ class Service:
                 f"{name!r} is no data service that is known; allowed are an address "
                 f"(https://...) and {', '.join(sorted(URL_MAPPINGS))}"
             )
-        self.name = name
+        self.label, self._limits = name, limits
         try:
-            self._client = _BoundedClient(name, limits)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # on names that change
+                super().__init__(name, timeout=limits.seconds, _discover_services=False)
         except ValueError:
             raise InputError(f"{name!r} is not the address of a data service") from None
-
-    def event(self, id: str) -> Event:
-        """The event of an identifier."""
-        body = io.BytesIO()
-        self._client.get_events(eventid=id, filename=body)
-        what = f"{self.name}: the answer for event {id}"
-        with _parsing(body, what, "QuakeML"):
-            quakes = list(read_events(body, format="QUAKEML"))
-            if not quakes:
-                raise Refusal("no data", f"{self.name}: holds no event {id}")
-            if not quakes[0].origins:
-                raise Refusal("unusable", f"{what} has no origin")
-            return _event(id, quakes[0], body.getvalue())
-
-    def stations(
-        self, channel: str, around: Event, radius: float, start: UTCDateTime, end: UTCDateTime
-    ) -> Inventory:
-        """Stations with such channels within a radius [degrees], without responses."""
-        body = io.BytesIO()
-        self._client.get_stations(
-            channel=channel, latitude=around.latitude, longitude=around.longitude,
-            maxradius=radius, starttime=start, endtime=end, level="channel", filename=body,
-        )  # fmt: skip
-        with _parsing(body, f"{self.name}: the list of stations", "StationXML"):
-            return read_inventory(body, format="STATIONXML")
-
-    def responses(self, wanted: Channels) -> bytes:
-        """StationXML with the responses of channels."""
-        body = io.BytesIO()
-        self._client.get_stations(**wanted._asdict(), level="response", filename=body)
-        place = f"{self.name}: the responses of {wanted.network}.{wanted.station}"
-        with _parsing(body, place, "StationXML"):
-            read_inventory(body, format="STATIONXML")
-        return body.getvalue()
-
-    def waveforms(self, wanted: Channels) -> bytes:
-        """MiniSEED as the service holds it; nothing of it is interpreted."""
-        body = io.BytesIO()
-        self._client.get_waveforms(**wanted._asdict(), filename=body)
-        return body.getvalue()
-
-
-class _BoundedClient(Client):
-    """obspy's client, with every transfer by `_answer`."""
-
-    def __init__(self, address: str, limits: Limits) -> None:
-        self._limits = limits
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # on names that change
-            super().__init__(address, timeout=limits.seconds, _discover_services=False)
 
     def _download(self, url: str, *_: Any, **__: Any) -> io.BytesIO:
         request = urllib.request.Request(url, headers=self.request_headers)
         return io.BytesIO(_answer(self._url_opener.open, request, self._limits))
+
+    def event(self, id: str) -> tuple[bytes, Event]:
+        """QuakeML of an identifier, and its event."""
+        what = f"the answer for event {id}"
+        content, quakes = self._parsed("get_events", what, "QuakeML", eventid=id)
+        if not quakes:
+            raise Refusal("no data", f"{self.label}: holds no event {id}")
+        if not quakes[0].origins:
+            raise Refusal("unusable", f"{self.label}: {what} has no origin")
+        return content, quakes[0]
+
+    def stations(self, what: str, **query: Any) -> tuple[bytes, Any]:
+        """StationXML of what is asked for, and its inventory."""
+        return self._parsed("get_stations", what, "StationXML", **query)
+
+    def waveforms(self, **query: Any) -> bytes:
+        """MiniSEED as the service holds it; nothing of it is interpreted."""
+        body = io.BytesIO()
+        self.get_waveforms(filename=body, **query)
+        return body.getvalue()
+
+    def _parsed(self, method: str, what: str, language: str, **query: Any) -> tuple[bytes, Any]:
+        """An answer; what is not of that language or declares entities is refused."""
+        body = io.BytesIO()
+        getattr(self, method)(filename=body, **query)
+        text = body.getvalue()
+        if b"<!DOCTYPE" in text or b"\0" in text[:64]:
+            raise Refusal("unusable", f"{self.label}: {what} is not plain {language}")
+        body.seek(0)
+        read = read_events if language == "QuakeML" else read_inventory
+        try:
+            return text, read(body, format=language.upper())
+        except Exception as error:
+            reason = [*str(error).strip().splitlines(), type(error).__name__][0]
+            place = f"{self.label}: {what}"
+            raise Refusal("unusable", f"{place} is not {language} ({reason})") from None
 
 
 def _answer(
@@ -207,39 +168,3 @@ def _refused(place: str, error: urllib.error.HTTPError) -> Refusal:
     elif code == 429 or code >= 500:
         kind, reason = "service", f"the service answers with error {code}{detail}"
     return Refusal(kind, f"{place}: {reason}")
-
-
-@contextmanager
-def _parsing(body: io.BytesIO, what: str, language: str) -> Iterator[None]:
-    """Refuse what is not of that language, and what declares entities, which neither uses."""
-    text = body.getvalue()
-    if b"<!DOCTYPE" in text or b"\0" in text[:64]:
-        raise Refusal("unusable", f"{what} is not plain {language}")
-    body.seek(0)
-    try:
-        yield
-    except Refusal:
-        raise
-    except Exception as error:
-        reason = [*str(error).strip().splitlines(), type(error).__name__][0]
-        raise Refusal("unusable", f"{what} is not {language} ({reason})") from None
-
-
-def _event(id: str, quake: Quake, quakeml: bytes) -> Event:
-    origin = quake.preferred_origin() or quake.origins[0]
-    preferred = quake.preferred_magnitude() or next(iter(quake.magnitudes), None)
-    magnitudes = [each for each in (preferred, *quake.magnitudes) if each is not None]
-    moments = [m.mag for m in magnitudes if (m.magnitude_type or "").lower().startswith("mw")]
-    names = [text.text for text in quake.event_descriptions if text.text]
-    return Event(
-        id=id,
-        name=names[0] if names else "",
-        time=UTCDateTime(origin.time),
-        latitude=float(origin.latitude),
-        longitude=float(origin.longitude),
-        depth_km=None if origin.depth is None else float(origin.depth) / 1000.0,
-        magnitude=preferred.mag if preferred else None,
-        magnitude_type=(preferred.magnitude_type or "") if preferred else "",
-        moment_magnitude=moments[0] if moments else None,
-        quakeml=quakeml,
-    )

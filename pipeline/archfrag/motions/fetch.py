@@ -10,19 +10,20 @@ import hashlib
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from obspy import Inventory
+from obspy.core.event import Event, Origin
 from obspy.core.inventory import Station
 from obspy.geodetics import gps2dist_azimuth, kilometers2degrees
 
 from archfrag.errors import InputError, RecordError
 from archfrag.files import cannot_write, make_folder, replacing
-from archfrag.motions.fdsn import Channels, Event, Limits, Refusal, Service
+from archfrag.motions.fdsn import Limits, Refusal, Service
 from archfrag.motions.index import index_table, write_index
 from archfrag.motions.read import read_motions
 
@@ -101,13 +102,17 @@ class Fetched:
 
 
 class _Site(NamedTuple):
+    name: str
     network: str
     station: Station
     epicentral_km: float
 
-    @property
-    def name(self) -> str:
-        return f"{self.network}.{self.station.code}"
+
+class _Quake(NamedTuple):
+    id: str
+    origin: Origin
+    window: tuple[Any, Any]
+    facts: dict[str, Any]
 
 
 def fetch_records(
@@ -165,17 +170,18 @@ class _Fetching:
 
     def _event(self, id: str) -> None:
         try:
-            event = self.catalogue.event(id)
-            sites = self._sites(event)
+            content, event = self.catalogue.event(id)
+            quake = self._quake(id, event)
+            sites = self._sites(quake)
         except Refusal as refusal:
             raise Refusal(refusal.kind, f"event {id}: {refusal}") from None
         place = make_folder(self.folder / folder_name(id))
         with replacing(place / "event.xml") as part:
-            part.write_bytes(event.quakeml)
+            part.write_bytes(content)
         failures = 0
         for number, site in enumerate(sites):
             try:
-                self._station(event, site, place)
+                self._station(quake, site, place)
                 failures = 0
             except Refusal as refusal:
                 self._refuse(refusal)
@@ -183,7 +189,7 @@ class _Fetching:
             if failures == MOST_FAILURES and number + 1 < len(sites):
                 raise Refusal(
                     "service",
-                    f"{self.archive.name}: {failures} requests in a row failed; "
+                    f"{self.archive.label}: {failures} requests in a row failed; "
                     f"{len(sites) - number - 1} stations of event {id} were not asked for",
                 )
 
@@ -191,69 +197,93 @@ class _Fetching:
         self.result.refused.append(refusal)
         self.report(str(refusal))
 
-    def _window(self, event: Event) -> tuple[Any, Any]:
-        return event.time - self.request.before, event.time + self.request.after
+    def _quake(self, id: str, event: Event) -> _Quake:
+        """Origin, window and columns of the index of an event."""
+        origin = event.preferred_origin() or event.origins[0]
+        preferred = event.preferred_magnitude() or next(iter(event.magnitudes), None)
+        magnitudes = [each for each in (preferred, *event.magnitudes) if each is not None]
+        moments = [m.mag for m in magnitudes if (m.magnitude_type or "").lower().startswith("mw")]
+        facts = {
+            "event": id, "Mw": moments[0] if moments else None,
+            "event_name": next((d.text for d in event.event_descriptions if d.text), ""),
+            "origin_time": str(origin.time), "event_latitude": float(origin.latitude),
+            "event_longitude": float(origin.longitude),
+            "depth_km": None if origin.depth is None else float(origin.depth) / 1000.0,
+            "magnitude": preferred.mag if preferred else None,
+            "magnitude_type": (preferred.magnitude_type or "") if preferred else "",
+            "window_s": f"-{self.request.before:g} {self.request.after:g}",
+        }  # fmt: skip
+        window = origin.time - self.request.before, origin.time + self.request.after
+        return _Quake(id, origin, window, facts)
 
-    def _sites(self, event: Event) -> list[_Site]:
+    def _sites(self, quake: _Quake) -> list[_Site]:
         """Stations within the radius, the nearest first."""
         patterns = ",".join(f"{kind[:2]}?" for kind in self.request.channels)
-        # Degrees of a sphere; the distance on the ellipsoid decides.
-        radius = kilometers2degrees(1.01 * self.request.radius)
-        found = self.archive.stations(patterns, event, radius, *self._window(event))
-        sites = sorted(_located(found, event), key=lambda site: (site.epicentral_km, site.name))
+        inventory = self.archive.stations(
+            "the list of stations", channel=patterns, level="channel",
+            latitude=quake.origin.latitude, longitude=quake.origin.longitude,
+            # Degrees of a sphere; the distance on the ellipsoid decides.
+            maxradius=kilometers2degrees(1.01 * self.request.radius),
+            starttime=quake.window[0], endtime=quake.window[1],
+        )[1]  # fmt: skip
+        sites = _located(inventory, quake.origin)
         near = [site for site in sites if site.epicentral_km <= self.request.radius]
         if not near:
-            raise Refusal(
-                "no data",
-                f"{self.archive.name} has no station with {patterns} within "
-                f"{self.request.radius:g} km",
-            )
+            reach = f"{patterns} within {self.request.radius:g} km"
+            raise Refusal("no data", f"{self.archive.label} has no station with {reach}")
         return near[: self.request.most]
 
-    def _station(self, event: Event, site: _Site, place: Path) -> None:
-        label = f"{event.id} {site.name}"
+    def _station(self, quake: _Quake, site: _Site, place: Path) -> None:
+        label = f"{quake.id} {site.name}"
         if not (_CODE.fullmatch(site.network) and _CODE.fullmatch(site.station.code)):
             raise Refusal("unusable", f"{label!r}: the codes of this station cannot name a file")
-        window = f"-{self.request.before:g} {self.request.after:g}"
+        same = {"event": quake.id, "station": site.name, "window_s": quake.facts["window_s"]}
         for row in self.rows.values():
-            stated = (row.get("event"), row.get("station"), row.get("window_s"))
-            if stated == (event.id, site.name, window) and self._complete(row):
+            if same.items() <= row.items() and self._complete(row):
                 self.result.kept.append(row["id"])
                 return
         try:
-            wanted, waveforms = self._waveforms(event, site)
-            responses = self.archive.responses(wanted)
+            wanted, waveforms = self._waveforms(quake, site)
+            what = f"the responses of {site.name}"
+            responses, _ = self.archive.stations(what, level="response", **wanted)
         except Refusal as refusal:
             raise Refusal(refusal.kind, f"{label}: {refusal}") from None
-        channel = f"{wanted.location.replace('--', '')}.{wanted.channel[:2]}"
+        channel = f"{wanted['location'].replace('--', '')}.{wanted['channel'][:2]}"
         name = f"{place.name}_{site.name}.{channel}"
-        facts = self._store(place, name, site, waveforms, responses)
-        row = _row(name, event, site, window) | facts
-        row["terms"] = f"those of network {site.network}, fetched from {self.archive.name}"
-        self.rows[name] = row
+        stored = self._store(place, name, site, waveforms, responses)
+        depth, epicentral = quake.facts["depth_km"], site.epicentral_km
+        self.rows[name] = quake.facts | stored | {
+            "id": name, "unit": "", "distance_kind": "hypocentral", "station": site.name,
+            "distance_km": None if depth is None else round(float(np.hypot(epicentral, depth)), 3),
+            "epicentral_km": round(epicentral, 3),
+            "station_latitude": float(site.station.latitude),
+            "station_longitude": float(site.station.longitude),
+            "terms": f"those of network {site.network}, fetched from {self.archive.label}",
+        }  # fmt: skip
         write_index(self.folder, [self.rows[id] for id in sorted(self.rows)])
         self.result.new.append(name)
-        self.report(
-            f"{label}: {facts['channels']}, {site.epicentral_km:.1f} km from the epicentre"
-        )
+        self.report(f"{label}: {stored['channels']}, {epicentral:.1f} km from the epicentre")
 
     def _complete(self, row: dict[str, Any]) -> bool:
         path = self.folder / row["file"]
-        inventory = path.with_name(f"{row['station']}.xml")
         with contextlib.suppress(OSError):
-            return inventory.is_file() and _sha256(path.read_bytes()) == row["sha256"]
+            there = path.with_name(f"{row['station']}.xml").is_file()
+            return there and _sha256(path.read_bytes()) == row["sha256"]
         return False
 
-    def _waveforms(self, event: Event, site: _Site) -> tuple[Channels, bytes]:
-        """Of the first kind and place of instrument that has any."""
-        span, nothing = self._window(event), Refusal("no data", "no channel of these kinds")
+    def _waveforms(self, quake: _Quake, site: _Site) -> tuple[dict[str, Any], bytes]:
+        """Of the first kind and place of instrument that has any, with what was asked for."""
+        nothing = Refusal("no data", "no channel of these kinds")
         for kind in self.request.channels:
             places = {c.location_code for c in site.station if c.code.startswith(kind[:2])}
             for location in sorted(places):
-                codes = (site.network, site.station.code, location or "--", f"{kind[:2]}?")
-                wanted = Channels(*codes, *span)
+                wanted = {
+                    "network": site.network, "station": site.station.code,
+                    "location": location or "--", "channel": f"{kind[:2]}?",
+                    "starttime": quake.window[0], "endtime": quake.window[1],
+                }  # fmt: skip
                 try:
-                    return wanted, self.archive.waveforms(wanted)
+                    return wanted, self.archive.waveforms(**wanted)
                 except Refusal as refusal:
                     if refusal.kind != "no data":
                         raise
@@ -278,12 +308,10 @@ class _Fetching:
         verticals = dict.fromkeys(m.metadata["vertical_component"] for m in motions)
         codes = [*(motion.metadata["component"] for motion in motions), *verticals]
         return {
-            "file": f"{place.name}/{name}.mseed",
-            "sha256": _sha256(waveforms),
-            "dt_s": motions[0].dt,
-            "channels": " ".join(filter(None, codes)),
+            "file": f"{place.name}/{name}.mseed", "sha256": _sha256(waveforms),
+            "dt_s": motions[0].dt, "channels": " ".join(filter(None, codes)),
             "start_time": motions[0].metadata.get("start_time", ""),
-        }
+        }  # fmt: skip
 
 
 def folder_name(id: str) -> str:
@@ -292,34 +320,19 @@ def folder_name(id: str) -> str:
     return plain if plain == id else f"{plain}-{_sha256(id.encode())[:6]}"
 
 
-def _located(inventory: Inventory, event: Event) -> Iterator[_Site]:
-    """Each station once, though its channels may be listed under several epochs."""
-    sites: dict[tuple[str, str], _Site] = {}
+def _located(inventory: Inventory, origin: Origin) -> list[_Site]:
+    """Each station once, though its channels may be listed under several epochs, nearest first."""
+    sites: dict[str, _Site] = {}
     for network in inventory:
         for station in network:
-            there = sites.get((network.code, station.code))
-            if there is not None:
-                there.station.channels.extend(station.channels)
+            name = f"{network.code}.{station.code}"
+            if name in sites:
+                sites[name].station.channels.extend(station.channels)
                 continue
-            place = (float(station.latitude), float(station.longitude))
-            metres = gps2dist_azimuth(event.latitude, event.longitude, *place)[0]
-            site = _Site(network.code, station, metres / 1000.0)
-            sites[network.code, station.code] = site
-    yield from sites.values()
-
-
-def _row(name: str, event: Event, site: _Site, window: str) -> dict[str, Any]:
-    depth, epicentral = event.depth_km, site.epicentral_km
-    return {
-        "id": name, "event": event.id, "Mw": event.moment_magnitude,
-        "distance_km": None if depth is None else round(float(np.hypot(epicentral, depth)), 3),
-        "unit": "", "distance_kind": "hypocentral", "epicentral_km": round(epicentral, 3),
-        "event_name": event.name, "origin_time": str(event.time),
-        "event_latitude": event.latitude, "event_longitude": event.longitude,
-        "depth_km": depth, "magnitude": event.magnitude, "magnitude_type": event.magnitude_type,
-        "station": site.name, "station_latitude": float(site.station.latitude),
-        "station_longitude": float(site.station.longitude), "window_s": window,
-    }  # fmt: skip
+            ends = (origin.latitude, origin.longitude, station.latitude, station.longitude)
+            metres = gps2dist_azimuth(*map(float, ends))[0]
+            sites[name] = _Site(name, network.code, station, metres / 1000.0)
+    return sorted(sites.values(), key=lambda site: (site.epicentral_km, site.name))
 
 
 def _sha256(content: bytes) -> str:

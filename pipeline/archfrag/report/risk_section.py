@@ -7,6 +7,7 @@ from archfrag.report import tables
 from archfrag.report.axes import digits
 from archfrag.report.risk_figures import deaggregation, hazard_and_fragility
 from archfrag.report.summary import Scale
+from archfrag.study.members import SHOWN
 from archfrag.study.risk import ArchRisk, StudyRisk
 from archfrag.study.risk_output import ASSUMPTIONS
 
@@ -14,15 +15,16 @@ from archfrag.study.risk_output import ASSUMPTIONS
 def risk_section(risk: StudyRisk | None, scale: Scale) -> dict[str, Any] | None:
     """Rates of collapse, their tables and figures, by the names of the page's template.
 
-    None without a risk.
+    Of many arches only the first have figures: each takes 0.3 MB. None without a risk.
     """
     if risk is None:
         return None
+    shown = SHOWN if len(risk.arches) <= SHOWN else 3
     arches = [
         {"name": name, "none": arch, "cautions": ()}
         if isinstance(arch, str)
         else _arch(arch, risk, scale)
-        for name, arch in risk.arches.items()
+        for name, arch in list(risk.arches.items())[:shown]
     ]
     return {
         "years": f"{risk.years:g}",

@@ -138,7 +138,7 @@ def _cosmos_channel(text: Text, place: int) -> tuple[Trace | None, int, str]:
                "announced": announced, "held": samples.size}  # fmt: skip
     if scale != 1.0:
         samples = samples * scale
-        record["log"] = ("Unit in/s2 turned into cm/s2.",)
+        record["log"] = ("Unit in/s2 converted into cm/s2.",)
     if unit == "counts":
         record |= facts.known(g_per_count=_g_per_count(head))
     # That of the samples [ms], or of the recorder [s] where the header leaves it open.
@@ -338,7 +338,7 @@ def _pairs(text: Text, place: int, first: int) -> _Data:
         return _Data(values[:0], 1.0, announced, held, unit, (), end)
     values[1::2] *= scale
     samples, step, done = on_even_steps(values, text.place(first))
-    log = tuple(filter(None, ("Unit g/10 turned into g." if scale != 1.0 else "", done)))
+    log = tuple(filter(None, ("Unit g/10 converted into g." if scale != 1.0 else "", done)))
     return _Data(samples, step, announced, held, unit, log, end)
 
 
