@@ -57,7 +57,7 @@ class TestResponse:
         assert response.history is None
         assert response.mechanism is None
         assert set(response.events) == {
-            "impacts", "openings", "slides", "contact_losses", "rests", "events", "hand_overs"
+            "impacts", "openings", "slides", "contact_losses", "rests", "events", "switches"
         }  # fmt: skip
         assert list(response.model_time) == [
             "rest", "four_hinges", "mega_voussoirs", "all_voussoirs"

@@ -1,6 +1,7 @@
 """The site is built as a reader gets it: no warning, no dead link, no request to anywhere."""
 
 import os
+import re
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -16,6 +17,14 @@ LOADED = {
 }  # fmt: skip
 
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("site")]
+
+
+def test_readme_is_one_page_whose_links_lead_somewhere():
+    text = (ROOT / "README.md").read_text("utf-8")
+    links = [link for link in re.findall(r"\]\(([^)#]+)", text) if "://" not in link]
+    assert len(links) > 8
+    assert [link for link in links if not (ROOT / link).exists()] == []
+    assert len(text.split()) < 480
 
 
 class Page(HTMLParser):

@@ -99,7 +99,7 @@ def cube(names=("ring",), items=None, n_level=9, n_joint=8, theta=4.0, beta=0.4,
             "steps": (dims, (moving * 1000).astype(np.int32)),
             "impacts": (dims, impacts.astype(np.int64)),
             "events": (dims, generator.integers(0, 400, shape, dtype=np.int64)),
-            "hand_overs": (dims, generator.integers(0, 4, shape, dtype=np.int64)),
+            "switches": (dims, generator.integers(0, 4, shape, dtype=np.int64)),
             "levels": (dims, (moving * 900).astype(np.int64)),
             "level_iterations": (dims, (moving * 30).astype(np.int64)),
             "general": (dims, generator.integers(0, 40, shape, dtype=np.int64)),
@@ -127,11 +127,6 @@ def inputs(names=("ring",), n_record=6, n_level=9, voussoirs=7, **changes):
         "arches": [(name, arch, onset) for name in names],
         "answers": answers_of(changes.get("cube", data)),
         "timings": {name: [0.05] * (n_record * n_level) for name in names},
-        "provenance": {
-            "archfrag": "0.1.0",
-            "commit": "0123abcd",
-            "config": {"levels": [0.1, 0.2], "measure": "PGA"},
-        },
     }
     return ReportInputs(**(values | changes))
 

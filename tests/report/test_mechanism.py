@@ -75,7 +75,7 @@ class TestWhatRan:
             f"{mega:,.1f} s ({100 * mega / total:.1f} %)"
         )
         assert rows["fraction of the time in motion on all voussoirs"] == "10.0 %"
-        assert rows["hand-overs to time stepping"].startswith(f"{data.hand_overs.sum():,} (")
+        assert rows["switches to time stepping"].startswith(f"{data.switches.sum():,} (")
         assert rows["contact problems left to the general solver"] == f"{data.general.sum():,}"
         again = data.level_iterations.sum()
         part = 100 * again / data.two_level.sum()

@@ -251,30 +251,19 @@ def test_disk_full_in_a_worker_is_reported_and_keeps_the_finished_parts(copied):
     assert str(caught.value).startswith(f"{blocked}: cannot be written (")
 
 
-def test_a_small_batch_needs_no_workers_and_gives_the_same_parts(copied, monkeypatch):
-    def refused(*given):
-        raise AssertionError("workers are started")
-
+@pytest.mark.parametrize("in_process", [None, 1e-9])
+def test_workers_are_started_only_if_a_batch_takes_longer(copied, monkeypatch, in_process):
     study = copied.study.model_copy(
         update={"execution": copied.study.execution.model_copy(update={"workers": None})}
     )
     before = {path.name for path in copied.plan.parts.glob("*.npy")}
     for path in copied.plan.parts.glob("*.npy"):
         path.unlink()
-    monkeypatch.setattr(batch_module, "_client", refused)
-    log = run_batch(study, workers=2, quiet=True)
-    assert (log.runs, log.kept, log.workers) == (12, 0, 1)
-    assert {path.name for path in copied.plan.parts.glob("*.npy")} == before
-
-
-def test_a_batch_that_takes_longer_goes_on_with_workers(copied, monkeypatch):
-    study = copied.study.model_copy(
-        update={"execution": copied.study.execution.model_copy(update={"workers": None})}
-    )
-    before = {path.name for path in copied.plan.parts.glob("*.npy")}
-    for path in copied.plan.parts.glob("*.npy"):
-        path.unlink()
-    monkeypatch.setattr(batch_module, "IN_PROCESS", 1e-9)
+    if in_process is None:
+        monkeypatch.setattr(batch_module, "_client", None)
+    else:
+        monkeypatch.setattr(batch_module, "IN_PROCESS", in_process)
     log = run_batch(study, workers=1, quiet=True)
-    assert (log.runs, len(log.peak_memory)) == (12, 2)
+    assert (log.runs, log.kept, log.workers) == (12, 0, 1)
+    assert len(log.peak_memory) == (1 if in_process is None else 2)
     assert {path.name for path in copied.plan.parts.glob("*.npy")} == before

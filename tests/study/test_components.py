@@ -31,7 +31,7 @@ def study_with(tmp_path, motions, text=TEXT):
 
 
 def stored(study):
-    return {record.id: load_record(study, record) for record in prepare_motions(study)}
+    return {record.id: load_record(study.work, record) for record in prepare_motions(study)}
 
 
 class TestVertical:
@@ -99,7 +99,7 @@ class TestProcessing:
         steps = "[{trim: {arias: [0.2, 0.8]}}, {resample: {dt: 0.005}}]"
         study = study_with(tmp_path, f"{FILES}\n  processing: {steps}", text)
         for record in prepare_motions(study):
-            motion = load_record(study, record)
+            motion = load_record(study.work, record)
             assert record.dt == motion.dt == pytest.approx(0.005)
             reached = [measure(motion.scaled(f), "Arias") for f in plan_factors(study, record)]
             np.testing.assert_allclose(reached, study.intensity.si, rtol=1e-9)

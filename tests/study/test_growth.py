@@ -110,7 +110,7 @@ def test_cube_of_each_design(tmp_path, here, design):
         place = {"arch": arch, "record": record, "level": level}
         factor = cube["scale_factor"].isel({k: place[k] for k in cube["scale_factor"].dims})
         response = af.simulate(
-            study.arches[arch].build(), load_record(study, records[record]),
+            study.arches[arch].build(), load_record(study.work, records[record]),
             scale=factor.item(), method="time_stepping", dt=2e-3, follow=2.0,
         )  # fmt: skip
         assert cube["peak_displacement"].isel(place).item() == response.peak_displacement

@@ -40,7 +40,7 @@ def test_factors_bring_the_record_to_each_level(tmp_path, name):
     text = TEXT.replace("measure: PGA", f'measure: "{name}"').replace("unit: g", f"unit: {unit}")
     study = load_study(small_study(tmp_path, text))
     for record in prepare_motions(study):
-        motion = load_record(study, record)
+        motion = load_record(study.work, record)
         reached = [measure(motion.scaled(f), name) for f in plan_factors(study, record)]
         np.testing.assert_allclose(reached, study.intensity.si, rtol=1e-9)
 
@@ -53,7 +53,7 @@ def test_prepared_records_are_found_again_with_their_origin(tmp_path):
     source = tmp_path / "records" / "wave1.AT2"
     assert prepared[1].source == "wave1.AT2"
     assert prepared[1].sha256 == sha256_of(source)
-    motion = load_record(study, prepared[1])
+    motion = load_record(study.work, prepared[1])
     assert motion.id == "wave1"
     assert motion.dt == 0.01
     assert motion.metadata["file_sha256"] == sha256_of(source)

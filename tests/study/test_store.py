@@ -105,7 +105,7 @@ class TestParts:
         run = 5
         assert cases[["arch", "record", "place"]][run].tolist() == (0, 1, 2)
         response = af.simulate(
-            done.study.arches[0].build(), load_record(done.study, done.plan.records[1]),
+            done.study.arches[0].build(), load_record(done.study.work, done.plan.records[1]),
             scale=factors[run], method="time_stepping", dt=2e-3, follow=2.0,
         )  # fmt: skip
         store = Store(done.plan.parts)
@@ -141,7 +141,7 @@ class TestParts:
     def test_a_part_of_other_columns_counts_as_missing(self, copied):
         path = next(copied.plan.parts.glob("*.npy"))
         table = read_part(path)
-        names = [name for name in table.dtype.names if name != "hand_overs"]
+        names = [name for name in table.dtype.names if name != "switches"]
         assert read_part(write_part(copied.plan.parts, table[names].copy())) is None
         assert read_part(write_part(copied.plan.parts, table["steps"].copy())) is None
 

@@ -42,7 +42,7 @@ class TestPrepared:
             seeds = Seeds(record.seed, record.event_seed, record.site_seed)
             made = make_motion(record.magnitude, record.distance, seeds)
             assert 10.0 <= record.distance <= 30.0
-            assert np.array_equal(load_record(study, record).acceleration, made.acceleration)
+            assert np.array_equal(load_record(study.work, record).acceleration, made.acceleration)
 
     def test_beside_files_and_selected(self, tmp_path):
         study = study_with(tmp_path, f"{FILES}\n  {MADE}\n  select: [e2-r1, wave1]")
@@ -65,7 +65,7 @@ class TestPrepared:
         wanted = MADE.replace("seed: 3", "seed: 3, vertical: true, pulses: 1.0, vs30: 600")
         study = study_with(tmp_path, wanted)
         record = prepare_motions(study)[0]
-        motion = load_record(study, record)
+        motion = load_record(study.work, record)
         assert motion.metadata["pulse_period_s"] > 0.0
         options = Options(vs30=600.0, vertical=True, pulse=True)
         seeds = Seeds(record.seed, record.event_seed, record.site_seed)
@@ -80,7 +80,7 @@ class TestPrepared:
         with pytest.raises(
             InputError, match=r"synthetic motion 'e1-r1': its samples are not those"
         ):
-            load_record(study, replace(record, recipe=json.dumps(recipe)))
+            load_record(study.work, replace(record, recipe=json.dumps(recipe)))
 
 
 def test_cube_holds_the_seeds_and_which_records_have_a_vertical(tmp_path):

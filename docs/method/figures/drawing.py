@@ -52,7 +52,7 @@ def shown(figure: Figure, words: str, caption: str) -> HTML:
     data = base64.b64encode(held.getvalue()).decode()
     return HTML(
         '<figure style="margin:1em 0"><div style="overflow-x:auto"><img style="width:100%;'
-        f'min-width:32rem;background:#fff" alt="{escape(words)}" '
+        f'min-width:27rem;background:#fff" alt="{escape(words)}" '
         f'src="data:image/svg+xml;base64,{data}"></div><figcaption>{caption}</figcaption></figure>'
     )
 

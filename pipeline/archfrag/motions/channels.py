@@ -21,7 +21,7 @@ from archfrag.motions.formats.waveform import (
     archive_kind,
     read_as,
     recognise,
-)
+)  # fmt: skip
 from archfrag.motions.index import IndexEntry, check_sha256, find_entry
 from archfrag.motions.isolated import Reader
 from archfrag.motions.partners import HORIZONTAL, VERTICAL
@@ -89,13 +89,9 @@ def read_channels(path: Path, options: Options) -> tuple[list[Channel], IndexEnt
     for trace in stream:
         channel = _channel(trace, path, options, entry, content.messages)
         faults = (*channel.faults, *unequal)
-        channels.append(
-            channel._replace(
-                accepted=accepted.get(trace.id, ()),
-                faults=faults,
-                log=(*channel.log, *(f"Fault: {fault}." for fault in faults)),
-            )
-        )
+        log = (*channel.log, *(f"Fault: {fault}." for fault in faults))
+        passed = accepted.get(trace.id, ())
+        channels.append(channel._replace(accepted=passed, faults=faults, log=log))
     return channels, entry
 
 

@@ -28,7 +28,7 @@ from archfrag.motions.integrals import (
     pgd,
     pgv,
     significant_duration,
-)
+)  # fmt: skip
 from archfrag.motions.motion import Motion
 from archfrag.motions.process import velocity
 from archfrag.motions.spectra import peaks_by_angle, response_spectrum, rotated_spectrum

@@ -15,7 +15,7 @@ from archfrag.motions.channels import (
     by_direction,
     read_channels,
     refuse_unclear,
-)
+)  # fmt: skip
 from archfrag.motions.formats.columns import Columns
 from archfrag.motions.formats.facts import known
 from archfrag.motions.formats.waveform import recognise

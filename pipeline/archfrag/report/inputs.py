@@ -46,7 +46,7 @@ def report_inputs(study: Study, beside: Path | None = None) -> ReportInputs:
     return ReportInputs(
         cube=cube,
         measure=study.intensity.measure,
-        motions=[load_record(study, record) for record in prepared],
+        motions=[load_record(study.work, record) for record in prepared],
         arches=[(name, arch, onset(arch)) for name, arch in arches],
         answers=answers,
         classes=load_answers(study.folder / FITS, "classes"),

@@ -1,4 +1,4 @@
-"""What ran: models of the ladder, events, hand-overs, general contact problems."""
+"""What ran: models of the ladder, events, switches, general contact problems."""
 
 import numpy as np
 
@@ -56,7 +56,7 @@ def table(results: ArchResults) -> Table:
     for label, counts in (
         ("events located", results.events),
         ("impacts", results.impacts),
-        ("hand-overs to time stepping", results.hand_overs),
+        ("switches to time stepping", results.switches),
     ):
         rate = f" ({counts.sum() / moving:.3g} in a second of motion)" if moving > 0.0 else ""
         rows[label] = f"{counts.sum():,}{rate}"
@@ -93,7 +93,7 @@ def _rates(sheet: Sheet, box: Box, results: ArchResults) -> None:
     for label, counts, colour, mark in (
         ("impacts", results.impacts, look.VERMILION, "dot"),
         ("events", results.events, look.BLUE, "square"),
-        ("hand-overs", results.hand_overs, look.ORANGE, "ring"),
+        ("switches", results.switches, look.ORANGE, "ring"),
         ("general", results.general, look.GREEN, "square"),
     ):
         rate = counts.sum(axis=0) / np.where(moving > 0.0, moving, np.nan)

@@ -1,20 +1,27 @@
-"""The ground motions: how they look, and their response spectra."""
+"""The ground motions: how they look, their response spectra, and their section of the page."""
 
 from collections.abc import Mapping, Sequence
 from html import escape
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from archfrag.arch import STANDARD_GRAVITY
+from archfrag.fragility.curve import Fragility
 from archfrag.report import picture as look
+from archfrag.report import tables
 from archfrag.report.axes import log_ticks
 from archfrag.report.picture import BELOW, BESIDE, FloatArray, Picture, number
 from archfrag.report.plot import Entry, Panel, Sheet, picture
+from archfrag.report.summary import Scale
+from archfrag.study.cautions import accepted_records
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from archfrag.motions.motion import Motion
+    from archfrag.report.page import ReportInputs
 
 Spectrum = tuple[FloatArray, FloatArray]
 
@@ -120,3 +127,49 @@ def envelope(motion: "Motion", bins: int = _BINS) -> tuple[FloatArray, FloatArra
 
 def _short(name: str) -> str:
     return name if len(name) <= 26 else name[:12] + "…" + name[-13:]
+
+
+def motion_section(inputs: "ReportInputs", cube: "xr.Dataset", scale: Scale) -> dict[str, Any]:
+    """Figures and table of the ground motions, by the names that the page's template uses."""
+    from archfrag.motions.measures import measure, spectral_acceleration
+
+    measures = {
+        motion.id: {name: measure(motion, name) for name in ("PGA", "PGV", "Arias", "D5_95")}
+        for motion in inputs.motions
+    }
+    responses = {
+        motion.id: (SHOWN, np.asarray(spectral_acceleration(motion, SHOWN, damping=0.05)))
+        for motion in inputs.motions
+    }
+    factors, words = _shown_factors(inputs, cube, scale)
+    return {
+        "thumbnails": thumbnails(inputs.motions),
+        "table": tables.motions(cube, inputs.motions, measures),
+        "accepted": accepted_records(cube),
+        "spectra": spectra(responses, factors, words),
+    }
+
+
+def _shown_factors(
+    inputs: "ReportInputs", cube: "xr.Dataset", scale: Scale
+) -> tuple[dict[str, float], str]:
+    """Factors that spectra are shown with, and in words what they do.
+
+    Those of the level closest to the median capacity, of the middle one where no arch has a
+    curve; those of the runs where each has a level of its own.
+    """
+    records = [str(name) for name in cube["record"].values]
+    factors = cube["scale_factor"]
+    if cube["intensity"].dims != ("level",):
+        own = factors.isel(arch=0, level=0) if "arch" in factors.dims else factors.isel(level=0)
+        made = {r: float(f) for r, f in zip(records, own.values, strict=True) if np.isfinite(f)}
+        return made, "scaled as in the runs"
+    intensity = cube["intensity"].values
+    fits = [answer.curve for answer in inputs.answers.values()]
+    medians = [fit.theta for fit in fits if isinstance(fit, Fragility)]
+    level = intensity.size // 2
+    if medians:
+        level = int(np.abs(np.log(intensity) - np.log(np.median(medians))).argmin())
+    chosen = factors.transpose("record", "level").values[:, level]
+    words = f"scaled to {scale.measure} = {scale.text(float(intensity[level]))}"
+    return dict(zip(records, chosen, strict=True)), words

@@ -1,8 +1,7 @@
 """The report of a study: one HTML file that needs nothing else, on a network or off it."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +14,7 @@ from archfrag.report.answer import MOST_ROWS, answer_table, classes, summary
 from archfrag.report.arch_section import arch_section, cautions_of
 from archfrag.report.class_section import class_section
 from archfrag.report.curve_figures import all_curves
-from archfrag.report.motion_section import motion_section
+from archfrag.report.motion_figures import motion_section
 from archfrag.report.picture import SVG_STYLE, Picture, standalone
 from archfrag.report.plot import hatch_definitions
 from archfrag.report.summary import Scale, arch_results, reading_scale
@@ -29,7 +28,6 @@ if TYPE_CHECKING:
     from archfrag.arch import Arch
     from archfrag.motions.motion import Motion
     from archfrag.report.beside import Beside
-    from archfrag.report.motion_figures import Spectrum
     from archfrag.simulate import Onset
     from archfrag.study.curves import Answer
 
@@ -40,59 +38,26 @@ _MOST_ANIMATED = 4
 
 @dataclass(frozen=True)
 class ReportInputs:
-    """Everything a report is written from.
+    """Everything a report is written from."""
 
-    Attributes
-    ----------
-    cube : xarray.Dataset or Path
-        The cube of the study, or the netCDF file that holds it.
-    measure : str
-        Name of the intensity measure of the cube's levels, e.g. "PGA".
-    motions : sequence of Motion
-        Unscaled, one for each record of the cube, with the record's name as `id`.
-    arches : sequence of (str, Arch, Onset)
-        Name in the cube, geometry and onset of each arch that has a section, in the order of the
-        page.
-    answers : mapping of str to Answer
-        For each arch of the cube, theta in the SI unit of its intensity.
-    classes : mapping of str to Answer
-        For each class of several arches.
-    cautions : sequence of str
-        What must be known before a curve is used; what concerns one arch begins with its name
-        and a colon.
-    spectra : mapping of record to (periods [s], Sa [m/s2]), optional
-        At 5 % damping, unscaled, all at the same periods; computed here where not given.
-    timings : mapping of arch to sequence of float, optional
-        Wall time of each run, or of groups of them [s].
-    provenance : mapping, optional
-        Text, numbers, lists or mappings of what made the results; the attributes of the cube
-        where not given.
-    title : str
-    confidence : float
-        Of all bands and intervals.
-    beside : Beside, optional
-        Another study with the same measure, to be compared in the arches that both have.
-    at : float, optional
-        Level at which the probability of collapse is wanted, in the unit of the study.
-    risk : mapping, optional
-        From `archfrag.report.risk_section.risk_section`.
-    """
-
-    cube: "xr.Dataset | Path"
-    measure: str
-    motions: "Sequence[Motion]"
+    cube: "xr.Dataset"  #: of the study
+    measure: str  #: name of the intensity measure of the cube's levels, e.g. "PGA"
+    motions: "Sequence[Motion]"  #: unscaled, one for each record of the cube, its name as `id`
+    #: Name in the cube, geometry and onset of each arch that has a section, in the page's order.
     arches: "Sequence[tuple[str, Arch, Onset]]"
-    answers: "Mapping[str, Answer]"
-    classes: "Mapping[str, Answer]" = field(default_factory=dict)
+    answers: "Mapping[str, Answer]"  #: of each arch of the cube, theta in the SI unit
+    classes: "Mapping[str, Answer]" = field(default_factory=dict)  #: of classes of several arches
+    #: What must be known before a curve is used; what concerns one arch begins with its name and a
+    #: colon.
     cautions: Sequence[str] = ()
-    spectra: "Mapping[str, Spectrum] | None" = None
+    #: Wall time of each run of an arch, or of groups of them [s].
     timings: Mapping[str, Sequence[float]] | None = None
-    provenance: Mapping[str, Any] = field(default_factory=dict)
     title: str = "Fragility of masonry arches"
-    confidence: float = 0.9
+    confidence: float = 0.9  #: of all bands and intervals
+    #: Another study with the same measure, to be compared in the arches that both have.
     beside: "Beside | None" = None
-    at: float | None = None
-    risk: Mapping[str, Any] | None = None
+    at: float | None = None  #: level at which the probability is wanted, in the study's unit
+    risk: Mapping[str, Any] | None = None  #: from `risk_section.risk_section`
 
 
 def write_report(study_results: ReportInputs, out: Path) -> Path:
@@ -120,28 +85,13 @@ def write_report(study_results: ReportInputs, out: Path) -> Path:
         If a file cannot be written.
     """
     out = Path(out)
-    with _opened(study_results) as cube:
-        text, curves, data = _render(study_results, cube)
+    text, curves, data = _render(study_results)
     for name, curve in curves.items():
         write_text(out.parent / name, standalone(curve))
     numbers = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False)
     write_text(out.parent / SUMMARY, numbers + "\n")
     write_text(out, text)
     return out
-
-
-@contextmanager
-def _opened(inputs: ReportInputs) -> "Iterator[xr.Dataset]":
-    if not isinstance(inputs.cube, Path):
-        yield inputs.cube
-        return
-    import xarray
-
-    try:
-        cube = xarray.load_dataset(inputs.cube)
-    except (OSError, ValueError) as error:
-        raise InputError(f"the cube {inputs.cube} cannot be read: {error}") from error
-    yield cube
 
 
 def render(study_results: ReportInputs) -> str:
@@ -152,14 +102,12 @@ def render(study_results: ReportInputs) -> str:
     InputError
         If the parts do not belong together.
     """
-    with _opened(study_results) as cube:
-        return _render(study_results, cube)[0]
+    return _render(study_results)[0]
 
 
-def _render(
-    inputs: ReportInputs, cube: "xr.Dataset"
-) -> tuple[str, dict[str, Picture], dict[str, Any]]:
+def _render(inputs: ReportInputs) -> tuple[str, dict[str, Picture], dict[str, Any]]:
     """The page, the figures that are files too, and the content of ``summary.json``."""
+    cube = inputs.cube
     scale = reading_scale(cube, inputs.measure)
     _check(inputs, cube)
     sections = [
@@ -171,7 +119,7 @@ def _render(
     listed = _listed(inputs, of_class)
     every = _all_curves(inputs, cube, scale, of_class)
     named = [name for name, _, _ in inputs.arches]
-    provenance = dict(inputs.provenance) or dict(cube.attrs)
+    provenance = [_plain(item) for item in cube.attrs.items()]
     text = (
         _environment()
         .get_template("report.html.j2")
@@ -196,8 +144,8 @@ def _render(
             n_record=cube.sizes["record"],
             n_level=cube.sizes["level"],
             motions=motion_section(inputs, cube, scale),
-            facts=[(k, v) for k, v in map(_plain, provenance.items()) if "\n" not in v],
-            documents=[(k, v) for k, v in map(_plain, provenance.items()) if "\n" in v],
+            facts=[(k, v) for k, v in provenance if "\n" not in v],
+            documents=[(k, v) for k, v in provenance if "\n" in v],
             svg_style=Markup(SVG_STYLE),
             hatches=Markup(hatch_definitions()),
         )

@@ -38,7 +38,7 @@ _TABLES: dict[str, tuple[str, type, int]] = {
     "steps": ("steps", int, 0),
     "impacts": ("impacts", int, 0),
     "events": ("events", int, 0),
-    "hand_overs": ("hand_overs", int, 0),
+    "switches": ("switches", int, 0),
     "two_level": ("levels", int, 0),
     "level_iterations": ("level_iterations", int, 0),
     "general": ("general", int, 0),
@@ -86,7 +86,7 @@ class ArchResults:
     steps: IntArray
     impacts: IntArray  # joints that closed
     events: IntArray  # instants located at which the mechanism changed
-    hand_overs: IntArray  # to time stepping
+    switches: IntArray  # to time stepping
     two_level: IntArray  # contact problems solved by the first and second level
     level_iterations: IntArray  # of these, with more than one round
     general: IntArray  # contact problems left to the general solver

@@ -100,7 +100,7 @@ def empty_log(n_entry: int, n_joint: int) -> MechanismLog:
 def mechanism_of(
     arch: Arch, log: MechanismLog, n_entry: int, end_time: float, from_rest: bool
 ) -> tuple[MechanismChange, ...]:
-    """Entries of a log in words, preceded by the rest in which the run began if it did.
+    """Entries of a log in words, preceded by the standstill in which the run began if it did.
 
     Parameters
     ----------

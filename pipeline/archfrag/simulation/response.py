@@ -19,7 +19,7 @@ _EVENTS = {
     "contact_losses": Count.LOSSES,
     "rests": Count.RESTS,
     "events": Count.EVENTS,
-    "hand_overs": Count.SWITCHES,
+    "switches": Count.SWITCHES,
 }
 _WORK = {
     entry.name.lower(): entry
@@ -75,7 +75,7 @@ class Response:
         Largest rotation [rad] and displacement [m] at the end of the run.
     events : dict of str to int
         "impacts" (joints that closed), "openings", "slides", "contact_losses" and "rests";
-        "events": instants located at which the mechanism changed; "hand_overs": times that
+        "events": instants located at which the mechanism changed; "switches": times that
         event-driven integration switched to time stepping.
     model_time : dict of str to float
         Simulated time in each model of the ladder [s]: "rest", "four_hinges", "mega_voussoirs",

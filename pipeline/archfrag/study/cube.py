@@ -163,7 +163,7 @@ def _write(cube: Any, study: Study, plan: Plan, results: Gathered) -> None:
         _create(cube, column, _RUN)
     two_stage = bool((results.cases["stage"] == COARSE).any())
     if two_stage:
-        about = "what a run by the coarse method says"
+        about = "outcome of a run by the coarse method"
         _create(cube, replace(COLUMNS[0], name="coarse_verdict", long_name=about), _RUN)
     column = Column(
         "lost_contact_and_stand", "i4", "1",
@@ -172,7 +172,7 @@ def _write(cube: Any, study: Study, plan: Plan, results: Gathered) -> None:
     _create(cube, column, (_RUN[0], _RUN[2]), "arch level")
     column = Column(
         "model_time", "f8", "s", "simulated time in each model",
-        comment="The models add up to end_time: from rest through few bodies to all voussoirs.",
+        comment="They add up to end_time: from rest through mega-voussoirs to all voussoirs.",
     )  # fmt: skip
     _create(cube, column, (*_RUN, "model"), f"{_LABELS} model")
     for arch in range(len(found)):
@@ -363,7 +363,7 @@ def _record_facts(cube: Any, plan: Plan) -> None:
     for key in SEEDS if any(of("recipe")) else ():
         column = Column(
             f"record_{key}", "f8", "1", f"{key.replace('_', ' ')} of a synthetic record", np.nan,
-            comment="A whole number; the record follows from its seeds, magnitude and distance.",
+            comment="An integer; the record follows from its seeds, magnitude and distance.",
         )  # fmt: skip
         _facts(cube, "record", [(column, of(key))])
     doubt = "what is implausible in the record and was accepted by a key of the study"

@@ -79,23 +79,23 @@ class Members:
 
     def parameters(self) -> dict[str, NDArray[np.float64]]:
         """What arches differ by within their classes: name to (n_arch,); nan where fixed."""
-        names = dict.fromkeys(name for member in self.members for name in member.values)
-        return {
-            name: np.array([member.values.get(name, np.nan) for member in self.members])
-            for name in names
-        }
+        columns = _columns([member.values for member in self.members], np.nan)
+        return {name: np.array(values) for name, values in columns.items()}
 
     def attributes(self) -> dict[str, list[str]]:
         """Attributes from tables: name to one text for each arch; empty where it has none."""
-        names = dict.fromkeys(name for member in self.members for name in member.attributes)
-        return {
-            name: [member.attributes.get(name, "") for member in self.members] for name in names
-        }
+        return _columns([member.attributes for member in self.members], "")
 
     def meets(self, n_record: int) -> NDArray[np.bool_]:
         """Which arch meets which record, (n_arch, n_record)."""
         own = np.array([-1 if m.record is None else m.record for m in self.members])
         return (own[:, None] < 0) | (own[:, None] == np.arange(n_record))
+
+
+def _columns(rows: Sequence[dict[str, Any]], missing: Any) -> dict[str, list[Any]]:
+    """Values of all rows by name."""
+    names = dict.fromkeys(name for row in rows for name in row)
+    return {name: [row.get(name, missing) for row in rows] for name in names}
 
 
 def members(study: "Study", n_record: int | None = None) -> Members:

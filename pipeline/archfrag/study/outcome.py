@@ -51,7 +51,7 @@ def _flags(kind: Any) -> tuple[tuple[int, str], ...]:
 
 COLUMNS = (
     Column(
-        "verdict", "i1", "", "what the run says about collapse", flags=_flags(Verdict),
+        "verdict", "i1", "", "outcome of the run: collapse or not", flags=_flags(Verdict),
         comment="Unfinished runs and solver failures count neither as collapse nor as survival.",
     ),
     Column(
@@ -105,8 +105,8 @@ COLUMNS = (
     Column("rests", "i8", "1", "number of times that the chain came to rest"),
     Column("events", "i8", "1", "number of instants located at which the mechanism changed"),
     Column(
-        "hand_overs", "i8", "1",
-        "number of times that event-driven integration gave way to time stepping",
+        "switches", "i8", "1",
+        "number of switches from event-driven integration to time stepping",
     ),
     Column("levels", "i8", "1", "number of contact problems solved by the first and second level"),
     Column(
@@ -176,7 +176,7 @@ _HELD: dict[str, tuple[str, int]] = {
     "contact_losses": ("count", Count.LOSSES),
     "rests": ("count", Count.RESTS),
     "events": ("count", Count.EVENTS),
-    "hand_overs": ("count", Count.SWITCHES),
+    "switches": ("count", Count.SWITCHES),
     "steps": ("count", Count.STEPS),
     "levels": ("count", Count.LEVELS),
     "level_iterations": ("count", Count.LEVEL_ITERATIONS),

@@ -369,23 +369,14 @@ def load_prepared(study: Study) -> list[PreparedRecord]:
     return records
 
 
-def load_record(study: Study, record: PreparedRecord) -> "Motion":
-    """The motion of a record; see `motion_of_record`."""
-    return motion_of_record(study.work, record)
-
-
-def motion_of_record(work: Path, record: PreparedRecord) -> "Motion":
-    """The stored motion of a record, or the one that its recipe gives."""
-    if record.recipe:
-        return motion_of(record.recipe, record.prepared)
-    return load_stored(work / record.file, record.prepared)
-
-
-def load_stored(path: Path, prepared: str) -> "Motion":
-    """A stored motion, if it is still the one that was prepared."""
+def load_record(work: Path, record: PreparedRecord) -> "Motion":
+    """The motion of a record: stored in a study's folder of work, or made by its recipe."""
     from archfrag.motions.store import load_motions
 
-    if sha256_if_there(path) != prepared:
+    if record.recipe:
+        return motion_of(record.recipe, record.prepared)
+    path = work / record.file
+    if sha256_if_there(path) != record.prepared:
         raise InputError(
             f"{path}: is not the motion that was prepared, but missing, changed or damaged; "
             f"{_AGAIN} anew"

@@ -18,7 +18,7 @@ from pydantic import TypeAdapter
 from archfrag.study.arches import ArchEntry
 from archfrag.study.outcome import tabulate_cases
 from archfrag.study.plan import Plan
-from archfrag.study.records import PreparedRecord, motion_of_record
+from archfrag.study.records import PreparedRecord, load_record
 from archfrag.study.rounds import Cases
 from archfrag.study.store import Table, new_table, write_part, write_timing
 
@@ -42,7 +42,7 @@ def _arch(path: str, modified: int, number: int) -> "Arch":
 # A record of a minute with its vertical component takes 0.2 MB.
 @lru_cache(maxsize=64)
 def _motion(folder: str, record: PreparedRecord) -> "Motion":
-    return motion_of_record(Path(folder), record)
+    return load_record(Path(folder), record)
 
 
 def _modified(path: Path) -> int:

@@ -87,7 +87,7 @@ def read_smc(source: Source, **_: Any) -> Stream:
         values = values[:count]
         record["log"] = (f"Row beyond the {count} numbers that the header counts left out.",)
     record |= {"level": level, "unit": "cm/s2", "announced": count, "held": values.size}
-    record["header"] = text.plain(0, _TEXT)
+    record["header"] = "\n".join(line.rstrip() for line in head)
     paired = reals[1] == reals[0]
     peaks = [abs(value) for value in (reals[29], reals[31]) if value != reals[0]]
     if peaks:

@@ -72,6 +72,7 @@ _UNITS = (
 _LINES = {"raw": (13, 14), "processed": (25, 20)}  # of text; of integers and reals
 _LOOK = 12  # lines beyond them in which the section may begin
 _WIDTH, _PAIR_WIDTH = 10, 7
+_Data = tuple[NDArray[np.float64], float, dict[str, Any], int]
 
 
 def _stream(
@@ -138,7 +139,7 @@ def _cosmos_channel(text: Text, place: int) -> tuple[Trace | None, int, str]:
                "announced": announced, "held": samples.size}  # fmt: skip
     if scale != 1.0:
         samples = samples * scale
-        record["log"] = ("Unit in/s2 turned into cm/s2.",)
+        record["log"] = ("Unit in/s2 converted into cm/s2.",)
     if unit == "counts":
         record |= facts.known(g_per_count=_g_per_count(head))
     # That of the samples [ms], or of the recorder [s] where the header leaves it open.
@@ -259,16 +260,6 @@ def read_dmg(source: Source, **_: Any) -> Stream:
     return _stream(source, _dmg_channel)
 
 
-class _Data(NamedTuple):
-    samples: NDArray[np.float64]
-    dt: float
-    announced: int
-    held: int
-    unit: str
-    log: tuple[str, ...]
-    end: int  # first line after them
-
-
 def _dmg_channel(text: Text, place: int) -> tuple[Trace, int, str]:
     title = _TITLE.match(text.lines[place])
     if title is None:
@@ -277,27 +268,27 @@ def _dmg_channel(text: Text, place: int) -> tuple[Trace, int, str]:
     lines = text.head(place, place + _LINES[level][0])
     if len(lines) < _LINES[level][0]:
         raise RecordError(f"{text.place(len(text) - 1)}: the file ends in a header")
-    data = _dmg_data(text, place, level)
+    samples, step, stated, data_end = _dmg_data(text, place, level)
     shift = 0 if level == "raw" else 1
     record, code, position = _dmg_record(lines[shift:])
-    record |= {"level": level, "announced": data.announced, "held": data.held,
-               "unit": data.unit, "log": data.log, "header": "\n".join(lines)}  # fmt: skip
+    record |= {"level": level, **stated, "header": "\n".join(lines)}
     peak = next(filter(None, map(_PEAK[level].search, lines)), None)
-    if peak and _unit_of(f"in {peak.group(2)}")[0] == data.unit:
-        facts.judge_peak(record, peak.group(1), data.samples, data.unit)
+    if peak and _unit_of(f"in {peak.group(2)}")[0] == stated["unit"]:
+        facts.judge_peak(record, peak.group(1), samples, stated["unit"])
     end = next(
-        (i for i in range(data.end, len(text))
+        (i for i in range(data_end, len(text))
          if END_OF_DATA.match(text.lines[i]) or _TITLE.match(text.lines[i])), len(text),
     )  # fmt: skip
     if end == len(text) or not END_OF_DATA.match(text.lines[end]):
         facts.add_fault(record, _CUT_OFF)
-    _compare_places(record, text.lines[place + len(lines) : data.end])
+    _compare_places(record, text.lines[place + len(lines) : data_end])
     start = facts.utc_time(lines[3 + shift])
-    trace = facts.trace_of(data.samples, data.dt, record, codes=("", code, position), start=start)
+    trace = facts.trace_of(samples, step, record, codes=("", code, position), start=start)
     return trace, end, "\n".join(lines)
 
 
 def _dmg_data(text: Text, place: int, level: str) -> _Data:
+    """Samples, step, what is stated of them, and the first line after them."""
     begin, rows = place + _LINES[level][0], _LINES[level][1]
     window = range(begin, min(begin + rows + _LOOK, len(text)))
     section = next((i for i in window if _POINTS.match(text.lines[i])), None)
@@ -319,7 +310,8 @@ def _dmg_data(text: Text, place: int, level: str) -> _Data:
     unit, scale = _unit_of(line)
     end = text.end_of_numbers(section + 1)
     samples = text.numbers(section + 1, end, announced, format_width(line) or _WIDTH)
-    return _Data(samples * scale, step, announced, samples.size, unit, (), end)
+    stated = {"announced": announced, "held": samples.size, "unit": unit, "log": ()}
+    return samples * scale, step, stated, end
 
 
 def _pairs(text: Text, place: int, first: int) -> _Data:
@@ -333,13 +325,13 @@ def _pairs(text: Text, place: int, first: int) -> _Data:
     unit, scale = _unit_of(next((each for each in lines if "UNITS OF" in each.upper()), ""))
     end = text.end_of_numbers(first)
     values = text.numbers(first, end, 2 * announced, _PAIR_WIDTH)
-    held = values.size // 2
-    if held < 2:
-        return _Data(values[:0], 1.0, announced, held, unit, (), end)
+    stated = {"announced": announced, "held": values.size // 2, "unit": unit, "log": ()}
+    if values.size < 4:
+        return values[:0], 1.0, stated, end
     values[1::2] *= scale
     samples, step, done = on_even_steps(values, text.place(first))
-    log = tuple(filter(None, ("Unit g/10 turned into g." if scale != 1.0 else "", done)))
-    return _Data(samples, step, announced, held, unit, log, end)
+    converted = "Unit g/10 converted into g." if scale != 1.0 else ""
+    return samples, step, stated | {"log": tuple(filter(None, (converted, done)))}, end
 
 
 def _unit_of(text: str) -> tuple[str, float]:

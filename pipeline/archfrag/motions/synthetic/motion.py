@@ -26,7 +26,7 @@ from archfrag.motions.synthetic.source import (
     median_adjustment,
     site_factor,
     window,
-)
+)  # fmt: skip
 from archfrag.motions.synthetic.variation import draw_term, frequencies, grid, median_correction
 from archfrag.motions.synthetic.vertical import COMPONENT_CORRELATION, vertical_factor
 
