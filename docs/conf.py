@@ -4,7 +4,6 @@
 network, neither while it is built nor when it is read.
 """
 
-import logging
 import os
 import shutil
 import sys
@@ -55,11 +54,6 @@ html_show_copyright = False
 html_copy_source = False
 html_theme_options = {"navigation_with_keys": False}
 html_baseurl = ""
-
-# Pages that are not written yet leave their entry in a table of contents empty.
-logging.getLogger("sphinx.sphinx.directives.other").addFilter(
-    lambda record: "didn't match any documents" not in str(record.msg)
-)
 
 
 def setup(app):
