@@ -19,7 +19,7 @@ from archbench.search import nearest_change
 from archbench.settings import COLUMNS, Setting, ladders
 from archbench.solve import Solution, collapses, solve, solve_many, with_samples
 from archfrag.errors import ArchfragError
-from archfrag.methods.registry import METHODS
+from archfrag.methods.registry import AUTO, METHODS
 
 QUICK_SCENES = (
     "arch7_pulse", "block_sine", "column_pulse", "arch7_slides", "arch27_pulse",
@@ -230,4 +230,19 @@ def levels_table(points: pd.DataFrame, quantity: str = "amplitude") -> pd.DataFr
                 "seconds": group["seconds"].median(),
                 "over_cheapest": group["over_cheapest"].median(),
             })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def lost_table(points: pd.DataFrame) -> pd.DataFrame:
+    """Points of others whose error `auto` reaches in that scene at more cost, or not at all."""
+    kept = kept_errors(points)
+    auto = kept[kept["method"] == AUTO]
+    rows = []
+    for _, point in kept[kept["method"] != AUTO].iterrows():
+        same = auto["scene"].eq(point["scene"]) & auto["quantity"].eq(point["quantity"])
+        enough = auto[same & (auto["kept"] <= point["kept"])]
+        ours = float(enough["seconds"].min()) if len(enough) else math.inf
+        if ours > point["seconds"]:
+            rows.append({**point[["scene", "quantity", "method", "parameter", "value", "seconds"]],
+                         "error": point["kept"], "auto_seconds": ours})  # fmt: skip
     return pd.DataFrame(rows)

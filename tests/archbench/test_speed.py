@@ -14,7 +14,7 @@ from archbench.scene import load_scene
 from archbench.search import nearest_change
 from archbench.settings import Setting, ladders
 from archbench.solve import arch_of, solve, solve_many, with_samples
-from archbench.speed import POINTS, kept_errors, levels_table, points_of
+from archbench.speed import POINTS, kept_errors, levels_table, lost_table, points_of
 from archfrag.errors import InputError
 from archfrag.methods.registry import METHODS
 
@@ -120,6 +120,15 @@ class TestTables:
                 for error, group in table.groupby(table["error"].round(9))}  # fmt: skip
         assert rows[0.1] == {"auto": 1.0, "time_stepping": 2.0}
         assert rows[0.001] == {"auto": 1.6, "time_stepping": 1.0}
+
+    def test_what_auto_loses(self):
+        points = made_up(
+            ("auto", 1e-1, 1.0, 9e-2), ("auto", 1e-3, 8.0, 9e-4), ("mujoco", 4e-3, 0.5, 9e-2),
+            ("mujoco", 2e-3, 9.0, 9e-3), ("mujoco", 1e-3, 10.0, 9e-5),
+        )  # fmt: skip
+        lost = lost_table(points)
+        assert lost["value"].tolist() == [4e-3, 1e-3]
+        assert lost["auto_seconds"].tolist() == [1.0, math.inf]
 
 
 @pytest.fixture(scope="module")
