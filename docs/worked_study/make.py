@@ -25,7 +25,7 @@ CORES = 2
 def archfrag(*words: str | Path) -> None:
     """One command as a person types it."""
     program = Path(sys.executable).with_name("archfrag")
-    subprocess.run([program, *map(str, words)], check=True)
+    subprocess.run([program, *map(str, words)], cwd=HERE, check=True)
 
 
 def main() -> None:
@@ -40,7 +40,7 @@ def main() -> None:
     archfrag("export", STUDY, *(f"--format={name}" for name in FORMATS))
     shutil.rmtree(RESULTS, ignore_errors=True)
     RESULTS.mkdir()
-    archfrag("risk", STUDY, "--hazard", HAZARD, "--out", RESULTS / "risk.json")
+    archfrag("risk", STUDY, "--hazard", HAZARD.name, "--out", RESULTS / "risk.json")
     for pattern in KEPT:
         for path in (out / "export").glob(pattern):
             shutil.copy(path, RESULTS)
