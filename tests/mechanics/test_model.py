@@ -17,7 +17,7 @@ CHAINS = [af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7).chain, af.Block(0.6, 1.8, f
 
 
 @pytest.mark.parametrize("chain", CHAINS)
-def test_shapes_told_to_the_compiler_are_those_of_the_arrays(chain):
+def test_shapes_compiled_for_are_those_of_the_arrays(chain):
     model = model_of(chain)
     given = model, new_state(model), new_work(model)
     for arrays, shapes in zip(given, (MODEL_SHAPES, STATE_SHAPES, WORK_SHAPES), strict=True):

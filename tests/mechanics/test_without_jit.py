@@ -1,4 +1,4 @@
-"""The kernels are plain Python too: compiled or not, they say the same."""
+"""The kernels are plain Python too: compiled or not, they give the same."""
 
 import os
 import subprocess

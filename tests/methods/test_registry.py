@@ -1,4 +1,4 @@
-"""Every method says what it is, and all are called alike."""
+"""Every method is described, and all are called alike."""
 
 import inspect
 import re
@@ -26,7 +26,7 @@ class TestEveryMethod:
         parameters = list(inspect.signature(getattr(run, "py_func", run)).parameters)
         assert parameters == [*SIGNATURE, *own_parameters(METHODS[name])]
 
-    def test_says_what_it_does_and_whose_it_is(self, name):
+    def test_has_a_meaning_and_a_citation(self, name):
         info = METHODS[name]
         assert len(info.meaning.split()) >= 4
         assert re.search(r"[A-Z][a-z]+", info.citation)
