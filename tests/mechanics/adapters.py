@@ -94,7 +94,7 @@ class Problem:
     normal_plus: np.ndarray  # (m, 2, 2) corner, xy: for slip PLUS
     normal_minus: np.ndarray  # (m, 2, 2) for slip MINUS
     touching: np.ndarray  # (m, 2) bool: corners that may touch
-    sliding: np.ndarray  # (m,) sense of a slip under way; 0: not known
+    sliding: np.ndarray  # (m,) sense of a slip in progress; 0: not known
     bias: np.ndarray  # (m, 2, 2) corner, xy: added to the relative velocity
     friction: np.ndarray  # (m,)
     free: np.ndarray  # (n, 3) velocities without reactions
@@ -230,7 +230,7 @@ class Joint(NamedTuple):
     motion: tuple  # at its middle, of the later body: normal, tangential [m/s], rotation [rad/s]
     force: tuple  # on the later body: normal, tangential [N], moment about the middle [N m]
     friction: float = 0.5
-    sliding: int = 0  # sense of a slip under way
+    sliding: int = 0  # sense of a slip in progress
     touching: tuple = (True, True)
     lean: tuple = (0.0, 0.0)  # angles of the normals for slip PLUS and MINUS [rad]
     half: float = 0.5  # half its length [m]

@@ -36,7 +36,7 @@ def hinge_matrix(centroid, hinge):
 
 
 def mechanism_of(centroid, hinge):
-    """The motion that the hinges allow, (3, 3); the first body turns at 1 rad/s."""
+    """The motion that the hinges allow, (3, 3); the first body rotates at 1 rad/s."""
     free = np.linalg.svd(hinge_matrix(centroid, hinge))[2][-1]
     return (free / free[2]).reshape(3, 3)
 
@@ -69,14 +69,14 @@ def joined(chain, voussoirs, position):
     return m.sum(), (chain.inertia[voussoirs] + m * (arm**2).sum(1)).sum(), centroid
 
 
-def hinged_arch(arch, hinges, turn, rate):
-    """Arch whose first body between hinges (joint, corner) has turned, and turns, by so much.
+def hinged_arch(arch, hinges, tilt, rate):
+    """Arch whose first body between hinges (joint, corner) has rotated, and rotates, by so much.
 
-    None where the hinges would have to close on the way.
+    None where the hinges would have to close meanwhile.
     """
     joints, corners = zip(*hinges)
     rest = np.array([(arch.intrados, arch.extrados)[c][j] for j, c in hinges])
-    angle = np.array([turn, 0.0, 0.0])
+    angle = np.array([tilt, 0.0, 0.0])
     for _ in range(30):  # closure of the linkage: two equations for two rotations
         arms = [rotate(rest[k + 1] - rest[k], angle[k]) for k in range(3)]
         gap = sum(arms) - (rest[3] - rest[0])
@@ -114,13 +114,13 @@ def random_hinged_arch(rng, make):
         joints = np.sort(rng.choice(arch.n_joint, 4, replace=False))
         first = int(rng.integers(2))
         hinges = [(int(j), (first + k) % 2) for k, j in enumerate(joints)]
-        turn = 10.0 ** rng.uniform(-3.5, -1.7) * (1.0 if first == 1 else -1.0)
+        tilt = 10.0 ** rng.uniform(-3.5, -1.7) * (1.0 if first == 1 else -1.0)
         lines = [
             (arch.intrados, arch.extrados)[c][j] - (arch.intrados, arch.extrados)[d][i]
             for (i, d), (j, c) in (hinges[:2], hinges[2:])
         ]
         if abs(cross(*lines)) < 0.2 * np.linalg.norm(lines[0]) * np.linalg.norm(lines[1]):
             continue
-        state = hinged_arch(arch, hinges, turn, rng.uniform(-0.5, 0.5))
+        state = hinged_arch(arch, hinges, tilt, rng.uniform(-0.5, 0.5))
         if state is not None:
             return arch, state

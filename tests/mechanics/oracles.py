@@ -1,6 +1,6 @@
 """The contact laws and the balance of a chain, written out apart from the package in numpy.
 
-Axes of a joint: normal n from the earlier body to the later one, tangent t = n turned by +90
+Axes of a joint: normal n from the earlier body to the later one, tangent t = n rotated by +90
 degrees, from corner 0 to corner 1. Reactions act on the later body.
 """
 
@@ -16,7 +16,7 @@ def cross(a, b):
 
 
 def rotated(a):
-    """Vectors turned by +90 degrees."""
+    """Vectors rotated by +90 degrees."""
     return np.stack([-a[..., 1], a[..., 0]], axis=-1)
 
 

@@ -44,7 +44,7 @@ class TestFourHinges:
             assert np.abs(wrench[:, 2] - moment).max() < 1e-9 * np.abs(moment).max()
 
     def test_of_weightless_outer_bodies_the_reactions_meet_at_the_rotation_centre(self):
-        """What the paper says of the whole reactions (Eq 30) holds where nothing else acts."""
+        """What the paper states of the full reactions (Eq 30) holds where nothing else acts."""
         rng = np.random.default_rng(2)
         mass, inertia, centroid, hinge, spin, free = random_linkage(rng)
         mass[[0, 2]], inertia[[0, 2]] = 1e-9, 1e-9
@@ -85,5 +85,5 @@ class TestMegaVoussoirs:
             moment = cross(state.hinge, forces)
             assert np.abs(found[:, 2] - moment).max() < 1e-8 * np.abs(moment).max()
             for k, body in enumerate(state.bodies):
-                turning = solution.velocity[body, 2]
-                assert turning == pytest.approx(np.full(body.size, motion[k, 2]), abs=1e-9)
+                tilting = solution.velocity[body, 2]
+                assert tilting == pytest.approx(np.full(body.size, motion[k, 2]), abs=1e-9)

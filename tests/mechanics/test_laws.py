@@ -17,13 +17,13 @@ SLIPS = (0, 1, -1)
 
 
 class TestModes:
-    def test_ten_modes_are_told_apart(self):
+    def test_ten_modes_are_distinguished(self):
         modes = [OPEN, *(closed_mode(slip) for slip in SLIPS)]
         modes += [corner_mode(corner, slip) for corner in (0, 1) for slip in SLIPS]
         assert sorted(modes) == list(range(10))
 
     @pytest.mark.parametrize("slip", SLIPS)
-    def test_mode_tells_corner_and_slip(self, slip):
+    def test_mode_gives_corner_and_slip(self, slip):
         for corner in (0, 1):
             assert MODES[corner_mode(corner, slip)] == Mode((corner,), slip)
         assert MODES[closed_mode(slip)] == Mode((0, 1), slip)

@@ -1,7 +1,7 @@
 """Modes that a joint asks for, transition by transition, each derived by hand from the laws.
 
 Axes of a joint: the normal points from the earlier body to the later one, the tangent is the
-normal turned by +90 degrees and runs from corner 0 to corner 1. A rotation w of the later body
+normal rotated by +90 degrees and runs from corner 0 to corner 1. A rotation w of the later body
 opens corner 0 by h w and closes corner 1 by as much; normal forces N0 and N1 have the moment
 h (N0 - N1) about the middle of the joint.
 """
@@ -22,7 +22,7 @@ NO_FORCE = (0.0, 0.0, 0.0)
 FRICTION = 0.5
 CONE = math.atan(FRICTION)
 # Rotation of the later face of an open joint that touches at corner 0: clockwise, as it has
-# opened corner 1. There slip PLUS, of the later body against the tangent, carries the earlier
+# opened corner 1. There slip PLUS, of the later body against the tangent, holds the earlier
 # body's vertex along the later face, whose normal counts (Eq 23b); slip MINUS the later body's
 # vertex along the earlier face (Eq 23a).
 OPENED = 0.1
@@ -35,7 +35,7 @@ def opening(first, second, sliding=0.0):
 
 
 def pressing(first, second, shear=0.0):
-    """Reaction of a joint that presses by `first` and `second` at its corners."""
+    """Reaction of a joint that compresses by `first` and `second` at its corners."""
     return first + second, shear, HALF * (first - second)
 
 
@@ -77,7 +77,7 @@ class TestOpenJoint:
         assert asked(OPEN, opening(-1.0, -2.0), NO_FORCE, **here) == Mode((1,))
 
     @pytest.mark.parametrize("sense", [PLUS, MINUS])
-    def test_a_slip_under_way_goes_on(self, sense):
+    def test_a_slip_in_progress_goes_on(self, sense):
         compiling = {"sliding": sense}
         assert asked(OPEN, opening(-1.0, 2.0), NO_FORCE, **compiling) == Mode((0,), sense)
         assert asked(OPEN, opening(-1.0, -2.0), NO_FORCE, **compiling) == Mode((0, 1), sense)
@@ -107,19 +107,19 @@ class TestClosedJoint:
         assert asked(sliding, opening(0.0, 0.0, -0.2 * sense), force) == sliding
         assert asked(sliding, opening(0.0, 0.0, 0.2 * sense), force) == CLOSED
 
-    def test_a_slip_under_way_does_not_stick(self):
+    def test_a_slip_in_progress_does_not_stick(self):
         sliding = Mode((0, 1), PLUS)
         motion, force = opening(0.0, 0.0, 0.2), pressing(0.7, 0.3, 0.5)
         assert asked(sliding, motion, force, sliding=PLUS) == sliding
 
     @pytest.mark.parametrize("slip", [0, PLUS, MINUS])
-    def test_the_corner_that_would_pull_is_left(self, slip):
-        """Signorini (Eq 5): both normal forces press; a contact that pulls opens."""
+    def test_the_corner_that_needs_tension_is_left(self, slip):
+        """Signorini (Eq 5): both normal forces press; a contact that is in tension opens."""
         shear = 0.5 * slip
         assert asked(Mode((0, 1), slip), STILL, pressing(1.2, -0.2, shear)) == Mode((0,), slip)
         assert asked(Mode((0, 1), slip), STILL, pressing(-0.2, 1.2, shear)) == Mode((1,), slip)
 
-    def test_opens_where_both_corners_would_pull(self):
+    def test_opens_where_both_corners_needs_tension(self):
         assert asked(CLOSED, STILL, pressing(-0.2, -0.1)) == OPEN
 
     def test_tips_and_slides_at_once(self):
@@ -130,7 +130,7 @@ class TestCorner:
     """A hinge at a corner whose other corner parts, or does not touch."""
 
     @pytest.mark.parametrize("corner", [0, 1])
-    def test_turns_inside_its_cone(self, corner):
+    def test_rotates_inside_its_cone(self, corner):
         motion = opening(*((0.0, 1.0) if corner == 0 else (1.0, 0.0)))
         for shear in (0.49, -0.49):
             mode = asked(Mode((corner,)), motion, at_corner(corner, 1.0, shear))
@@ -152,7 +152,7 @@ class TestCorner:
         assert asked(sliding, motion, force, sliding=sense) == sliding
 
     @pytest.mark.parametrize("slip", [0, PLUS, MINUS])
-    def test_is_lost_where_it_would_pull(self, slip):
+    def test_is_lost_where_it_needs_tension(self, slip):
         pulling = at_corner(0, -1.0, -0.5 * slip)
         assert asked(Mode((0,), slip), opening(0.0, 1.0), pulling) == OPEN
 
@@ -163,7 +163,7 @@ class TestCorner:
         far = {"touching": (True, False)}
         assert asked(Mode((0,), slip), motion, force, **far) == Mode((0,), slip)
 
-    def test_without_a_friction_limit_only_a_pull_ends_it(self):
+    def test_without_a_friction_limit_only_tension_ends_it(self):
         rough = {"friction": math.inf}
         motion = opening(0.0, 1.0)
         assert asked(Mode((0,)), motion, at_corner(0, 0.01, 9.0), **rough) == Mode((0,))

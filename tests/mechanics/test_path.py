@@ -29,7 +29,7 @@ FRICTION = (0.2, 0.4, 0.8, 1.2, np.inf)
 
 
 def random_problem(rng, n, kind, mu=None):
-    """A random state; accelerations in motion with what turning adds to the laws of a joint."""
+    """A random state; accelerations in motion with what rotating adds to the laws of a joint."""
     if mu is None:
         mu = FRICTION[rng.integers(len(FRICTION))]
     problem = random_state(rng, n, mu, kind)

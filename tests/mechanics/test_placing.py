@@ -30,13 +30,13 @@ def at_rest():
 
 
 class TestFaces:
-    def test_meet_at_rest_where_the_outline_says(self):
+    def test_meet_at_rest_where_the_outline_gives(self):
         face = placed(at_rest()).face
         assert face[:, 0] == pytest.approx(face[:, 1], abs=1e-12)
         assert face[:, 0, 0] == pytest.approx(ARCH.intrados, abs=1e-12)
         assert face[:, 0, 1] == pytest.approx(ARCH.extrados, abs=1e-12)
 
-    def test_turn_with_their_body_about_its_centroid(self):
+    def test_rotate_with_their_body_about_its_centroid(self):
         position = at_rest()
         position[3] += [0.1, -0.2, 0.3]
         work = placed(position)
@@ -79,11 +79,11 @@ class TestContacts:
     def test_both_laws_have_one_normal_at_a_closed_joint_and_two_at_an_open_one(self):
         position = at_rest()
         pivot = ARCH.extrados[0]
-        turn = -0.1
+        tilt = -0.1
         arm = ARCH.chain.centroid[0] - pivot
-        c, s = np.cos(turn), np.sin(turn)
+        c, s = np.cos(tilt), np.sin(tilt)
         position[1] = [
-            pivot[0] + c * arm[0] - s * arm[1], pivot[1] + s * arm[0] + c * arm[1], turn
+            pivot[0] + c * arm[0] - s * arm[1], pivot[1] + s * arm[0] + c * arm[1], tilt
         ]  # fmt: skip
         work = placed(position)
         place_contacts(MODEL, np.zeros(ARCH.n_joint), work.face, work.tangent, work)

@@ -1,5 +1,5 @@
-"""Second level: reactions carried from joint to joint inside mega-voussoirs (Eqs 34, 35), against
-the contact problem of all voussoirs and against the balance itself."""
+"""Second level: reactions propagated from joint to joint inside mega-voussoirs (Eqs 34, 35),
+against the contact problem of all voussoirs and against the balance itself."""
 
 from collections import Counter
 
@@ -29,15 +29,15 @@ def states(seed, friction, count):
 
 
 def leaning_column(rng, friction):
-    """A column on the ground, its upper part turned about an edge of one of its joints."""
+    """A column on the ground, its upper part rotated about an edge of one of its joints."""
     side = np.array([[0.5 - 0.02 * k, 0.8 * k] for k in range(6)])
     arch = af.Arch.from_joints(side, side - [[1.0, 0.0]], friction, free_end=True)
     joint, corner = int(rng.integers(0, 5)), int(rng.integers(0, 2))
-    turn = 10.0 ** rng.uniform(-4.0, -1.5) * (1.0 if corner == 1 else -1.0)
+    tilt = 10.0 ** rng.uniform(-4.0, -1.5) * (1.0 if corner == 1 else -1.0)
     edge = (arch.intrados, arch.extrados)[corner][joint]
     position = np.column_stack([arch.chain.centroid, np.zeros(5)])
-    position[joint:, :2] = edge + rotate(position[joint:, :2] - edge, turn)
-    position[joint:, 2] = turn
+    position[joint:, :2] = edge + rotate(position[joint:, :2] - edge, tilt)
+    position[joint:, 2] = tilt
     velocity, spin = np.zeros((5, 3)), rng.uniform(-0.3, 0.3)
     velocity[joint:, :2] = spin * rotated(position[joint:, :2] - edge)
     velocity[joint:, 2] = spin

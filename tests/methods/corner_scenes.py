@@ -10,12 +10,12 @@ import archfrag as af
 from tests.physics.audit import g, pulse
 from tests.physics.test_time_stepping import rocking, tilted
 
-# validation/peers.md, section A: LMGC90 and Siconos at 0.5 ms agree in all digits.
+# the table of other solvers, section A: LMGC90 and Siconos at 0.5 ms agree in all digits.
 KEYSTONE = {0.2: -0.01621, 0.4: -0.04211}
 
 
 def arch(voussoirs=7, friction=0.7):
-    """The arch of validation/peers.md, section A."""
+    """The arch of the table of other solvers, section A."""
     return af.Arch.circular(10.0, 1.5, 157.5, voussoirs, friction, sector=False)
 
 
@@ -48,8 +48,8 @@ def rocking_errors(method, friction, dt):
         af.Block(width, height, friction=friction), af.Motion(np.zeros(3), 0.01), method=method,
         dt=dt, history=True, initial=tilted(width, height, 0.5 * slenderness), follow=4.5,
     )  # fmt: skip
-    turn, time = abs(response.history.rotation.values[:, 0]), response.history.time.values
-    tops = [turn[(time > times[k]) & (time < times[k + 1])].max() for k in range(2)]
+    tilt, time = abs(response.history.rotation.values[:, 0]), response.history.time.values
+    tops = [tilt[(time > times[k]) & (time < times[k + 1])].max() for k in range(2)]
     return np.array(tops) / amplitudes[:2] - 1.0
 
 

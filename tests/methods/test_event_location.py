@@ -23,8 +23,8 @@ def block(friction=0.6):
     return af.Block(WIDTH, HEIGHT, friction=friction).chain
 
 
-def in_flight(height, turn=0.0, velocity=(0.0, 0.0, 0.0), ground=STILL):
-    position = np.array([[0.0, 0.5 * HEIGHT + height, turn]])
+def in_flight(height, tilt=0.0, velocity=(0.0, 0.0, 0.0), ground=STILL):
+    position = np.array([[0.0, 0.5 * HEIGHT + height, tilt]])
     return Moving(block(), position, np.array([velocity]), [OPEN], ground)
 
 
@@ -44,15 +44,15 @@ class TestFlight:
         assert time == pytest.approx(math.sqrt(2.0 * 0.05 / g), abs=1e-11)
         assert used == {("gap", 0)}
 
-    @pytest.mark.parametrize(("turn", "rate"), [(0.02, -0.3), (-0.02, 0.3), (1e-4, 0.0)])
-    def test_the_corner_that_lands_first(self, turn, rate):
+    @pytest.mark.parametrize(("tilt", "rate"), [(0.02, -0.3), (-0.02, 0.3), (1e-4, 0.0)])
+    def test_the_corner_that_lands_first(self, tilt, rate):
         def gap(time, across):
-            angle = turn + rate * time
+            angle = tilt + rate * time
             rise = -0.5 * HEIGHT * math.cos(angle) + across * math.sin(angle)
             return 0.5 * HEIGHT + 0.05 - 0.5 * g * time**2 + rise
 
         expected = min(brentq(gap, 0.0, 0.15, (x,), xtol=1e-15) for x in (0.5, -0.5))
-        time, used = in_flight(0.05, turn, (0.0, 0.0, rate)).first_event(0.15)
+        time, used = in_flight(0.05, tilt, (0.0, 0.0, rate)).first_event(0.15)
         assert time == pytest.approx(expected, abs=1e-9)
         assert used == {("gap", 0)}
 
@@ -90,7 +90,7 @@ class TestSliding:
         assert used == {("slip", 0)}
 
     def test_both_forces_of_a_face_that_vanish_at_once(self):
-        # The ground falls away ever faster: at its downward acceleration g nothing presses.
+        # The ground falls away ever faster: at its downward acceleration g nothing compresses.
         time, used = sliding(2.0, (0.0, 0.0, 0.0, -300.0)).first_event(0.05)
         assert time == pytest.approx(g / 300.0, abs=1e-9)
         assert used == {("law", 0)}
@@ -108,14 +108,14 @@ class TestSliding:
 
 
 class TestRocking:
-    """A block that turns about its right edge (corner 0), clockwise rotations being negative."""
+    """A block that rotates about its right edge (corner 0), clockwise rotations being negative."""
 
     pivot = (0.5 * WIDTH, 0.0)
 
-    def scene(self, friction, ground, turn, rate):
+    def scene(self, friction, ground, tilt, rate):
         chain = block(friction)
         oracle = Rocking(chain, self.pivot, ground)
-        position, velocity = oracle.state(turn, rate)
+        position, velocity = oracle.state(tilt, rate)
         return oracle, Moving(chain, position, velocity, [Mode((0,))], ground)
 
     def test_landing(self):
@@ -149,10 +149,10 @@ class TestRocking:
         oracle, moving = self.scene(np.inf, ground, -0.05, -0.5)
 
         def press(time, state):
-            # It sticks while it presses on both faces.
+            # It sticks while it compresses on both faces.
             force, _ = oracle.above(time, state, 0, self.pivot)
-            turn = state[0]
-            return min(force[1], force[1] * math.cos(turn) - force[0] * math.sin(turn))
+            tilt = state[0]
+            return min(force[1], force[1] * math.cos(tilt) - force[0] * math.sin(tilt))
 
         expected, _ = oracle.move(1.0, -0.05, -0.5, press)
         time, used = moving.first_event(0.1 * expected, 15)
@@ -161,7 +161,7 @@ class TestRocking:
         assert used == {("law", 0)}
 
     def test_a_joint_inside_that_becomes_a_hinge(self):
-        """The upper of two blocks that turn as one is left behind by ground that speeds up."""
+        """The upper of two blocks that rotate as one is left behind by ground that speeds up."""
         side = np.array([[0.5, 0.0], [0.5, 1.0], [0.5, 4.0]])
         chain = af.Arch.from_joints(side, side - [[1.0, 0.0]], 2.0, free_end=True).chain
         ground = (0.0, 100.0, 0.0, 0.0)

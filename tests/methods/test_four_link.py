@@ -81,7 +81,8 @@ def unit_velocities(arch, hinges):
     closure = np.array([[-(b - a)[1], (b - a)[0]] for a, b in itertools.pairwise(pins)]).T
     rates = np.linalg.svd(closure)[2][-1]
     rates = rates / rates[0]
-    # Joints open: the second body turns back against the first about an intrados hinge, and so on.
+    # Joints open: the second body rotates back against the first about an intrados hinge, and so
+    # on.
     first = -1.0 if hinges[0][1] == "intrados" else 1.0
     velocity = np.zeros((arch.n_voussoir, 3))
     at_pin = np.zeros(2)
@@ -213,7 +214,7 @@ class TestReferenceValues:
         def collapses(time):
             response = four_link(arch, rectangle(g_pulse, time))
             assert response.status in (Status.COLLAPSED, Status.STANDING)
-            # One way: what collapses has not met an impact.
+            # One direction: what collapses has not met an impact.
             assert not response.collapsed or response.events["impacts"] == 0
             return response.collapsed
 
@@ -312,7 +313,7 @@ class TestLagrange:
         mass, weight = arch.chain.mass[:, None], arch.chain.mass.sum() * g
         left = force[:, :-1] - force[:, 1:] - mass * (rate("velocity") + ground[:, None, :])
         assert np.abs(left).max() < 1e-4 * weight
-        turn = past.rotation.values[step]
+        tilt = past.rotation.values[step]
         centre = arch.chain.centroid + past.displacement.values[step]
 
         def places(points, joint):
@@ -321,7 +322,7 @@ class TestLagrange:
                 if not 0 <= body < arch.n_voussoir:
                     yield np.broadcast_to(points[joint], (step.size, 2))
                     continue
-                c, s = np.cos(turn[:, body]), np.sin(turn[:, body])
+                c, s = np.cos(tilt[:, body]), np.sin(tilt[:, body])
                 x, y = points[joint] - arch.chain.centroid[body]
                 yield centre[:, body] + np.stack([c * x - s * y, s * x + c * y], axis=1)
 
@@ -347,10 +348,10 @@ class TestLagrange:
 
     def test_history_keeps_voussoirs_of_one_body_together(self):
         response = four_link(oppenheim(), rectangle(1.0, 0.2), history=True)
-        turn = response.history.rotation.values[:700]
-        assert np.abs(turn).max() > 0.01
+        tilt = response.history.rotation.values[:700]
+        assert np.abs(tilt).max() > 0.01
         for body in ((0, 1), (2, 3), (4, 5, 6)):
-            assert (np.ptp(turn[:, body], axis=1) == 0.0).all()
+            assert (np.ptp(tilt[:, body], axis=1) == 0.0).all()
 
 
 class TestImpact:
@@ -364,7 +365,7 @@ class TestImpact:
                 assert speed == pytest.approx(impulse_balance(arch, new, before), rel=1e-9)
                 assert energy_of(arch, speed * unit) <= energy_of(arch, before)
 
-    def test_a_run_loses_at_its_impact_what_the_balance_says(self):
+    def test_a_run_loses_at_its_impact_what_the_balance_states(self):
         arch = oppenheim()
         start = af.onset(arch)
         response = four_link(arch, rectangle(1.0, 0.2), history=True)
@@ -382,7 +383,7 @@ class TestImpact:
             joint: f"hinge {side}" for joint, side in start.hinges_minus
         }
 
-    def test_the_account_closes_over_all_impacts(self):
+    def test_the_balance_closes_over_all_impacts(self):
         response = four_link(oppenheim(), there_and_back(1.4), rtol=1e-9)
         energy = response.energy
         assert response.events["impacts"] > 20
@@ -432,7 +433,7 @@ class TestWhereItDoesNotApply:
         motion = af.Motion(np.zeros(50), 0.01, vertical=np.full(50, -1.5 * g))
         assert four_link(oppenheim(), motion).status is Status.NOT_APPLICABLE
 
-    def test_every_status_has_its_sentence(self):
+    def test_every_status_has_its_message(self):
         assert set(STATUS_MESSAGE) == set(Status)
 
 

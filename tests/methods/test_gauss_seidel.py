@@ -61,7 +61,7 @@ class TestCoulomb:
 
 
 class TestImpact:
-    def test_rocking_loses_what_housner_says(self):
+    def test_rocking_loses_what_housner_gives(self):
         coarse = abs(scenes.rocking_errors(METHOD, 0.8, 1e-3))
         fine = abs(scenes.rocking_errors(METHOD, 0.8, 2.5e-4))
         assert fine.max() < 6e-3
@@ -94,14 +94,14 @@ class TestValidation:
 
 class TestSweeps:
     def test_steps_at_the_cap_are_counted_and_the_run_goes_on(self):
-        few = simulate(scenes.arch(), pulse(0.5, 0.3), follow=0.0, settings={"sweeps": 5})
+        small = simulate(scenes.arch(), pulse(0.5, 0.3), follow=0.0, settings={"sweeps": 5})
         many = simulate(scenes.arch(), pulse(0.5, 0.3), follow=0.0)
-        assert few.work["unconverged"] > 0.8 * few.steps
-        assert few.work["sweeps"] <= 5 * few.steps
-        assert few.end_time == many.end_time > 0.9
-        assert few.residual > 0.01
+        assert small.work["unconverged"] > 0.8 * small.steps
+        assert small.work["sweeps"] <= 5 * small.steps
+        assert small.end_time == many.end_time > 0.9
+        assert small.residual > 0.01
         assert many.work["unconverged"] == 0
-        assert many.residual < 0.1 * few.residual
+        assert many.residual < 0.1 * small.residual
 
     def test_they_grow_faster_than_the_number_of_voussoirs(self):
         small, large = (

@@ -23,9 +23,9 @@ STEPS = {"dt": (8e-3, 4e-3, 2e-3, 1e-3)}
 SHORT_STEPS = {"dt": (1e-4, 5e-5, 2.5e-5, 1.25e-5)}
 TOLERANCES = {"rtol": (1e-8, 1e-9, 1e-10)}
 # Setting that is refined; order in smooth motion and through an impact; where a method has none
-# of its own, its solver's tolerance is kept out of the way. Steps that do not know of impacts
-# are of first order there. Adaptive methods are proportional to their tolerance, and below it.
-# Damping of the penalty method enters by the rate of half a step ago: first order.
+# of its own, its solver's tolerance is kept apart. Steps that do not know of
+# impacts are of first order there. Adaptive methods are proportional to their tolerance, and
+# below it. Damping of the penalty method enters by the rate of half a step ago: first order.
 ORDERS = {
     "time_stepping": (STEPS, 2.0, 1.0, {}),
     "gauss_seidel": (STEPS, 2.0, 1.0, {"sweep_tolerance": 1e-12}),
@@ -36,8 +36,8 @@ ORDERS = {
     "four_link": (TOLERANCES, 1.0, 1.0, {}),
 }
 # Where in its step an impact falls is chance: the error of one run is the first-order one times
-# anything up to one. Means over three motions and three halvings leave a few tenths of the order.
-# Step control leaves as much in smooth motion too, which takes it some ten steps only.
+# anything up to one. Means over three motions and three halvings leave several tenths of the
+# order. Step control leaves as much in smooth motion too, which takes it some ten steps only.
 MARGIN = {"smooth": 0.3, "impact": 0.4}
 AMPLITUDES = (0.43, 0.44, 0.45)
 

@@ -49,7 +49,7 @@ class TestStatics:
         assert response.status == Status.STANDING
 
     @pytest.mark.parametrize("friction", [0.7, math.inf])
-    def test_an_arch_settles_without_a_jolt_and_does_not_creep(self, friction):
+    def test_an_arch_stands_without_a_jolt_and_does_not_creep(self, friction):
         arch = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=friction)
         response = penalty(arch, still(20.0), history=True)
         moved = response.history.displacement.values
@@ -97,12 +97,12 @@ def rocking_block(stiffness, **given):
     """History of the free rocking of validation section 3, and the angle alpha."""
     alpha, half_width = 0.2, 0.5
     block = af.Block(2 * half_width, 2 * half_width / math.tan(alpha), friction=math.inf)
-    turn, centre = 0.5 * alpha, block.chain.centroid[0]
+    tilt, centre = 0.5 * alpha, block.chain.centroid[0]
     pivot = np.array([-half_width, 0.0])
-    c, s = math.cos(turn), math.sin(turn)
+    c, s = math.cos(tilt), math.sin(tilt)
     arm = centre - pivot
     shift = pivot + np.array([c * arm[0] - s * arm[1], s * arm[0] + c * arm[1]]) - centre
-    start = (np.array([[*shift, turn]]), np.zeros((1, 3)))
+    start = (np.array([[*shift, tilt]]), np.zeros((1, 3)))
     response = penalty(
         block, af.Motion(np.zeros(2), 1e-3), stiffness=stiffness, initial=start, history=True,
         follow=6.0, dt=2e-4, **given,
@@ -136,7 +136,7 @@ class TestRocking:
         assert abs(times[2] - times[1]) < 0.1 * abs(times[1] - times[0])
         assert abs(times[2] - 1.0) < 1e-3 < abs(times[0] - 1.0)
 
-    def test_impact_loses_what_housner_says_once_dashpots_are_strong(self):
+    def test_impact_loses_what_housner_gives_once_dashpots_are_strong(self):
         """Validation section 3: 0.42019 alpha after the first impact."""
         errors = [
             free_rocking(1e10, damping_stiffness=damping)[1] - 0.42019
@@ -147,16 +147,16 @@ class TestRocking:
 
 
 class TestCorners:
-    @pytest.mark.parametrize("turn", [0.2, -0.2])
+    @pytest.mark.parametrize("tilt", [0.2, -0.2])
     @pytest.mark.parametrize("slip", [0.0, 0.004, -0.007, 0.02, -0.02])
-    def test_force_is_the_slope_of_the_energy_also_where_vertices_pass(self, turn, slip):
+    def test_force_is_the_slope_of_the_energy_also_where_vertices_pass(self, tilt, slip):
         model = model_of(af.Block(1.0, 2.0, friction=math.inf).chain)
         state, work = new_state(model), new_work(model)
         springs = new_springs(model, 1e9, 1e-12, 0.01)
-        corner = np.array([math.copysign(0.5, -turn), -1.0])
-        c, s = math.cos(turn), math.sin(turn)
-        place = np.array([0.0, -3e-3, turn])
-        place[:2] += [corner[0] + slip * math.cos(turn / 2), slip * math.sin(turn / 2)]
+        corner = np.array([math.copysign(0.5, -tilt), -1.0])
+        c, s = math.cos(tilt), math.sin(tilt)
+        place = np.array([0.0, -3e-3, tilt])
+        place[:2] += [corner[0] + slip * math.cos(tilt / 2), slip * math.sin(tilt / 2)]
         place[:2] -= [c * corner[0] - s * corner[1], s * corner[0] + c * corner[1]]
 
         def energy(at):

@@ -27,7 +27,7 @@ needs_solver = pytest.mark.skipif(
 )
 
 
-def test_a_missing_solver_is_one_sentence_that_names_the_extra(monkeypatch):
+def test_a_missing_solver_is_one_message_that_names_the_extra(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"needs the package piqp.*archfrag\[baselines\]"):
         simulate(scenes.arch(), pulse(0.1, 0.1))
@@ -116,7 +116,7 @@ class TestAssociativeFriction:
 @needs_solver
 class TestImpact:
     @pytest.mark.parametrize("friction", [0.8, np.inf])
-    def test_rocking_loses_what_housner_says(self, friction):
+    def test_rocking_loses_what_housner_gives(self, friction):
         assert abs(scenes.rocking_errors(METHOD, friction, 2.5e-4)).max() < 6e-3
 
 
@@ -134,7 +134,7 @@ class TestValidation:
         difference = scenes.first_steps(METHOD) - scenes.first_steps("time_stepping")
         assert abs(difference).max() < 1e-8
 
-    def test_account_and_residual_where_nothing_slides(self):
+    def test_balance_and_residual_where_nothing_slides(self):
         response = scenes.shaken_arch(METHOD)
         assert response.status == Status.STANDING
         assert response.energy_error < 5e-4

@@ -19,7 +19,7 @@ def kinetic(chain, velocity):
 
 
 def landing(width, friction, spin=1.0):
-    """A block that turns about its corner 0, at x = width / 2, as corner 1 lands."""
+    """A block that rotates about its corner 0, at x = width / 2, as corner 1 lands."""
     chain = af.Block(width, HEIGHT, friction=friction).chain
     position = np.array([[0.0, 0.5 * HEIGHT, 0.0]])
     velocity = spin * np.array([[-0.5 * HEIGHT, -0.5 * width, 1.0]])
@@ -134,7 +134,8 @@ class TestArch:
             first = Impact(chain, position, velocity, modes)
             second = Impact(chain, position, first.velocity, first.modes)
             if np.isinf(friction):
-                # A corner may slide where it presses by nothing, and stick by a further impulse.
+                # A corner may slide where it compresses by nothing, and stick by a further
+                # impulse.
                 left = kinetic(chain, first.velocity)
                 assert kinetic(chain, second.velocity) <= left * (1.0 + 1e-9)
                 continue

@@ -43,8 +43,8 @@ def linkage():
             hinge[j] = face if j == 3 else position[j, :2] + [
                 c[j] * face[0] - s[j] * face[1], s[j] * face[0] + c[j] * face[1]
             ]  # fmt: skip
-        gx, sx, gy, sy = GROUND
-        force = [-gx - sx * time, -chain.gravity - gy - sy * time, 0.0]
+        ground_x, rate_x, ground_y, rate_y = GROUND
+        force = [-ground_x - rate_x * time, -chain.gravity - ground_y - rate_y * time, 0.0]
         free = np.tile(force, (3, 1))
         acceleration, _ = hinged_motion(
             chain.mass, chain.inertia, position[:, :2], hinge, velocity[:, 2], free

@@ -11,7 +11,7 @@ from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import GeometryError
 
 Array = NDArray[np.float64]
-# Steady acceleration that a chain bears both ways [g].
+# Steady acceleration that a chain bears in both directions [g].
 LEAST_ONSET, MOST_ONSET = 0.02, 1.5
 LEAST_PEAK, MOST_PEAK = 0.3, 2.0  # of the ground acceleration [g]
 FREE_END, INFINITE, LOADED, VERTICAL = 0.1, 0.1, 0.3, 0.6  # how often
@@ -22,7 +22,7 @@ class Irregular(NamedTuple):
 
     arch: af.Arch
     motion: af.Motion
-    onset: float  # the smaller of both ways [g]
+    onset: float  # the smaller of both directions [g]
     peak: float  # of the horizontal component [g]
 
 
@@ -71,7 +71,7 @@ def _chain(rng: Generator) -> af.Arch:
 
 
 def _arch_joints(rng: Generator, voussoirs: int) -> tuple[Array, Array]:
-    """Ends of joints about an ellipse of about unit size, each moved, turned and drawn out."""
+    """Ends of joints about an ellipse of about unit size, each moved, rotated and drawn out."""
     half = rng.uniform(np.radians(50.0), np.radians(90.0))
     spacing = 2.0 * half / voussoirs
     angle = np.linspace(0.5 * np.pi + half, 0.5 * np.pi - half, voussoirs + 1)

@@ -8,7 +8,7 @@ KINDS = ("resting", "hinged", "sliding", "impact")
 
 
 def rotated(vector, angle):
-    """`vector` turned by `angle` [rad] counter-clockwise."""
+    """`vector` rotated by `angle` [rad] counter-clockwise."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])
 

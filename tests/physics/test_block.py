@@ -146,7 +146,7 @@ def all_first_motions(base, ground_x, ground_y, friction):
 class TestRegions:
     @pytest.mark.parametrize("base", BASES)
     @pytest.mark.parametrize("ground_y", VERTICAL)
-    def test_four_ways_name_the_same_motion(self, base, ground_y):
+    def test_four_names_name_the_same_motion(self, base, ground_y):
         reach = 2.5 * max(base, 0.4)
         load, friction = np.meshgrid(np.linspace(-reach, reach, GRID), np.linspace(0, reach, GRID))
         load, friction = load.ravel(), friction.ravel()
@@ -156,8 +156,8 @@ class TestRegions:
         found = all_first_motions(base, ground_x, ground_y, friction)[away]
         assert set(found[:, 0]) == {REST, SLIDE, ROCK, SLIDE_ROCK}
         assert (np.bincount(found[:, 0])[:4] > 0.002 * away.size).all()
-        for way in (1, 2, 3):
-            assert np.array_equal(found[:, way], found[:, 0])
+        for direction in (1, 2, 3):
+            assert np.array_equal(found[:, direction], found[:, 0])
 
     @pytest.mark.parametrize("base", BASES)
     @pytest.mark.parametrize("ground_y", VERTICAL)
@@ -181,8 +181,8 @@ class TestRegions:
                 assert (border_distance(base, ground_x, ground_y, beside) > NEAR).all()
                 found = all_first_motions(base, ground_x, ground_y, beside)
                 assert len(set(found[:, 0])) == 1
-                for way in (1, 2, 3):
-                    assert np.array_equal(found[:, way], found[:, 0])
+                for direction in (1, 2, 3):
+                    assert np.array_equal(found[:, direction], found[:, 0])
 
     def test_nothing_holds_a_block_whose_ground_falls_faster_than_itself(self):
         ground_x, friction = np.linspace(-2.0, 2.0, 101), np.full(101, 0.5)
@@ -236,25 +236,25 @@ class TestGradients:
         for _ in range(50):
             block = random_block(rng)
             place, rotation = rng.uniform(-1, 1, 2), rng.uniform(-1, 1)
-            x, y, turn = rng.uniform(-1, 1, 3)
+            x, y, tilt = rng.uniform(-1, 1, 3)
             arm = formulas.rotated_arm(*place, rotation)
             n_t = formulas.tangential_gradient(block, arm)
             n_n = formulas.normal_gradient(block, arm)
-            velocity = formulas.generalised(block, x, y, turn)
+            velocity = formulas.generalised(block, x, y, tilt)
             d = 1e-6
-            later = vector(*formulas.rotated_arm(*place, rotation + d * turn))
-            sooner = vector(*formulas.rotated_arm(*place, rotation - d * turn))
+            later = vector(*formulas.rotated_arm(*place, rotation + d * tilt))
+            sooner = vector(*formulas.rotated_arm(*place, rotation - d * tilt))
             moved = vector(x, y) + (later - sooner) / (2 * d)
             assert formulas.point_velocity(n_t, n_n, velocity) == pytest.approx(moved, abs=1e-9)
-            kinetic = block.mass * (x * x + y * y) + block.inertia * turn * turn
+            kinetic = block.mass * (x * x + y * y) + block.inertia * tilt * tilt
             assert formulas.dot(velocity, velocity) == pytest.approx(kinetic)
-            assert formulas.physical(block, velocity) == pytest.approx((x, y, turn))
+            assert formulas.physical(block, velocity) == pytest.approx((x, y, tilt))
             for rate, gradient in (
                 (formulas.tangential_gradient_rate, formulas.tangential_gradient),
                 (formulas.normal_gradient_rate, formulas.normal_gradient),
             ):
                 slope = vector(*gradient(block, later)) - vector(*gradient(block, sooner))
-                assert rate(block, arm, turn) == pytest.approx(slope / (2 * d), abs=1e-8)
+                assert rate(block, arm, tilt) == pytest.approx(slope / (2 * d), abs=1e-8)
 
     def test_reaction_has_the_same_power_in_both_spaces(self):
         rng = np.random.default_rng(2)
@@ -270,15 +270,15 @@ class TestGradients:
         assert formulas.dot(psi_n, velocity) == pytest.approx(7.0 * rate_n)
         assert formulas.normal_law(n_n, velocity, 7.0)[1] == pytest.approx(7.0 * rate_n)
 
-    def test_admissible_velocities_keep_the_whole_base_out_of_the_ground(self):
+    def test_admissible_velocities_keep_the_full_base_out_of_the_ground(self):
         rng = np.random.default_rng(4)
         signs = set()
         for _ in range(200):
             block = random_block(rng)
-            x, y, turn = rng.uniform(-1, 1, 3)
+            x, y, tilt = rng.uniform(-1, 1, 3)
             places = np.linspace(-block.reach_a, block.reach_b, 50)
-            least = formulas.least_normal_velocity(block, formulas.generalised(block, x, y, turn))
-            assert least == pytest.approx((y + places * turn).min())
+            least = formulas.least_normal_velocity(block, formulas.generalised(block, x, y, tilt))
+            assert least == pytest.approx((y + places * tilt).min())
             signs.add(least > 0)
         assert signs == {True, False}
 
@@ -455,7 +455,7 @@ class TestContactProblem:
             same_answer(found, answer, block, rotation, 2 * g + omega**2 * reach)
         assert all(seen[kind, 1] > 200 for kind in (ROCK, SLIDE_ROCK, LIFT_OFF)), seen
 
-    def test_start_and_sliding_on_the_whole_base(self):
+    def test_start_and_sliding_on_the_full_base(self):
         rng = np.random.default_rng(22)
         seen = set()
         for _ in range(2000):
@@ -513,9 +513,9 @@ class TestEnergy:
             ground, friction = rng.uniform(-1, 1, 2) * (1.0, 0.5), rng.uniform(0, 1)
             found = corner_motion(block, side, rotation, omega, slip, *ground, friction, g)
             arm = formulas.corner_arm(block, side, rotation)
-            turning = plane.rocking_mechanism(block, arm, omega)
+            tilting = plane.rocking_mechanism(block, arm, omega)
             moving = formulas.generalised(block, slip, 0.0, 0.0)
-            velocity = formulas.combine(1.0, turning, 1.0, moving)
+            velocity = formulas.combine(1.0, tilting, 1.0, moving)
             acceleration = formulas.generalised(block, found.x, found.y, found.rotation)
             force = formulas.active_force(block, *ground, g)
             power = formulas.dot(formulas.combine(1.0, acceleration, -1.0, force), velocity)

@@ -56,6 +56,6 @@ class TestRegrouping:
 
         position = framed(np.column_stack([ARCH.chain.centroid, np.zeros(7)]))
         assert moved(position) < 1e-14
-        # The second voussoir of a mega-voussoir, turned against the first.
+        # The second voussoir of a mega-voussoir, rotated against the first.
         position[2, 2] += 1e-3
         assert moved(position) == pytest.approx(1.5e-3)

@@ -142,7 +142,7 @@ class TestInitialStates:
         with pytest.raises(InputError, match=r"overlap by 0\.0026 of its length"):
             af.simulate(ARCH, self.still, initial=(shift, velocity))
 
-    def test_turned_bodies_overlap_too(self):
+    def test_rotated_bodies_overlap_too(self):
         shift, velocity = self.lifted(0.0)
         shift[:, 2] = 1e-3
         with pytest.raises(InputError, match="overlap"):

@@ -39,10 +39,10 @@ class TestBlock:
         )  # fmt: skip
         landed = [c.time for c in run.mechanism if c.cause == "impact"][:3]
         assert landed == pytest.approx(times, rel=1e-6)
-        turn = np.abs(run.history.rotation.values[:, 0])
+        tilt = np.abs(run.history.rotation.values[:, 0])
         time = run.history.time.values
         for begin, end, amplitude in zip(times, times[1:], amplitudes):
-            found = turn[(time > begin) & (time < end)].max()
+            found = tilt[(time > begin) & (time < end)].max()
             assert found == pytest.approx(amplitude, rel=1e-3)
 
     def test_comes_to_rest_through_infinitely_many_impacts(self):
@@ -56,7 +56,7 @@ class TestBlock:
         lost = block.chain.mass[0] * g * (2.0 * (math.cos(0.1) - 1.0) + 0.5 * math.sin(0.1))
         assert run.energy["impacts"] == pytest.approx(-lost, rel=1e-5)
 
-    def test_a_thrown_block_is_braked_by_friction_and_its_account_closes(self):
+    def test_a_thrown_block_is_braked_by_friction_and_its_balance_closes(self):
         block = af.Block(1.0, 1.0, friction=0.3)
         thrown = np.array([[1.0, 0.0, 0.0]])
         run = af.simulate(
@@ -68,7 +68,7 @@ class TestBlock:
         assert run.energy_error < 1e-7
         assert run.energy["friction"] == pytest.approx(-0.5 * block.chain.mass[0], rel=1e-6)
 
-    def test_slides_as_newmark_says(self):
+    def test_slides_as_newmark_gives(self):
         friction, amplitude, duration = 0.3, 0.8, 0.4
         block = af.Block(4.0, 1.0, friction=friction)
         run = af.simulate(block, one_pulse(amplitude, duration), history=True, **EVENT_DRIVEN)
@@ -117,7 +117,7 @@ class TestArch:
         ]
         assert peaks == pytest.approx(np.full(6, np.median(peaks)), rel=1e-2)
 
-    def test_energy_has_no_stray_part(self):
+    def test_energy_has_no_unexplained_part(self):
         for rtol in (1e-4, 1e-6):
             run = af.simulate(oppenheim(), pulse(0.5, 0.3), rtol=rtol, **EVENT_DRIVEN)
             assert run.energy_error < 10.0 * rtol

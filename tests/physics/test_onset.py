@@ -49,10 +49,14 @@ def largest_factor(lines, weight, centre, friction, sense):
         across = np.array([along[1], -along[0]])
         for body, sign in ((j, 1.0), (j - 1, -1.0)):
             if 0 <= body < n_body:
-                for k, (place, way) in enumerate(((near, across), (far, across), (near, along))):
+                for k, (place, direction) in enumerate(
+                    ((near, across), (far, across), (near, along))
+                ):
                     arm = place - centre[body]
-                    turn = arm[0] * way[1] - arm[1] * way[0]
-                    balance[3 * body : 3 * body + 3, 3 * j + k] = sign * np.array([*way, turn])
+                    tilt = arm[0] * direction[1] - arm[1] * direction[0]
+                    balance[3 * body : 3 * body + 3, 3 * j + k] = sign * np.array(
+                        [*direction, tilt]
+                    )
         if math.isfinite(friction[j]):
             for side in (1.0, -1.0):
                 row = np.zeros(columns)
@@ -190,10 +194,10 @@ class TestKinematicTheorem:
             tried += 1
             corners = {"intrados": arch.intrados, "extrados": arch.extrados}
             place = np.array([corners[side][joint] for joint, side in hinges])
-            # Turns of the three mega-voussoirs: the velocities of the third hinge agree.
+            # Rotates of the three mega-voussoirs: the velocities of the third hinge agree.
             step = np.diff(place, axis=0)
-            turn = np.linalg.svd(np.stack([[-s[1], s[0]] for s in step], axis=1))[2][-1]
-            assert sum(np.outer(turn, [1.0, 1.0]) * step[:, ::-1] * [-1.0, 1.0]) == (
+            tilt = np.linalg.svd(np.stack([[-s[1], s[0]] for s in step], axis=1))[2][-1]
+            assert sum(np.outer(tilt, [1.0, 1.0]) * step[:, ::-1] * [-1.0, 1.0]) == (
                 pytest.approx([0.0, 0.0], abs=1e-9)
             )
             chain = arch.chain
@@ -203,18 +207,18 @@ class TestKinematicTheorem:
             for k in range(3):
                 for body in range(joints[k], joints[k + 1]):
                     arm = chain.centroid[body] - place[k]
-                    velocity = base + turn[k] * np.array([-arm[1], arm[0]])
+                    velocity = base + tilt[k] * np.array([-arm[1], arm[0]])
                     power += chain.mass[body] * velocity
-                base = base + turn[k] * np.array([-step[k, 1], step[k, 0]])
+                base = base + tilt[k] * np.array([-step[k, 1], step[k, 0]])
             assert -power[1] / power[0] == pytest.approx(value, rel=1e-8)
-            # A hinge at the extrados opens the intrados: its relative turn has the other sign.
-            opening = np.diff(np.concatenate([[0.0], turn, [0.0]]))
+            # A hinge at the extrados opens the intrados: its relative rotate has the other sign.
+            opening = np.diff(np.concatenate([[0.0], tilt, [0.0]]))
             side = np.array([1.0 if name == "extrados" else -1.0 for _, name in hinges])
             assert len(set(np.sign(opening * side))) == 1
 
 
 class TestDirectionOfTheBodyForce:
-    """With vertical acceleration the rest range holds for k_h / (1 + k_v)."""
+    """With vertical acceleration the range of rest holds for k_h / (1 + k_v)."""
 
     @pytest.mark.parametrize("vertical", [-0.5, 0.0, 0.7])
     def test_contact_problem_starts_to_move_at_the_limit(self, vertical):
@@ -270,17 +274,17 @@ class TestArchThatDoesNotStand:
         assert start.stands is False
         assert start.thrust is None
 
-    def test_is_a_clear_sentence_of_simulate(self):
+    def test_is_a_clear_message_of_simulate(self):
         thin = af.Arch.circular(10.0, 0.95, 180.0, 27, 0.7, sector=False)
         still = af.Motion(np.zeros(10), 0.01)
         with pytest.raises(StabilityError) as caught:
             af.simulate(thin, still)
-        sentence = str(caught.value)
-        assert sentence.count("\n") == 0
-        assert "does not stand under its own weight; make it thicker" in sentence
-        assert "27 voussoirs" in sentence
+        message = str(caught.value)
+        assert message.count("\n") == 0
+        assert "does not stand under its own weight; make it thicker" in message
+        assert "27 voussoirs" in message
 
-    def test_a_leaning_column_tells_what_would_hold_it(self):
+    def test_a_leaning_column_gives_what_would_hold_it(self):
         right = np.array([[0.25, 0.0], [0.85, 3.0]])
         column = af.Arch.from_joints(right, right - [0.5, 0.0], 1.0, free_end=True)
         start = af.onset(column)

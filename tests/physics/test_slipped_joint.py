@@ -24,8 +24,8 @@ SHIFTS = [-0.1, 0.1]
 FINE = {"rtol": 1e-11, "atol": 1e-13}
 
 
-def rotated(turn, arm):
-    c, s = math.cos(turn), math.sin(turn)
+def rotated(rotation, arm):
+    c, s = math.cos(rotation), math.sin(rotation)
     return np.array([c * arm[0] - s * arm[1], s * arm[0] + c * arm[1]])
 
 
@@ -35,7 +35,7 @@ def pivots(shift):
 
 
 def leaning(shift, tilt):
-    """Displacement from rest of a block shifted, then turned to the right by `tilt`, (1, 3)."""
+    """Displacement from rest of a block shifted, then rotated to the right by `tilt`, (1, 3)."""
     pivot = np.array([pivots(shift)[0], 0.0])
     centre = pivot + rotated(-tilt, np.array([shift, UP]) - pivot)
     return np.array([[centre[0], centre[1] - UP, -tilt]])
@@ -49,30 +49,30 @@ def moved(friction, shift, tilt, duration, dt):
     return simulate(block, still, dt=dt, initial=start, history=True, follow=0.0).history
 
 
-def swing(arm, turn, spin, until):
-    """Turn about a fixed point, `arm` from it to the upright block's centre.
+def swing(arm, rotation, spin, until):
+    """Rotation about a fixed point, `arm` from it to the upright block's centre.
 
     Returns
     -------
     scipy.integrate.OdeResult
-        Up to where ``until(state)`` vanishes; states are turn and angular velocity.
+        Up to where ``until(state)`` vanishes; states are rotation and angular velocity.
     """
 
-    def turning(_, state):
+    def tilting(_, state):
         return [state[1], -g * rotated(state[0], arm)[0] / (GYRATION + arm @ arm)]
 
     def ends(_, state):
         return until(state)
 
     ends.terminal = True
-    return solve_ivp(turning, (0.0, 5.0), [turn, spin], events=ends, dense_output=True, **FINE)
+    return solve_ivp(tilting, (0.0, 5.0), [rotation, spin], events=ends, dense_output=True, **FINE)
 
 
 class TestSticking:
-    """Without slip the block turns about one fixed point, then about the other."""
+    """Without slip the block rotates about one fixed point, then about the other."""
 
     @pytest.mark.parametrize("shift", SHIFTS)
-    def test_turns_about_the_vertex_that_bears_and_lands_on_the_other(self, shift):
+    def test_rotates_about_the_vertex_that_bears_and_lands_on_the_other(self, shift):
         tilt = 0.15
         right, left = (np.array([shift - pivot, UP]) for pivot in pivots(shift))
         fall = swing(right, -tilt, 0.0, lambda state: state[0])
@@ -80,11 +80,13 @@ class TestSticking:
         spin = fall.y[1, -1] * (GYRATION + right @ left) / (GYRATION + left @ left)
         rise = swing(left, 0.0, spin, lambda state: state[1])
         history = moved(8.0, shift, tilt, fall.t[-1] + rise.t[-1] + 0.02, 2.5e-5)
-        turn, time = history.rotation.values[:, 0], history.time.values
-        falling = time < fall.t[-1] - 1e-3
-        assert turn[falling] == pytest.approx(fall.sol(time[falling])[0], abs=1e-6 * tilt)
-        assert time[turn > 1e-6][0] == pytest.approx(fall.t[-1], abs=1e-3)
-        assert turn.max() == pytest.approx(rise.y[0, -1], rel=2e-3)
+        rotation, time = history.rotation.values[:, 0], history.time.values
+        collapsing = time < fall.t[-1] - 1e-3
+        assert rotation[collapsing] == pytest.approx(
+            fall.sol(time[collapsing])[0], abs=1e-6 * tilt
+        )
+        assert time[rotation > 1e-6][0] == pytest.approx(fall.t[-1], abs=1e-3)
+        assert rotation.max() == pytest.approx(rise.y[0, -1], rel=2e-3)
 
 
 def slide(friction, shift, tilt, duration):
@@ -94,7 +96,7 @@ def slide(friction, shift, tilt, duration):
     -------
     time : ndarray, (n,) [s]
     state : ndarray, (6, n)
-        x, y, turn and their rates.
+        x, y, rotation and their rates.
     slip_rate : ndarray, (n,)
     """
     corner = np.array([HALF, -UP])
@@ -102,12 +104,12 @@ def slide(friction, shift, tilt, duration):
 
     def contact(state):
         """Normal, arm from the centre to the contact, and what the gap accelerates unforced."""
-        _, _, turn, vx, vy, spin = state
+        _, _, rotation, vx, vy, spin = state
         if shift < 0.0:
             normal = np.array([0.0, 1.0])
-            arm = rotated(turn, corner)
+            arm = rotated(rotation, corner)
             return normal, arm, -g - spin**2 * arm[1]
-        normal = rotated(turn, np.array([0.0, 1.0]))
+        normal = rotated(rotation, np.array([0.0, 1.0]))
         arm = edge - state[:2]
         swung = spin * np.array([-normal[1], normal[0]])
         bend = 2.0 * swung @ [vx, vy] + spin**2 * (normal @ arm)
@@ -120,15 +122,15 @@ def slide(friction, shift, tilt, duration):
 
     def moving(_, state, sense):
         normal, arm, unforced = contact(state)
-        pull = normal - sense * friction * np.array([normal[1], -normal[0]])
-        moment = arm[0] * pull[1] - arm[1] * pull[0]
+        tension = normal - sense * friction * np.array([normal[1], -normal[0]])
+        moment = arm[0] * tension[1] - arm[1] * tension[0]
         lever = arm[0] * normal[1] - arm[1] * normal[0]
-        press = -unforced / (normal @ pull + lever * moment / GYRATION)
+        press = -unforced / (normal @ tension + lever * moment / GYRATION)
         assert press > 0.0
-        return [*state[3:], press * pull[0], press * pull[1] - g, press * moment / GYRATION]
+        return [*state[3:], press * tension[0], press * tension[1] - g, press * moment / GYRATION]
 
-    x, y, turn = leaning(shift, tilt)[0]
-    start = np.array([x, y + UP, turn, 0.0, 0.0, 0.0])
+    x, y, rotation = leaning(shift, tilt)[0]
+    start = np.array([x, y + UP, rotation, 0.0, 0.0, 0.0])
     for sense in (1.0, -1.0):
         found = solve_ivp(moving, (0.0, duration), start, args=(sense,), dense_output=True, **FINE)
         time = np.linspace(0.0, duration, 50)[1:]

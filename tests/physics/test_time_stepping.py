@@ -46,17 +46,17 @@ def every_step_measured(monkeypatch):
 
 
 def tilted(width, height, tilt):
-    """State of a block turned about its right corner by `tilt` [rad], at rest."""
+    """State of a block rotated about its right corner by `tilt` [rad], at rest."""
     half, up = width / 2.0, height / 2.0
     across = half - (half * math.cos(tilt) - up * math.sin(tilt))
     rise = half * math.sin(tilt) + up * math.cos(tilt) - up
     return np.array([[across, rise, -tilt]]), np.zeros((1, 3))
 
 
-def rocking(frequency, slenderness, tilt, turns):
+def rocking(frequency, slenderness, tilt, tilts):
     """Exact free rocking with Housner's impacts: times of impact and amplitudes after them."""
 
-    def turning(_, state):
+    def tilting(_, state):
         return [state[1], -(frequency**2) * math.sin(slenderness - state[0])]
 
     def lands(_, state):
@@ -70,12 +70,12 @@ def rocking(frequency, slenderness, tilt, turns):
     ratio = 1.0 - 1.5 * math.sin(slenderness) ** 2
     options = {"rtol": 1e-11, "atol": 1e-13}
     times, amplitudes, now = [], [], 0.0
-    for _ in range(turns):
-        fall = solve_ivp(turning, (0.0, 20.0), [tilt, 0.0], events=lands, **options)
+    for _ in range(tilts):
+        fall = solve_ivp(tilting, (0.0, 20.0), [tilt, 0.0], events=lands, **options)
         now += fall.t[-1]
         times.append(now)
         speed = -ratio * fall.y[1, -1]
-        rise = solve_ivp(turning, (0.0, 20.0), [0.0, speed], events=tops, **options)
+        rise = solve_ivp(tilting, (0.0, 20.0), [0.0, speed], events=tops, **options)
         now += rise.t[-1]
         tilt = rise.y[0, -1]
         amplitudes.append(tilt)
@@ -206,8 +206,8 @@ class TestCoulomb:
             moving = np.abs(force).max(axis=(1, 2)) > 0.0
             scale = np.abs(force).max(axis=(1, 2), keepdims=True)[:, :, 0]
             # Either face's normal may hold at an open joint: half the angle between them.
-            turns = np.pad(history.rotation.values, ((0, 0), (1, 1)))
-            lean = 0.5 * np.abs(np.diff(turns, axis=1))
+            tilts = np.pad(history.rotation.values, ((0, 0), (1, 1)))
+            lean = 0.5 * np.abs(np.diff(tilts, axis=1))
             slack = (1e-9 + 1.1 * lean) * scale
             mu = arch.chain.friction
             assert moving.sum() > 100
@@ -304,10 +304,10 @@ class TestRocking:
                 initial=tilted(2.0 * half, 2.0 * height, 0.5 * slender),
                 history=True, follow=0.0,
             ).history  # fmt: skip
-            turn = history.rotation.values[:, 0]
-            crossing = np.flatnonzero((turn[:-1] * turn[1:] <= 0.0) & (turn[:-1] != 0.0))[:4]
+            tilt = history.rotation.values[:, 0]
+            crossing = np.flatnonzero((tilt[:-1] * tilt[1:] <= 0.0) & (tilt[:-1] != 0.0))[:4]
             landed.append(history.time.values[crossing[:3] + 1])
-            found.append([np.abs(turn[a:b]).max() for a, b in pairwise(crossing)])
+            found.append([np.abs(tilt[a:b]).max() for a, b in pairwise(crossing)])
         # Where in its step an impact falls is chance: the error is of first order.
         assert found[0] == pytest.approx(amplitudes, rel=2e-2)
         assert found[1] == pytest.approx(amplitudes, rel=3e-3)
@@ -331,7 +331,7 @@ class TestRocking:
 
 
 class TestEnergy:
-    """Contacts take energy and never give any; the account says where it went."""
+    """Contacts take energy and never give any; the balance states where it went."""
 
     def test_joints_never_give_energy_in_any_step(self):
         rng = np.random.default_rng(34)
@@ -354,7 +354,7 @@ class TestEnergy:
             moved += regular.sum()
         assert moved > 100_000
 
-    def test_the_account_closes_on_random_scenes(self):
+    def test_the_balance_closes_on_random_scenes(self):
         rng = np.random.default_rng(35)
         for _ in range(10):
             energy = simulate(*random_scene(rng)).energy
@@ -364,7 +364,7 @@ class TestEnergy:
             )
             assert gained == pytest.approx(given, abs=1e-9 * energy["largest_kinetic"])
 
-    def test_the_account_equals_the_work_measured_from_the_history(self):
+    def test_the_balance_equals_the_work_measured_from_the_history(self):
         arch = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7)
         dt = 5e-4
         motion = sampled(lambda t: 0.5 * np.where(t < 0.3, 1.0, -0.5), 0.9, dt)
@@ -429,15 +429,15 @@ class TestFollowing:
     def test_goes_on_until_rest_within_its_limit(self):
         arch = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7)
         motion = pulse(0.5, 0.3)
-        whole = simulate(arch, motion)
-        assert whole.status is Status.STANDING
-        assert whole.end_time > motion.duration + 0.1
+        total = simulate(arch, motion)
+        assert total.status is Status.STANDING
+        assert total.end_time > motion.duration + 0.1
         part = simulate(arch, motion, follow=0.05)
         assert part.status is Status.UNFINISHED
         assert part.collapsed is None
         assert part.end_time == pytest.approx(motion.duration + 0.05, abs=1e-3)
 
-    def test_rest_and_motion_make_up_the_whole_time(self):
+    def test_rest_and_motion_make_up_the_total_time(self):
         arch = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7)
         quiet = np.zeros(20000)
         pushed = pulse(0.5, 0.3).acceleration

@@ -1,6 +1,6 @@
 """Closing joints that were missed: voussoirs ran into each other, or were moved apart in no time.
 
-Each scene broke the bounds here by what its name says, by `auto` at its default tolerance, while
+Each scene broke the bounds here by what its name states, by `auto` at its default tolerance, while
 it was reported as an ordinary answer.
 """
 
@@ -34,10 +34,10 @@ def judge(arch, motion):
     response = af.simulate(arch, motion, history=True)
     history = response.history
     time = history.time.values
-    shift, turn = history.displacement.values, history.rotation.values
+    shift, tilt = history.displacement.values, history.rotation.values
     speed, spin = history.velocity.values, history.angular_velocity.values
-    deepest = overlaps(arch, shift, turn).max()
-    farthest = largest_jump(arch, time, shift, turn, speed, spin)
+    deepest = overlaps(arch, shift, tilt).max()
+    farthest = largest_jump(arch, time, shift, tilt, speed, spin)
     gain = late_energy_gain(arch, motion.duration, time, shift, speed, spin)
     assert response.status in (Status.STANDING, Status.COLLAPSED, Status.UNFINISHED)
     assert deepest <= DEEPEST

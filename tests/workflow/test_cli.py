@@ -280,13 +280,13 @@ class TestSteps:
 
 class TestEvidence:
     def test_an_unknown_part_is_named_with_those_there_are(self, tmp_path):
-        sentence = refused("evidence", "sped", "--output", tmp_path / "out")[1]
-        assert sentence.startswith("evidence has no part 'sped'; allowed are")
+        message = refused("evidence", "sped", "--output", tmp_path / "out")[1]
+        assert message.startswith("evidence has no part 'sped'; allowed are")
         assert not (tmp_path / "out").exists()
 
-    def test_without_the_repository_it_is_told_how_to_get_it(self, tmp_path, monkeypatch):
+    def test_without_the_repository_it_is_reported_how_to_get_it(self, tmp_path, monkeypatch):
         monkeypatch.setitem(sys.modules, "archbench", None)
         monkeypatch.delitem(sys.modules, "archbench.command", raising=False)
-        sentence = refused("evidence", "--output", tmp_path / "out")[1]
-        assert "archbench" in sentence
-        assert "pip install -e .[bench]" in sentence
+        message = refused("evidence", "--output", tmp_path / "out")[1]
+        assert "archbench" in message
+        assert "pip install -e .[bench]" in message

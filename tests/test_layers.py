@@ -1,4 +1,4 @@
-"""The house: floors between its rooms, style, types, and nothing at the top that is not meant."""
+"""Layers of the code, style, types, and nothing at the top that is not meant."""
 
 import subprocess
 import sys
