@@ -169,10 +169,7 @@ LEAST_COMPARED = {3: 0.95, 7: 0.95, 27: 0.6, 81: 0.35}
 
 
 CASES = [
-    (n, mu)
-    for n in LEAST_COMPARED
-    for mu in (0.36, 0.5, 0.7, np.inf)
-    if n < 81 or mu in (0.36, np.inf)
+    (n, mu) for n in LEAST_COMPARED for mu in (0.36, 0.5, 0.7, np.inf) if n < 81 or mu == 0.36
 ]
 
 
