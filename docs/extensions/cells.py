@@ -23,6 +23,7 @@ def join_streams(outputs: nodes.Element) -> None:
 
 
 def show_plainly(app: Sphinx, doctree: nodes.document) -> None:
+    """Cells without magic words, and outputs without the folders of the build."""
     for outputs in doctree.findall(nodes.container):
         if "cell_output" in outputs["classes"]:
             join_streams(outputs)
@@ -38,6 +39,7 @@ def show_plainly(app: Sphinx, doctree: nodes.document) -> None:
 
 
 def plain_help(app: Sphinx, context: object, lines: list[str]) -> None:
+    """Code in single backticks as reStructuredText writes it; stars as they are."""
     lines[:] = [
         re.sub(r"(?<!`)`([^`]+)`(?!`)", r"``\1``", line.replace("*", r"\*")) for line in lines
     ]

@@ -29,11 +29,13 @@ def markup(latex: str, node: nodes.Node, display: bool) -> str:
 
 
 def inline(writer, node: nodes.math) -> None:
+    """A formula within a line."""
     writer.body.append(markup(node.astext(), node, display=False))
     raise nodes.SkipNode
 
 
 def block(writer, node: nodes.math_block) -> None:
+    """A formula on a line of its own, with its number."""
     latex = NUMBERED.sub(r"{\1ed}", node.astext().strip()).replace("{split}", "{aligned}")
     tags = TAG.findall(latex)
     latex = TAG.sub("", latex)

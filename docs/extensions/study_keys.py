@@ -16,6 +16,7 @@ BOUNDS = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiv
 
 
 def anchor(name: str) -> str:
+    """Name of a definition that pages link to."""
     return f"study-{name.lower()}"
 
 
@@ -45,6 +46,7 @@ def values(schema: dict) -> str:
 
 
 def default(schema: dict, required: bool) -> str:
+    """What holds if the key is not given."""
     if required:
         return "**required**"
     value = schema.get("default")
@@ -54,10 +56,12 @@ def default(schema: dict, required: bool) -> str:
 
 
 def cell(text: str) -> str:
+    """Text that may stand in a cell of a table."""
     return " ".join(text.split()).replace("|", "\\|").replace("$", "\\$")
 
 
 def table(schema: dict) -> list[str]:
+    """Lines of a table of all keys of one definition."""
     required = schema.get("required", [])
     lines = ["| key | values | if not given | meaning |", "|---|---|---|---|"]
     for name, one in schema.get("properties", {}).items():
@@ -68,6 +72,7 @@ def table(schema: dict) -> list[str]:
 
 
 def section(schema: dict, name: str) -> str:
+    """Heading, description and keys of one definition."""
     one = schema if name == "study" else schema["$defs"][name]
     lines = table(one) if one.get("properties") else []
     if name != "study":

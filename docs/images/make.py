@@ -12,6 +12,7 @@ STUDY = HERE.parents[1] / "configs" / "shipped.yaml"
 
 
 def main() -> None:
+    """Run the shipped study and keep its curve."""
     with tempfile.TemporaryDirectory() as folder:
         output = f"--set=output={json.dumps(folder + '/results')}"
         command = [sys.executable, "-m", "archfrag.cli", "run", str(STUDY), output]

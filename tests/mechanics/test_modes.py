@@ -35,7 +35,7 @@ def opening(first, second, sliding=0.0):
 
 
 def pressing(first, second, shear=0.0):
-    """Reaction of a joint that compresses by `first` and `second` at its corners."""
+    """Reaction of a joint compressed by `first` and `second` at its corners."""
     return first + second, shear, HALF * (first - second)
 
 
@@ -114,12 +114,13 @@ class TestClosedJoint:
 
     @pytest.mark.parametrize("slip", [0, PLUS, MINUS])
     def test_the_corner_that_needs_tension_is_left(self, slip):
-        """Signorini (Eq 5): both normal forces press; a contact that is in tension opens."""
+        """Signorini (Eq 5): both normal forces are compressive; a contact that is in tension
+        opens."""
         shear = 0.5 * slip
         assert asked(Mode((0, 1), slip), STILL, pressing(1.2, -0.2, shear)) == Mode((0,), slip)
         assert asked(Mode((0, 1), slip), STILL, pressing(-0.2, 1.2, shear)) == Mode((1,), slip)
 
-    def test_opens_where_both_corners_needs_tension(self):
+    def test_opens_where_both_corners_need_tension(self):
         assert asked(CLOSED, STILL, pressing(-0.2, -0.1)) == OPEN
 
     def test_tips_and_slides_at_once(self):

@@ -109,7 +109,7 @@ def test_many_runs_by_events_are_those_made_alone():
         assert many.steps.values[row] == alone.steps
 
 
-def test_events_are_small_for_blocks_and_for_pulses_on_short_chains():
+def test_events_are_rare_for_blocks_and_for_pulses_on_short_chains():
     cases = {
         (1, 4000, 1e-2): True,
         (1, 4000, 0.03): False,
@@ -131,7 +131,7 @@ def test_breaks_are_counted_in_both_components():
     assert count_breaks(np.zeros(50), np.zeros(50)) == 0
 
 
-def test_the_more_events_are_switched_the_longer_all_voussoirs_are_stepped():
+def test_the_more_events_are_left_to_steps_the_longer_all_voussoirs_are_stepped():
     longer = [
         run(1e-3, coarse=1.0, switch_steps=steps).model_time["all_voussoirs"]
         for steps in (0.0, 1e6)

@@ -214,7 +214,7 @@ class TestReferenceValues:
         def collapses(time):
             response = four_link(arch, rectangle(g_pulse, time))
             assert response.status in (Status.COLLAPSED, Status.STANDING)
-            # One direction: what collapses has not met an impact.
+            # One side only: what collapses has not met an impact.
             assert not response.collapsed or response.events["impacts"] == 0
             return response.collapsed
 

@@ -27,8 +27,8 @@ class TestRockingBlock:
             a = np.interp(t, np.arange(acceleration.size) * motion.dt, acceleration, right=0.0)
             side = 1.0 if y[0] > 0.0 or (y[0] == 0.0 and y[1] > 0.0) else -1.0
             lean = alpha * side - y[0]
-            tension = g * math.sin(lean) - a * math.cos(lean)
-            return [y[1], -0.75 / radius * tension]
+            restoring = g * math.sin(lean) - a * math.cos(lean)
+            return [y[1], -0.75 / radius * restoring]
 
         def closed(t, y):
             return y[0] if t > clock + 1e-9 else np.sign(y[0] + y[1])

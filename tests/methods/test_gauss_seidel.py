@@ -94,14 +94,14 @@ class TestValidation:
 
 class TestSweeps:
     def test_steps_at_the_cap_are_counted_and_the_run_goes_on(self):
-        small = simulate(scenes.arch(), pulse(0.5, 0.3), follow=0.0, settings={"sweeps": 5})
+        five = simulate(scenes.arch(), pulse(0.5, 0.3), follow=0.0, settings={"sweeps": 5})
         many = simulate(scenes.arch(), pulse(0.5, 0.3), follow=0.0)
-        assert small.work["unconverged"] > 0.8 * small.steps
-        assert small.work["sweeps"] <= 5 * small.steps
-        assert small.end_time == many.end_time > 0.9
-        assert small.residual > 0.01
+        assert five.work["unconverged"] > 0.8 * five.steps
+        assert five.work["sweeps"] <= 5 * five.steps
+        assert five.end_time == many.end_time > 0.9
+        assert five.residual > 0.01
         assert many.work["unconverged"] == 0
-        assert many.residual < 0.1 * small.residual
+        assert many.residual < 0.1 * five.residual
 
     def test_they_grow_faster_than_the_number_of_voussoirs(self):
         small, large = (

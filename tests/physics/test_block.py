@@ -146,7 +146,7 @@ def all_first_motions(base, ground_x, ground_y, friction):
 class TestRegions:
     @pytest.mark.parametrize("base", BASES)
     @pytest.mark.parametrize("ground_y", VERTICAL)
-    def test_four_names_name_the_same_motion(self, base, ground_y):
+    def test_four_forms_give_the_same_motion(self, base, ground_y):
         reach = 2.5 * max(base, 0.4)
         load, friction = np.meshgrid(np.linspace(-reach, reach, GRID), np.linspace(0, reach, GRID))
         load, friction = load.ravel(), friction.ravel()
@@ -156,8 +156,8 @@ class TestRegions:
         found = all_first_motions(base, ground_x, ground_y, friction)[away]
         assert set(found[:, 0]) == {REST, SLIDE, ROCK, SLIDE_ROCK}
         assert (np.bincount(found[:, 0])[:4] > 0.002 * away.size).all()
-        for direction in (1, 2, 3):
-            assert np.array_equal(found[:, direction], found[:, 0])
+        for form in (1, 2, 3):
+            assert np.array_equal(found[:, form], found[:, 0])
 
     @pytest.mark.parametrize("base", BASES)
     @pytest.mark.parametrize("ground_y", VERTICAL)
@@ -181,8 +181,8 @@ class TestRegions:
                 assert (border_distance(base, ground_x, ground_y, beside) > NEAR).all()
                 found = all_first_motions(base, ground_x, ground_y, beside)
                 assert len(set(found[:, 0])) == 1
-                for direction in (1, 2, 3):
-                    assert np.array_equal(found[:, direction], found[:, 0])
+                for form in (1, 2, 3):
+                    assert np.array_equal(found[:, form], found[:, 0])
 
     def test_nothing_holds_a_block_whose_ground_falls_faster_than_itself(self):
         ground_x, friction = np.linspace(-2.0, 2.0, 101), np.full(101, 0.5)

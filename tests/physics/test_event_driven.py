@@ -68,7 +68,7 @@ class TestBlock:
         assert run.energy_error < 1e-7
         assert run.energy["friction"] == pytest.approx(-0.5 * block.chain.mass[0], rel=1e-6)
 
-    def test_slides_as_newmark_gives(self):
+    def test_slides_as_newmark_derived(self):
         friction, amplitude, duration = 0.3, 0.8, 0.4
         block = af.Block(4.0, 1.0, friction=friction)
         run = af.simulate(block, one_pulse(amplitude, duration), history=True, **EVENT_DRIVEN)

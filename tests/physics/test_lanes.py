@@ -128,7 +128,7 @@ def test_motions_and_factors_that_do_not_match_are_refused(given, factors):
 def test_a_history_does_not_change_the_run():
     given, factors = runs("seven", count=1)
     plain = af.simulate(ARCHES["seven"], given[-1], scale=factors[-1])
-    reported = af.simulate(ARCHES["seven"], given[-1], scale=factors[-1], history=True)
-    assert plain.peak_rotation == reported.peak_rotation
-    assert plain.work == reported.work
+    recorded = af.simulate(ARCHES["seven"], given[-1], scale=factors[-1], history=True)
+    assert plain.peak_rotation == recorded.peak_rotation
+    assert plain.work == recorded.work
     assert plain.status in (Status.STANDING, Status.COLLAPSED)

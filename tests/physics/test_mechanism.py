@@ -29,7 +29,7 @@ PATTERNS = {
     "four hinges": {0: 4, 2: 1, 4: 4, 7: 1},
     "split hinges": {0: 4, 2: 1, 4: 4, 5: 4, 7: 1},
     "every joint open": dict(enumerate([4, 1, 1, 4, 4, 1, 4, 1])),
-    "a joint that slides full": {0: 4, 3: 8, 5: 1, 7: 4},
+    "a joint that slides without opening": {0: 4, 3: 8, 5: 1, 7: 4},
     "a corner that slides": {1: 6, 2: 1, 4: 5, 6: 1},
     "a part at rest beside a part in motion": {3: 1, 4: 4, 5: 1},
     "contact lost": {0: 4, 3: 0, 6: 1, 7: 4},

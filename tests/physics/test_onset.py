@@ -53,9 +53,9 @@ def largest_factor(lines, weight, centre, friction, sense):
                     ((near, across), (far, across), (near, along))
                 ):
                     arm = place - centre[body]
-                    tilt = arm[0] * direction[1] - arm[1] * direction[0]
+                    moment = arm[0] * direction[1] - arm[1] * direction[0]
                     balance[3 * body : 3 * body + 3, 3 * j + k] = sign * np.array(
-                        [*direction, tilt]
+                        [*direction, moment]
                     )
         if math.isfinite(friction[j]):
             for side in (1.0, -1.0):
@@ -194,7 +194,7 @@ class TestKinematicTheorem:
             tried += 1
             corners = {"intrados": arch.intrados, "extrados": arch.extrados}
             place = np.array([corners[side][joint] for joint, side in hinges])
-            # Rotates of the three mega-voussoirs: the velocities of the third hinge agree.
+            # Rotations of the three mega-voussoirs: the velocities of the third hinge agree.
             step = np.diff(place, axis=0)
             tilt = np.linalg.svd(np.stack([[-s[1], s[0]] for s in step], axis=1))[2][-1]
             assert sum(np.outer(tilt, [1.0, 1.0]) * step[:, ::-1] * [-1.0, 1.0]) == (
@@ -211,7 +211,7 @@ class TestKinematicTheorem:
                     power += chain.mass[body] * velocity
                 base = base + tilt[k] * np.array([-step[k, 1], step[k, 0]])
             assert -power[1] / power[0] == pytest.approx(value, rel=1e-8)
-            # A hinge at the extrados opens the intrados: its relative rotate has the other sign.
+            # A hinge at the extrados opens the intrados: its relative rotation has the other sign.
             opening = np.diff(np.concatenate([[0.0], tilt, [0.0]]))
             side = np.array([1.0 if name == "extrados" else -1.0 for _, name in hinges])
             assert len(set(np.sign(opening * side))) == 1

@@ -122,12 +122,17 @@ def slide(friction, shift, tilt, duration):
 
     def moving(_, state, sense):
         normal, arm, unforced = contact(state)
-        tension = normal - sense * friction * np.array([normal[1], -normal[0]])
-        moment = arm[0] * tension[1] - arm[1] * tension[0]
+        reaction = normal - sense * friction * np.array([normal[1], -normal[0]])
+        moment = arm[0] * reaction[1] - arm[1] * reaction[0]
         lever = arm[0] * normal[1] - arm[1] * normal[0]
-        press = -unforced / (normal @ tension + lever * moment / GYRATION)
+        press = -unforced / (normal @ reaction + lever * moment / GYRATION)
         assert press > 0.0
-        return [*state[3:], press * tension[0], press * tension[1] - g, press * moment / GYRATION]
+        return [
+            *state[3:],
+            press * reaction[0],
+            press * reaction[1] - g,
+            press * moment / GYRATION,
+        ]
 
     x, y, rotation = leaning(shift, tilt)[0]
     start = np.array([x, y + UP, rotation, 0.0, 0.0, 0.0])

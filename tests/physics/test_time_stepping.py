@@ -53,7 +53,7 @@ def tilted(width, height, tilt):
     return np.array([[across, rise, -tilt]]), np.zeros((1, 3))
 
 
-def rocking(frequency, slenderness, tilt, tilts):
+def rocking(frequency, slenderness, tilt, swings):
     """Exact free rocking with Housner's impacts: times of impact and amplitudes after them."""
 
     def tilting(_, state):
@@ -70,7 +70,7 @@ def rocking(frequency, slenderness, tilt, tilts):
     ratio = 1.0 - 1.5 * math.sin(slenderness) ** 2
     options = {"rtol": 1e-11, "atol": 1e-13}
     times, amplitudes, now = [], [], 0.0
-    for _ in range(tilts):
+    for _ in range(swings):
         fall = solve_ivp(tilting, (0.0, 20.0), [tilt, 0.0], events=lands, **options)
         now += fall.t[-1]
         times.append(now)
