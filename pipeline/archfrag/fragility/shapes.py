@@ -137,9 +137,7 @@ def kernel_curve(runs: Runs, resampling: Resampling) -> FreeCurve:
     collapses, n = (part[None] for part in runs.totals)
     value = _local(x, collapses, n, nodes, width)[0]
     draws = _local(x, *runs.resample(resampling), nodes, width)
-    return FreeCurve(
-        "kernel", np.exp(nodes), value, resampling.confidence, _draws=draws
-    )
+    return FreeCurve("kernel", np.exp(nodes), value, resampling.confidence, _draws=draws)
 
 
 def _local(
