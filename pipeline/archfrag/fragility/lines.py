@@ -91,7 +91,8 @@ def binomial_lines(
     """Likeliest lines of weighted counts 0 <= collapses <= n, (n_fit, n_point), which need not be
     integers, at x, (n_point,) or (n_fit, n_point).
 
-    `link` is "probit" or "logistic"; the loss is convex for both (Pratt 1981, J. Am. Stat. Assoc. 76).
+    `link` is "probit" or "logistic"; the loss is convex for both (Pratt 1981, J. Am. Stat. Assoc.
+    76).
     """
     k, n = np.atleast_2d(collapses), np.atleast_2d(n)
     x = np.broadcast_to(x, k.shape)
