@@ -10,7 +10,7 @@ import hashlib
 import re
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -111,7 +111,7 @@ class _Site(NamedTuple):
 class _Quake(NamedTuple):
     id: str
     origin: Origin
-    window: tuple[Any, Any]
+    window: dict[str, Any]  # what a query says of it
     facts: dict[str, Any]
 
 
@@ -169,12 +169,10 @@ class _Fetching:
         return self.result
 
     def _event(self, id: str) -> None:
-        try:
+        with _named(f"event {id}"):
             content, event = self.catalogue.event(id)
             quake = self._quake(id, event)
             sites = self._sites(quake)
-        except Refusal as refusal:
-            raise Refusal(refusal.kind, f"event {id}: {refusal}") from None
         place = make_folder(self.folder / folder_name(id))
         with replacing(place / "event.xml") as part:
             part.write_bytes(content)
@@ -213,7 +211,8 @@ class _Fetching:
             "magnitude_type": (preferred.magnitude_type or "") if preferred else "",
             "window_s": f"-{self.request.before:g} {self.request.after:g}",
         }  # fmt: skip
-        window = origin.time - self.request.before, origin.time + self.request.after
+        window = {"starttime": origin.time - self.request.before,
+                  "endtime": origin.time + self.request.after}  # fmt: skip
         return _Quake(id, origin, window, facts)
 
     def _sites(self, quake: _Quake) -> list[_Site]:
@@ -224,7 +223,7 @@ class _Fetching:
             latitude=quake.origin.latitude, longitude=quake.origin.longitude,
             # Degrees of a sphere; the distance on the ellipsoid decides.
             maxradius=kilometers2degrees(1.01 * self.request.radius),
-            starttime=quake.window[0], endtime=quake.window[1],
+            **quake.window,
         )[1]  # fmt: skip
         sites = _located(inventory, quake.origin)
         near = [site for site in sites if site.epicentral_km <= self.request.radius]
@@ -242,12 +241,10 @@ class _Fetching:
             if same.items() <= row.items() and self._complete(row):
                 self.result.kept.append(row["id"])
                 return
-        try:
+        with _named(label):
             wanted, waveforms = self._waveforms(quake, site)
             what = f"the responses of {site.name}"
             responses, _ = self.archive.stations(what, level="response", **wanted)
-        except Refusal as refusal:
-            raise Refusal(refusal.kind, f"{label}: {refusal}") from None
         channel = f"{wanted['location'].replace('--', '')}.{wanted['channel'][:2]}"
         name = f"{place.name}_{site.name}.{channel}"
         stored = self._store(place, name, site, waveforms, responses)
@@ -277,10 +274,9 @@ class _Fetching:
         for kind in self.request.channels:
             places = {c.location_code for c in site.station if c.code.startswith(kind[:2])}
             for location in sorted(places):
-                wanted = {
+                wanted = quake.window | {
                     "network": site.network, "station": site.station.code,
                     "location": location or "--", "channel": f"{kind[:2]}?",
-                    "starttime": quake.window[0], "endtime": quake.window[1],
                 }  # fmt: skip
                 try:
                     return wanted, self.archive.waveforms(**wanted)
@@ -312,6 +308,15 @@ class _Fetching:
             "dt_s": motions[0].dt, "channels": " ".join(filter(None, codes)),
             "start_time": motions[0].metadata.get("start_time", ""),
         }  # fmt: skip
+
+
+@contextlib.contextmanager
+def _named(what: str) -> Iterator[None]:
+    """Put what it is about before the message of a refusal."""
+    try:
+        yield
+    except Refusal as refusal:
+        raise Refusal(refusal.kind, f"{what}: {refusal}") from None
 
 
 def folder_name(id: str) -> str:

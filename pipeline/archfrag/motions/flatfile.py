@@ -1,6 +1,6 @@
 """Measures of many records as one table, with the columns of an NGA flatfile."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from itertools import islice
@@ -28,7 +28,6 @@ _MEASURES = (
     ("D5_75_s", "D5_75", 1.0), ("D5_95_s", "D5_95", 1.0), ("HI_cm", "HI", 0.01),
     ("ASI_gs", "ASI", STANDARD_GRAVITY),
 )  # fmt: skip
-_ROTATED = (("PGA_g", "PGA", STANDARD_GRAVITY), ("PGV_cms", "PGV", 0.01))
 _FACTS = {
     "file": ("file",), "event": ("event",), "station": ("station",),
     "magnitude": ("Mw", "magnitude"), "distance_km": ("distance_km", "epicentral_km"),
@@ -90,8 +89,13 @@ def measure_records(
             "its columns by them"
         )
     row = partial(_row, periods=tuple(periods))
-    rows = map(row, motions) if workers == 1 else _by_processes(row, motions, workers)
-    return _typed(pd.DataFrame(list(rows)))
+    if workers == 1:
+        return _typed(pd.DataFrame(list(map(row, motions))))
+    waiting, rows = iter(motions), list[dict[str, Any]]()
+    with ProcessPoolExecutor(workers) as pool:
+        while batch := list(islice(waiting, _BATCH * workers)):
+            rows += pool.map(row, batch, chunksize=_BATCH // 4)
+    return _typed(pd.DataFrame(rows))
 
 
 def write_flatfile(path: str | Path, table: "pd.DataFrame") -> None:
@@ -131,26 +135,16 @@ def read_flatfile(path: str | Path) -> "pd.DataFrame":
         raise InputError(f"{path}: {error}") from None
 
 
-def _by_processes(
-    row: Callable[[Motion], dict[str, Any]], motions: Iterable[Motion], workers: int
-) -> Iterator[dict[str, Any]]:
-    """Rows in the order of the motions, made by processes, a batch of motions at a time."""
-    waiting = iter(motions)
-    with ProcessPoolExecutor(workers) as pool:
-        while batch := list(islice(waiting, _BATCH * workers)):
-            yield from pool.map(row, batch, chunksize=_BATCH // 4)
-
-
 def _row(motion: Motion, periods: Sequence[float]) -> dict[str, Any]:
     wanted = list(_MEASURES)
     spectrum = [(period_column(t), f"Sa({t!r})", STANDARD_GRAVITY) for t in map(float, periods)]
     wanted[3:3] = spectrum
     if motion.across is not None:
-        for kind in ("RotD50", "RotD100"):
-            wanted += [
-                (f"{kind}_{column}", f"{kind}({name})", unit)
-                for column, name, unit in (*_ROTATED, *spectrum)
-            ]
+        wanted += [
+            (f"{kind}_{column}", f"{kind}({name})", unit)
+            for kind in ("RotD50", "RotD100")
+            for column, name, unit in (*_MEASURES[:2], *spectrum)
+        ]
     values = measure_all(motion, [name for _, name, _ in wanted])
     row: dict[str, Any] = {"record": motion.id}
     for column, keys in _FACTS.items():
@@ -167,13 +161,11 @@ def _typed(table: "pd.DataFrame") -> "pd.DataFrame":
 
     from archfrag.motions.selection.candidates import TRUTH
 
-    for column in table.columns:
-        name = str(column)
-        if name == "pulse":
-            words = table[column].map(lambda word: TRUTH.get(str(word).lower()))
-            table[column] = words.astype("boolean")
-        elif name in _TEXTS:
-            table[column] = table[column].astype("string")
-        elif name in _NUMBERS:
-            table[column] = pd.to_numeric(table[column])
+    if "pulse" in table:
+        words = table["pulse"].map(lambda word: TRUTH.get(str(word).lower()))
+        table["pulse"] = words.astype("boolean")
+    texts = table.columns.intersection(list(_TEXTS))
+    table[texts] = table[texts].astype("string")
+    for column in table.columns.intersection(list(_NUMBERS)):
+        table[column] = pd.to_numeric(table[column])
     return table
