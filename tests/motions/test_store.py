@@ -101,11 +101,6 @@ class TestFlatfile:
         assert bool(again["pulse"][0]) is True
         assert again["PGV_cms"].tolist() == pytest.approx(table["PGV_cms"].tolist(), rel=1e-5)
 
-    def test_two_processes_give_the_same(self):
-        motions = [Motion(noise(300, seed), 0.01, id=str(seed)) for seed in range(5)]
-        alone = measure_records(motions, [0.2])
-        assert measure_records(iter(motions), [0.2], workers=2).equals(alone)
-
     @pytest.mark.parametrize(
         ("text", "reason"),
         [("a,b\n1,2\n", "has no column 'record'"), ("", "cannot be read as a flatfile in CSV"),

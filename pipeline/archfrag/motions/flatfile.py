@@ -1,9 +1,6 @@
 """Measures of many records as one table, with the columns of an NGA flatfile."""
 
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from functools import partial
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +17,6 @@ PERIODS = (
     0.01, 0.02, 0.03, 0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0,
     4.0, 5.0, 7.5, 10.0,
 )  # fmt: skip
-_BATCH = 64  # motions
 # Column, measure, and what a value in its unit is in SI.
 _MEASURES = (
     ("PGA_g", "PGA", STANDARD_GRAVITY), ("PGV_cms", "PGV", 0.01), ("PGD_cm", "PGD", 0.01),
@@ -43,7 +39,7 @@ def period_column(period: float) -> str:
 
 
 def measure_records(
-    motions: Iterable[Motion], periods: Sequence[float] = PERIODS, workers: int = 1
+    motions: Iterable[Motion], periods: Sequence[float] = PERIODS
 ) -> "pd.DataFrame":
     """Measure records, one row each.
 
@@ -53,8 +49,6 @@ def measure_records(
         Taken one after the other, so that not all need to be in memory.
     periods : sequence of float [s]
         Of Sa, 5 % damping; each with no more than three decimals.
-    workers : int
-        Processes that measure; with more than one a script needs a ``__main__`` guard.
 
     Returns
     -------
@@ -88,14 +82,7 @@ def measure_records(
             f"periods {list(periods)} must differ in their first three decimals: a flatfile names "
             "its columns by them"
         )
-    row = partial(_row, periods=tuple(periods))
-    if workers == 1:
-        return _typed(pd.DataFrame(list(map(row, motions))))
-    waiting, rows = iter(motions), list[dict[str, Any]]()
-    with ProcessPoolExecutor(workers) as pool:
-        while batch := list(islice(waiting, _BATCH * workers)):
-            rows += pool.map(row, batch, chunksize=_BATCH // 4)
-    return _typed(pd.DataFrame(rows))
+    return _typed(pd.DataFrame([_row(motion, periods) for motion in motions]))
 
 
 def write_flatfile(path: str | Path, table: "pd.DataFrame") -> None:

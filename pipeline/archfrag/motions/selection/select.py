@@ -182,7 +182,6 @@ def select_records(
     *,
     max_scale: float = 4.0,
     per_event: int | None = None,
-    weights: tuple[float, float] | None = None,
 ) -> Selection:
     """Select records whose scaled spectra are distributed as the target's.
 
@@ -209,9 +208,6 @@ def select_records(
         No factor is above it or below its inverse.
     per_event : int, optional
         Most records of one event.
-    weights : (float, float), optional
-        Of the squared errors of mean and standard deviation of ln Sa: 1 and 2 where not given,
-        1 and 0.1 for a target that is a mean only, of which the scatter is kept small.
 
     Returns
     -------
@@ -240,12 +236,15 @@ def select_records(
     >>> selected.median.round(1), selected.sd.round(1)
     (array([0.6, 0.2]), array([0.5, 0.6]))
     """
-    if weights is None:
-        weights = (1.0, 2.0) if target.sd.any() else (1.0, 0.1)
-    _check(count, seed, max_scale, per_event, weights)
+    for name, value, least in (
+        ("count", count, 1), ("seed", seed, 0), ("max_scale", max_scale, 1),
+        ("per_event", 1 if per_event is None else per_event, 1),
+    ):  # fmt: skip
+        if not value >= least:
+            raise InputError(f"{name} = {value} must be at least {least}")
     records, ln_sa, limits = _candidates(table, target, count, max_scale, per_event)
-    start = simulate(target, count, np.random.default_rng(seed), weights)
-    chosen, ln_factor, simulated = best_set(ln_sa, target, start, limits, weights)
+    start = simulate(target, count, np.random.default_rng(seed))
+    chosen, ln_factor, simulated = best_set(ln_sa, target, start, limits)
     order = np.argsort(chosen)
     selected = records.iloc[chosen[order]].reset_index(drop=True)
     selected["scale"] = np.exp(ln_factor[order])
@@ -284,16 +283,3 @@ def _candidates(
             f"{name_of(table)}: {count} records are wanted and {most} may be selected; {story}"
         )
     return records, ln_sa, Limits(limit, tuple(rules))
-
-
-def _check(
-    count: int, seed: int, max_scale: float, per_event: int | None, weights: tuple[float, float]
-) -> None:
-    for name, value, least in (
-        ("count", count, 1), ("seed", seed, 0), ("max_scale", max_scale, 1),
-        ("per_event", 1 if per_event is None else per_event, 1),
-    ):  # fmt: skip
-        if not value >= least:
-            raise InputError(f"{name} = {value} must be at least {least}")
-    if not (np.isfinite(weights).all() and min(weights) >= 0.0 and max(weights) > 0.0):
-        raise InputError(f"weights {weights} must be numbers from 0 on, one of them above 0")
