@@ -14,6 +14,8 @@ from archfrag.errors import InputError
 from archfrag.study.provenance import available_cores
 
 OTHERS = tuple(name for name in (*NAMES, *VARIANTS) if name != "archfrag")
+# One line for each: MuJoCo with contact points at corners, which is its most accurate variant.
+ALL = ("mujoco_corners", *(name for name in OTHERS if name not in ("mujoco", *VARIANTS)))
 
 
 def gather(
@@ -85,7 +87,7 @@ def gather(
 
 def _installed(solvers: Sequence[str], report: Callable[[str], None]) -> tuple[str, ...]:
     """Those of the named solvers that are installed; if one asked for by name is not, refuse."""
-    asked = OTHERS if "all" in solvers else tuple(dict.fromkeys(solvers))
+    asked = ALL if "all" in solvers else tuple(dict.fromkeys(solvers))
     versions = solver_versions(asked)
     missing = {name: text for name, text in versions.items() if text.startswith("not installed")}
     if missing and "all" not in solvers:

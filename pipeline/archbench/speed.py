@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -33,7 +34,9 @@ SHORT, MOST = 0.1, 15
 # Finer settings are left out where a run takes longer [s of CPU]: of ours, of other solvers.
 LONGEST = (0.3, 2.0)
 FALL = 4.0  # other solvers need so long after our collapse to move two thicknesses [s]
-LIMIT = {True: 120.0, False: 1800.0}
+LIMIT = {True: 120.0, False: 480.0}
+# After so much of a ladder's limit no finer setting is begun; a search takes so many runs.
+ENOUGH, SEARCH = 0.25, 16.0
 POINTS = (
     "scene", "quantity", *COLUMNS, "seconds", "error", "floor", "drawn", "at_floor", "status",
 )  # fmt: skip
@@ -108,6 +111,7 @@ def points_of(
         scene = _until(scene, reference.end_time)
     points: list[dict[str, Any]] = []
     longest = LONGEST[0 if ours else 1]
+    began, enough = time.perf_counter(), ENOUGH * LIMIT[quick]
     for place, setting in enumerate(settings):
         try:
             run = solve(scene, setting, history=True)
@@ -119,6 +123,10 @@ def points_of(
         points += _rows(reference, scene, setting, run, spent, quick)
         if spent > longest and place + 1 < len(settings):
             finer = f"finer than {setting.value:g}: a run took {spent:.2g} s of CPU"
+            return {"points": points, "left_out": [finer]}
+        passed = time.perf_counter() - began
+        if not ours and passed > enough and place + 1 < len(settings):
+            finer = f"finer than {setting.value:g}: coarser ones took {passed:.0f} s"
             return {"points": points, "left_out": [finer]}
     return {"points": points, "left_out": []}
 
@@ -144,7 +152,7 @@ def _rows(
 
     rows = [row(name, cost, errors[name], run.status) for name in OF_A_RUN]
     rows = [each for each in rows if setting.ours or math.isfinite(each["error"])]
-    longest = math.inf if setting.ours else 4.0 * LONGEST[1]
+    longest = math.inf if setting.ours else ENOUGH * LIMIT[quick] / SEARCH
     if math.isnan(reference.amplitude) or spent > longest:
         return rows
     near = scene.at(NEAR * reference.amplitude)

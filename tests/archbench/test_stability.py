@@ -50,7 +50,7 @@ def spoil(_, displacement):
         (lambda run: replace(run, status="not_finite", collapsed=None), False, False, "diverged"),
         (lambda run: moved(run, spoil), False, False, "diverged"),
         (lambda run: replace(run, unconverged=True), False, False, "unconverged"),
-        (lambda run: replace(run, status="work_bound", collapsed=None), False, False, "hung"),
+        (lambda run: replace(run, status="work_bound", collapsed=None), False, False, "not ended"),
         (lambda run: replace(run, peak=2e-6), False, True, "drifted at rest"),
         (lambda run: moved(run, sink), False, False, "penetrated"),
         (lambda run: run, True, False, "missed collapse"),
