@@ -111,7 +111,7 @@ class _Site(NamedTuple):
 class _Quake(NamedTuple):
     id: str
     origin: Origin
-    window: dict[str, Any]  # what a query says of it
+    window: dict[str, Any]  # in the words of a query
     facts: dict[str, Any]
 
 

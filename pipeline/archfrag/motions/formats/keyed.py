@@ -149,14 +149,14 @@ def read_resorce(source: Source, **_: Any) -> Stream:
     series, match = next(found, (0, None))
     if match is None:
         raise RecordError(f"{text.name}: no line names the time series and its unit")
-    header: dict[str, str] = dict(zip(("DATA_TYPE", "UNITS"), match.groups()))
+    header: dict[str, str] = dict(zip(("DATA_TYPE", "UNITS"), (match[1], match[2])))
     places = dict.fromkeys(header, text.place(series))
     for number, line in enumerate(text.lines[:series]):
         pair = _RESORCE_KEY.match(line)
         if pair and (key := _RESORCE.get(pair.group(1).upper())):
             header[key] = pair.group(2).strip()
             places[key] = f"{text.place(number)}, {pair.group(1)}"
-    code, _, name = map(str.strip, header.get("STATION_CODE", "").partition("/"))
+    code, name = map(str.strip, header.get("STATION_CODE", "").partition("/")[::2])
     header["STATION_CODE"] = name or code
     return _keyed(text, header, places, series + 1, ("", code, ""))
 
