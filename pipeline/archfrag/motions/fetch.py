@@ -6,7 +6,6 @@ finds them. A station that is complete is in the index and is not asked for agai
 """
 
 import contextlib
-import hashlib
 import re
 import shutil
 import tempfile
@@ -24,7 +23,7 @@ from obspy.geodetics import gps2dist_azimuth, kilometers2degrees
 from archfrag.errors import InputError, RecordError
 from archfrag.files import cannot_write, make_folder, replacing
 from archfrag.motions.fdsn import Limits, Refusal, Service
-from archfrag.motions.index import index_table, write_index
+from archfrag.motions.index import index_table, sha256, write_index
 from archfrag.motions.read import read_motions
 
 MOST_FAILURES = 3  # one after the other, after which a service is left alone
@@ -265,7 +264,7 @@ class _Fetching:
         path = self.folder / row["file"]
         with contextlib.suppress(OSError):
             there = path.with_name(f"{row['station']}.xml").is_file()
-            return there and _sha256(path.read_bytes()) == row["sha256"]
+            return there and sha256(path.read_bytes()) == row["sha256"]
         return False
 
     def _waveforms(self, quake: _Quake, site: _Site) -> tuple[dict[str, Any], bytes]:
@@ -304,7 +303,7 @@ class _Fetching:
         verticals = dict.fromkeys(m.metadata["vertical_component"] for m in motions)
         codes = [*(motion.metadata["component"] for motion in motions), *verticals]
         return {
-            "file": f"{place.name}/{name}.mseed", "sha256": _sha256(waveforms),
+            "file": f"{place.name}/{name}.mseed", "sha256": sha256(waveforms),
             "dt_s": motions[0].dt, "channels": " ".join(filter(None, codes)),
             "start_time": motions[0].metadata.get("start_time", ""),
         }  # fmt: skip
@@ -322,7 +321,7 @@ def _named(what: str) -> Iterator[None]:
 def folder_name(id: str) -> str:
     """Name of a folder for an event: its identifier, where that may be the name of a file."""
     plain = re.sub(r"[^A-Za-z0-9_-]+", "-", id).strip("-")[:60]
-    return plain if plain == id else f"{plain}-{_sha256(id.encode())[:6]}"
+    return plain if plain == id else f"{plain}-{sha256(id.encode())[:6]}"
 
 
 def _located(inventory: Inventory, origin: Origin) -> list[_Site]:
@@ -338,7 +337,3 @@ def _located(inventory: Inventory, origin: Origin) -> list[_Site]:
             metres = gps2dist_azimuth(*map(float, ends))[0]
             sites[name] = _Site(name, network.code, station, metres / 1000.0)
     return sorted(sites.values(), key=lambda site: (site.epicentral_km, site.name))
-
-
-def _sha256(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
