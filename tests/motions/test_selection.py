@@ -8,10 +8,9 @@ import pytest
 
 from archfrag.errors import InputError, OutputError, RecordError
 from archfrag.motions.index import load_index
-from archfrag.motions.measures import spectral_acceleration
+from archfrag.motions.measures import scale_factor, spectral_acceleration
 from archfrag.motions.motion import Motion
 from archfrag.motions.read import load_motion
-from archfrag.motions.scale import scale_factor
 from archfrag.motions.selection import (
     MODELS,
     Rupture,

@@ -69,7 +69,7 @@ def test_damaged_file(tmp_path, damage):
 
 def test_worker_modules_do_not_import_obspy_or_matplotlib():
     code = (
-        "import sys, archfrag.motions.store, archfrag.motions.scale; "
+        "import sys, archfrag.motions.store, archfrag.motions.measures; "
         "print([m for m in ('obspy', 'matplotlib', 'pandas') if m in sys.modules])"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
