@@ -50,11 +50,6 @@ class TestSteps:
         short = process.bandpass(Motion(impulse[9_990:10_010], 0.01), 0.5, 20.0, causal=causal)
         assert short.acceleration.size == 20
 
-    def test_velocity_and_displacement_of_constant_acceleration(self):
-        motion = Motion(np.full(1001, 2.0), 0.001)
-        assert process.velocity(motion)[-1] == pytest.approx(2.0, rel=1e-12)
-        assert process.displacement(motion)[-1] == pytest.approx(1.0, rel=1e-5)
-
     def test_cut_and_trim(self):
         motion = process.cut(Motion(np.arange(101.0), 0.01, vertical=np.arange(101.0)), 0.2, 0.5)
         assert np.array_equal(motion.acceleration, np.arange(20.0, 51.0))

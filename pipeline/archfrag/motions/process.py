@@ -258,11 +258,6 @@ def velocity(motion: Motion) -> Samples:
     return _integral(motion.acceleration) * motion.dt
 
 
-def displacement(motion: Motion) -> Samples:
-    """Horizontal ground displacement by the trapezoid rule twice, shape (n_sample,) [m]."""
-    return _integral(velocity(motion)) * motion.dt
-
-
 def _around(motion: Motion, first: float, last: float, margin: float) -> Motion:
     return cut(motion, max(0.0, first - margin), min(motion.duration, last + margin))
 
