@@ -7,15 +7,11 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
 
-from archbench.adapters.client import NAMES, VARIANTS, solver_versions
+from archbench.adapters.client import NAMES, solver_versions
 from archbench.page import PARTS, write_page
 from archbench.runner import Bench
 from archfrag.errors import InputError
 from archfrag.study.provenance import available_cores
-
-OTHERS = tuple(name for name in (*NAMES, *VARIANTS) if name != "archfrag")
-# One line for each: MuJoCo with contact points at corners, which is its most accurate variant.
-ALL = ("mujoco_corners", *(name for name in OTHERS if name not in ("mujoco", *VARIANTS)))
 
 
 def gather(
@@ -45,7 +41,7 @@ def gather(
     real : Path, optional
         A folder of real ones.
     solvers : sequence of str
-        Other solvers of `OTHERS`, or "all" of those that are installed.
+        Other solvers of `NAMES`, or "all" of those that are installed.
     workers : int, optional
         Processes; the cores that are available if not given.
     report : callable
@@ -65,8 +61,8 @@ def gather(
         if name not in PARTS:
             raise InputError(f"evidence has no part {name!r}; allowed are {', '.join(PARTS)}")
     for name in solvers:
-        if name not in (*OTHERS, "all"):
-            raise InputError(f"--solvers: {name!r}; allowed are all, {', '.join(OTHERS)}")
+        if name not in (*NAMES, "all"):
+            raise InputError(f"--solvers: {name!r}; allowed are all, {', '.join(NAMES)}")
     installed = _installed(solvers, report)
     checkout = Path(__file__).parents[2] / "records"
     bench = Bench(
@@ -87,7 +83,7 @@ def gather(
 
 def _installed(solvers: Sequence[str], report: Callable[[str], None]) -> tuple[str, ...]:
     """Those of the named solvers that are installed; if one asked for by name is not, refuse."""
-    asked = ALL if "all" in solvers else tuple(dict.fromkeys(solvers))
+    asked = NAMES if "all" in solvers else tuple(dict.fromkeys(solvers))
     versions = solver_versions(asked)
     missing = {name: text for name, text in versions.items() if text.startswith("not installed")}
     if missing and "all" not in solvers:

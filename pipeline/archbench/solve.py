@@ -209,9 +209,7 @@ def other_solver(name: str, limit: float) -> OtherSolver:
 
 def _other(scene: Scene, setting: Setting, history: bool, limit: float) -> Solution:
     try:
-        run = other_solver(setting.method, limit).run(
-            scene, setting.value, dict(setting.settings), history=history
-        )
+        run = other_solver(setting.method, limit).run(scene, setting.value, history)
     except SolverFailed as failure:
         return Solution(None, str(failure), math.nan, math.nan, math.nan)
     frames = None
