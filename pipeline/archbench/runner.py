@@ -18,7 +18,6 @@ from typing import Any
 
 import pandas as pd
 import psutil
-from pebble import ProcessExpired, ProcessPool
 
 from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing
@@ -133,10 +132,13 @@ def in_processes(
 
     A process whose task takes longer than `limit` [s] is ended with all that it started.
     """
+    from pebble import ProcessExpired, ProcessPool
+
     pool = ProcessPool(workers, 0, _prepare_process, (prepare,), get_context("spawn"))
     try:
-        running: dict[Future, Key] = {pool.schedule(function, task, timeout=limit): key
-                   for key, task in tasks.items()}  # fmt: skip
+        running: dict[Future, Key] = {
+            pool.schedule(function, task, timeout=limit): key for key, task in tasks.items()
+        }
         for done in as_completed(running):
             try:
                 yield running[done], done.result()
