@@ -37,13 +37,6 @@ class TestCapacities:
         errors = np.nanmean([parts.standard_errors for parts in found], axis=0)
         assert errors == pytest.approx([record.std(), model.std()], rel=0.2)
 
-    def test_law_of_total_variance(self):
-        """Of a population, the parts sum to the variance of all its values."""
-        logs = np.random.default_rng(3).normal(size=(200, 1)) * 0.3
-        logs = logs + np.random.default_rng(4).normal(0.0, 0.4, (1, 300))
-        assert split_capacities(np.exp(logs)).combined() == pytest.approx(logs.std(), rel=0.01)
-        assert combine(0.3, 0.4, 1.2) == pytest.approx(1.3)
-
     def test_numerical_part_is_taken_from_record_to_record(self):
         capacity = np.exp(study(np.random.default_rng(5)))
         before, less = split_capacities(capacity), split_capacities(capacity, numerical=0.2)
@@ -86,12 +79,6 @@ class TestSensitivity:
         assert found[0].correlation == pytest.approx(1.0)
         assert found[1].lower < 0.0 < found[1].upper
         assert np.isnan(found[2].correlation)
-
-    def test_ties_and_unknown_values(self):
-        """By hand: ranks 1.5 1.5 3 4 5 against 1 to 5; Pearson's r of those is 9.5/sqrt(95)."""
-        found = sensitivities([1, 1, 2, 3, 4, 9], {"a": [1, 2, 3, 4, 5, np.nan]})[0]
-        assert found.correlation == pytest.approx(9.5 / np.sqrt(95.0))
-        assert found.n_arch == 5
 
     def test_intervals_hold_the_truth(self):
         """Spearman's correlation of a normal pair is 6/pi arcsin(rho/2)."""
@@ -151,15 +138,6 @@ class TestTwoFidelities:
         raw = np.log(found.theta) + found.bias[0], found.beta + found.bias[1]
         beta = np.sqrt(np.mean(residual**2) + slope**2 * x.var())
         assert raw == pytest.approx((intercept + slope * x.mean(), beta), rel=1e-9)
-
-    def test_same_settings_give_the_full_sample(self):
-        coarse, _ = pair(np.random.default_rng(3))
-        found = estimate_two_fidelity(coarse, np.where(np.arange(100) < 20, coarse, np.nan))
-        logs = np.log(coarse)
-        assert (found.coefficient, found.correlation) == pytest.approx((1.0, 1.0))
-        assert found.theta == pytest.approx(np.exp(logs.mean()), rel=1e-9)
-        assert found.beta == pytest.approx(logs.std(ddof=1), rel=0.01)
-        assert found.standard_errors[0] == pytest.approx(logs.std(ddof=1) / 10.0, rel=0.01)
 
 
 COARSE, FINE = pair(np.random.default_rng(4))

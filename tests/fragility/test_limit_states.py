@@ -26,10 +26,6 @@ class TestNesting:
         assert nested.tolist() == [[1, 1, 0], [1, 1, 1], [1, 0, 0], [1, 1, -1]]
         assert contradictions == 3
 
-    def test_undecided_states(self):
-        nested, _ = nest_exceedance([[0, 4, 4], [1, 4, 0], [4, 4, 4]])
-        assert nested.tolist() == [[0, 0, 0], [1, -1, 0], [-1, -1, -1]]
-
 
 class TestCurves:
     def test_curves_that_do_not_cross_are_those_of_fit_stripes(self):
@@ -92,24 +88,6 @@ class TestCurves:
         assert values[:, :, 0].mean(axis=0) == pytest.approx(np.log([0.2, 0.3, 0.5]), abs=0.01)
         assert values[:, :, 1].mean() == pytest.approx(0.4, abs=0.01)
         assert errors == pytest.approx(values.std(axis=0), rel=0.25)
-
-    def test_states_between_which_no_run_lies_have_one_curve(self):
-        crossing = runs(3, [0.6, 0.4, 0.2])
-        doubled = crossing[..., [0, 1, 2, 2]]
-        plain = fit_limit_states(crossing, LEVELS, NAMES)
-        found = fit_limit_states(doubled, LEVELS, [*NAMES, "ruin"])
-        assert plain.common_beta
-        assert found.common_beta
-        assert found.states[2].fit == found.states[3].fit
-        for one, other in zip(found.states[:3], plain.states, strict=True):
-            assert one.fit.theta == pytest.approx(other.fit.theta, rel=1e-9)
-            assert one.fit.beta == pytest.approx(other.fit.beta, rel=1e-9)
-
-    def test_own_intensity_for_each_run(self):
-        exceeded = runs(5, [0.4, 0.4, 0.4])
-        grid = fit_limit_states(exceeded, LEVELS, NAMES)
-        each = fit_limit_states(exceeded, np.broadcast_to(LEVELS, (40, LEVELS.size)), NAMES)
-        assert grid.states == each.states
 
 
 class TestTies:

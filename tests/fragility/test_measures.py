@@ -175,16 +175,6 @@ class TestScattered:
         assert np.mean(np.array(p_values) < 0.5) == pytest.approx(0.5, abs=0.11)
         assert np.mean(np.array(p_values) < 0.1) == pytest.approx(0.1, abs=0.07)
 
-    def test_response_of_a_cloud(self):
-        verdict, factor, motions = self.scattered(2)
-        pgv = factor[:, 0] * np.asarray(motions.value)[:, 1]
-        noise = np.random.default_rng(3).normal(0.0, 0.3, pgv.size)
-        response = np.where(verdict[:, 0] == 1, np.nan, pgv**1.5 * np.exp(noise))
-        rows = rows_of(compare_measures(verdict, factor, motions, "PGA", DRAWS, response=response))
-        assert rows["PGV"].practicality == pytest.approx(1.5, abs=0.1)
-        assert rows["PGV"].proficiency == pytest.approx(0.2, abs=0.03)
-        assert rows["PGA"].proficiency > rows["PGV"].proficiency
-
 
 def test_events_are_resampled_together():
     """With all of an event's records alike, the advantage is known less well."""

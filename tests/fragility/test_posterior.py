@@ -98,17 +98,6 @@ class TestRuns:
         assert known.fragility.beta == pytest.approx(fit.beta, rel=5e-3)
         assert known.fragility.covariance == pytest.approx(fit.covariance, rel=0.05, abs=2e-5)
 
-    def test_hundreds_of_levels_and_levels_almost_alike(self):
-        generator = np.random.default_rng(3)
-        im = np.exp(generator.uniform(-0.8, 0.8, 500))
-        k = np.exp(0.35 * generator.standard_normal(500)) <= im
-        known = fit_posterior(im, k, 1)
-        assert known.theta_interval()[0] < 1.0 < known.theta_interval()[1]
-        assert known.beta_interval()[0] < 0.35 < known.beta_interval()[1]
-        close = fit_posterior([0.5, 0.5000001, 0.7, 0.9], [0, 0, 1, 1], 1)
-        apart = fit_posterior([0.5, 0.5, 0.7, 0.9], [0, 0, 1, 1], 1)
-        assert close.fragility.theta == pytest.approx(apart.fragility.theta, rel=1e-3)
-
 
 class TestCapacities:
     LOWER = np.array([0.0, 0.2, 0.3, 0.3, 0.4, 0.4, 0.5, 0.7])

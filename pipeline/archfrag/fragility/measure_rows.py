@@ -5,10 +5,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.special import chdtrc, log_ndtr, stdtr
 
-from archfrag.errors import InputError
 from archfrag.fragility.brackets import Brackets
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import BoolArray, FloatArray, IntArray
@@ -28,10 +26,10 @@ class MeasureRow:
     #: beta / exponent: dispersion of the amplitude at collapse of motions scaled to one value of
     #: the measure. The smaller the better; the same for a measure and its powers.
     efficiency: float
-    #: Slope of ln demand on ln im. Of a cloud with responses, that of the regression; else the
-    #: demand is the margin ln(factor / factor at collapse), whose slope is 1 / exponent.
+    #: Slope of ln demand on ln im, demand being the margin ln(factor / factor at collapse): it is
+    #: 1 / exponent.
     practicality: float
-    #: Dispersion of demand over practicality (Padgett, Nielson and DesRoches 2008, EESD 37). With
+    #: Dispersion of demand over practicality (Padgett, Nielson and DesRoches 2008, EESD 37): with
     #: the margin as demand this is beta.
     proficiency: float
     slope_magnitude: float  #: of ln capacity on magnitude
@@ -241,15 +239,14 @@ class Compared(ABC):
     def _row(self, name: str, member: int, fit: MeasureFits, n_bracketed: int) -> MeasureRow:
         exponent, beta = float(self.exponent[member]), float(fit.beta)
         known = fit.p_values[np.isfinite(fit.p_values)]
-        practicality, proficiency = self.practicality(member)
         none = "" if np.isfinite(beta) else self.why_none(member)
         return MeasureRow(
             measure=name,
             theta=float(np.exp(fit.log_theta)),
             beta=beta,
             efficiency=beta / exponent if exponent > 0.0 else np.nan,
-            practicality=practicality,
-            proficiency=proficiency if np.isfinite(proficiency) else beta,
+            practicality=1.0 / exponent if exponent > 0.0 else np.nan,
+            proficiency=beta,
             slope_magnitude=float(fit.slopes[0]),
             p_magnitude=float(fit.p_values[0]),
             slope_distance=float(fit.slopes[1]),
@@ -260,11 +257,6 @@ class Compared(ABC):
             n_bracketed=n_bracketed,
             none=none,
         )
-
-    def practicality(self, member: int) -> tuple[float, float]:
-        """Practicality and proficiency of a measure; nan: the latter is beta."""
-        exponent = float(self.exponent[member])
-        return (1.0 / exponent if exponent > 0.0 else np.nan), np.nan
 
     @abstractmethod
     def fit(
@@ -326,40 +318,16 @@ class GridRuns(Compared):
 
 
 class ScatteredRuns(Compared):
-    """Verdicts of runs at levels of their own, one a record, and responses of those that stood."""
+    """Verdicts of runs at levels of their own, one a record."""
 
     def __init__(
-        self,
-        codes: IntArray,
-        log_factor: FloatArray,
-        log_value: FloatArray,
-        exponent: FloatArray,
-        times: FloatArray,
-        response: ArrayLike | None = None,
-    ) -> None:
+        self, codes: IntArray, log_factor: FloatArray, log_value: FloatArray,
+        exponent: FloatArray, times: FloatArray,
+    ) -> None:  # fmt: skip
         decided = (codes == Verdict.STANDING) | (codes == Verdict.COLLAPSED)
         super().__init__(decided, log_value, exponent, times)
         self.fell = (codes == Verdict.COLLAPSED).astype(float)
         self.log_im = log_value + exponent[:, None] * log_factor
-        self.log_response: FloatArray | None = None
-        if response is not None:
-            values = np.asarray(response, dtype=float)
-            if values.shape != codes.shape:
-                raise InputError(f"response has shape {values.shape}; one per record is needed")
-            usable = (values > 0.0) & np.isfinite(values) & (self.fell == 0.0)
-            self.log_response = np.where(usable, np.log(np.where(usable, values, 1.0)), np.nan)
-
-    def practicality(self, member: int) -> tuple[float, float]:
-        if self.log_response is None:
-            return super().practicality(member)
-        keep = self.used[member] & np.isfinite(self.log_response)
-        if np.count_nonzero(keep) < 3:
-            return np.nan, np.nan
-        x, y = self.log_im[member][keep], self.log_response[keep]
-        off = x - x.mean()
-        slope = float(off @ y / (off @ off))
-        residual = y - y.mean() - slope * off
-        return slope, float(np.sqrt(residual @ residual / (y.size - 2)) / slope)
 
     def fit(
         self, members: IntArray, keep: BoolArray, covariates: FloatArray

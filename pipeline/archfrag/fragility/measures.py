@@ -57,8 +57,6 @@ def compare_measures(
     motions: Motions,
     own: str,
     resampling: Resampling,
-    *,
-    response: ArrayLike | None = None,
 ) -> MeasureTable:
     """Curve and qualities of each measure, from the runs of one arch.
 
@@ -84,9 +82,6 @@ def compare_measures(
         The measure that the study was scaled by.
     resampling : Resampling
         Its confidence is not used.
-    response : array_like, (n_record,), optional
-        Peak response of scattered runs, > 0; used where the run stood, for practicality and
-        proficiency.
 
     Raises
     ------
@@ -118,9 +113,7 @@ def compare_measures(
     compared: ScatteredRuns | GridRuns
     if codes.shape[1] == 1:
         log_factor = np.log(factors[:, 0])
-        compared = ScatteredRuns(codes[:, 0], log_factor, log_value, exponent, times, response)
-    elif response is not None:
-        raise InputError("response belongs to scattered runs, one level a record")
+        compared = ScatteredRuns(codes[:, 0], log_factor, log_value, exponent, times)
     else:
         compared = GridRuns(find_brackets(codes, factors), log_value, exponent, times)
     rows = compared.rows(motions.measures, covariates)

@@ -156,16 +156,23 @@ def folder_names(folder: Path) -> list[str]:
         return []
 
 
-def common_span(later: int, *sizes: int) -> tuple[slice, slice, int]:
+def common_span(
+    name: str, steps: tuple[float, float], later: int, sizes: tuple[int, int]
+) -> tuple[slice, slice, int]:
     """Samples that two rows have in common, of which the second begins that much later."""
+    if not np.isclose(*steps, rtol=1e-6, atol=0.0):
+        raise RecordError(f"{name}: time steps {steps[0]:g} s and {steps[1]:g} s must be equal")
     first, its_first = max(0, later), max(0, -later)
     count = min(sizes[0] - first, sizes[1] - its_first)
+    if count < 2:
+        raise RecordError(f"{name}: have no time in common")
     return slice(first, first + count), slice(its_first, its_first + count), count
 
 
 def _joined(motion: Motion, other: Motion, key: str) -> Motion:
     own, its = motion.metadata, other.metadata
-    name = f"{motion.id} and {its.get('file') or other.id}"
+    its_name = its.get("file") or other.id
+    name = f"{motion.id} and {its_name}"
     for fact in _COMMON:
         one, two = str(own.get(fact) or ""), str(its.get(fact) or "")
         if one and two and one.casefold() != two.casefold():
@@ -173,22 +180,17 @@ def _joined(motion: Motion, other: Motion, key: str) -> Motion:
                 f"{name}: do not belong together, {fact} is {one!r} of the one and {two!r} of "
                 "the other"
             )
-    if not np.isclose(motion.dt, other.dt, rtol=1e-6, atol=0.0):
-        raise RecordError(f"{name}: time steps {motion.dt:g} s and {other.dt:g} s must be equal")
     timed = own.get("start_time") and its.get("start_time")
     later = round((_start(other) - _start(motion)) / motion.dt) if timed else 0
     sizes = motion.acceleration.size, other.acceleration.size
-    kept, its_kept, count = common_span(later, *sizes)
-    if count < 2:
-        raise RecordError(f"{name}: have no time in common")
+    kept, its_kept, count = common_span(name, (motion.dt, other.dt), later, sizes)
     log = motion.log
     if count < max(sizes):
-        log = (*log, f"Cut to the {count} samples in common with {its.get('file') or other.id}.")
+        log = (*log, f"Cut to the {count} samples in common with {its_name}.")
     arrays = {
-        part: None if samples is None else samples[kept]
-        for part, samples in (("acceleration", motion.acceleration),
-                              ("vertical", motion.vertical), ("across", motion.across))
-    }  # fmt: skip
+        part: samples if samples is None else samples[kept]
+        for part, samples in motion.components.items()
+    }
     return motion._replaced(**(arrays | {key: other.acceleration[its_kept]}), log=log)
 
 
