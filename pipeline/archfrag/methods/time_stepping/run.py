@@ -54,9 +54,8 @@ from archfrag.methods.time_stepping.waits import (
     UNSOLVED,
 )
 
-# Work that a run may take: so many of the shortest steps for as long as it lasts, and some to
-# begin with. Steps need one or several linear problems each; so many on average mean no advance.
-MOST_STEPS, FIRST_STEPS, ROUNDS_PER_STEP = 2.0, 1000.0, 16.0
+# Work that a run may take: so many of the shortest steps for as long as it lasts. Steps need one or several linear problems each; so many on average mean no advance.
+MOST_STEPS, ROUNDS_PER_STEP = 2.0, 16.0
 
 
 @kernel
@@ -98,7 +97,7 @@ def code_after(state, steps, limits, until, outcome):
     code = select(broken, float(BROKEN), code)
     over = clock[Clock.TIME] >= until
     code = select((code <= PAUSE) & over, float(AT_END), code)
-    most = FIRST_STEPS + until * (MOST_STEPS / steps.impact)
+    most = limits.first_steps + until * (MOST_STEPS / steps.impact)
     spent = (count[Count.STEPS] >= most) | (count[Count.ITERATIONS] >= ROUNDS_PER_STEP * most)
     return select((code <= PAUSE) & spent, float(EXHAUSTED), code)
 

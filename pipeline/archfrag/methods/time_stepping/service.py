@@ -70,6 +70,7 @@ class Limits(NamedTuple):
     still: float  # speed below which the chain may be at rest [m/s]
     rest_plus: float  # range of rest of the chain in its own geometry [g]; nan: not known
     rest_minus: float
+    first_steps: float = 1000.0  # allowed beyond those for as long as a run lasts
 
 
 @kernel
