@@ -28,7 +28,13 @@ from archfrag.mechanics.numbers import (
     some,
 )
 from archfrag.mechanics.status import Count, Energy
-from archfrag.methods.time_stepping.at_impacts import LEAD, locates, next_step, shorten
+from archfrag.methods.time_stepping.at_impacts import (
+    LEAD,
+    locates,
+    lone_impacts,
+    next_step,
+    shorten,
+)
 from archfrag.methods.time_stepping.motion import due_kick, end_of_motion
 from archfrag.methods.time_stepping.recording import log_change
 from archfrag.methods.time_stepping.rest import rest_until_onset, start_moving, write_rest
@@ -54,7 +60,8 @@ from archfrag.methods.time_stepping.waits import (
     UNSOLVED,
 )
 
-# Work that a run may take: so many of the shortest steps for as long as it lasts. Steps need one or several linear problems each; so many on average mean no advance.
+# Work that a run may take: so many of the shortest steps for as long as it lasts. Steps need one
+# or several linear problems each; so many on average mean no advance.
 MOST_STEPS, ROUNDS_PER_STEP = 2.0, 16.0
 
 
@@ -69,7 +76,7 @@ def try_step(model, grounds, state, work, steps, live):
         Where the step can be made, and where modes are not reconciled in the shortest step.
     """
     step = state.clock[Clock.STEP]
-    kick = due_kick(grounds, state.clock)
+    kick = due_kick(grounds, state.clock, lone_impacts(state, steps))
     pose_step(model, state, work, kick, step)
     looks = (locates(state, steps, live), step, LEAD * steps.impact)
     solved, refused, made = solve_contact(model, state.position, work, live, looks, FOR_STEPS)
