@@ -52,7 +52,7 @@ STYLES = {
 }
 # Letter, fill and ink of the cells of a map.
 KINDS = {
-    "hung": ("H", "#5b3a1e", "white"),
+    "not ended": ("H", "#5b3a1e", "white"),
     "diverged": ("D", INK, "white"),
     "unconverged": ("U", GREY, "white"),
     "drifted at rest": ("R", "#56B4E9", INK),

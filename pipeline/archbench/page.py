@@ -22,6 +22,8 @@ PARTS = {
     "growth": "Growth with the number of voussoirs",
     "stability": "Stability: where methods fail",
     "corner_cases": "Corner cases",
+    "bands": "How often bands hold the truth",
+    "designs": "Designs of a study",
 }
 LINES = 10
 _NUMBER = "{:.3g}".format
@@ -52,7 +54,7 @@ def figures_of(part: str, tables: dict[str, pd.DataFrame]) -> Iterator[tuple[str
     elif part == "stability":
         for plane, cells in tables["cells"].groupby("plane", sort=False):
             yield f"stability_{plane}", charts.stability_map(cells)
-    else:
+    elif part == "corner_cases":
         yield "corner_cases", charts.corner_chart(tables["runs"])
 
 

@@ -209,8 +209,8 @@ def simulate(
 ) -> None:
     """Move one arch by one record, until it rests or collapses."""
     from archfrag.arch import STANDARD_GRAVITY
+    from archfrag.motions.measures import scale_factor
     from archfrag.motions.read import read_motion
-    from archfrag.motions.scale import scale_factor
     from archfrag.simulate import simulate as run_simulation
     from archfrag.study.single import response_facts, response_text
 
@@ -256,8 +256,8 @@ def simulate(
 def evidence(parts: tuple[str, ...], output: Path, **options: Any) -> None:
     """Cost against error, and where methods fail: tables, charts and a page.
 
-    PARTS are speed, growth, stability, corner_cases and fragility; all if none is named. Needs
-    the repository: archbench is not in the wheel.
+    PARTS are speed, fragility, growth, stability, corner_cases, bands and designs; all if none
+    is named. Needs the repository: archbench is not in the wheel.
     """
     from importlib import import_module
 

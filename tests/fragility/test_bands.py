@@ -8,7 +8,6 @@ from scipy.stats import binom, binomtest, chi2, norm, t
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.bands import (
     beta_interval,
-    bootstrap_band,
     capacity_band,
     confidence_band,
     record_bootstrap_band,
@@ -26,40 +25,21 @@ CAPACITY = np.random.default_rng(4).lognormal(-0.5, 0.4, 12)
 INF = np.inf
 
 
-def verdicts(generator, n_record, theta=0.7, beta=0.4):
-    capacity = theta * np.exp(beta * generator.standard_normal((n_record, 1)))
-    return (capacity <= LEVELS).astype(np.int8)
+def test_delta_method_is_that_of_the_numerical_derivative():
+    def z(ln_theta, beta):
+        return (np.log(0.5) - ln_theta) / beta
 
-
-class TestDeltaMethod:
-    def test_coverage_by_simulation(self):
-        """250 studies of independent runs: standard error 2 %."""
-        im, n = np.array([0.35, 0.5, 0.7, 1.0]), 40
-        truth = norm.cdf(np.log(im / 0.7) / 0.4)
-        generator = np.random.default_rng(20150131)
-        held = np.zeros(im.size + 2)
-        for _ in range(250):
-            collapses = generator.binomial(n, norm.cdf(np.log(LEVELS / 0.7) / 0.4))
-            fit = fit_stripes(LEVELS, collapses, n)
-            band = confidence_band(fit, im)
-            held[:-2] += (band.lower <= truth) & (truth <= band.upper)
-            for place, (ends, value) in enumerate(
-                [(theta_interval(fit), 0.7), (beta_interval(fit), 0.4)]
-            ):
-                held[place - 2] += ends[0] <= value <= ends[1]
-        assert held / 250 == pytest.approx(np.full(held.size, 0.9), abs=0.06)
-
-    def test_width_is_that_of_the_numerical_derivative(self):
-        def z(ln_theta, beta):
-            return (np.log(0.5) - ln_theta) / beta
-
-        a, b, h = np.log(STRIPES.theta), STRIPES.beta, 1e-6
-        slope = np.array([z(a + h, b) - z(a - h, b), z(a, b + h) - z(a, b - h)]) / (2 * h)
-        reach = norm.ppf(0.975) * np.sqrt(slope @ STRIPES.covariance @ slope)
-        band = confidence_band(STRIPES, [0.5, 0.0], confidence=0.95)
-        ends = [z(a, b) - reach, z(a, b) + reach]
-        assert norm.ppf([band.lower[0], band.upper[0]]) == pytest.approx(ends, rel=1e-8)
-        assert (band.lower[1], band.upper[1]) == (0.0, 0.0)
+    a, b, h = np.log(STRIPES.theta), STRIPES.beta, 1e-6
+    slope = np.array([z(a + h, b) - z(a - h, b), z(a, b + h) - z(a, b - h)]) / (2 * h)
+    reach = norm.ppf(0.975) * np.sqrt(slope @ STRIPES.covariance @ slope)
+    band = confidence_band(STRIPES, [0.5, 0.0], confidence=0.95)
+    ends = [z(a, b) - reach, z(a, b) + reach]
+    assert norm.ppf([band.lower[0], band.upper[0]]) == pytest.approx(ends, rel=1e-8)
+    assert (band.lower[1], band.upper[1]) == (0.0, 0.0)
+    for interval, error in zip((theta_interval, beta_interval), STRIPES.standard_errors):
+        reach = 1.6448536 * error / (1.0 if interval is theta_interval else b)
+        low, high = np.log(interval(STRIPES))
+        assert 0.5 * (high - low) == pytest.approx(reach, rel=1e-6)
 
 
 class TestStudentsT:
@@ -79,11 +59,8 @@ class TestStudentsT:
         expected = fit.beta * np.sqrt(11 / chi2.ppf([0.95, 0.05], 11))
         assert beta_interval(fit) == pytest.approx(expected)
         assert beta_interval(near) == pytest.approx(expected, rel=1e-3)
-        im = np.array([0.3, 0.6, 1.1])
-        bands = capacity_band(fit, im).lower, capacity_band(near, im).lower
-        assert bands[0] == pytest.approx(bands[1], abs=1e-3)
 
-    @pytest.mark.parametrize("n", [2, 3, 12])
+    @pytest.mark.parametrize("n", [2, 12])
     def test_rises_within_0_and_1(self, n):
         im = np.concatenate([[0.0], np.geomspace(1e-4, 1e4, 200), [INF]])
         band = capacity_band(fit_ida(CAPACITY[:n]), im)
@@ -93,71 +70,43 @@ class TestStudentsT:
         assert np.all(band.lower <= band.upper)
 
 
+def verdicts(generator, n_record):
+    capacity = 0.7 * np.exp(0.4 * generator.standard_normal((n_record, 1)))
+    return (capacity <= LEVELS).astype(np.int8)
+
+
 class TestBootstrap:
-    def test_agrees_with_the_delta_method_where_data_are_many(self):
-        collapses = np.round(2000 * norm.cdf(np.log(LEVELS / 0.7) / 0.4))
-        fit, im = fit_stripes(LEVELS, collapses, 2000), np.array([0.4, 0.7, 1.1])
-        drawn, delta = (
-            bootstrap_band(fit, im, LEVELS, 2000, Resampling(3)),
-            confidence_band(fit, im),
-        )
-        width = delta.upper - delta.lower
-        assert np.all(np.abs(drawn.lower - delta.lower) < 0.1 * width)
-        assert np.all(np.abs(drawn.upper - delta.upper) < 0.1 * width)
-        assert drawn.n_degenerate == 0
-
-    def test_draws_without_a_curve_widen_the_band(self):
-        """One record per level: half the draws are separated, and none may be thrown away."""
-        levels = LEVELS[::2]
-        fit = fit_stripes(levels, [0, 1, 0, 1], 1)
-        band = bootstrap_band(fit, [0.35, 1.0], levels, 1, Resampling(4, 400))
-        once = np.ones(4, dtype=np.int64)
-        draws = np.random.default_rng(4).binomial(once, fit.probability(levels), (400, 4))
-        lost = 0
-        for draw in draws:
-            try:
-                fit_stripes(levels, draw, 1)
-            except FitError:
-                lost += 1
-        assert 100 < band.n_degenerate == lost
-        assert (band.lower[0], band.upper[1]) == (0.0, 1.0)
-
     def test_records_cover_where_the_likelihood_does_not(self):
-        """The same 30 records at all levels: 80 studies, the true median asked of both bands.
+        """The same 30 records at all levels: 60 studies, the true median asked of both bands.
 
         Nominal 90 %, but over 250 studies the resampled band held 84 % with 24 records and 86 %
-        with 60, the other 61 %; the limits are those less, or more, two standard errors of 80.
+        with 60, the other 61 %; the limits are those less, or more, two standard errors of 60.
         """
         generator = np.random.default_rng(7)
-        records = likelihood = theta = 0
-        for i in range(80):
+        held = np.zeros(3)
+        for i in range(60):
             verdict = verdicts(generator, 30)
             band = record_bootstrap_band(verdict, LEVELS, 0.7, Resampling(i, 150))
-            records += band.lower <= 0.5 <= band.upper
-            theta += band.theta[0] <= 0.7 <= band.theta[1]
             naive = confidence_band(fit_stripes(LEVELS, verdict.sum(axis=0), 30), 0.7)
-            likelihood += naive.lower <= 0.5 <= naive.upper
-        assert min(records, theta) >= 0.78 * 80
-        assert likelihood <= 0.70 * 80
+            held += [
+                band.lower <= 0.5 <= band.upper,
+                band.theta[0] <= 0.7 <= band.theta[1],
+                naive.lower <= 0.5 <= naive.upper,
+            ]
+        assert min(held[:2]) >= 0.77 * 60
+        assert held[2] <= 0.72 * 60
 
     def test_events_are_drawn(self):
         """Three equal records an event are worth one: the band is that of the events alone."""
         one = verdicts(np.random.default_rng(2), 12)
-        thrice, groups = np.repeat(one, 3, axis=0), np.repeat(np.arange(12), 3)
+        thrice, groups = np.repeat(one, 3, axis=0), [f"{i // 3:02d}" for i in range(36)]
         alone = record_bootstrap_band(one, LEVELS, 0.7, Resampling(3, 200))
         grouped = record_bootstrap_band(thrice, LEVELS, 0.7, Resampling(3, 200), groups=groups)
         blind = record_bootstrap_band(thrice, LEVELS, 0.7, Resampling(3, 200))
         assert grouped.theta == pytest.approx(alone.theta, rel=1e-9)
         assert blind.theta[1] - blind.theta[0] < 0.75 * (alone.theta[1] - alone.theta[0])
 
-    def test_undecided_runs_and_separated_draws(self):
-        verdict = verdicts(np.random.default_rng(1), 20)
-        bands = []
-        for codes in ([2, 3, 2], [3, 2, 3], [1 - verdict[3, 1]] * 3):
-            verdict[3, 2:5] = codes
-            bands.append(record_bootstrap_band(verdict, LEVELS, [0.5, 0.9], Resampling(1, 100)))
-        assert np.array_equal(bands[0].lower, bands[1].lower)
-        assert not np.array_equal(bands[0].lower, bands[2].lower)
+    def test_separated_draws_widen_the_band(self):
         step = np.tile((LEVELS > 0.65).astype(int), (10, 1))
         band = record_bootstrap_band(step, LEVELS, [0.5, 0.9], Resampling(1, 100))
         assert band.n_degenerate == 100
@@ -194,63 +143,59 @@ def table(generator, n_record):
     return (np.exp(BETA * generator.standard_normal((n_record, 1))) <= GRID).astype(int)
 
 
-def fraction_held(design, draw, n_study):
-    """Over studies: of the curve at `P` together, of theta, and of beta."""
-    generator = np.random.default_rng(15)
-    held = np.zeros(3)
-    for _ in range(n_study):
-        verdict, intensity, groups = draw(generator)
-        known = quoted_band(design, verdict, intensity, IM, groups=groups)
-        held[0] += np.mean((known.band.lower <= P) & (known.band.upper >= P))
-        held[1] += known.theta[0] <= 1.0 <= known.theta[1]
-        held[2] += known.beta[0] <= BETA <= known.beta[1]
-    return held / n_study
+def alone(generator):
+    at = np.tile(GRID, 2)
+    return (np.exp(BETA * generator.standard_normal(30)) <= at) * 1, at, None
+
+
+def in_events(generator):
+    z = generator.standard_normal((8, 1)) + generator.standard_normal((8, 3))
+    capacity = np.exp(BETA * z.reshape(-1, 1) / np.sqrt(2.0))
+    return (capacity <= GRID).astype(int), GRID, np.arange(24) // 3
+
+
+TABLE = table(np.random.default_rng(1), 24)
 
 
 class TestQuoted:
-    """The band that a report quotes: one that is a sixth too narrow fails."""
-
-    def test_coverage_with_the_same_records(self):
-        held = fraction_held("stripes", lambda g: (table(g, 24), GRID, None), 120)
-        assert 0.865 < held[0] < 0.935
-        assert np.all(held[1:] > 0.85)
-
-    def test_coverage_with_independent_runs(self):
-        def draw(generator):
-            at = np.tile(GRID, 2)
-            return (np.exp(BETA * generator.standard_normal(30)) <= at) * 1, at, None
-
-        held = fraction_held("scattered", draw, 100)
-        assert 0.865 < held[0] < 0.935
-        assert np.all(held[1:] > 0.85)
-
-    def test_coverage_with_records_of_shared_events(self):
-        def draw(generator):
-            z = generator.standard_normal((8, 1)) + generator.standard_normal((8, 3))
-            capacity = np.exp(BETA * z.reshape(-1, 1) / np.sqrt(2.0))
-            return (capacity <= GRID).astype(int), GRID, np.arange(24) // 3
-
-        assert 0.85 < fraction_held("stripes", draw, 60)[0] < 0.95
-        assert fraction_held("stripes", lambda g: (*draw(g)[:2], None), 60)[0] < 0.83
+    @pytest.mark.parametrize(
+        ("design", "draw", "n_study", "limits"),
+        [
+            ("stripes", lambda g: (table(g, 24), GRID, None), 120, (0.865, 0.935)),
+            ("scattered", alone, 100, (0.865, 0.935)),
+            ("stripes", in_events, 60, (0.85, 0.95)),
+            ("stripes", lambda g: (*in_events(g)[:2], None), 60, (0.0, 0.83)),
+        ],
+        ids=["records", "runs", "events", "events not known"],
+    )
+    def test_coverage(self, design, draw, n_study, limits):
+        """Of the curve at `P` together, of theta, and of beta: a sixth too narrow fails."""
+        generator, held = np.random.default_rng(15), np.zeros(3)
+        for _ in range(n_study):
+            verdict, intensity, groups = draw(generator)
+            known = quoted_band(design, verdict, intensity, IM, groups=groups)
+            held[0] += np.mean((known.band.lower <= P) & (known.band.upper >= P))
+            held[1] += known.theta[0] <= 1.0 <= known.theta[1]
+            held[2] += known.beta[0] <= BETA <= known.beta[1]
+        assert limits[0] < held[0] / n_study < limits[1]
+        assert draw is in_events or limits[0] == 0.0 or np.all(held[1:] > 0.85 * n_study)
 
     def test_bisected_levels_hold_what_the_grid_holds(self):
         """Only the two runs next to the border of each record: nothing else was known."""
-        full = table(np.random.default_rng(1), 24)
-        border = np.argmax(np.hstack([full, np.ones((24, 1), int)]), axis=1)[:, None]
+        border = np.argmax(np.hstack([TABLE, np.ones((24, 1), int)]), axis=1)[:, None]
         near = (np.arange(15) == border) | (np.arange(15) == border - 1)
-        one = quoted_band("stripes", full, GRID, IM)
+        one = quoted_band("stripes", TABLE, GRID, IM)
         for design in ("ida", "two_stage"):
-            other = quoted_band(design, np.where(near, full, 2), GRID, IM)
+            other = quoted_band(design, np.where(near, TABLE, 2), GRID, IM)
             assert np.array_equal(one.band.lower, other.band.lower)
             assert one.theta == other.theta
 
     def test_shapes_and_what_is_independent(self):
-        verdict = table(np.random.default_rng(1), 24)
+        verdict = TABLE.copy()
         verdict[0] = 3
         known = quoted_band("stripes", verdict, GRID, IM.reshape(5, 1))
         assert known.band.upper.shape == (5, 1)
         assert (known.n_independent, known.curve.kind) == (23.0, "posterior")
-        assert "capacities are independent" in known.assumptions
         runs = quoted_band("scattered", verdict, np.tile(GRID, (24, 1)), 0.5)
         assert (runs.band.lower.shape, runs.n_independent) == ((), 23.0 * 15)
         grouped = quoted_band("stripes", verdict, GRID, IM, groups=np.arange(24) // 3, unit="site")
@@ -262,14 +207,12 @@ class TestQuoted:
         assert independent_records(found, np.arange(30) // 3) == pytest.approx(10.0)
         assert independent_records(found, np.arange(30)) == 30.0
         assert independent_records(found, np.arange(30) % 10) > 15.0
-
-    def test_events_that_are_shared(self):
         assert shared_events(["a", "b", ""]) is None
         assert shared_events(["a", "a"]) is None
         assert shared_events(["a", "a", ""]).tolist() == ["a", "a", "record 2"]
 
 
-TABLE = table(np.random.default_rng(1), 24)
+DRAWS = Resampling(1)
 
 
 @pytest.mark.parametrize(
@@ -278,16 +221,10 @@ TABLE = table(np.random.default_rng(1), 24)
         (confidence_band, (STRIPES, 0.5, 90.0), InputError, "confidence is 90"),
         (clopper_pearson, (1, 5, np.nan), InputError, "confidence is nan"),
         (capacity_band, (STRIPES, 0.5), InputError, "'stripes'"),
-        (
-            bootstrap_band,
-            (fit_ida([0.5, 0.7]), 0.5, LEVELS, 9, Resampling(1)),
-            InputError,
-            "'ida'",
-        ),
         (Resampling, (1, 10), InputError, "resamples is 10"),
-        (record_bootstrap_band, ([[0]], [0.1], 0.5, Resampling(1)), InputError, "two records"),
-        (record_bootstrap_band, ([[9]] * 2, [0.1], 0.5, Resampling(1)), InputError, "holds 9"),
-        (record_bootstrap_band, ([[3]] * 2, [0.1], 0.5, Resampling(1)), InputError, "no run"),
+        (record_bootstrap_band, ([[0]], [0.1], 0.5, DRAWS), InputError, "at least two"),
+        (record_bootstrap_band, ([[9]] * 2, [0.1], 0.5, DRAWS), InputError, "holds 9"),
+        (record_bootstrap_band, ([[3]] * 2, [0.1], 0.5, DRAWS), InputError, "no run"),
         (quoted_band, ("cloud", [[0, 1]], [0.1, 0.2], 0.1), InputError, "design is 'cloud'"),
         (quoted_band, ("scattered", [0, 1], [0.1], 0.1), InputError, r"intensity \(1,\)"),
         (quoted_band, ("scattered", [2, 3], [0.1, 0.2], 0.1), FitError, "no run collapsed"),

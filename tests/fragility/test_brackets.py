@@ -56,22 +56,6 @@ class TestBracketsOfRecords:
         with pytest.raises(FitError, match="no run collapsed or stood"):
             find_brackets([[2, 3]], [0.1, 0.2]).known()
 
-    def test_count_keeps_the_collapses_of_each_record(self):
-        table = np.random.default_rng(1).integers(0, 2, (40, 5))
-        found = find_brackets(table, LEVELS, "count")
-        assert np.array_equal((found.upper[:, None] <= LEVELS).sum(1), table.sum(1))
-
-    @pytest.mark.parametrize("rule", RULES)
-    def test_order_and_scale_of_levels(self, rule):
-        table = np.random.default_rng(1).integers(0, 3, (40, 5))
-        order, scale = np.array([3, 0, 4, 1, 2]), np.linspace(0.5, 2.0, 40)
-        found = find_brackets(table, LEVELS, rule)
-        reordered = find_brackets(table[:, order], LEVELS[order], rule)
-        scaled = find_brackets(table, LEVELS * scale[:, None], rule)
-        assert np.array_equal(found.lower, reordered.lower)
-        assert np.array_equal(found.upper, reordered.upper)
-        assert scaled.lower == pytest.approx(found.lower * scale)
-
     def test_bisected_grid_is_filled_to_the_grid_it_stands_for(self):
         capacity = np.random.default_rng(1).uniform(0.1, 0.9, 40)
         full = (capacity[:, None] <= LEVELS).astype(int)

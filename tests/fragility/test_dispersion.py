@@ -1,4 +1,4 @@
-"""Parts of dispersion and sensitivities of a class, and two settings together, by simulation."""
+"""Parts of dispersion of a class, and two settings together, by simulation."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,6 @@ from archfrag.errors import FitError, InputError
 from archfrag.fragility.control_variates import estimate_two_fidelity
 from archfrag.fragility.dispersion import (
     combine,
-    sensitivities,
     split_capacities,
     split_curves,
 )
@@ -36,13 +35,6 @@ class TestCapacities:
         assert np.sqrt(np.mean(model**2)) == pytest.approx(MODEL, rel=0.05)
         errors = np.nanmean([parts.standard_errors for parts in found], axis=0)
         assert errors == pytest.approx([record.std(), model.std()], rel=0.2)
-
-    def test_law_of_total_variance(self):
-        """Of a population, the parts sum to the variance of all its values."""
-        logs = np.random.default_rng(3).normal(size=(200, 1)) * 0.3
-        logs = logs + np.random.default_rng(4).normal(0.0, 0.4, (1, 300))
-        assert split_capacities(np.exp(logs)).combined() == pytest.approx(logs.std(), rel=0.01)
-        assert combine(0.3, 0.4, 1.2) == pytest.approx(1.3)
 
     def test_numerical_part_is_taken_from_record_to_record(self):
         capacity = np.exp(study(np.random.default_rng(5)))
@@ -75,33 +67,6 @@ class TestCurves:
         own, shared = (split_curves(*given, n_record=16, shared=s) for s in (0.0, 0.75))
         assert own.beta_model**2 == pytest.approx(0.04 - 0.01)
         assert shared.beta_model**2 == pytest.approx(0.04 - 0.0025)
-
-
-class TestSensitivity:
-    def test_ranks_decide_and_the_strongest_comes_first(self):
-        thickness, friction = np.random.default_rng(1).normal(size=(2, 400))
-        given = {"friction": friction, "thickness": thickness, "fixed": np.ones(400)}
-        found = sensitivities(np.exp(2.0 * thickness), given)
-        assert [s.parameter for s in found] == ["thickness", "friction", "fixed"]
-        assert found[0].correlation == pytest.approx(1.0)
-        assert found[1].lower < 0.0 < found[1].upper
-        assert np.isnan(found[2].correlation)
-
-    def test_ties_and_unknown_values(self):
-        """By hand: ranks 1.5 1.5 3 4 5 against 1 to 5; Pearson's r of those is 9.5/sqrt(95)."""
-        found = sensitivities([1, 1, 2, 3, 4, 9], {"a": [1, 2, 3, 4, 5, np.nan]})[0]
-        assert found.correlation == pytest.approx(9.5 / np.sqrt(95.0))
-        assert found.n_arch == 5
-
-    def test_intervals_hold_the_truth(self):
-        """Spearman's correlation of a normal pair is 6/pi arcsin(rho/2)."""
-        generator = np.random.default_rng(7)
-        truth, inside = 6.0 / np.pi * np.arcsin(0.25), 0
-        for _ in range(400):
-            x, e = generator.normal(size=(2, 40))
-            found = sensitivities(x, {"a": 0.5 * x + np.sqrt(0.75) * e})[0]
-            inside += found.lower <= truth <= found.upper
-        assert 0.86 <= inside / 400 <= 0.94
 
 
 SLOPE, NOISE, SIGMA = 0.85, 0.08, 0.4
@@ -152,15 +117,6 @@ class TestTwoFidelities:
         beta = np.sqrt(np.mean(residual**2) + slope**2 * x.var())
         assert raw == pytest.approx((intercept + slope * x.mean(), beta), rel=1e-9)
 
-    def test_same_settings_give_the_full_sample(self):
-        coarse, _ = pair(np.random.default_rng(3))
-        found = estimate_two_fidelity(coarse, np.where(np.arange(100) < 20, coarse, np.nan))
-        logs = np.log(coarse)
-        assert (found.coefficient, found.correlation) == pytest.approx((1.0, 1.0))
-        assert found.theta == pytest.approx(np.exp(logs.mean()), rel=1e-9)
-        assert found.beta == pytest.approx(logs.std(ddof=1), rel=0.01)
-        assert found.standard_errors[0] == pytest.approx(logs.std(ddof=1) / 10.0, rel=0.01)
-
 
 COARSE, FINE = pair(np.random.default_rng(4))
 
@@ -183,7 +139,6 @@ COARSE, FINE = pair(np.random.default_rng(4))
         (split_curves, ([1, np.nan], [0.4] * 2, [0.1] * 2), {}, InputError, "theta holds nan"),
         (split_curves, ([1], [0.4], [0.1]), {}, FitError, "one arch"),
         (combine, (0.3, -0.1), {}, InputError, r"-0\.1"),
-        (sensitivities, ([1.0, 2.0], {"a": [1.0]}), {}, InputError, "parameter a has shape"),
         (estimate_two_fidelity, (COARSE, FINE[:5]), {}, InputError, "shape"),
         (estimate_two_fidelity, (-COARSE, FINE), {}, InputError, "coarse holds -"),
         (estimate_two_fidelity, (COARSE[12:], FINE[12:]), {}, FitError, "4 are needed"),

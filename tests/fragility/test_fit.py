@@ -122,15 +122,6 @@ class TestInvariance:
         assert other.theta == pytest.approx(9.80665 * one.theta, rel=1e-11)
         assert other.covariance == pytest.approx(one.covariance, rel=1e-9)
 
-    def test_empty_levels_order_and_splitting_do_not_matter(self):
-        order = np.array([3, 0, 7, 1, 5, 2, 6, 4])
-        im = np.concatenate([STRIPES[order], [5.0, STRIPES[3]]])
-        collapses, n = np.append(COLLAPSES[order], [0, 1]), np.append(np.full(8, 40), [0, 10])
-        collapses[0], n[0] = collapses[0] - 1, n[0] - 10
-        fit, other = fit_stripes(STRIPES, COLLAPSES, 40), fit_stripes(im, collapses, n)
-        assert other.theta == pytest.approx(fit.theta, rel=1e-12)
-        assert other.covariance == pytest.approx(fit.covariance, rel=1e-10)
-
     @settings(max_examples=100, deadline=None)
     @given(
         st.lists(
@@ -149,30 +140,8 @@ class TestInvariance:
         assert np.isfinite(fit.theta)
         assert np.all(np.linalg.eigvalsh(fit.covariance) >= 0.0)
 
-    def test_truncation(self):
-        assert fit_ida(CAPACITIES, 2.5).to_dict() == fit_ida(CAPACITIES).to_dict()
-        assert fit_ida(TRUNCATED[1], 1.3).to_dict() == fit_ida(CAPACITIES, 1.3).to_dict()
-
-    def test_narrow_brackets_are_capacities(self):
-        exact, moments = fit_brackets(CAPACITIES, CAPACITIES), fit_ida(CAPACITIES)
-        assert exact.theta == pytest.approx(moments.theta, rel=1e-12)
-        assert exact.beta == pytest.approx(moments.beta * np.sqrt(36 / 37), rel=1e-10)
-        for width in (1e-3, 1e-9):
-            half = np.exp(width / 2)
-            near = fit_brackets(CAPACITIES / half, CAPACITIES * half)
-            assert near.beta == pytest.approx(exact.beta, rel=1e-5)
-            value = exact.log_likelihood + 37 * np.log(width)
-            assert near.log_likelihood == pytest.approx(value, abs=1e-4)
-
 
 class TestCurve:
-    def test_probability(self):
-        fit = fit_stripes(STRIPES, COLLAPSES, 40)
-        im = np.array([0.0, fit.theta, fit.theta * np.exp(fit.beta)])
-        assert fit.probability(im) == pytest.approx([0.0, 0.5, norm.cdf(1.0)], abs=1e-14)
-        with pytest.raises(InputError, match=r"im holds -0\.1"):
-            fit.probability(-0.1)
-
     def test_json_round_trip(self):
         fit = fit_ida(CAPACITIES, 1.3)
         copy = Fragility.from_dict(json.loads(json.dumps(fit.to_dict())))

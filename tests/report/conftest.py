@@ -7,13 +7,7 @@ from archfrag.report.plot import Sheet
 
 @pytest.fixture
 def drawn(monkeypatch):
-    """Sheets that are drawn during a test: of each figure the wide one and the narrow one."""
-    kept = []
-    original = Sheet.svg
-
-    def keep(sheet, *args):
-        kept.append(sheet)
-        return original(sheet, *args)
-
-    monkeypatch.setattr(Sheet, "svg", keep)
+    """Sheets that are drawn during a test: of each figure the narrow one and the wide one."""
+    kept, original = [], Sheet.svg
+    monkeypatch.setattr(Sheet, "svg", lambda s, *args: kept.append(s) or original(s, *args))
     return kept

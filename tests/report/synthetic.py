@@ -8,7 +8,7 @@ from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import Fragility
 from archfrag.mechanics.status import CollapseMode
 from archfrag.motions.motion import Motion
-from archfrag.report.page import ReportInputs
+from archfrag.report.inputs import ReportInputs
 from archfrag.simulate import Onset
 from archfrag.study.curves import Answer, Runs, answer
 
@@ -22,16 +22,12 @@ def motions(n_record=6, seed=1):
     generator = np.random.default_rng(seed)
     time = np.arange(0.0, 20.0, 0.01)
     envelope = (time / 3.0) * np.exp(1.0 - time / 3.0)
-    return [
-        Motion(
-            generator.uniform(0.5, 4.0)
-            * envelope
-            * np.convolve(generator.standard_normal(time.size), np.ones(8) / 8, "same"),
-            0.01,
-            id=f"RSN{100 + i}_EVENT{i:02d}_STA{i:03d}",
-        )
-        for i in range(n_record)
-    ]
+    made = []
+    for i in range(n_record):
+        scale = generator.uniform(0.5, 4.0) * envelope
+        noise = np.convolve(generator.standard_normal(time.size), np.ones(8) / 8, "same")
+        made.append(Motion(scale * noise, 0.01, id=f"RSN{100 + i}_EVENT{i:02d}_STA{i:03d}"))
+    return made
 
 
 def arch_and_onset(voussoirs=7):
@@ -91,6 +87,8 @@ def cube(names=("ring",), items=None, n_level=9, n_joint=8, theta=4.0, beta=0.4,
             "collapse_time": (dims, np.where(fell, 0.4 * end, np.nan), {"units": "s"}),
             "collapse_joint": (dims, np.where(fell, joint, -1).astype(np.int16)),
             "collapse_mode": (dims, np.where(fell, mode, 0).astype(np.int8)),
+            "lost_contact_time": (dims, np.where(fell, 0.3 * end, np.nan), {"units": "s"}),
+            "contact_losses": (dims, 3 * fell.astype(np.int64)),
             "peak_rotation": (dims, generator.uniform(0, 0.1, shape), {"units": "rad"}),
             "peak_displacement": (dims, generator.uniform(0, 0.4, shape), {"units": "m"}),
             "energy_error": (dims, 10.0 ** generator.normal(-8, 0.7, shape), {"units": "1"}),
@@ -111,7 +109,7 @@ def cube(names=("ring",), items=None, n_level=9, n_joint=8, theta=4.0, beta=0.4,
             "distance": ("record", generator.uniform(5.0, 60.0, len(records))),
         },
         coords={"arch": list(names), "record": records, "model": list(MODELS)},
-        attrs={"Conventions": "CF-1.11", "archfrag_config": '{"arches": {"ring": 1}}'},
+        attrs={"Conventions": "CF-1.11", "loss_limit": "0.5"},
     )
 
 

@@ -14,13 +14,13 @@ from archfrag.fragility.counts import Verdict
 from archfrag.report.beside import Beside, beside_section
 from archfrag.report.summary import reading_scale
 from tests.report import synthetic
+from tests.report.test_page import table, text
 from tests.study.small import TEXT, small_study
 
 
 def study(name, vertical, theta=4.0, arches=("ring",), thickness=1.5):
     """Cube of a made-up study with losses of contact in the runs that collapsed."""
     cube = synthetic.cube(arches, theta=theta)
-    fell = cube["verdict"] == Verdict.COLLAPSED
     config = {"arches": [{"id": arch, "thickness": thickness} for arch in arches]}
     cube.attrs |= {
         "archfrag_study": name,
@@ -28,8 +28,7 @@ def study(name, vertical, theta=4.0, arches=("ring",), thickness=1.5):
         "archfrag_config": json.dumps(config),
     }
     cube["intensity"].attrs["measure"] = "PGA"
-    cube["lost_contact_time"] = cube["collapse_time"]
-    return cube.assign(contact_losses=3 * fell.astype(int))
+    return cube
 
 
 def inputs(one, other):
@@ -38,7 +37,7 @@ def inputs(one, other):
 
 
 def shown(given):
-    return beside_section(given, given.cube, reading_scale(given.cube, "PGA"))
+    return beside_section(given, reading_scale(given.cube, "PGA"))
 
 
 def rows_of(table):
@@ -74,63 +73,36 @@ class TestSection:
         }
         assert {key: rows[key] for key in expected} == expected
 
-    def test_only_arches_that_both_have(self):
+    def test_what_both_have_and_what_else_differs(self):
         one = study("up", "used", arches=("ring", "wall"))
         found = shown(inputs(one, study("flat", "not used", arches=("tower", "wall"))))
         assert [arch["name"] for arch in found["arches"]] == ["wall"]
-
-    def test_what_else_differs(self):
-        one = study("up", "used")
+        assert found["differences"] is None
         found = shown(inputs(one, study("flat", "used", thickness=1.2)))["differences"]
         assert rows_of(found) == {"key": ["up", "flat"], "arches.ring.thickness": ["1.5", "1.2"]}
-        assert shown(inputs(one, study("flat", "not used")))["differences"] is None
+        assert shown(synthetic.inputs()) is None
 
-    def test_without_a_curve_and_in_older_cubes(self):
-        other = study("flat", "not used").drop_vars(["lost_contact_time", "contact_losses"])
+    def test_without_a_curve(self):
+        other = study("flat", "not used")
         other["verdict"][:] = Verdict.STANDING
         rows = rows_of(shown(inputs(study("up", "used"), other))["arches"][0]["table"])
         assert rows["median capacity θ"][1] == "no curve"
         assert rows["change of θ from up"] == ["–", "–"]
-        assert rows["losses of contact by any gap"][1] == "not stated"
-
-    def test_none_without_another_study(self):
-        assert shown(synthetic.inputs()) is None
 
 
-class TestRefused:
-    @pytest.mark.parametrize(
-        ("key", "value", "kind"),
-        [("measure", "Sa(0.5)", r"Sa\(0.5\) \[m s-2\]"), ("units", "m s-1", r"PGA \[m s-1\]")],
-    )
-    def test_other_measure_or_unit(self, key, value, kind):
-        given = inputs(study("up", "used"), study("flat", "not used"))
-        given.beside.cube["intensity"].attrs[key] = value
-        with pytest.raises(
-            InputError, match="study 'flat' cannot be shown beside 'up': .*" + kind
-        ):
-            shown(given)
-
-    def test_no_arch_in_common(self):
-        given = inputs(study("up", "used"), study("flat", "not used", arches=("wall",)))
-        with pytest.raises(
-            InputError, match=r"'flat' .* beside 'up': it has no arch ring, but wall"
-        ):
-            shown(given)
-
-
-def text(element):
-    return " ".join(element.text_content().split())
-
-
-def section(html):
-    (found,) = lxml.html.document_fromstring(html).xpath('//section[@id="beside"]')
-    return found
-
-
-def table(found, label):
-    (grid,) = found.xpath(f'.//table[@aria-label="{label}"]')
-    rows = [[text(cell) for cell in row.xpath("./*")] for row in grid.xpath(".//tr")]
-    return {key: values for key, *values in rows}
+@pytest.mark.parametrize(
+    ("attributes", "arches", "kind"),
+    [
+        ({"measure": "Sa(0.5)"}, ("ring",), r"its levels are of Sa\(0.5\) \[m s-2\]"),
+        ({"units": "m s-1"}, ("ring",), r"its levels are of PGA \[m s-1\]"),
+        ({}, ("wall",), "it has no arch ring, but wall"),
+    ],
+)
+def test_refused(attributes, arches, kind):
+    given = inputs(study("up", "used"), study("flat", "not used", arches=arches))
+    given.beside.cube["intensity"].attrs |= attributes
+    with pytest.raises(InputError, match=f"study 'flat' cannot be shown beside 'up': {kind}"):
+        shown(given)
 
 
 MADE = """synthetic: {events: 3, magnitude: [6.5], distance_km: [10.0], seed: 3, vertical: YES}
@@ -168,13 +140,14 @@ class TestCommand:
         up, flat, _ = studies
         result = call("report", up, "--beside", flat)
         assert result.exit_code == 0, result.output
-        found = section((up.parent / "up" / "report.html").read_text())
+        page = lxml.html.document_fromstring((up.parent / "up" / "report.html").read_text())
+        (found,) = page.xpath('//section[@id="beside"]')
         assert [text(head) for head in found.xpath("./h3")] == ["ring", "slab"]
         (curves, _) = found.xpath(".//figure")
         words = {text(each) for each in curves.xpath(".//*[local-name()='text']")}
         assert {"up", "flat", "PGA [g]"} <= words
         assert "3 have the same name in both" in text(found)
-        rows = table(found, "ring in both studies")
+        rows = {key: values for key, *values in table(page, "ring in both studies")[1]}
         assert rows["vertical component"] == ["used", "not used"]
         cubes = [xr.load_dataset(path.parent / path.stem / "cube.nc") for path in (up, flat)]
         assert np.array_equal(cubes[0]["scale_factor"], cubes[1]["scale_factor"])

@@ -5,18 +5,10 @@ from numpy.typing import ArrayLike
 from scipy.special import chdtri, ndtr, ndtri, stdtrit
 
 from archfrag.errors import InputError
-from archfrag.fragility.counts import Verdict, checked_stripes, count_verdicts
-from archfrag.fragility.curve import (
-    Band,
-    BoolArray,
-    FloatArray,
-    Fragility,
-    log_intensity,
-    tails,
-)
+from archfrag.fragility.curve import Band, Fragility, log_intensity, tails
 from archfrag.fragility.fit import curves_of_lines
 from archfrag.fragility.lines import binomial_lines
-from archfrag.fragility.runs import Resampling
+from archfrag.fragility.runs import Resampling, gather_runs
 
 _OF_CAPACITIES = ("ida", "ida_truncated", "brackets")
 
@@ -60,36 +52,16 @@ def confidence_band(fit: Fragility, im: ArrayLike, confidence: float = 0.9) -> B
 
 
 def capacity_band(fit: Fragility, im: ArrayLike, confidence: float = 0.9) -> Band:
-    """Pointwise band of a curve fitted to capacities, by Student's t.
+    """Pointwise band of a curve of `fit_ida` or `fit_brackets`, by Student's t; rises with `im`.
 
     The band of ln IM at the quantile z of capacity is m + z s -+ t sqrt(g C g) with g = (1, z),
     which for complete capacities is m + z s -+ t s sqrt(1 / n + z^2 / (2 (n - 1))) and t has
     n - 1 degrees of freedom. It is inverted to probabilities at given intensities. Assumes that
     capacities are lognormal and independent. For censored ones the degrees of freedom are those
     that the variance of beta is worth, beta^2 / (2 var beta) (Satterthwaite 1946, Biometrics
-    Bulletin 2), less one for the median, and beta is raised as by n / (n - 1).
+    Bulletin 2), less one for the median, and beta is raised as by n / (n - 1). From 0 to 1
+    everywhere if the sample is too small to bound beta.
 
-    Parameters
-    ----------
-    fit : Fragility
-        From `fit_ida` or `fit_brackets`.
-    im : array_like
-        Intensities, any shape, unit of ``fit.theta``, >= 0.
-    confidence : float
-        Two-sided, between 0 and 1.
-
-    Returns
-    -------
-    Band
-        Rising with `im`; from 0 to 1 everywhere if the sample is too small to bound beta.
-
-    Raises
-    ------
-    InputError
-        If an argument cannot be, or `fit` does not come from capacities.
-
-    Examples
-    --------
     >>> import archfrag as af
     >>> from archfrag.fragility.bands import capacity_band
     >>> band = capacity_band(af.fit_ida([0.5, 0.6, 0.7, 0.8, 0.9, 1.3]), 0.8, 0.8)
@@ -161,95 +133,23 @@ def _freedom(fit: Fragility) -> tuple[float, float]:
     return freedom, float(np.sqrt((freedom + 1.0) / freedom))
 
 
-def bootstrap_band(
-    fit: Fragility, im: ArrayLike, levels: ArrayLike, n: ArrayLike, resampling: Resampling
-) -> Band:
-    """Pointwise band of a curve fitted to stripes, from a parametric bootstrap.
-
-    Collapses are drawn anew at each level from the fitted curve, the curve is fitted to each
-    draw, and the band runs between the quantiles of the curves (percentile method). A draw whose
-    likelihood has no maximum is not thrown away, for that would narrow the band: it enters with
-    the curve that its likelihood tends to (all 0, all 1, a step, or constant) and is counted.
-
-    Parameters
-    ----------
-    fit : Fragility
-        From `fit_stripes`.
-    im : array_like
-        Intensities, any shape, unit of ``fit.theta``, >= 0.
-    levels, n : array_like, (n_level,)
-        As given to `fit_stripes`.
-    resampling : Resampling
-        The same gives the same band.
-
-    Raises
-    ------
-    InputError
-        If an argument cannot be, or `fit` does not come from stripes.
-
-    Examples
-    --------
-    >>> import archfrag as af
-    >>> from archfrag.fragility.bands import bootstrap_band
-    >>> from archfrag.fragility.runs import Resampling
-    >>> fit = af.fit_stripes([0.2, 0.4, 0.8], [1, 5, 9], 10)
-    >>> band = bootstrap_band(fit, 0.4, [0.2, 0.4, 0.8], 10, Resampling(seed=1))
-    >>> bool(band.lower < 0.5 < band.upper)
-    True
-    """
-    if fit.kind != "stripes":
-        raise InputError(f"the fit is of kind {fit.kind!r}; the bootstrap redraws 'stripes' only")
-    levels, _, n = checked_stripes(levels, np.zeros(np.shape(levels)), n)
-    shape = (resampling.resamples, n.size)
-    draws = resampling.generator.binomial(n.astype(np.int64), fit.probability(levels), shape)
-    distinct, copies = np.unique(draws, axis=0, return_counts=True)
-    runs = np.broadcast_to(n, distinct.shape)
-    curves, parameters = _refit(levels, distinct.astype(float), runs, im)
-    lower, upper = np.quantile(np.repeat(curves, copies, axis=0), resampling.tails, axis=0)
-    return Band(lower, upper, resampling.confidence, int(copies[np.isnan(parameters[:, 0])].sum()))
-
-
 def record_bootstrap_band(
-    verdict: ArrayLike,
-    levels: ArrayLike,
-    im: ArrayLike,
-    resampling: Resampling,
-    *,
-    groups: ArrayLike | None = None,
-) -> Band:
-    """Pointwise band where the same records serve at all levels.
+    verdict: ArrayLike, levels: ArrayLike, im: ArrayLike, resampling: Resampling,
+    *, groups: ArrayLike | None = None,
+) -> Band:  # fmt: skip
+    """Pointwise band where the same records serve at all levels, arguments as of `gather_runs`.
 
     A record that fells the arch at one level tends to fell it at the next, so the runs of a
     study are not independent as the binomial likelihood takes them to be, and the band from its
-    covariance is too narrow. Here records are drawn with replacement (the cluster
-    bootstrap; Davison and Hinkley 1997, section 3.8), each with its verdicts at all levels, and
-    the curve is fitted to each draw. Draws without a curve enter as in `bootstrap_band`.
+    covariance is too narrow. Here records, or events where `groups` names them, are drawn with
+    replacement (the cluster bootstrap; Davison and Hinkley 1997, section 3.8), each with its
+    verdicts at all levels, and the curve is fitted to each draw (percentile method). A draw whose
+    likelihood has no maximum is not thrown away, for that would narrow the band: it enters with
+    the curve that its likelihood tends to (all 0, all 1, a step, or constant) and is counted.
 
-    Where several records are of one event the events are drawn. The percentile method is too
-    narrow for a small number of records or events; it is a check that assumes no family of curves
-    between records, not what is quoted (`archfrag.fragility.quoted.quoted_band`).
+    It is too narrow for a small number of records or events; it is a check that assumes no family
+    of curves between records, not what is quoted (`archfrag.fragility.quoted.quoted_band`).
 
-    Parameters
-    ----------
-    verdict : array_like of int, (n_record, n_level)
-        Codes of `archfrag.fragility.counts.Verdict`; unfinished runs and solver failures count
-        as neither.
-    levels : array_like, (n_level,)
-        Intensity of each level, > 0.
-    im : array_like
-        Intensities at which the band is wanted, any shape, unit of `levels`, >= 0.
-    resampling : Resampling
-        The same gives the same band.
-    groups : array_like, (n_record,), optional
-        Label of the event of each record; every record is its own if left out.
-
-    Raises
-    ------
-    InputError
-        If an argument cannot be.
-
-    Examples
-    --------
     >>> from archfrag.fragility.bands import record_bootstrap_band
     >>> from archfrag.fragility.runs import Resampling
     >>> verdict = [[0, 1, 1], [0, 0, 1], [0, 0, 1], [1, 0, 1], [0, 1, 1]]
@@ -257,54 +157,21 @@ def record_bootstrap_band(
     >>> bool(band.lower < 0.5 < band.upper)
     True
     """
-    count_verdicts(verdict)
-    codes = np.asarray(verdict)
-    if codes.ndim != 2 or codes.shape[1:] != np.shape(levels) or codes.shape[0] < 2:
-        raise InputError(
-            f"verdict has shape {codes.shape}, levels {np.shape(levels)}; at least two records "
-            "by all levels are needed"
-        )
-    levels = checked_stripes(levels, np.zeros(codes.shape[1]), codes.shape[0])[0]
-    fell, stood = (_by_event(codes == v, groups) for v in (Verdict.COLLAPSED, Verdict.STANDING))
-    times = resampling.multiplicities(len(fell))
-    collapses = times @ fell
-    n = collapses + times @ stood
+    runs = gather_runs(verdict, levels, event=groups)
+    if runs.group.max() == 0:
+        raise InputError("the runs are of one record or event; at least two are needed")
+    collapses, n = runs.resample(resampling)
     decided = n.sum(axis=1) > 0
-    if not decided.any():
-        raise InputError("verdict holds no run that collapsed or stood")
-    curves, parameters = _refit(levels, collapses[decided], n[decided], im)
-    lower, upper = np.quantile(curves, resampling.tails, axis=0)
-    known = parameters[~np.isnan(parameters[:, 0])]
-    ends = np.quantile(known, resampling.tails, axis=0) if known.size else np.full((2, 2), np.nan)
-    (a, b), (c, d) = ends.T.tolist()
-    lost = resampling.resamples - len(known)
-    return Band(lower, upper, resampling.confidence, lost, (a, b), (c, d))
-
-
-def _by_event(table: BoolArray, groups: ArrayLike | None) -> FloatArray:
-    """Rows of a table added up by their event, (n_event, n_level)."""
-    if groups is None:
-        return table.astype(float)
-    labels = np.asarray(groups)
-    if labels.shape != table.shape[:1]:
-        raise InputError(
-            f"groups has shape {labels.shape}; one label for each of {len(table)} records"
-        )
-    events, place = np.unique(labels, return_inverse=True)
-    if events.size < 2:
-        raise InputError(f"groups holds one event, {events[0]!s}; at least two are needed")
-    added = np.zeros((events.size, table.shape[1]))
-    np.add.at(added, place, table)
-    return added
-
-
-def _refit(
-    levels: FloatArray, collapses: FloatArray, n: FloatArray, im: ArrayLike
-) -> tuple[FloatArray, FloatArray]:
-    """Curves at `im`, and (theta, beta), of many draws, (n_draw, n_level); nan without a fit."""
     x = np.maximum(log_intensity(im), -1e3)
-    lines = binomial_lines(np.log(levels), collapses, n)
-    many = curves_of_lines(lines, collapses, n)
+    lines = binomial_lines(np.log(runs.levels), collapses[decided], n[decided])
+    many = curves_of_lines(lines, collapses[decided], n[decided])
     column = (slice(None), *(None,) * x.ndim)
     curves = ndtr(lines.intercept[column] + lines.slope[column] * x)
-    return curves, np.stack([many.theta, many.beta], axis=1)
+    lower, upper = np.quantile(curves, resampling.tails, axis=0)
+    theta, beta = (
+        np.quantile(values[many.fitted], resampling.tails) if many.fitted.any() else [np.nan] * 2
+        for values in (many.theta, many.beta)
+    )
+    lost = resampling.resamples - int(np.count_nonzero(many.fitted))
+    ends = (float(theta[0]), float(theta[1])), (float(beta[0]), float(beta[1]))
+    return Band(lower, upper, resampling.confidence, lost, *ends)

@@ -1,6 +1,6 @@
 """Capacities of records that were run at several levels: between which two each lies."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,23 +14,12 @@ RULES = ("count", "fewest", "first")
 
 @dataclass(frozen=True)
 class Brackets:
-    """Between which of its levels the capacity of each record lies.
+    """Between which of its levels the capacity of each record lies, arrays (n_record,)."""
 
-    Attributes
-    ----------
-    lower, upper : ndarray, (n_record,)
-        Highest level that is taken to stand and lowest that is taken to collapse; 0 where the
-        record collapses at its lowest level, inf where it never does.
-    contradictions : ndarray of int, (n_record,)
-        Verdicts on the wrong side of the border: islands of collapse or of standing.
-    decided : ndarray of int, (n_record,)
-        Runs that collapsed or stood; with 0 nothing is known and the bracket is (0, inf).
-    """
-
-    lower: FloatArray
-    upper: FloatArray
-    contradictions: IntArray
-    decided: IntArray
+    lower: FloatArray  #: highest level taken to stand; 0 where the record collapses at its lowest
+    upper: FloatArray  #: lowest level taken to collapse; inf where it never does
+    contradictions: IntArray  #: verdicts on the wrong side of the border: islands
+    decided: IntArray  #: runs that collapsed or stood; with 0 the bracket is (0, inf)
 
     @property
     def bracketed(self) -> BoolArray:
@@ -46,9 +35,7 @@ class Brackets:
 
     def rows(self, keep: BoolArray) -> "Brackets":
         """The same of some records only."""
-        return Brackets(
-            self.lower[keep], self.upper[keep], self.contradictions[keep], self.decided[keep]
-        )
+        return Brackets(*(getattr(self, field.name)[keep] for field in fields(self)))
 
     def known(self) -> "Brackets":
         """The same of those records that have a decided run; FitError if there is none."""
@@ -111,17 +98,7 @@ def fill_verdicts(verdict: ArrayLike, rule: str = "fewest") -> IntArray:
 
     A cell that was not run is taken to stand below the bracket of its record and to collapse
     above it. Runs that were made keep their verdict; cells inside the bracket stay as they are.
-
-    Parameters
-    ----------
-    verdict : array_like of int, (n_record, n_level)
-    rule : str
-        As in `find_brackets`.
-
-    Raises
-    ------
-    InputError
-        If `verdict` is not two-dimensional, or the rule is unknown.
+    Arguments and errors are those of `find_brackets`.
 
     Examples
     --------

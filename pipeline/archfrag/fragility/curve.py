@@ -104,25 +104,13 @@ class Fragility:
 
 @dataclass(frozen=True)
 class Band:
-    """Pointwise confidence band of a curve.
+    """Pointwise confidence band of a curve."""
 
-    Attributes
-    ----------
-    lower, upper : ndarray, shape of the intensities asked for
-        Probabilities of collapse.
-    confidence : float
-        Two-sided confidence at each intensity, e.g. 0.9.
-    n_degenerate : int
-        Bootstrap only: resamples without a lognormal curve.
-    theta, beta : (float, float)
-        Bootstrap of records only: quantiles over the resamples that have a lognormal curve; nan
-        if none has.
-    """
-
-    lower: FloatArray
+    lower: FloatArray  #: probabilities of collapse, shape of the intensities asked for
     upper: FloatArray
-    confidence: float
-    n_degenerate: int = 0
+    confidence: float  #: two-sided, at each intensity
+    n_degenerate: int = 0  #: bootstrap only: resamples without a lognormal curve
+    #: Bootstrap only: quantiles over the resamples that have a lognormal curve; nan if none has.
     theta: tuple[float, float] = (np.nan, np.nan)
     beta: tuple[float, float] = (np.nan, np.nan)
 

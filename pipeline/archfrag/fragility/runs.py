@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from archfrag.errors import InputError
-from archfrag.fragility.counts import Verdict
+from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import FloatArray, IntArray, positive, tails
 
 MOST_LEVELS = 500
@@ -15,21 +15,11 @@ MOST_GROUPS = 2000
 
 @dataclass(frozen=True)
 class Resampling:
-    """How a bootstrap is drawn and what is kept of it.
+    """How a bootstrap is drawn and what is kept of it."""
 
-    Attributes
-    ----------
-    seed : int
-        Of numpy's default generator; the same seed gives the same draws.
-    resamples : int
-        Number of draws, at least 100.
-    confidence : float
-        Two-sided, between 0 and 1.
-    """
-
-    seed: int
-    resamples: int = 1000
-    confidence: float = 0.9
+    seed: int  #: of numpy's default generator; the same seed gives the same draws
+    resamples: int = 1000  #: number of draws, at least 100
+    confidence: float = 0.9  #: two-sided, between 0 and 1
 
     def __post_init__(self) -> None:
         if self.resamples < 100:
@@ -55,22 +45,12 @@ class Resampling:
 
 @dataclass(frozen=True)
 class Runs:
-    """Collapses and runs at each distinct intensity, record by record.
+    """Collapses and runs at each distinct intensity, record by record."""
 
-    Attributes
-    ----------
-    levels : ndarray, (n_level,)
-        Distinct intensities, rising, > 0.
-    collapses, n : ndarray, (n_record, n_level)
-        Collapses, and runs that collapsed or stood.
-    group : ndarray of int, (n_record,)
-        Records with the same number are resampled together: those of one event.
-    """
-
-    levels: FloatArray
-    collapses: FloatArray
-    n: FloatArray
-    group: IntArray
+    levels: FloatArray  #: (n_level,), distinct intensities, rising, > 0
+    collapses: FloatArray  #: (n_record, n_level)
+    n: FloatArray  #: (n_record, n_level), runs that collapsed or stood
+    group: IntArray  #: (n_record,); records with the same number are resampled together
 
     @property
     def totals(self) -> tuple[FloatArray, FloatArray]:
@@ -105,13 +85,7 @@ class Runs:
         return times @ grouped[0], times @ grouped[1]
 
 
-def gather_runs(
-    verdict: ArrayLike,
-    im: ArrayLike,
-    *,
-    record: ArrayLike | None = None,
-    event: ArrayLike | None = None,
-) -> Runs:
+def gather_runs(verdict: ArrayLike, im: ArrayLike, *, event: ArrayLike | None = None) -> Runs:
     """Runs of a grid or of scattered motions, in the form that the curves of a study need.
 
     Verdicts other than standing and collapsed (unfinished, solver failure, not simulated) decide
@@ -125,20 +99,18 @@ def gather_runs(
     Parameters
     ----------
     verdict : array_like of int, (n_record, n_level) or (n_run,)
-        Codes of `archfrag.fragility.counts.Verdict`.
+        Codes of `archfrag.fragility.counts.Verdict`; without levels each run has a record of its
+        own.
     im : array_like
         Intensity of each run, any shape that broadcasts to that of `verdict`, > 0.
-    record : array_like, (n_run,), optional
-        Which record each run of a one-dimensional `verdict` belongs to; each to its own if not
-        given. Rows are records if `verdict` is two-dimensional.
     event : array_like, (n_record,), optional
-        Earthquake of each record, in the order of the rows or of the sorted `record`; an empty
-        text is an event of its own.
+        Earthquake of each record; an empty text is an event of its own.
 
     Raises
     ------
     InputError
-        If shapes do not match, an intensity is no positive number, or no run decides.
+        If shapes do not match, a code is no verdict, an intensity is no positive number, or no
+        run decides.
 
     Examples
     --------
@@ -156,20 +128,13 @@ def gather_runs(
         raise InputError(
             f"im has shape {np.shape(im)}, verdict {codes.shape}; one intensity per run is needed"
         ) from None
-    if codes.ndim == 2:
-        row = np.broadcast_to(np.arange(codes.shape[0])[:, None], codes.shape)
-    elif record is None:
-        row = np.arange(codes.size)
-    else:
-        if np.shape(record) != codes.shape:
-            raise InputError(f"record has shape {np.shape(record)}, verdict {codes.shape}")
-        row = np.unique(np.asarray(record), return_inverse=True)[1]
+    count_verdicts(codes)
+    row = np.indices(codes.shape)[0]
     decided = (codes == Verdict.STANDING) | (codes == Verdict.COLLAPSED)
     if not decided.any():
         raise InputError("verdict holds no run that collapsed or stood")
     used = positive(intensity[decided], "im")
-    n_record = int(row.max()) + 1
-    group = event_groups(event, n_record)
+    group = event_groups(event, len(codes))
     levels, column = _levels(used)
     present, slot = np.unique(row[decided], return_inverse=True)
     n = np.zeros((present.size, levels.size))

@@ -8,7 +8,7 @@ from scipy.optimize import isotonic_regression
 from scipy.special import ndtr
 
 from archfrag.errors import FitError
-from archfrag.fragility.curve import Band, FloatArray, log_intensity, positive, tails
+from archfrag.fragility.curve import Band, FloatArray, log_intensity, tails
 from archfrag.fragility.lines import binomial_lines
 from archfrag.fragility.runs import Resampling, Runs
 
@@ -30,7 +30,6 @@ class FreeCurve:
     im: FloatArray  #: (n_point,), rising
     value: FloatArray  #: (n_point,), probabilities of collapse at `im`
     confidence: float  #: two-sided, of the band
-    bandwidth: float = np.nan  #: of the kernel, in ln im
     _draws: FloatArray = field(repr=False, compare=False, default_factory=lambda: np.empty((0, 0)))
 
     def probability(self, im: ArrayLike) -> FloatArray:
@@ -100,14 +99,12 @@ def pooled(collapses: FloatArray, n: FloatArray) -> FloatArray:
     return isotonic_regression(collapses / n, weights=n).x
 
 
-def kernel_curve(
-    runs: Runs, resampling: Resampling, *, bandwidth: float | None = None
-) -> FreeCurve:
+def kernel_curve(runs: Runs, resampling: Resampling) -> FreeCurve:
     """Local likelihood: at each intensity, a probit line fitted to the runs near it.
 
     Runs count by a Gaussian kernel in ln im (Fan, Heckman and Wand 1995, J. Am. Stat. Assoc. 90);
     for a wide kernel the curve is the lognormal one itself. It may fall where the data do. The
-    bandwidth, if not given, is the one of seven from the mean distance of the levels to twice
+    bandwidth is the one of seven from the mean distance of the levels to twice
     their range under which records left out (a fifth at a time, events together) are likeliest;
     the band is drawn with this bandwidth kept. More than 40 levels are gathered into 40 of
     neighbours.
@@ -117,13 +114,9 @@ def kernel_curve(
     runs : Runs
         From `gather_runs`, of at least two levels.
     resampling : Resampling
-    bandwidth : float, optional
-        Standard deviation of the kernel in ln im, > 0.
 
     Raises
     ------
-    InputError
-        If `bandwidth` cannot be.
     FitError
         If all runs are at one level.
 
@@ -132,23 +125,19 @@ def kernel_curve(
     >>> from archfrag.fragility.runs import Resampling, gather_runs
     >>> from archfrag.fragility.shapes import kernel_curve
     >>> runs = gather_runs([[0, 1, 0], [0, 0, 1], [0, 0, 1], [0, 1, 1]], [0.1, 0.2, 0.4])
-    >>> curve = kernel_curve(runs, Resampling(seed=1), bandwidth=0.5)
+    >>> curve = kernel_curve(runs, Resampling(seed=1))
     >>> bool(0.0 < curve.probability(0.1) < curve.probability(0.4) < 1.0)
     True
     """
     _require_levels(runs)
-    if bandwidth is not None:
-        positive(bandwidth, "bandwidth")
     runs = runs.binned(_BINS)
     x = np.log(runs.levels)
     nodes = np.linspace(x[0], x[-1], _GRID)
-    width = bandwidth if bandwidth is not None else _bandwidth(runs, x, nodes)
+    width = _bandwidth(runs, x, nodes)
     collapses, n = (part[None] for part in runs.totals)
     value = _local(x, collapses, n, nodes, width)[0]
     draws = _local(x, *runs.resample(resampling), nodes, width)
-    return FreeCurve(
-        "kernel", np.exp(nodes), value, resampling.confidence, bandwidth=width, _draws=draws
-    )
+    return FreeCurve("kernel", np.exp(nodes), value, resampling.confidence, _draws=draws)
 
 
 def _local(

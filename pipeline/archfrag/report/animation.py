@@ -8,10 +8,8 @@ from html import escape
 
 import numpy as np
 
-from archfrag.arch import STANDARD_GRAVITY
 from archfrag.report import picture as look
 from archfrag.report.arch_figure import EDGE, STONE
-from archfrag.report.axes import even_ticks
 from archfrag.report.example import Example
 from archfrag.report.picture import NARROW, FloatArray, Picture, number, trace
 from archfrag.report.plot import Panel, Sheet
@@ -27,21 +25,11 @@ _TRACE = 240
 
 @dataclass(frozen=True)
 class Frames:
-    """Key frames of a run.
+    """Key frames of a run."""
 
-    Attributes
-    ----------
-    time : ndarray, (n_frame,)
-        [s]
-    place : ndarray, (n_frame, n_voussoir, 2)
-        Centroids [m].
-    rotation : ndarray, (n_frame, n_voussoir)
-        Counter-clockwise [rad].
-    """
-
-    time: FloatArray
-    place: FloatArray
-    rotation: FloatArray
+    time: FloatArray  #: (n_frame,) [s]
+    place: FloatArray  #: (n_frame, n_voussoir, 2), centroids [m]
+    rotation: FloatArray  #: (n_frame, n_voussoir), counter-clockwise [rad]
 
 
 def key_frames(example: Example) -> Frames | None:
@@ -207,16 +195,14 @@ def _moving(example: Example, frames: Frames, stage: _Stage, where: tuple[str, f
 def _strip(example: Example, frames: Frames, height: float) -> tuple[str, float]:
     """The ground's acceleration over the time shown, and the width of its panel [px]."""
     start, end = float(frames.time[0]), float(frames.time[-1])
-    motion = example.motion
-    ground = np.asarray(motion.acceleration, dtype=float) * example.factor / STANDARD_GRAVITY
     time = np.linspace(start, end, _TRACE)
-    values = np.interp(time, np.arange(ground.size) * motion.dt, ground, right=0.0)
+    values = np.interp(time, *example.ground, right=0.0)
     reach = max(float(np.abs(values).max()), 1e-9)
     sheet = Sheet(NARROW)
     box = (12.0, height + 2.0, NARROW - 12.0, height + 2.0 + _STRIP)
     panel = Panel(sheet, box, (start, end), (-reach, reach))
     panel.line(time, values, look.GREY, 0.8)
-    panel.axis_x(even_ticks(start, end, 6), "time [s], with the ground acceleration")
+    panel.axis_x(look.even_ticks(start, end, 6), "time [s], with the ground acceleration")
     return "".join(sheet.parts), box[2] - box[0]
 
 

@@ -108,13 +108,11 @@ def _thrust_and_hinges(view: _View, arch: Arch, onset: "Onset", sign: float) -> 
 
 
 def _ground(view: _View, sign: float) -> None:
-    y, half = view.ground + 13.0, 0.16 * view.scale * view.span
-    reach = 0.5 * view.scale * view.span
+    y, half = view.ground + 13.0, sign * 0.16 * view.scale * view.span
+    reach, tip = 0.5 * view.scale * view.span, view.middle + half
     view.sheet.path(f"M{view.middle - reach:.1f} {view.ground:.1f}h{2 * reach:.1f}", kind="ax")
-    tip = view.middle + sign * half
-    view.sheet.path(
-        f"M{view.middle - sign * half:.1f} {y:.1f}H{tip:.1f}", stroke=look.INK, stroke_width=1.3
-    )
+    line = f"M{view.middle - half:.1f} {y:.1f}H{tip:.1f}"
+    view.sheet.path(line, stroke=look.INK, stroke_width=1.3)
     view.sheet.path(f"M{tip + sign * 7:.1f} {y:.1f}l{-sign * 9:.1f} -4v8z", fill=look.INK)
 
 

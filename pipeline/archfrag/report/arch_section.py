@@ -2,32 +2,21 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from archfrag.arch import Arch
-from archfrag.report import (
-    animation,
-    arch_figure,
-    curve_figures,
-    example,
-    figures,
-    ladder_figures,
-    measure_figures,
-    mechanism_figures,
-    tables,
-    timeline,
-)
-from archfrag.report.axes import digits
+from archfrag.report import arch_figure, curve_figures, example, figures, mechanism_figures, tables
+from archfrag.report.animation import animation
+from archfrag.report.inputs import ReportInputs
+from archfrag.report.picture import Picture
 from archfrag.report.summary import ArchResults, Scale
-from archfrag.study.curves import curve_of_dict
+from archfrag.report.timeline import timeline
+from archfrag.study.curves import Answer, curve_of_dict
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from archfrag.report.page import ReportInputs
-    from archfrag.study.curves import Answer
 
 DESIGN_WORDS = {
     "stripes": "every record at every level",
@@ -40,46 +29,39 @@ _ENTRIES = 60  # of the log, in words
 
 
 def arch_section(
-    inputs: "ReportInputs", cube: "xr.Dataset", results: ArchResults, place: int, animated: bool
+    inputs: ReportInputs, results: ArchResults, place: int, animated: bool
 ) -> dict[str, Any]:
     """Figures, tables and numbers of an arch, by the names that the page's template uses."""
-    prefix, (name, arch, onset) = f"arch{place}", inputs.arches[place]
-    answer, counts = inputs.answers[name], results.counts
+    name, arch, onset = inputs.arches[place]
+    answer = inputs.answers[name]
+    counts = {kind: int(number.sum()) for kind, number in asdict(results.counts).items()}
     wall = None if inputs.timings is None else inputs.timings.get(name)
+    groups = mechanism_figures.groupings(results, inputs.confidence)
     return {
-        "id": prefix,
+        "id": f"arch{place}",
         "name": name,
         "answer": tables.answer(answer, results.scale),
-        "counts": {
-            "runs": int(counts.runs.sum()),
-            "collapsed": int(counts.collapsed.sum()),
-            "standing": int(counts.standing.sum()),
-            "unfinished": int(counts.unfinished.sum()),
-            "failures": int(counts.solver_failures.sum()),
-            "stood_after_loss": results.stood_after_loss,
-        },
+        "counts": {"runs": sum(counts.values()), **counts},
+        "stood_after_loss": results.stood_after_loss,
         "cautions": cautions_of(inputs.cautions, name),
         "grouped": results.grouped,
-        "design": design_table(cube, name),
+        "design": design_table(inputs.cube, name),
         "curve": curve_figures.curve(results, answer),
         "test_of_fit": answer.more.get("free", {}).get("test_of_fit", {}).get("message", ""),
         "levels": tables.levels(results, answer),
         "verdicts": (figures.scattered_runs if results.grouped else figures.verdict_map)(results),
         "arch": arch_figure.arch_at_onset(arch, onset, name),
-        "onset": {
-            "plus": arch_figure.onset_text(onset.plus),
-            "minus": arch_figure.onset_text(onset.minus),
-        },
+        "onset": [arch_figure.onset_text(limit) for limit in (onset.plus, onset.minus)],
         "stands": onset.stands,
         "geometry": tables.geometry(arch.parameters),
-        **_mechanisms(inputs, results, arch),
-        **_runs(cube, inputs, results, place, animated),
+        "fractions": mechanism_figures.fractions(groups, results),
+        "fractions_table": mechanism_figures.fractions_table(groups, results),
+        "n_effective": f"{groups[0].n_effective:.1f}",
+        **_repeated(inputs, results, place, animated),
         "cloud": _cloud(answer, results.scale),
         "limit_states": _limit_states(answer, results),
         "measures": _measures(answer, name),
-        "ran": ladder_figures.what_ran(results),
-        "ran_table": ladder_figures.table(results),
-        "numerics": figures.numerics(results),
+        "ran_table": mechanism_figures.ran_table(results),
         "quality": tables.quality(results, wall),
     }
 
@@ -111,89 +93,76 @@ def design_table(cube: "xr.Dataset", name: str) -> tables.Table | None:
             ("yes" if note.get("reached") else f"no: {note.get('why', '')}")
             if np.isfinite(width) else "",
     }  # fmt: skip
-    return tables.Table(
-        ["design", "value"], [[key, value] for key, value in rows.items() if value]
-    )
+    return tables.Table(["design", "value"], [list(row) for row in rows.items() if row[1]])
 
 
-def _mechanisms(inputs: "ReportInputs", results: ArchResults, arch: Arch) -> dict[str, Any]:
-    groups = [
-        mechanism_figures.by_mode(results, inputs.confidence),
-        mechanism_figures.by_joint(results, arch.n_joint, inputs.confidence),
-        mechanism_figures.by_impacts(results, inputs.confidence),
-    ]
-    return {
-        "collapses": figures.collapses(results, arch.n_joint),
-        "fractions": mechanism_figures.fractions(groups, results),
-        "fractions_table": mechanism_figures.table(groups, results),
-        "n_effective": f"{groups[0].n_effective:.1f}",
-    }
-
-
-def _runs(
-    cube: "xr.Dataset", inputs: "ReportInputs", results: ArchResults, place: int, animated: bool
+def _repeated(
+    inputs: ReportInputs, results: ArchResults, place: int, animated: bool
 ) -> dict[str, Any]:
     """Runs done again: the log of one, a collapse and a near miss in motion."""
     name, arch, onset = inputs.arches[place]
-    fit = inputs.answers[name].curve
-    found: dict[str, Any] = {"timeline": None, "log": [], "animations": []}
+    moving: list[Picture] = []
+    found: dict[str, Any] = {"timeline": None, "log": [], "animations": moving}
     if not onset.stands:
         return found
+
+    def again(chosen: example.Chosen | None) -> example.Example | None:
+        return example.repeat(inputs.cube, results, arch, inputs.motions, chosen)
+
+    fit = inputs.answers[name].curve
     median = None if isinstance(fit, str) else fit.theta * results.scale.factor
-    shown = example.repeat(cube, results, arch, inputs.motions, example.choose(results, median))
+    shown = again(example.choose(results, median))
     if shown is None:
         return found
     changes = shown.response.mechanism or ()
-    lines = [str(change) for change in changes[:_ENTRIES]]
+    found["log"] = [str(change) for change in changes[:_ENTRIES]]
     if len(changes) > _ENTRIES:
-        lines.append(f"... and {len(changes) - _ENTRIES} more")
-    found |= {"timeline": timeline.timeline(shown), "log": lines}
+        found["log"].append(f"... and {len(changes) - _ENTRIES} more")
+    found["timeline"] = timeline(shown)
     if animated:
-        miss = example.near_miss(results)
-        near = example.repeat(cube, results, arch, inputs.motions, miss) if miss else None
+        near = again(example.near_miss(results))
         for key, title, run in (("fall", "A collapse", shown), ("miss", "A near miss", near)):
             if run is not None and run.response.collapsed == (key == "fall"):
-                moving = animation.animation(run, f"{key}{place}", title)
-                found["animations"] += [] if moving is None else [moving]
+                drawn = animation(run, f"{key}{place}", title)
+                moving += [] if drawn is None else [drawn]
     return found
 
 
-def _cloud(answer: "Answer", scale: Scale) -> tables.Table | None:
+def _cloud(answer: Answer, scale: Scale) -> tables.Table | None:
     """Curves of a cloud by regression, beside the one that is quoted."""
     rows = []
     for name, found in answer.more.get("cloud", {}).items():
         if "theta" not in found:
             rows.append([name, found["none"], "–"])
             continue
-        low, high = (digits(scale.factor * end) for end in found["theta_interval"])
-        ends = "–".join(f"{end:.2f}" for end in found["beta_interval"])
-        theta = digits(scale.factor * found["theta"])
-        rows.append([name, f"{theta} ({low}–{high})", f"{found['beta']:.2f} ({ends})"])
+        ends = "–".join(map(scale.digits, found["theta_interval"]))
+        betas = "–".join(f"{end:.2f}" for end in found["beta_interval"])
+        theta = scale.digits(found["theta"])
+        rows.append([name, f"{theta} ({ends})", f"{found['beta']:.2f} ({betas})"])
     return tables.Table(["regression", f"θ [{scale.unit}]", "β"], rows) if rows else None
 
 
-def _limit_states(answer: "Answer", results: ArchResults) -> dict[str, Any] | None:
+def _limit_states(answer: Answer, results: ArchResults) -> dict[str, Any] | None:
     given = answer.more.get("limit_states")
     if given is None:
         return None
-    scale, fits, rows = results.scale, [], []
+    scale, fits, rows = results.scale, {}, []
     for state in given["states"]:
         fit = curve_of_dict(state["curve"])
-        words = [state["name"].replace("_", " "), state["meaning"]]
-        if isinstance(fit, str):
-            rows.append([*words, "no curve", "–"])
-        else:
-            fits.append((words[0], fit))
-            rows.append([*words, digits(fit.theta * scale.factor), f"{fit.beta:.3f}"])
-    highest = float(results.levels.max())
+        name = state["name"].replace("_", " ")
+        known = ["no curve", "–"]
+        if not isinstance(fit, str):
+            fits[name] = fit
+            known = [scale.digits(fit.theta), f"{fit.beta:.3f}"]
+        rows.append([name, state["meaning"], *known])
     return {
-        "figure": curve_figures.limit_states(fits, results.arch, scale, highest) if fits else None,
+        "figure": curve_figures.limit_states(fits, results) if fits else None,
         "table": tables.Table(["limit state", "meaning", f"θ [{scale.unit}]", "β"], rows, 2),
         "message": given["message"],
     }
 
 
-def _measures(answer: "Answer", name: str) -> dict[str, Any] | None:
+def _measures(answer: Answer, name: str) -> dict[str, Any] | None:
     given = answer.more.get("measures")
     if given is None:
         return None
@@ -201,6 +170,6 @@ def _measures(answer: "Answer", name: str) -> dict[str, Any] | None:
         return {"message": f"No comparison: {given['none']}", "figure": None, "table": None}
     return {
         "message": given["message"],
-        "figure": measure_figures.measures_figure(given["rows"], name, given["best"]),
-        "table": measure_figures.measures_table(given["rows"]),
+        "figure": curve_figures.measures(given["rows"], name, given["best"]),
+        "table": curve_figures.measures_table(given["rows"]),
     }

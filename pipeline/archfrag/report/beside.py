@@ -13,6 +13,7 @@ from archfrag.mechanics.collapse import NOTED_GAP
 from archfrag.report import picture as look
 from archfrag.report import tables
 from archfrag.report.curve_figures import curve_picture, draw_answer
+from archfrag.report.inputs import ReportInputs
 from archfrag.report.picture import Picture
 from archfrag.report.plot import Entry, Panel
 from archfrag.report.summary import ArchResults, Scale, arch_results, study_config
@@ -23,8 +24,6 @@ from archfrag.study.steps import require
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from archfrag.report.page import ReportInputs
 
 
 @dataclass(frozen=True)
@@ -58,16 +57,15 @@ def load_beside(study: Study, other: Study) -> Beside:
         raise InputError(f"{refused}, since it is not finished: {error}") from error
 
 
-def beside_section(
-    inputs: "ReportInputs", cube: "xr.Dataset", scale: Scale
-) -> dict[str, Any] | None:
+def beside_section(inputs: ReportInputs, scale: Scale) -> dict[str, Any] | None:
     """What the page shows of another study, by the names that its template uses."""
     if inputs.beside is None:
         return None
-    cubes = (cube, inputs.beside.cube)
-    names = [str(each.attrs.get("archfrag_study", "not stated")) for each in cubes]
+    studies = (inputs.cube, inputs.answers), (inputs.beside.cube, inputs.beside.answers)
+    cubes = [cube for cube, _ in studies]
+    names = [str(cube.attrs["archfrag_study"]) for cube in cubes]
     refused = f"study {names[1]!r} cannot be shown beside {names[0]!r}"
-    kinds = [_measure(each) for each in cubes]
+    kinds = ["{measure} [{units}]".format(**cube["intensity"].attrs) for cube in cubes]
     if kinds[0] != kinds[1]:
         raise InputError(f"{refused}: its levels are of {kinds[1]}, not of {kinds[0]}")
     own = [name for name, _, _ in inputs.arches]
@@ -77,8 +75,13 @@ def beside_section(
         raise InputError(f"{refused}: it has no arch {' or '.join(own)}, but {', '.join(theirs)}")
     arches = []
     for arch in common:
-        answers = (inputs.answers[arch], inputs.beside.answers[arch])
-        sides = [_side(*each, arch, scale) for each in zip(names, cubes, answers)]
+        sides = [
+            _Side(
+                name, str(cube.attrs.get("vertical_component", "not stated")),
+                arch_results(cube, arch, scale), answers[arch],
+            )
+            for name, (cube, answers) in zip(names, studies)
+        ]  # fmt: skip
         arches.append({"name": arch, "curves": _curves(sides), "table": _table(sides)})
     records = [set(each["record"].values.tolist()) for each in cubes]
     return {
@@ -90,42 +93,29 @@ def beside_section(
     }
 
 
-def _measure(cube: "xr.Dataset") -> str:
-    about = cube["intensity"].attrs
-    return f"{about.get('measure', about.get('long_name'))} [{about.get('units')}]"
-
-
-def _side(study: str, cube: "xr.Dataset", answer: Answer, arch: str, scale: Scale) -> _Side:
-    vertical = str(cube.attrs.get("vertical_component", "not stated"))
-    return _Side(study, vertical, arch_results(cube, arch, scale), answer)
-
-
 def _curves(sides: Sequence[_Side]) -> Picture:
     """Both curves of an arch with their bands, and the observed fractions."""
     scale = sides[0].results.scale
     reach = 1.05 * max(side.results.levels.max() for side in sides)
-    looks = ((look.BLUE, "", "dot"), (look.VERMILION, "5 2.5", "ring"))
-    entries = [
-        Entry(side.study, colour, "dash" if dash else "line")
-        for side, (colour, dash, _) in zip(sides, looks)
-    ]
+    strokes = [
+        Entry(sides[0].study, look.BLUE, "line"), Entry(sides[1].study, look.VERMILION, "dash"),
+    ]  # fmt: skip
 
     def draw(panel: Panel) -> None:
-        for side, (colour, dash, mark) in zip(sides, looks):
-            draw_answer(panel, side.answer, scale, colour, dash)
+        for side, stroke, mark in zip(sides, strokes, ("dot", "ring")):
+            draw_answer(panel, side.answer, scale, stroke)
             known = side.results.known
             used = known.n > 0
             fraction = known.collapsed[used] / known.n[used]
-            panel.dots(side.results.levels[used], fraction, colour, mark)
+            panel.dots(side.results.levels[used], fraction, stroke.colour, mark)
 
     medians = (
-        f"{side.study} median {scale.text(side.answer.curve.theta)}"
-        if isinstance(side.answer.curve, Fragility)
-        else f"{side.study} no curve"
+        f"{side.study} no curve" if isinstance(side.answer.curve, str)
+        else f"{side.study} median {scale.text(side.answer.curve.theta)}"
         for side in sides
-    )
+    )  # fmt: skip
     return curve_picture(
-        draw, entries, (reach, scale.label),
+        draw, strokes, (reach, scale.label),
         alternative=f"Probability of collapse of {sides[0].results.arch} against {scale.label} in "
         f"two studies: {', '.join(medians)}",
         caption="Points: fraction of the records that collapse at each level. Shaded: bands, of "
@@ -143,20 +133,20 @@ def _table(sides: Sequence[_Side]) -> tables.Table:
 
 def _figures(side: _Side, first: _Side) -> dict[str, str]:
     results, counts = side.results, side.results.counts
-    percent = f"{100 * first.answer.confidence:.0f} %"
+    percent = tables.percent_of(first.answer.confidence)
     answer = tables.answer(side.answer, results.scale)
     change, fit, before = "–", side.answer.curve, first.answer.curve
     if side is not first and isinstance(fit, Fragility) and isinstance(before, Fragility):
         change = tables.signed(f"{100.0 * (fit.theta / before.theta - 1.0):+.1f} %")
-    lost, losses = results.lost_contact_time, results.contact_losses
+    losses = results["contact_losses"]
     numbers = {
         "runs": counts.runs.sum(),
         "collapsed": counts.collapsed.sum(),
         f"lost contact by a gap above {100 * NOTED_GAP:g} % of a joint's length":
-            None if lost is None else np.isfinite(lost).sum(),
+            (results.simulated & np.isfinite(results["lost_contact_time"])).sum(),
         "of these, standing": results.stood_after_loss,
-        "runs with a loss of contact by any gap": None if losses is None else (losses > 0).sum(),
-        "losses of contact by any gap": None if losses is None else losses.sum(),
+        "runs with a loss of contact by any gap": (losses > 0).sum(),
+        "losses of contact by any gap": losses.sum(),
         "unfinished": counts.unfinished.sum(),
         "solver failures": counts.solver_failures.sum(),
     }  # fmt: skip
@@ -169,7 +159,7 @@ def _figures(side: _Side, first: _Side) -> dict[str, str]:
         "dispersion β": answer.get("beta", "no curve"),
         f"{percent} of β": answer.get("beta_interval", "–"),
         "β by maximum likelihood": answer.get("beta_likelihood", "–"),
-        **{key: "not stated" if n is None else f"{n:,}" for key, n in numbers.items()},
+        **{key: f"{number:,}" for key, number in numbers.items()},
     }
 
 
@@ -189,8 +179,8 @@ def _differences(
 def _settings(cube: "xr.Dataset", arches: Sequence[str]) -> dict[str, str]:
     config = study_config(cube)
     parts = {name: config.get(name, {}) for name in ("intensity", "method")}
-    entries = {f"arches.{entry['id']}": entry for entry in config.get("arches", ())}
-    parts |= {key: entries[key] for name in arches if (key := f"arches.{name}") in entries}
+    entries = {entry["id"]: entry for entry in config.get("arches", ())}
+    parts |= {f"arches.{name}": entries[name] for name in arches if name in entries}
     return {
         f"{part}.{key}": json.dumps(value, ensure_ascii=False)
         for part, values in parts.items()

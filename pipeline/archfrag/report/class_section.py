@@ -8,36 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.fragility.curve import Fragility
-from archfrag.fragility.dispersion import sensitivities
+from archfrag.report import curve_figures as curves
 from archfrag.report import picture as look
 from archfrag.report import tables
-from archfrag.report.axes import digits, even_ticks
-from archfrag.report.curve_figures import (
-    band_entries,
-    band_words,
-    curve_picture,
-    draw_answer,
-    draw_thin,
-    thinned,
-)
-from archfrag.report.picture import (
-    BELOW,
-    BESIDE,
-    LINE,
-    SMALL,
-    FloatArray,
-    Picture,
-    shortened,
-)
+from archfrag.report.answer import classes
+from archfrag.report.inputs import ReportInputs
+from archfrag.report.picture import BELOW, BESIDE, LINE, FloatArray, Picture
 from archfrag.report.plot import Entry, Panel, Sheet, picture
 from archfrag.report.summary import Scale
 from archfrag.report.tables import Table
+from archfrag.study.curves import Answer
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from archfrag.report.page import ReportInputs
-    from archfrag.study.curves import Answer
 
 MOST_PANELS, MOST_TEXTS = 9, 7
 _HIGH = 150.0  # of a panel [px]
@@ -49,15 +32,13 @@ _PARTS = {
 }
 
 
-def class_section(
-    inputs: "ReportInputs", cube: "xr.Dataset", name: str, number: int, scale: Scale
-) -> dict[str, Any]:
+def class_section(inputs: ReportInputs, name: str, number: int, scale: Scale) -> dict[str, Any]:
     """Figures, tables and numbers of a class, by the names that the page's template uses."""
-    places = np.flatnonzero(cube["arch_class"].values.astype(str) == name)
-    names = cube["arch"].values.astype(str)[places]
-    members = [inputs.answers[str(each)] for each in names]
+    of_class = classes(inputs.cube)
+    members = [inputs.answers[arch] for arch, own in of_class.items() if own == name]
     answer = inputs.classes[name]
-    split, differences = answer.more.get("dispersion", {}), _differences(cube, places)
+    split = answer.more.get("dispersion", {})
+    differences = _differences(inputs.cube, np.array(list(of_class.values())) == name)
     return {
         "id": f"class{number}",
         "name": name,
@@ -67,29 +48,29 @@ def class_section(
         "dispersion": split.get("message") or split.get("none", ""),
         "dispersion_table": _dispersion(split),
         "panels": theta_panels(members, differences, name, scale),
-        "ranks": _ranks(members, differences),
     }
 
 
-def class_curve(answer: "Answer", members: Sequence["Answer"], name: str, scale: Scale) -> Picture:
+def class_curve(answer: Answer, members: Sequence[Answer], name: str, scale: Scale) -> Picture:
     """Curve of a class with its band, over those of its arches."""
-    thin = thinned(members)
+    thin = curves.thinned(members)
     ends = [scale.factor * each.im[-1] for each in (answer, *members) if each.im]
-    entries = [Entry("arches of the class", "#b5bec8", "line")]
+    entries = [Entry("arches of the class", curves.THIN, "line")]
     if isinstance(answer.curve, Fragility):
-        entries += band_entries("an arch of the class", f"{100 * answer.confidence:.0f} %")
+        percent = tables.percent_of(answer.confidence)
+        entries += curves.band_entries("an arch of the class", percent)
 
     def draw(panel: Panel) -> None:
-        draw_thin(panel, thin, scale, look.GREY)
-        draw_answer(panel, answer, scale, look.BLUE)
+        curves.draw_thin(panel, thin, scale, look.GREY)
+        curves.draw_answer(panel, answer, scale, Entry("", look.BLUE, "line"))
 
-    return curve_picture(
+    return curves.curve_picture(
         draw, entries, (max(ends, default=1.0), scale.label),
         alternative=f"Probability of collapse of an arch of the class {name} against "
         f"{scale.label}, and the curves of {len(thin)} of its arches",
         caption="Bold: probability of collapse of an arch of the class of which nothing more is "
         "known, so that both records and arches differ. Thin: its arches, of many some from the "
-        "weakest to the strongest." + band_words(answer),
+        "weakest to the strongest." + curves.band_words(answer),
     )  # fmt: skip
 
 
@@ -102,41 +83,24 @@ def _dispersion(split: Mapping[str, Any]) -> Table | None:
     return Table(["dispersion β", "value"], rows) if rows else None
 
 
-def _differences(cube: "xr.Dataset", places: NDArray) -> dict[str, NDArray]:
+def _differences(cube: "xr.Dataset", own: NDArray[np.bool_]) -> dict[str, NDArray]:
     """What the arches of a class differ by: numbers as floats, attributes as texts."""
     found: dict[str, NDArray] = {}
     for name in map(str, cube.data_vars):
         if name.startswith(("arch_", "attribute_")) and name != "arch_class":
-            values = cube[name].values[places]
+            values = cube[name].values[own]
             values = values.astype(float if values.dtype.kind in "fiu" else str)
             if np.unique(values).size > 1:
                 found[name.partition("_")[2].replace("_", " ")] = values
     return found
 
 
-def _thetas(members: Sequence["Answer"]) -> FloatArray:
+def _thetas(members: Sequence[Answer]) -> FloatArray:
     return np.array([np.nan if isinstance(a.curve, str) else a.curve.theta for a in members])
 
 
-def _ranks(members: Sequence["Answer"], differences: Mapping[str, NDArray]) -> Table | None:
-    """Rank correlation of theta with each number that the arches differ by."""
-    numbers = {name: values for name, values in differences.items() if values.dtype.kind == "f"}
-    confidence = members[0].confidence
-    rows = [
-        [each.parameter, _signed(each.correlation),
-         f"{_signed(each.lower)} to {_signed(each.upper)}", str(each.n_arch)]
-        for each in sensitivities(_thetas(members), numbers, confidence)
-    ]  # fmt: skip
-    heads = ["parameter", "rank correlation with θ", f"{100 * confidence:.0f} %", "arches"]
-    return Table(heads, rows) if rows else None
-
-
-def _signed(value: float) -> str:
-    return tables.signed(f"{value:+.2f}") if np.isfinite(value) else "–"
-
-
 def theta_panels(
-    members: Sequence["Answer"], differences: Mapping[str, NDArray], name: str, scale: Scale
+    members: Sequence[Answer], differences: Mapping[str, NDArray], name: str, scale: Scale
 ) -> Picture | None:
     """Theta of each arch against what the arches differ by, a panel for each; None if nothing."""
     theta = scale.factor * _thetas(members)
@@ -158,8 +122,8 @@ def theta_panels(
             box = (column * each + BESIDE, top, (column + 1) * each - 8.0, top + _HIGH)
             panel = Panel(sheet, box, (0.0, 1.0), ends)
             (_texts if values.dtype.kind == "U" else _numbers)(panel, values[known], theta)
-            panel.axis_y(even_ticks(*ends), f"θ [{scale.unit}]", grid=True)
-            panel.heading(shortened(title, each - BESIDE - 8.0))
+            panel.axis_y(look.even_ticks(*ends), f"θ [{scale.unit}]", grid=True)
+            panel.heading(look.shortened(title, each - BESIDE - 8.0))
         sheet.height = -(-len(shown) // columns) * (_HIGH + BELOW + LINE) + 4.0
         return sheet
 
@@ -177,8 +141,8 @@ def _numbers(panel: Panel, values: NDArray, theta: FloatArray) -> None:
     low, high = float(values[there].min()), float(values[there].max())
     margin = 0.04 * (high - low) or 1.0
     panel.x = (low - margin, high + margin)
-    ticks = even_ticks(*panel.x, 4)
-    labels = [f"{tick:g}" if abs(tick) < 1e6 else digits(tick) for tick in ticks]
+    ticks = look.even_ticks(*panel.x, 4)
+    labels = [f"{tick:g}" if abs(tick) < 1e6 else look.digits(tick) for tick in ticks]
     panel.axis_x(ticks, "", labels)
     panel.dots(values[there], theta[there], look.BLUE, radius=2.4)
 
@@ -189,8 +153,8 @@ def _texts(panel: Panel, texts: NDArray, theta: FloatArray) -> None:
     labels = kept + (["others"] if len(frequent) > len(kept) else [])
     place = np.array([kept.index(t) if t in kept else len(kept) for t in texts], dtype=float)
     panel.x = (-0.5, len(labels) - 0.5)
-    width = (panel.box[2] - panel.box[0]) / len(labels)
-    words = [shortened(label or "not stated", width - 6.0, SMALL) for label in labels]
+    width = (panel.box[2] - panel.box[0]) / len(labels) - 6.0
+    words = [look.shortened(label or "not stated", width, look.SMALL) for label in labels]
     panel.axis_x(np.arange(len(labels)), "", words)
     for i in range(len(labels)):
         own = np.flatnonzero(place == i)

@@ -1,20 +1,18 @@
-"""Fragility curves: of one arch with its data, of all arches together, and of limit states."""
+"""Fragility curves of one arch with its data, of all arches and of limit states; measures."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from archfrag.fragility.counts import clopper_pearson
 from archfrag.fragility.curve import Fragility
 from archfrag.report import picture as look
-from archfrag.report.axes import even_ticks
-from archfrag.report.picture import BELOW, BESIDE, FloatArray, Picture
+from archfrag.report.picture import BELOW, SMALL, FloatArray, Picture
 from archfrag.report.plot import Entry, Panel, Sheet, picture
 from archfrag.report.summary import ArchResults, Scale
-
-if TYPE_CHECKING:
-    from archfrag.study.curves import Answer
+from archfrag.report.tables import Table, percent_of
+from archfrag.study.curves import Answer
 
 _DASH = "5 2.5"
 COLOURS = (
@@ -23,6 +21,7 @@ COLOURS = (
 MOST_NAMED = 12  # curves with a colour and stroke of their own
 MOST_THIN = 60  # curves of arches that are drawn for their class
 _SHADED = 6  # curves that are drawn with their bands
+THIN = "#b5bec8"
 # What the data of each kind of design are, under the curve.
 _DATA = {
     "bisected": "Steps: distribution of the capacities of the records, each at the middle in "
@@ -33,85 +32,87 @@ _DATA = {
     "stripes": "Points: collapsed / (collapsed + standing) at each level; bars: Clopper–Pearson, "
     "of the records at that level.",
 }
+# Columns of the table of measures; a row is a `MeasureRow` with the unit of theta.
+_MEASURES = {
+    "β": "beta", "efficiency": "efficiency", "practicality": "practicality",
+    "proficiency": "proficiency", "p of magnitude": "p_magnitude", "p of distance": "p_distance",
+}  # fmt: skip
 
 
 def curve_picture(
-    draw: Callable[[Panel], None],
-    entries: Sequence[Entry],
-    x: tuple[float, str],
-    words: str = "probability of collapse",
-    *,
-    alternative: str,
-    caption: str,
-) -> Picture:
+    draw: Callable[[Panel], None], entries: Sequence[Entry], x: tuple[float, str],
+    words: str = "probability of collapse", *, alternative: str, caption: str,
+) -> Picture:  # fmt: skip
     """A figure of probabilities over levels from 0; `x` is where they end, and their title."""
     reach, title = x
 
     def drawn(width: float) -> Sheet:
         sheet = Sheet(width)
-        top = sheet.legend(BESIDE, 0.0, entries, width - BESIDE - 10.0) + 6.0
-        bottom = top + (250.0 if sheet.narrow else 300.0)
-        panel = Panel(sheet, (BESIDE, top, width - 10.0, bottom), (0.0, reach), (0.0, 1.0))
+        height = 250.0 if sheet.narrow else 300.0
+        panel = sheet.below_legend(entries, height, (0.0, reach), (0.0, 1.0))
         ticks = np.linspace(0.0, 1.0, 6)
         panel.axis_y(ticks, words, [f"{p:.1f}" for p in ticks])
-        panel.axis_x(even_ticks(0.0, reach, 6 if sheet.narrow else 9), title, grid=True)
+        panel.axis_x(look.even_ticks(0.0, reach, 6 if sheet.narrow else 9), title, grid=True)
         draw(panel)
-        sheet.height = bottom + BELOW
         return sheet
 
     return picture(drawn, alternative=alternative, caption=caption)
 
 
-def draw_answer(panel: Panel, answer: "Answer", scale: Scale, colour: str, dash: str = "") -> None:
+def draw_answer(panel: Panel, answer: Answer, scale: Scale, stroke: Entry) -> None:
     """The curve that is quoted, over its band."""
     im = scale.factor * np.array(answer.im)
     if isinstance(answer.curve, Fragility):
         seen = im <= panel.x[1]
         low, high = (np.array(side)[seen] for side in (answer.lower, answer.upper))
-        panel.band(im[seen], low, high, look.SKY if colour == look.BLUE else colour, 0.25)
-        draw_fit(panel, answer.curve, scale, colour, 1.8, dash)
+        shade = look.SKY if stroke.colour == look.BLUE else stroke.colour
+        panel.band(im[seen], low, high, shade, 0.25)
+        draw_fit(panel, answer.curve, scale, stroke)
 
 
 def draw_fit(
-    panel: Panel, fit: Fragility, scale: Scale, colour: str, width: float, dash: str = ""
+    panel: Panel, fit: Fragility, scale: Scale, stroke: Entry, width: float = 1.8
 ) -> None:
     """A lognormal curve."""
     im = np.linspace(0.0, panel.x[1], 100)
-    panel.line(im, fit.probability(im / scale.factor), colour, width, dash)
+    dash = _DASH if stroke.mark == "dash" else ""
+    panel.line(im, fit.probability(im / scale.factor), stroke.colour, width, dash)
 
 
-def curve(results: ArchResults, answer: "Answer") -> Picture:
+def curve(results: ArchResults, answer: Answer) -> Picture:
     """Fragility curve of an arch with its band, and what it was made from.
 
     Observed fractions with exact intervals where every record was run at every level or the runs
     have levels of their own; the distribution of the records' capacities where the levels were
     bisected.
     """
-    scale, percent, fit = results.scale, f"{100 * answer.confidence:.0f} %", answer.curve
-    free = {
-        kind: (colour, found)
+    scale, percent, fit = results.scale, percent_of(answer.confidence), answer.curve
+    shapes = answer.more.get("free", {})
+    free = [
+        (Entry(kind, colour, "line"), shapes[kind])
         for kind, colour in (("isotonic", look.GREY), ("kernel", look.GREEN))
-        if (found := answer.more.get("free", {}).get(kind))
-        and not (kind == "isotonic" and results.bisected)
-    }
-    data = (
-        "capacities of the records" if results.bisected else f"fraction, exact {percent} interval"
-    )
-    entries = [Entry(data, look.INK, "line" if results.bisected else "dot")]
+        if kind in shapes and not (kind == "isotonic" and results.bisected)
+    ]
+    entries = [
+        Entry("capacities of the records", look.INK, "line") if results.bisected
+        else Entry(f"fraction, exact {percent} interval", look.INK, "dot")
+    ]  # fmt: skip
     what = "no lognormal curve could be fitted"
     if isinstance(fit, Fragility):
         entries += band_entries("lognormal curve", percent)
         what = f"lognormal curve with median {scale.text(fit.theta)} and dispersion {fit.beta:.3f}"
+    likeliest = Entry("by maximum likelihood", look.BLUE, "dash")
     if isinstance(answer.likelihood, Fragility):
-        entries.append(Entry("by maximum likelihood", look.BLUE, "dash"))
-    entries += [Entry(kind, colour, "line") for kind, (colour, _) in free.items()]
+        entries.append(likeliest)
+    entries += [entry for entry, _ in free]
 
     def draw(panel: Panel) -> None:
-        draw_answer(panel, answer, scale, look.BLUE)
+        draw_answer(panel, answer, scale, Entry("", look.BLUE, "line"))
         if isinstance(answer.likelihood, Fragility):
-            draw_fit(panel, answer.likelihood, scale, look.BLUE, 0.9, _DASH)
-        for colour, found in free.values():
-            panel.line(scale.factor * np.array(found["im"]), found["probability"], colour, 0.9)
+            draw_fit(panel, answer.likelihood, scale, likeliest, 0.9)
+        for entry, found in free:
+            im = scale.factor * np.array(found["im"])
+            panel.line(im, found["probability"], entry.colour, 0.9)
         if isinstance(fit, Fragility) and fit.theta * scale.factor <= panel.x[1]:
             median = fit.theta * scale.factor
             panel.line([0.0, median, median], [0.5, 0.5, 0.0], look.GREY, 0.8, "4 3")
@@ -131,7 +132,7 @@ def band_entries(name: str, percent: str) -> list[Entry]:
     return [Entry(name, look.BLUE, "line"), Entry(f"{percent} band", "#c9e3f5")]
 
 
-def band_words(answer: "Answer") -> str:
+def band_words(answer: Answer) -> str:
     """How a band was made, for a caption."""
     if not answer.method:
         return ""
@@ -163,9 +164,9 @@ def capacities(results: ArchResults) -> FloatArray:
 
 
 def all_curves(
-    answers: Mapping[str, "Answer"],
-    classes: Mapping[str, "Answer"],
-    members: Mapping[str, Sequence["Answer"]],
+    answers: Mapping[str, Answer],
+    classes: Mapping[str, Answer],
+    members: Mapping[str, Sequence[Answer]],
     scale: Scale,
     marks: tuple[float, float | None],
 ) -> Picture | None:
@@ -182,30 +183,28 @@ def all_curves(
     inside = {id(each) for own in members.values() for each in own}
     named = {k: a for k, a in classes.items() if isinstance(a.curve, Fragility)}
     single = {k: a for k, a in known.items() if id(a) not in inside}
-    thin = [(i, thinned(members[k])) for i, k in enumerate(named)]
+    thin = [(stroke(k, i).colour, thinned(members[k])) for i, k in enumerate(named)]
     if len(named) + len(single) <= MOST_NAMED:
         named |= single
     elif single:
-        thin.append((len(named), thinned(list(single.values()))))
-    entries = [Entry(name, *_stroke(i)[:2]) for i, name in enumerate(named)]
-    if any(rows for _, rows in thin):
-        entries.append(Entry("each arch", "#b5bec8", "line"))
+        thin.append((look.GREY, thinned(list(single.values()))))
+    strokes = [stroke(name, i) for i, name in enumerate(named)]
+    each_arch = [Entry("each arch", THIN, "line")] if any(rows for _, rows in thin) else []
 
     def draw(panel: Panel) -> None:
         if at is not None and 0.0 < at < panel.x[1]:
             panel.line([at, at], [0.0, 1.0], look.GREY, 0.9, "2 2")
-        for i, rows in thin:
-            draw_thin(panel, rows, scale, _stroke(i)[0] if i < len(classes) else look.GREY)
-        for i, answer in enumerate(named.values()):
-            colour, _, dash = _stroke(i)
+        for colour, rows in thin:
+            draw_thin(panel, rows, scale, colour)
+        for own, answer in zip(strokes, named.values(), strict=True):
             if len(named) <= _SHADED:
-                draw_answer(panel, answer, scale, colour, dash)
+                draw_answer(panel, answer, scale, own)
             elif isinstance(answer.curve, Fragility):
-                draw_fit(panel, answer.curve, scale, colour, 1.8, dash)
+                draw_fit(panel, answer.curve, scale, own)
 
     fits = {k: a.curve for k, a in (*named.items(), *list(known.items())[:40])}
     return curve_picture(
-        draw, entries, (1.05 * highest, scale.label),
+        draw, strokes + each_arch, (1.05 * highest, scale.label),
         alternative=f"Fragility curves of {len(known)} arches against {scale.label}. "
         f"Medians: {_medians(fits, scale)}",
         caption="Lognormal curves. Shaded, where they are not many: their bands. Of classes: "
@@ -214,7 +213,7 @@ def all_curves(
     )  # fmt: skip
 
 
-def thinned(answers: Sequence["Answer"]) -> list[Fragility]:
+def thinned(answers: Sequence[Answer]) -> list[Fragility]:
     """Curves of at most `MOST_THIN` arches, evenly from the weakest to the strongest."""
     known = [a.curve for a in answers if isinstance(a.curve, Fragility)]
     known.sort(key=lambda fit: fit.theta)
@@ -231,21 +230,20 @@ def draw_thin(panel: Panel, fits: Sequence[Fragility], scale: Scale, colour: str
         panel.line(im, fit.probability(im / scale.factor), colour, 0.5, opacity=opacity)
 
 
-def limit_states(
-    states: Sequence[tuple[str, Fragility]], arch: str, scale: Scale, highest: float
-) -> Picture:
+def limit_states(fits: Mapping[str, Fragility], results: ArchResults) -> Picture:
     """Curves of the limit states of an arch, in the order given."""
+    scale = results.scale
+    strokes = [stroke(name, i) for i, name in enumerate(fits)]
 
     def draw(panel: Panel) -> None:
-        for i, (_, fit) in enumerate(states):
-            colour, _, dash = _stroke(i)
-            draw_fit(panel, fit, scale, colour, 1.8, dash)
+        for own, fit in zip(strokes, fits.values(), strict=True):
+            draw_fit(panel, fit, scale, own)
 
     return curve_picture(
-        draw, [Entry(name, *_stroke(i)[:2]) for i, (name, _) in enumerate(states)],
-        (1.05 * highest, scale.label), "probability of reaching it",
-        alternative=f"Curves of limit states of {arch} against {scale.label}. Medians: "
-        + _medians(dict(states), scale),
+        draw, strokes, (1.05 * float(results.levels.max()), scale.label),
+        "probability of reaching it",
+        alternative=f"Curves of limit states of {results.arch} against {scale.label}. Medians: "
+        + _medians(fits, scale),
         caption="Lognormal curves from the same runs, one for each limit state.",
     )  # fmt: skip
 
@@ -255,7 +253,64 @@ def _medians(fits: Mapping[str, Fragility | str], scale: Scale) -> str:
     return "; ".join(f"{name} {scale.text(fit.theta)}" for name, fit in known.items())
 
 
-def _stroke(place: int) -> tuple[str, str, str]:
-    """Colour, mark of the legend and dashes of a curve."""
-    colour = COLOURS[place % len(COLOURS)]
-    return (colour, "dash", _DASH) if place // len(COLOURS) % 2 else (colour, "line", "")
+def stroke(name: str, place: int) -> Entry:
+    """Colour and dashes of the curve at a place, with its name."""
+    dashed = place // len(COLOURS) % 2
+    return Entry(name, COLOURS[place % len(COLOURS)], "dash" if dashed else "line")
+
+
+def measures_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """One row for each measure, the most efficient first."""
+    cells = [
+        [row["measure"], _measured(row["theta"]), row["unit"],
+         *(_measured(row[key]) for key in _MEASURES.values())]
+        for row in sorted(rows, key=_efficiency)
+    ]  # fmt: skip
+    return Table(["measure", "θ", "unit", *_MEASURES], cells)
+
+
+def measures(rows: Sequence[Mapping[str, Any]], arch: str, best: str) -> Picture | None:
+    """Efficiency of each measure, the best on top; None if fewer than two are known."""
+    known = sorted((row for row in rows if np.isfinite(_efficiency(row))), key=_efficiency)
+    if len(known) < 2:
+        return None
+    names = [str(row["measure"]) for row in known]
+    values, place = np.array([_efficiency(row) for row in known]), np.arange(len(known))
+    chosen = np.array([name == best for name in names])
+
+    def draw(width: float) -> Sheet:
+        sheet = Sheet(width)
+        left = min(max(look.text_width(name, SMALL) for name in names) + 10.0, 0.4 * width)
+        box = (left, 4.0, width - 44.0, 4.0 + 16.0 * len(known))
+        panel = Panel(sheet, box, (0.0, 1.02 * values.max()), (len(known) - 0.5, -0.5))
+        panel.axis_x(look.even_ticks(0.0, float(values.max())), "efficiency [1]", grid=True)
+        for own, colour in ((chosen, look.BLUE), (~chosen, look.SKY)):
+            panel.boxes(0.0, values[own], place[own] + 0.3, place[own] - 0.3, colour)
+        for name, value, y in zip(names, values, panel.at_y(place) + 3.5, strict=True):
+            sheet.text(left - 5.0, y, look.shortened(name, left - 8.0, SMALL), "s e")
+            sheet.text(float(panel.at_x(value)) + 4.0, y, f"{value:.3f}", "s")
+        sheet.height = box[3] + BELOW
+        return sheet
+
+    return picture(
+        draw,
+        alternative=f"Efficiency of {len(known)} intensity measures for {arch}; smallest in "
+        f"{names[0]}",
+        caption="Efficiency: dispersion of the factors on the records that cause collapse, once "
+        "the records are scaled to the same value of a measure. The smaller, the fewer records "
+        "give the median as well. Dark: the best of those that are sufficient, which means that "
+        "magnitude and distance add nothing (p of magnitude, p of distance above 0.05).",
+    )
+
+
+def _efficiency(row: Mapping[str, Any]) -> float:
+    return _number(row["efficiency"])
+
+
+def _number(value: Any) -> float:
+    """A stored number; null where it is not known."""
+    return np.nan if value is None else float(value)
+
+
+def _measured(value: Any) -> str:
+    return f"{_number(value):#.3g}" if np.isfinite(_number(value)) else "–"

@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from archfrag.arch import Arch
+from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.fragility.counts import Verdict
+from archfrag.report.picture import FloatArray
 from archfrag.report.summary import ArchResults, study_config
 from archfrag.study.outcome import simulate_case
 
@@ -18,38 +19,29 @@ if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
     from archfrag.simulation.response import Response
 
+Chosen = tuple[int, int, str]  # record, level, and why this run
+
 
 @dataclass(frozen=True)
 class Example:
-    """A run that was done again.
-
-    Attributes
-    ----------
-    arch : Arch
-    motion : Motion
-        Unscaled.
-    factor : float
-        On the motion.
-    level : str
-        Intensity, with its measure and unit.
-    response : Response
-        With its history.
-    reason : str
-        Why this run was chosen.
-    same : bool
-        Whether it ended as in the study: status, steps and time of collapse.
-    """
+    """A run that was done again."""
 
     arch: Arch
-    motion: "Motion"
-    factor: float
-    level: str
-    response: "Response"
-    reason: str
-    same: bool
+    motion: "Motion"  #: unscaled
+    factor: float  #: on the motion
+    level: str  #: intensity, with its measure and unit
+    response: "Response"  #: with its history
+    reason: str  #: why this run was chosen
+    same: bool  #: whether it ended as in the study: status, steps and time of collapse
+
+    @property
+    def ground(self) -> tuple[FloatArray, FloatArray]:
+        """Times of the samples [s] and the ground's acceleration [g]."""
+        ground = np.asarray(self.motion.acceleration, dtype=float) * self.factor
+        return np.asarray(np.arange(ground.size) * self.motion.dt), ground / STANDARD_GRAVITY
 
 
-def choose(results: ArchResults, median: float | None) -> tuple[int, int, str] | None:
+def choose(results: ArchResults, median: float | None) -> Chosen | None:
     """Which run to show: record, level, reason; None if no run collapsed or stood.
 
     The record whose capacity, the lowest level that brings the arch down, is nearest the median
@@ -58,41 +50,36 @@ def choose(results: ArchResults, median: float | None) -> tuple[int, int, str] |
     """
     fell = results.verdict == Verdict.COLLAPSED
     records = np.flatnonzero(fell.any(axis=1))
-    if records.size:
-        first = fell[records].argmax(axis=1)
-        logs = np.log(results.levels[first])
-        centre = np.median(logs) if median is None else np.log(median)
-        place = int(np.abs(logs - centre).argmin())
-        what = "median capacity" if median is not None else "middle one of the capacities"
-        reason = f"the record whose capacity is nearest the {what}, at its lowest collapsing level"
-        return int(records[place]), int(first[place]), reason
-    stood = results.verdict == Verdict.STANDING
-    if not stood.any():
-        return None
-    reach = np.where(stood, results.peak_displacement, -1.0)
-    record, level = np.unravel_index(int(reach.argmax()), reach.shape)
-    return int(record), int(level), "the standing run with the largest displacement"
+    if not records.size:
+        return _farthest(results, "peak_displacement", "displacement", -0.5)
+    first = fell[records].argmax(axis=1)
+    logs = np.log(results.levels[first])
+    centre = np.median(logs) if median is None else np.log(median)
+    place = int(np.abs(logs - centre).argmin())
+    what = "median capacity" if median is not None else "middle one of the capacities"
+    reason = f"the record whose capacity is nearest the {what}, at its lowest collapsing level"
+    return int(records[place]), int(first[place]), reason
 
 
-def near_miss(results: ArchResults) -> tuple[int, int, str] | None:
+def near_miss(results: ArchResults) -> Chosen | None:
     """The run that stood with the largest rotation of a voussoir; None if none moved."""
-    reach = results.peak_rotation
-    if reach is None:
-        return None
-    reach = np.where(results.verdict == Verdict.STANDING, np.nan_to_num(reach), -1.0)
+    return _farthest(results, "peak_rotation", "rotation of a voussoir", 0.0)
+
+
+def _farthest(results: ArchResults, name: str, words: str, above: float) -> Chosen | None:
+    """The standing run with the largest value of a table, if it is above some value."""
+    reach = np.nan_to_num(results[name])
+    reach = np.where(results.verdict == Verdict.STANDING, reach, -1.0)
     record, level = np.unravel_index(int(reach.argmax()), reach.shape)
-    if not reach[record, level] > 0.0:
+    if not reach[record, level] > above:
         return None
-    return int(record), int(level), "the standing run with the largest rotation of a voussoir"
+    return int(record), int(level), f"the standing run with the largest {words}"
 
 
 def repeat(
-    cube: "xr.Dataset",
-    results: ArchResults,
-    arch: Arch,
-    motions: "Sequence[Motion]",
-    chosen: tuple[int, int, str] | None,
-) -> Example | None:
+    cube: "xr.Dataset", results: ArchResults, arch: Arch, motions: "Sequence[Motion]",
+    chosen: Chosen | None,
+) -> Example | None:  # fmt: skip
     """Do a run of a study again, with the study's method and its history."""
     method = study_config(cube).get("method")
     if method is None or chosen is None:
@@ -101,14 +88,10 @@ def repeat(
     motion = next(m for m in motions if m.id == results.records[record])
     factor = float(results.factors[record, level])
     response = simulate_case(method, arch, motion, factor, history=True)
-    same = (
-        int(results.status[record, level]) == int(response.status)
-        and int(results.steps[record, level]) == response.steps
-        and np.allclose(
-            results.collapse_time[record, level], response.collapse_time, equal_nan=True
-        )
+    then = [results[name][record, level] for name in ("status", "steps", "collapse_time")]
+    same = then[:2] == [response.status, response.steps] and bool(
+        np.isclose(then[2], response.collapse_time, equal_nan=True)
     )
-    shown = f"{results.scale.measure} = {results.level_texts[level]}"
-    if results.grouped:
-        shown = f"about {shown}"
-    return Example(arch, motion, factor, shown, response, reason, bool(same))
+    about = "about " if results.grouped else ""
+    shown = f"{about}{results.scale.measure} = {results.level_text(level)}"
+    return Example(arch, motion, factor, shown, response, reason, same)

@@ -1,13 +1,14 @@
 """From a finished study to all that its report is written from."""
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from archfrag.report.page import ReportInputs
 from archfrag.report.summary import reading_scale
-from archfrag.simulate import onset
+from archfrag.simulate import Onset, onset
 from archfrag.study.cautions import cautions_of_cube
 from archfrag.study.config import Study
 from archfrag.study.cube import read_timings
@@ -16,6 +17,37 @@ from archfrag.study.fits import FITS, load_answers, load_fits, open_cube
 from archfrag.study.members import members, shown
 from archfrag.study.records import load_prepared, load_record
 from archfrag.study.steps import require
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from archfrag.arch import Arch
+    from archfrag.motions.motion import Motion
+    from archfrag.report.beside import Beside
+
+
+@dataclass(frozen=True)
+class ReportInputs:
+    """Everything a report is written from."""
+
+    cube: "xr.Dataset"  #: of the study
+    measure: str  #: name of the intensity measure of the cube's levels, e.g. "PGA"
+    motions: "Sequence[Motion]"  #: unscaled, one for each record of the cube, its name as `id`
+    #: Name in the cube, geometry and onset of each arch that has a section, in the page's order.
+    arches: "Sequence[tuple[str, Arch, Onset]]"
+    answers: Mapping[str, Answer]  #: of each arch of the cube, theta in the SI unit
+    classes: Mapping[str, Answer] = field(default_factory=dict)  #: of classes of several arches
+    #: What must be known before a curve is used; what concerns one arch begins with its name and a
+    #: colon.
+    cautions: Sequence[str] = ()
+    #: Wall time of each run of an arch, or of groups of them [s].
+    timings: Mapping[str, Sequence[float]] | None = None
+    title: str = "Fragility of masonry arches"
+    confidence: float = 0.9  #: of all bands and intervals
+    #: Another study with the same measure, to be compared in the arches that both have.
+    beside: "Beside | None" = None
+    at: float | None = None  #: level at which the probability is wanted, in the study's unit
+    risk: Mapping[str, Any] | None = None  #: from `risk_section.risk_section`
 
 
 def report_inputs(study: Study, beside: Path | None = None) -> ReportInputs:
@@ -41,8 +73,9 @@ def report_inputs(study: Study, beside: Path | None = None) -> ReportInputs:
         cube = opened.load()
     answers = load_answers(study.folder / FITS)
     entries = {entry.id: entry for entry in members(study, len(prepared)).entries}
-    names = list(answers)
-    arches = [(names[i], entries[names[i]].build()) for i in shown(_medians(answers))]
+    medians = [np.nan if isinstance(a.curve, str) else a.curve.theta for a in answers.values()]
+    names = [list(answers)[i] for i in shown(medians)]
+    arches = [(name, entries[name].build()) for name in names]
     return ReportInputs(
         cube=cube,
         measure=study.intensity.measure,
@@ -56,22 +89,18 @@ def report_inputs(study: Study, beside: Path | None = None) -> ReportInputs:
         confidence=study.report.confidence,
         beside=None if beside is None else _beside(study, beside),
         at=study.report.at,
-        risk=None if study.risk is None else _risk(study),
+        risk=None if study.risk is None else _risk(study, cube),
     )
 
 
-def _medians(answers: dict[str, Answer]) -> list[float]:
-    return [np.nan if isinstance(a.curve, str) else a.curve.theta for a in answers.values()]
-
-
-def _beside(study: Study, other: Path) -> Any:
+def _beside(study: Study, other: Path) -> "Beside":
     from archfrag.report.beside import load_beside
     from archfrag.study.config import load_study
 
     return load_beside(study, load_study(other))
 
 
-def _risk(study: Study) -> dict[str, Any] | None:
+def _risk(study: Study, cube: "xr.Dataset") -> dict[str, Any]:
     from archfrag.report.risk_section import risk_section
     from archfrag.study.hazard import load_hazard
     from archfrag.study.risk import risk_of
@@ -79,7 +108,6 @@ def _risk(study: Study) -> dict[str, Any] | None:
     given, measure = study.risk, study.intensity.measure
     assert given is not None
     hazard = load_hazard(Path(given.hazard), measure, given.unit, given.site)
-    with open_cube(study) as cube:
-        fits = load_fits(study.folder / FITS)
-        found = risk_of(cube, fits, hazard, given.years, study.report.confidence)
-        return risk_section(found, reading_scale(cube, measure))
+    fits = load_fits(study.folder / FITS)
+    found = risk_of(cube, fits, hazard, given.years, study.report.confidence)
+    return risk_section(found, reading_scale(cube, measure))

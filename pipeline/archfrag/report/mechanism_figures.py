@@ -1,61 +1,64 @@
-"""Verdicts by mechanism: how, where and after how many impacts the arch collapsed."""
+"""Mechanisms of an arch: how, where and after how many impacts it collapsed, and what ran."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from archfrag.fragility.contributions import Deaggregation, deaggregate
-from archfrag.mechanics.status import CollapseMode
+from archfrag.fragility.counts import Verdict
+from archfrag.mechanics.status import CollapseMode, Model
 from archfrag.report import picture as look
-from archfrag.report.axes import digits
 from archfrag.report.figures import MODE_LOOK
-from archfrag.report.picture import LINE, Picture
+from archfrag.report.picture import LINE, FloatArray, Picture
 from archfrag.report.plot import Entry, Panel, Sheet, picture
 from archfrag.report.summary import ArchResults
 from archfrag.report.tables import Table
+from archfrag.simulation.mechanism import MODEL_WORDS
 
 IMPACTS = ("no impact", "1 impact", "2 to 9 impacts", "10 to 99 impacts", "100 or more impacts")
 _IMPACT_BOUNDS = (1, 2, 10, 100)
 _OTHER = "other joints"
 _MOST_JOINTS = 4
-_LOOKS = (
-    (look.BLUE, ""), (look.ORANGE, "slash"), (look.GREEN, "dots"), (look.PURPLE, "cross"),
-    (look.GREY, ""),
+LOOKS = (
+    (look.BLUE, "area"), (look.ORANGE, "slash"), (look.GREEN, "dots"), (look.PURPLE, "cross"),
+    (look.GREY, "area"),
 )  # fmt: skip
 _TITLES = ("how it was moving", "joint that was lost", "joints closed by then")
+MODEL_LOOK = {
+    Model.REST: Entry(MODEL_WORDS[Model.REST], look.PALE),
+    Model.FOUR_HINGES: Entry(MODEL_WORDS[Model.FOUR_HINGES], look.SKY),
+    Model.MEGA_VOUSSOIRS: Entry(MODEL_WORDS[Model.MEGA_VOUSSOIRS], look.GREEN, "dots"),
+    Model.ALL_VOUSSOIRS: Entry(MODEL_WORDS[Model.ALL_VOUSSOIRS], look.PURPLE, "slash"),
+}
 
 
-def by_mode(results: ArchResults, confidence: float) -> Deaggregation:
-    """Collapses by how the joint that was lost had been moving, codes of `CollapseMode`."""
-    names = [MODE_LOOK[mode][0] for mode in CollapseMode]
-    return deaggregate(
-        results.decided_or_neither, results.collapse_mode, names, confidence=confidence
-    )
-
-
-def by_joint(results: ArchResults, n_joint: int, confidence: float) -> Deaggregation:
-    """Collapses by the joint that was lost: those lost most often, and the others together."""
-    fell = results.collapses_by_joint(n_joint).sum(axis=(1, 2))
+def groupings(results: ArchResults, confidence: float) -> list[Deaggregation]:
+    """Collapses by mode, by the joint that was lost, and by the joints that had closed by then."""
+    lost = results["collapse_joint"]
+    fell = np.bincount(np.maximum(lost[results.verdict == Verdict.COLLAPSED], 0), minlength=1)
     order = np.argsort(-fell, kind="stable")
     own = np.sort(order[: np.count_nonzero(fell)][:_MOST_JOINTS])
-    category = np.full(results.collapse_joint.shape, own.size)
-    for place, joint in enumerate(own):
-        category[results.collapse_joint == joint] = place
-    names = [*(f"joint {joint}" for joint in own), _OTHER]
-    return deaggregate(results.decided_or_neither, category, names, confidence=confidence)
-
-
-def by_impacts(results: ArchResults, confidence: float) -> Deaggregation:
-    """Collapses by the number of joints that had closed until then."""
-    category = np.searchsorted(_IMPACT_BOUNDS, results.impacts, side="right")
-    return deaggregate(results.decided_or_neither, category, IMPACTS, confidence=confidence)
+    joint = np.full(lost.shape, own.size)
+    for place, number in enumerate(own):
+        joint[lost == number] = place
+    modes = [MODE_LOOK[mode].label for mode in CollapseMode]
+    impacts = np.searchsorted(_IMPACT_BOUNDS, results["impacts"], side="right")
+    return [
+        deaggregate(results.verdict, category, names, confidence=confidence)
+        for category, names in (
+            (results["collapse_mode"], modes),
+            (joint, [*(f"joint {number}" for number in own), _OTHER]),
+            (impacts, IMPACTS),
+        )
+    ]
 
 
 def fractions(groups: Sequence[Deaggregation], results: ArchResults) -> Picture | None:
     """Fraction of collapses at each level, split by three criteria; None if none collapsed."""
     if not groups[0].collapsed.any():
         return None
-    keys = [_key(group) for group in groups]
+    stacks = [_parts(group) for group in groups]
+    keys = [[entry for entry, _ in parts] for parts in stacks]
 
     def draw(width: float) -> Sheet:
         sheet = Sheet(width)
@@ -64,10 +67,10 @@ def fractions(groups: Sequence[Deaggregation], results: ArchResults) -> Picture 
         gap = 10.0 + rows * LINE if sheet.narrow else 10.0
         boxes, end = sheet.panes(len(groups), 0.0, 150.0, gap)
         sheet.height = end + rows * LINE
-        for box, group, key, title in zip(boxes, groups, keys, _TITLES, strict=True):
-            panel = Panel(sheet, box, (-0.5, group.n.size - 0.5), (0.0, 1.0))
+        for box, parts, key, title in zip(boxes, stacks, keys, _TITLES, strict=True):
+            panel = Panel(sheet, box, (-0.5, results.levels.size - 0.5), (0.0, 1.0))
             panel.axis_y([0.0, 0.25, 0.5, 0.75, 1.0], "fraction of the runs")
-            _stack(panel, group)
+            panel.stack(parts)
             panel.level_axis(results.levels, results.scale.label)
             panel.heading(title)
             sheet.legend(box[0], box[3] + 35.0, key, box[2] - box[0])
@@ -80,49 +83,58 @@ def fractions(groups: Sequence[Deaggregation], results: ArchResults) -> Picture 
         caption="Each column is the observed fraction of collapses at a level, among the runs "
         "that collapsed or stood, split by how the joint that lost all contact had been moving, "
         "by which joint that was, and by how many joints had closed with an impact since the "
-        "start of the run.",
+        "start of the run. Joint 0 is the left springing, or the base of a free-standing chain.",
     )
 
 
-def table(groups: Sequence[Deaggregation], results: ArchResults) -> Table:
+def fractions_table(groups: Sequence[Deaggregation], results: ArchResults) -> Table:
     """Collapses of each category at each level, and their fraction of all with its interval."""
     percent = f"{100 * groups[0].confidence:.0f} %"
-    levels = map(digits, results.levels)
-    heads = ["collapses", "all levels", "fraction", f"{percent} interval", *levels]
+    heads = ["collapses", "all levels", "fraction", f"{percent} interval"]
     everything = groups[0].collapsed
     rows = [["all", str(everything.sum()), "", "", *map(str, everything)]]
     for group in groups:
-        for i, category in enumerate(group.categories):
-            if group.counts[i].any():
-                ends = f"{group.overall_lower[i]:.2f} – {group.overall_upper[i]:.2f}"
-                total, fraction = str(group.counts[i].sum()), f"{group.overall[i]:.2f}"
-                rows.append([category, total, fraction, ends, *map(str, group.counts[i])])
-    return Table(heads, rows)
+        for i in np.flatnonzero(group.counts.any(axis=1)):
+            ends = f"{group.overall_lower[i]:.2f} – {group.overall_upper[i]:.2f}"
+            total, fraction = str(group.counts[i].sum()), f"{group.overall[i]:.2f}"
+            rows.append([group.categories[i], total, fraction, ends, *map(str, group.counts[i])])
+    return Table([*heads, *map(look.digits, results.levels)], rows)
 
 
-def _stack(panel: Panel, group: Deaggregation) -> None:
-    base = np.zeros(group.n.size)
-    probability = np.nan_to_num(group.probability)
-    for i, category in enumerate(group.categories):
-        here = np.flatnonzero(probability[i])
-        if here.size:
-            colour, hatch = _look(category, i)
-            top = base[here] + probability[i, here]
-            panel.boxes(here - 0.42, here + 0.42, base[here], top, colour, hatch)
-            base += probability[i]
-
-
-def _key(group: Deaggregation) -> list[Entry]:
+def _parts(group: Deaggregation) -> list[tuple[Entry, FloatArray]]:
+    """Categories that occur: how they look, and their fraction of the runs at each level."""
+    modes = {entry.label: entry for entry in MODE_LOOK.values()}
     found = []
-    for i, category in enumerate(group.categories):
-        if group.counts[i].any():
-            colour, hatch = _look(category, i)
-            found.append(Entry(category, colour, hatch or "area"))
+    for i in np.flatnonzero(group.counts.any(axis=1)).tolist():
+        name = group.categories[i]
+        colours = LOOKS[-1] if name == _OTHER else LOOKS[i % len(LOOKS)]
+        found.append((modes.get(name, Entry(name, *colours)), np.nan_to_num(group.probability[i])))
     return found
 
 
-def _look(category: str, place: int) -> tuple[str, str]:
-    if category == _OTHER:
-        return _LOOKS[-1]
-    modes = {name: (colour, hatch) for name, colour, hatch in MODE_LOOK.values()}
-    return modes.get(category, _LOOKS[place % len(_LOOKS)])
+def ran_table(results: ArchResults) -> Table:
+    """Simulated time of each model, and totals of events and contact problems."""
+    time = results["model_time"]
+    moving = time.sum() - time[..., results.models.index("rest")].sum()
+    total = max(float(time.sum()), np.finfo(float).tiny)
+    rows = {}
+    for i, model in enumerate(results.models):
+        seconds = float(time[..., i].sum())
+        words = f"simulated time, {MODEL_LOOK[Model[model.upper()]].label}"
+        rows[words] = f"{seconds:,.1f} s ({100 * seconds / total:.1f} %)"
+    if moving > 0.0:
+        by_steps = time[..., results.models.index("all_voussoirs")].sum() / moving
+        rows["fraction of the time in motion on all voussoirs"] = f"{100 * by_steps:.1f} %"
+    for label, name in (
+        ("events located", "events"), ("impacts", "impacts"),
+        ("switches to time stepping", "switches"),
+    ):  # fmt: skip
+        count = results[name].sum()
+        rate = f" ({count / moving:.3g} in a second of motion)" if moving > 0.0 else ""
+        rows[label] = f"{count:,}{rate}"
+    solved, again = int(results["levels"].sum()), int(results["level_iterations"].sum())
+    part = f" ({100 * again / solved:.2g} %)" if solved else ""
+    rows["contact problems solved by the two levels"] = f"{solved:,}"
+    rows["of these, with more than one round"] = f"{again:,}{part}"
+    rows["contact problems left to the general solver"] = f"{results['general'].sum():,}"
+    return Table(["figure", "value"], list(rows.items()))

@@ -11,17 +11,14 @@ from archfrag.arch import STANDARD_GRAVITY
 from archfrag.fragility.curve import Fragility
 from archfrag.report import picture as look
 from archfrag.report import tables
-from archfrag.report.axes import log_ticks
-from archfrag.report.picture import BELOW, BESIDE, FloatArray, Picture, number
+from archfrag.report.inputs import ReportInputs
+from archfrag.report.picture import FloatArray, Picture, number
 from archfrag.report.plot import Entry, Panel, Sheet, picture
 from archfrag.report.summary import Scale
 from archfrag.study.cautions import accepted_records
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from archfrag.motions.motion import Motion
-    from archfrag.report.page import ReportInputs
 
 Spectrum = tuple[FloatArray, FloatArray]
 
@@ -30,6 +27,7 @@ SHOWN = np.geomspace(0.03, 4.0, 32)  # periods of the report's figure
 _BINS = 220
 _THUMBNAIL_BINS = 110
 _MOST_THUMBNAILS = 60
+_NAME = 180.0  # of a record under its thumbnail [px]
 _MOST_SPECTRA = 80
 
 
@@ -39,19 +37,15 @@ def thumbnails(motions: Sequence["Motion"]) -> Picture:
     pieces = [
         f'<div><svg viewBox="0 0 110 40" preserveAspectRatio="none" aria-hidden="true">'
         f'<path d="{_outline(motion)}" fill="{look.BLUE}"/></svg>'
-        f"<span>{escape(_short(motion.id))}</span><span>{motion.duration:.0f} s</span></div>"
+        f"<span>{escape(look.shortened(motion.id, _NAME))}</span>"
+        f"<span>{motion.duration:.0f} s</span></div>"
         for motion in shown
     ]
     label = f"Accelerograms of {len(shown)} ground motions, each scaled to its peak"
-    left_out = (
-        f" The first {len(shown)} of {len(motions)} are shown."
-        if len(shown) < len(motions)
-        else ""
-    )
+    some = f" The first {len(shown)} of {len(motions)} are shown." * (len(shown) < len(motions))
     return Picture(
         f'<div class="thumbnails" role="img" aria-label="{label}">{"".join(pieces)}</div>',
-        "Horizontal acceleration of each record divided by its own PGA, entire duration."
-        + left_out,
+        f"Horizontal acceleration of each record divided by its own PGA, entire duration.{some}",
     )
 
 
@@ -83,8 +77,7 @@ def spectra(
 
     def draw(width: float) -> Sheet:
         sheet = Sheet(width)
-        top = sheet.legend(BESIDE, 0.0, entries, width - BESIDE - 10.0) + 6.0
-        panel = spectral_panel(sheet, top, periods, ends)
+        panel = spectral_panel(sheet, entries, periods, ends)
         every = 2 if sheet.narrow else 1
         above = np.where(scaled >= floor, scaled, np.nan)
         for row in above[:_MOST_SPECTRA]:
@@ -102,14 +95,14 @@ def spectra(
 
 
 def spectral_panel(
-    sheet: Sheet, top: float, periods: FloatArray, ends: tuple[float, float]
-) -> Panel:
-    """Axes of spectra between two ordinates [g], the last of its sheet."""
-    box = (BESIDE, top, sheet.width - 10.0, top + 240.0)
-    panel = Panel(sheet, box, (float(periods[0]), float(periods[-1])), ends, True, True)
-    panel.axis_x(log_ticks(*panel.x), "period [s]", grid=True)
-    panel.axis_y(log_ticks(*panel.y), "Sa, 5 % damping [g]")
-    sheet.height = box[3] + BELOW
+    sheet: Sheet, entries: Sequence[Entry], periods: FloatArray, ends: tuple[float, float],
+    top: float = 0.0,
+) -> Panel:  # fmt: skip
+    """Axes of spectra between two ordinates [g] below their legend, the last of a sheet."""
+    x = float(periods[0]), float(periods[-1])
+    panel = sheet.below_legend(entries, 240.0, x, ends, top=top, log=True)
+    panel.axis_x(look.log_ticks(*x), "period [s]", grid=True)
+    panel.axis_y(look.log_ticks(*ends), "Sa, 5 % damping [g]")
     return panel
 
 
@@ -125,11 +118,7 @@ def envelope(motion: "Motion", bins: int = _BINS) -> tuple[FloatArray, FloatArra
     return time, np.array([p.min() for p in pieces]), np.array([p.max() for p in pieces])
 
 
-def _short(name: str) -> str:
-    return name if len(name) <= 26 else name[:12] + "…" + name[-13:]
-
-
-def motion_section(inputs: "ReportInputs", cube: "xr.Dataset", scale: Scale) -> dict[str, Any]:
+def motion_section(inputs: ReportInputs, scale: Scale) -> dict[str, Any]:
     """Figures and table of the ground motions, by the names that the page's template uses."""
     from archfrag.motions.measures import measure, spectral_acceleration
 
@@ -141,23 +130,21 @@ def motion_section(inputs: "ReportInputs", cube: "xr.Dataset", scale: Scale) -> 
         motion.id: (SHOWN, np.asarray(spectral_acceleration(motion, SHOWN, damping=0.05)))
         for motion in inputs.motions
     }
-    factors, words = _shown_factors(inputs, cube, scale)
     return {
         "thumbnails": thumbnails(inputs.motions),
-        "table": tables.motions(cube, inputs.motions, measures),
-        "accepted": accepted_records(cube),
-        "spectra": spectra(responses, factors, words),
+        "table": tables.motions(inputs.cube, inputs.motions, measures),
+        "accepted": accepted_records(inputs.cube),
+        "spectra": spectra(responses, *_shown_factors(inputs, scale)),
     }
 
 
-def _shown_factors(
-    inputs: "ReportInputs", cube: "xr.Dataset", scale: Scale
-) -> tuple[dict[str, float], str]:
+def _shown_factors(inputs: ReportInputs, scale: Scale) -> tuple[dict[str, float], str]:
     """Factors that spectra are shown with, and in words what they do.
 
     Those of the level closest to the median capacity, of the middle one where no arch has a
     curve; those of the runs where each has a level of its own.
     """
+    cube = inputs.cube
     records = [str(name) for name in cube["record"].values]
     factors = cube["scale_factor"]
     if cube["intensity"].dims != ("level",):

@@ -1,6 +1,7 @@
-"""What a figure is once it is drawn; the colours, sizes and pieces of SVG of all."""
+"""What a figure is once it is drawn; the colours, sizes, ticks and pieces of SVG of all."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
@@ -38,21 +39,11 @@ SVG_STYLE = (
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure ready for the page.
+    """A figure ready for the page."""
 
-    Attributes
-    ----------
-    svg : str
-        Inline SVG, or HTML that holds several.
-    caption : str
-        What stands under it.
-    narrow : str
-        The same drawn anew for narrow screens; empty where `svg` serves all widths.
-    """
-
-    svg: str
-    caption: str
-    narrow: str = ""
+    svg: str  #: inline SVG, or HTML that holds several
+    caption: str  #: what stands under it
+    narrow: str = ""  #: drawn anew for narrow screens; empty where `svg` serves all widths
 
 
 def standalone(shown: Picture) -> str:
@@ -109,3 +100,25 @@ def trace(x: FloatArray, y: FloatArray) -> str:
         parts.append(f"{'' if pen else 'M'}{number(a)} {number(b)}")
         pen = True
     return " ".join(parts).replace(" M", "M").replace(" -", "-")
+
+
+def digits(value: float) -> str:
+    """A level with three digits, or all before the point: 0.500, 12.0, 1250."""
+    return f"{value:.0f}" if 99.95 <= abs(value) < 1e6 else f"{value:#.3g}"
+
+
+def even_ticks(low: float, high: float, most: int = 6) -> FloatArray:
+    """Round numbers from low to high, at most about so many."""
+    span = max(high - low, 1e-300)
+    step = 10.0 ** np.floor(np.log10(span / most))
+    step *= next(k for k in (1.0, 2.0, 2.5, 5.0, 10.0, 20.0) if k * step * most >= span)
+    first = np.ceil(low / step - 1e-9)
+    ticks = step * np.arange(first, np.floor(high / step + 1e-9) + 1)
+    return np.asarray(ticks + 0.0, dtype=float)  # no -0
+
+
+def log_ticks(low: float, high: float, subs: Sequence[float] = (1.0, 2.0, 5.0)) -> FloatArray:
+    """1, 2, 5 in each decade from low to high."""
+    decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
+    ticks = np.unique(np.outer(decades, subs).ravel())
+    return np.asarray(ticks[(ticks >= low * 0.999) & (ticks <= high * 1.001)], dtype=float)

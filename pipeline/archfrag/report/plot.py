@@ -5,7 +5,7 @@ Texts are measured by a width that is above that of the fonts they are shown in,
 leaves its box, so that tests can see that none covers another.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import NamedTuple
@@ -13,24 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from archfrag.report.axes import digits
-from archfrag.report.picture import (
-    BELOW,
-    BESIDE,
-    INK,
-    LINE,
-    NARROW,
-    SIZE,
-    SMALL,
-    WIDE,
-    FloatArray,
-    Picture,
-    number,
-    shortened,
-    symbol,
-    text_width,
-    trace,
-)
+from archfrag.report import picture as look
+from archfrag.report.picture import BELOW, BESIDE, LINE, FloatArray, Picture, number, text_width
 
 # White patterns that lie over a colour, held once by the page.
 HATCHES = {
@@ -38,8 +22,6 @@ HATCHES = {
     "dots": '<path d="M2 2h2v2h-2z" fill="#fff"/>',
     "cross": '<path d="M0 0L6 6M6 0L0 6" stroke="#fff" stroke-width="1.1"/>',
 }
-
-
 Box = tuple[float, float, float, float]  # left, top, right, bottom [px]
 
 
@@ -68,9 +50,8 @@ def picture(
     draw: Callable[[float], "Sheet"], *, alternative: str, caption: str, narrow: bool = True
 ) -> Picture:
     """Draw a figure for the page's column and for a narrow screen."""
-    return Picture(
-        draw(WIDE).svg(alternative), caption, draw(NARROW).svg(alternative) if narrow else ""
-    )
+    small = draw(look.NARROW).svg(alternative) if narrow else ""
+    return Picture(draw(look.WIDE).svg(alternative), caption, small)
 
 
 class Sheet:
@@ -89,7 +70,7 @@ class Sheet:
 
     def text(self, x: float, y: float, words: str, kind: str = "", angle: int = 0) -> None:
         """Write words with their baseline at y; `kind` holds classes of `SVG_STYLE`."""
-        size = SMALL if "s" in kind.split() else SIZE
+        size = look.SMALL if "s" in kind.split() else look.SIZE
         width = text_width(words, size)
         left = x - width * (0.5 if "m" in kind.split() else 1.0 if "e" in kind.split() else 0.0)
         if angle:
@@ -112,44 +93,45 @@ class Sheet:
         if d:
             self.parts.append(f'<path d="{d}"{written}/>')
 
+    def fill(self, d: str, colour: str, mark: str = "area") -> None:
+        """Add a filled path, with its hatch if the mark is one."""
+        self.path(d, fill=colour)
+        if mark in HATCHES:
+            self.path(d, fill=f"url(#hatch-{mark})")
+
     def legend(self, x: float, y: float, entries: Sequence[Entry], width: float) -> float:
         """Rows of marks and labels from y downwards; returns where they end."""
-        place = x
-        for label, colour, mark in entries:
-            label = shortened(label, width - 22.0)
-            need = 22.0 + text_width(label)
-            if place > x and place + need > x + width:
-                place, y = x, y + LINE
-            self._mark(place, y, colour, mark)
-            self.text(place + 20.0, y + 10.0, label)
-            place += need + 12.0
-        return y + LINE + 3.0 if entries else y
+        row = 0
+        for row, place, (label, colour, mark) in _rows(entries, width):
+            self._mark(x + place, y + row * LINE, colour, mark)
+            self.text(x + place + 20.0, y + row * LINE + 10.0, label)
+        return y + (row + 1) * LINE + 3.0 if entries else y
 
     @staticmethod
     def legend_rows(entries: Sequence[Entry], width: float) -> int:
         """Rows that `legend` takes."""
-        rows, place = 1, 0.0
-        for entry in entries:
-            need = 22.0 + text_width(shortened(entry.label, width - 22.0))
-            if place > 0.0 and place + need > width:
-                rows, place = rows + 1, 0.0
-            place += need + 12.0
-        return rows
+        return 1 + max((row for row, _, _ in _rows(entries, width)), default=0)
+
+    def below_legend(
+        self, entries: Sequence[Entry], height: float, x: tuple[float, float],
+        y: tuple[float, float], *, left: float = BESIDE, top: float = 0.0, log: bool = False,
+    ) -> "Panel":  # fmt: skip
+        """A legend, and below it the last panel of the sheet, over its full width."""
+        top = self.legend(left, top, entries, self.width - left - 10.0) + 6.0
+        self.height = top + height + BELOW
+        return Panel(self, (left, top, self.width - 10.0, top + height), x, y, log, log)
 
     def _mark(self, x: float, y: float, colour: str, mark: str) -> None:
-        middle = number(y + 6.0)
         if mark in ("line", "dash"):
             self.path(
-                f"M{number(x)} {middle}h16", stroke=colour, stroke_width=1.8, fill="none",
-                stroke_dasharray="4 2.5" if mark == "dash" else "",
+                f"M{number(x)} {number(y + 6.0)}h16", stroke=colour, stroke_width=1.8,
+                fill="none", stroke_dasharray="4 2.5" if mark == "dash" else "",
             )  # fmt: skip
         elif mark in ("dot", "ring", "square"):
-            self.path(symbol(x + 8.0, y + 6.0, 3.2, mark == "square"), **_look(colour, mark))
+            d = look.symbol(x + 8.0, y + 6.0, 3.2, mark == "square")
+            self.path(d, **_dotted(colour, mark))
         else:
-            box = f"M{number(x + 2)} {number(y + 1)}h13v10h-13z"
-            self.path(box, fill=colour)
-            if mark in HATCHES:
-                self.path(box, fill=f"url(#hatch-{mark})")
+            self.fill(f"M{number(x + 2)} {number(y + 1)}h13v10h-13z", colour, mark)
 
     def panes(
         self, count: int, top: float, height: float, gap: float = 10.0, left: float = BESIDE
@@ -178,7 +160,19 @@ class Sheet:
         )
 
 
-def _look(colour: str, mark: str) -> dict[str, str]:
+def _rows(entries: Sequence[Entry], width: float) -> Iterator[tuple[int, float, Entry]]:
+    """Row and distance from its start of each line of a legend, with a label that fits."""
+    row, place = 0, 0.0
+    for entry in entries:
+        label = look.shortened(entry.label, width - 22.0)
+        need = 22.0 + text_width(label)
+        if place > 0.0 and place + need > width:
+            row, place = row + 1, 0.0
+        yield row, place, entry._replace(label=label)
+        place += need + 12.0
+
+
+def _dotted(colour: str, mark: str) -> dict[str, str]:
     if mark == "dot":
         return {"fill": colour}
     return {"fill": "#fff", "stroke": colour, "stroke_width": "1.4"}
@@ -207,13 +201,14 @@ class Panel:
         return _scaled(values, self.y, self.log_y, self.box[3], self.box[1])
 
     def line(
-        self, x: ArrayLike, y: ArrayLike, colour: str = INK, width: float = 1.6, dash: str = "",
-        opacity: float | None = None,
+        self, x: ArrayLike, y: ArrayLike, colour: str = look.INK, width: float = 1.6,
+        dash: str = "", opacity: float | None = None,
     ) -> None:  # fmt: skip
         """Join points, with a gap at each nan."""
         self.sheet.path(
-            trace(self.at_x(x), self.at_y(y)), fill="none", stroke=colour, stroke_width=width,
-            stroke_dasharray=dash, stroke_opacity=opacity, stroke_linejoin="round",
+            look.trace(self.at_x(x), self.at_y(y)), fill="none", stroke=colour,
+            stroke_width=width, stroke_dasharray=dash, stroke_opacity=opacity,
+            stroke_linejoin="round",
         )  # fmt: skip
 
     def band(
@@ -221,7 +216,7 @@ class Panel:
     ) -> None:
         """Fill between two curves."""
         across, lower, upper = self.at_x(x), self.at_y(low), self.at_y(high)
-        d = trace(np.append(across, across[::-1]), np.append(upper, lower[::-1]))
+        d = look.trace(np.append(across, across[::-1]), np.append(upper, lower[::-1]))
         self.sheet.path(d + "z" if d else "", fill=colour, fill_opacity=opacity)
 
     def dots(
@@ -230,22 +225,22 @@ class Panel:
         """Marks at points."""
         places = zip(self.at_x(x), self.at_y(y), strict=True)
         d = "".join(
-            symbol(a, b, radius, mark == "square") for a, b in places if np.isfinite(a + b)
+            look.symbol(a, b, radius, mark == "square") for a, b in places if np.isfinite(a + b)
         )
-        self.sheet.path(d, **_look(colour, mark))
+        self.sheet.path(d, **_dotted(colour, mark))
 
-    def errors(self, x: ArrayLike, low: ArrayLike, high: ArrayLike, colour: str = INK) -> None:
+    def errors(self, x: ArrayLike, low: ArrayLike, high: ArrayLike) -> None:
         """Upright bars with caps."""
         d = "".join(
             f"M{number(a - 2)} {number(b)}h4m-2 0V{number(c)}m-2 0h4"
             for a, b, c in zip(self.at_x(x), self.at_y(low), self.at_y(high), strict=True)
             if np.isfinite(b + c)
         )
-        self.sheet.path(d, stroke=colour, stroke_width=0.9, fill="none")
+        self.sheet.path(d, stroke=look.INK, stroke_width=0.9, fill="none")
 
     def boxes(
         self, left: ArrayLike, right: ArrayLike, low: ArrayLike, high: ArrayLike, colour: str,
-        hatch: str = "",
+        mark: str = "area",
     ) -> None:  # fmt: skip
         """Rectangles of one colour, as one path."""
         edges = np.broadcast_arrays(
@@ -255,9 +250,16 @@ class Panel:
             f"M{number(a)} {number(c)}H{number(b)}V{number(e)}H{number(a)}z"
             for a, b, c, e in zip(*(np.ravel(edge) for edge in edges), strict=True)
         )
-        self.sheet.path(d, fill=colour)
-        if hatch:
-            self.sheet.path(d, fill=f"url(#hatch-{hatch})")
+        self.sheet.fill(d, colour, mark)
+
+    def stack(self, parts: Sequence[tuple[Entry, FloatArray]]) -> None:
+        """Columns at 0, 1, 2, ... of parts (n_column,) over each other."""
+        base = np.zeros(len(parts[0][1]) if parts else 0)
+        for (_, colour, mark), part in parts:
+            here = np.flatnonzero(part)
+            low, high = base[here], base[here] + part[here]
+            self.boxes(here - 0.42, here + 0.42, low, high, colour, mark)
+            base = base + part
 
     def axis_x(
         self, ticks: ArrayLike, title: str = "", labels: Sequence[str] | None = None,
@@ -273,7 +275,7 @@ class Panel:
         self.sheet.path(f"M{number(left)} {number(bottom)}H{number(right)}{marks}", kind="ax")
         end = -np.inf
         for x, label in zip(places, _labels(ticks, labels), strict=True):
-            half = 0.5 * text_width(label, SMALL)
+            half = 0.5 * text_width(label, look.SMALL)
             if x - half >= end + 5.0:
                 self.sheet.text(x, bottom + 14.0, label, "s m")
                 end = x + half
@@ -295,7 +297,7 @@ class Panel:
         for y, label in zip(places, _labels(ticks, labels), strict=True):
             if y <= end - 11.0:
                 self.sheet.text(left - 5.0, y + 3.5, label, "s e")
-                widest, end = max(widest, text_width(label, SMALL)), y
+                widest, end = max(widest, text_width(label, look.SMALL)), y
         if title:
             self.sheet.text(left - widest - 11.0, 0.5 * (top + bottom), title, "m", angle=-90)
 
@@ -303,7 +305,7 @@ class Panel:
         """Labels under cells that stand for levels, the first always among them."""
         most = max(2, int((self.box[2] - self.box[0]) / 38.0))
         ticks = np.arange(0, levels.size, max(1, -(-levels.size // most)))
-        self.axis_x(ticks, title, [digits(levels[i]) for i in ticks])
+        self.axis_x(ticks, title, [look.digits(levels[i]) for i in ticks])
 
     def heading(self, words: str) -> None:
         """A title over the left end."""

@@ -11,15 +11,13 @@ from archfrag.motions.measures import spectral_acceleration
 from archfrag.motions.motion import Motion
 from archfrag.motions.process import velocity
 from archfrag.report import picture as look
-from archfrag.report.axes import even_ticks
+from archfrag.report.curve_figures import COLOURS
 from archfrag.report.motion_figures import PERIODS, envelope, spectra, spectral_panel
-from archfrag.report.picture import BESIDE, Picture, shortened
+from archfrag.report.picture import BESIDE, Picture
 from archfrag.report.plot import Entry, Panel, Sheet, picture
 
 MOST = 24
-_COLOURS = (
-    look.BLUE, look.VERMILION, look.GREEN, look.ORANGE, look.PURPLE, look.SKY, look.INK,
-)  # fmt: skip
+_COLOURS = (*COLOURS, look.INK)
 _DECADES = 1e-4  # of the largest ordinate, below which a spectrum is not shown
 _HIGH = 70.0  # of a history [px]
 
@@ -34,7 +32,10 @@ def inspected(traces: Sequence[tuple[str, Motion]]) -> Picture:
             f"a figure shows 1 to {MOST} channels with a known unit; there are {len(traces)}"
         )
     rows = [spectral_acceleration(motion, PERIODS) / STANDARD_GRAVITY for _, motion in traces]
-    looks = [(_COLOURS[i % 7], "5 2.5" if i >= 7 else "") for i in range(len(rows))]
+    entries = [
+        Entry(label, _COLOURS[i % 7], "dash" if i >= 7 else "line")
+        for i, (label, _) in enumerate(traces)
+    ]
     every = np.concatenate(rows)
     top = float(every.max()) or 1.0
     ends = 0.8 * float(every[every > _DECADES * top].min(initial=top)), 1.4 * top
@@ -49,15 +50,11 @@ def inspected(traces: Sequence[tuple[str, Motion]]) -> Picture:
             for i, (series, factor, title) in enumerate(quantities):
                 box = (i * half + BESIDE, start, (i + 1) * half - 10.0, start + _HIGH)
                 _history(Panel(sheet, box, (0.0, series.duration), (-1.0, 1.0)), series, factor)
-                sheet.panels[-1].heading(shortened(title, half - BESIDE - 10.0))
+                sheet.panels[-1].heading(look.shortened(title, half - BESIDE - 10.0))
             start += _HIGH + 42.0
-        entries = [
-            Entry(label, colour, "dash" if dash else "line")
-            for (label, _), (colour, dash) in zip(traces, looks)
-        ]
-        start = sheet.legend(BESIDE, start, entries, width - BESIDE - 10.0) + 6.0
-        panel = spectral_panel(sheet, start, PERIODS, ends)
-        for row, (colour, dash) in zip(rows, looks):
+        panel = spectral_panel(sheet, entries, PERIODS, ends, start)
+        for row, (_, colour, mark) in zip(rows, entries):
+            dash = "5 2.5" if mark == "dash" else ""
             panel.line(PERIODS, np.where(row >= ends[0], row, np.nan), colour, 1.3, dash)
         return sheet
 
@@ -85,8 +82,7 @@ def _history(panel: Panel, series: Motion, factor: float) -> None:
     peak = float(np.abs(series.acceleration).max()) * factor
     reach = 1.1 * peak if peak > 0.0 else 1.0
     panel.y = (-reach, reach)
-    panel.axis_y(even_ticks(-reach, reach, 4))
-    panel.axis_x(even_ticks(*panel.x, 5), "")
+    panel.axis_y(look.even_ticks(-reach, reach, 4))
+    panel.axis_x(look.even_ticks(*panel.x, 5), "")
     panel.band(time, low * peak, high * peak, look.BLUE, 1.0)
-    words = f"{peak:.3g}"
-    panel.sheet.text(panel.box[2], panel.box[1] + 8.0, words, "s e")
+    panel.sheet.text(panel.box[2], panel.box[1] + 8.0, f"{peak:.3g}", "s e")

@@ -1,24 +1,34 @@
-"""What the page shows of risk, by the names that its template uses."""
+"""What the page shows of risk: rates in tables; hazard, fragility and their product in figures."""
 
 from typing import Any
 
-from archfrag.fragility.contributions import Contributions
+import numpy as np
+from numpy.typing import ArrayLike
+
+from archfrag.fragility.contributions import NOT_KNOWN, Contributions
+from archfrag.report import picture as look
 from archfrag.report import tables
-from archfrag.report.axes import digits
-from archfrag.report.risk_figures import deaggregation, hazard_and_fragility
+from archfrag.report.picture import BELOW, FloatArray, Picture
+from archfrag.report.plot import Box, Entry, Panel, Sheet, picture
 from archfrag.report.summary import Scale
+from archfrag.study.hazard import Hazard
 from archfrag.study.members import SHOWN
-from archfrag.study.risk import ArchRisk, StudyRisk
+from archfrag.study.risk import OTHER, ArchRisk, StudyRisk
 from archfrag.study.risk_output import ASSUMPTIONS
 
+_LOOKS = (
+    (look.BLUE, "area"), (look.ORANGE, "slash"), (look.GREEN, "dots"), (look.PURPLE, "cross"),
+    (look.SKY, "area"), (look.VERMILION, "slash"), (look.INK, "area"), ("#8c6d31", "area"),
+)  # fmt: skip
+_REACH = 1e-4  # of the greatest density of the rate, where the axis ends
+_BESIDE, _HEIGHTS = 66.0, (150.0, 110.0, 110.0)  # left of the panels and their heights [px]
 
-def risk_section(risk: StudyRisk | None, scale: Scale) -> dict[str, Any] | None:
+
+def risk_section(risk: StudyRisk, scale: Scale) -> dict[str, Any]:
     """Rates of collapse, their tables and figures, by the names of the page's template.
 
-    Of many arches only the first have figures: each takes 0.3 MB. None without a risk.
+    Of many arches only the first have figures: each takes 0.3 MB.
     """
-    if risk is None:
-        return None
     shown = SHOWN if len(risk.arches) <= SHOWN else 3
     arches = [
         {"name": name, "none": arch, "cautions": ()}
@@ -27,7 +37,6 @@ def risk_section(risk: StudyRisk | None, scale: Scale) -> dict[str, Any] | None:
         for name, arch in list(risk.arches.items())[:shown]
     ]
     return {
-        "years": f"{risk.years:g}",
         "hazard": risk.hazard.source,
         "curve": risk.hazard.main_name,
         "notes": risk.hazard.notes,
@@ -53,7 +62,7 @@ def _answers(risk: StudyRisk) -> tables.Table:
     """Rates with their bands, and the rates with the other curves of the hazard."""
     others = list(risk.hazard.curves)[1:]
     known = [arch for arch in risk.arches.values() if not isinstance(arch, str)]
-    percent = f"{100 * known[0].rate.confidence:.0f} %" if known else "band"
+    percent = tables.percent_of(known[0].rate.confidence) if known else "band"
     heads = [
         "arch", "collapses a year", percent, "return period [years]",
         f"probability in {risk.years:g} years", percent, "beyond the hazard curve",
@@ -76,41 +85,32 @@ def _answers(risk: StudyRisk) -> tables.Table:
 
 
 def _levels(arch: ArchRisk, scale: Scale) -> tables.Table:
-    edges = [0.0, *(arch.edges * scale.factor), float("inf")]
-    total = arch.rate.rate or 1.0
+    edges, total = [scale.digits(edge) for edge in arch.edges], arch.rate.rate or 1.0
+    ranges = [f"{low} to {high}" for low, high in zip(["0", *edges], edges)]
+    ranges.append(f"from {edges[-1] if edges else '0'} on")
+    counts = arch.by_mechanism.counts.sum(axis=0)
     rows = [
-        [
-            f"{digits(low) if low else '0'} to {digits(high)}" if high < float("inf")
-            else f"from {digits(low)} on",
-            f"{rate:.2g}", f"{rate / total:.3f}", str(fell),
-        ]
-        for low, high, rate, fell in zip(
-            edges[:-1], edges[1:], arch.level_rate, arch.by_mechanism.counts.sum(axis=0)
-        )
-    ]  # fmt: skip
+        [words, f"{rate:.2g}", f"{rate / total:.3f}", str(fell)]
+        for words, rate, fell in zip(ranges, arch.level_rate, counts, strict=True)
+    ]
     return tables.Table([scale.label, "rate [1/year]", "fraction", "collapses"], rows)
 
 
 def _contributions(arch: ArchRisk) -> tables.Table:
-    groups = (
-        ("mechanism", arch.by_mechanism), ("magnitude", arch.by_magnitude),
-        ("distance", arch.by_distance),
-    )  # fmt: skip
-    percent = f"{100 * arch.by_mechanism.confidence:.0f} %"
-    rows = [row for title, found in groups for row in _rows(title, found)]
-    heads = ["by", "category", "fraction of the rate", percent, "collapses"]
-    return tables.Table(heads, rows, numeric_from=2)
-
-
-def _rows(title: str, found: Contributions) -> list[list[str]]:
-    return [
+    rows = [
         [
-            title, name, f"{found.fraction[i]:.2f}",
+            by, found.categories[i], f"{found.fraction[i]:.2f}",
             f"{found.lower[i]:.2f} to {found.upper[i]:.2f}", str(found.counts[i].sum()),
         ]
-        for i, name in enumerate(found.categories)
-        if found.rate[i].any()
+        for by, found in (
+            ("mechanism", arch.by_mechanism), ("magnitude", arch.by_magnitude),
+            ("distance", arch.by_distance),
+        )
+        for i in np.flatnonzero(found.rate.any(axis=1))
     ]  # fmt: skip
+    percent = tables.percent_of(arch.by_mechanism.confidence)
+    heads = ["by", "category", "fraction of the rate", percent, "collapses"]
+    return tables.Table(heads, rows, numeric_from=2)
 
 
 def _years(period: float) -> str:
@@ -118,3 +118,134 @@ def _years(period: float) -> str:
     if period > 1e9:
         return "more than 1e9"
     return f"{float(f'{period:.3g}'):,.{0 if period >= 100.0 else 1}f}"
+
+
+def hazard_and_fragility(arch: ArchRisk, hazard: Hazard, scale: Scale) -> Picture:
+    """Hazard curve, fragility curve and where the rate of collapse comes from, in three panels."""
+    im = _shown(arch, hazard)
+    density, shown = _density(arch, hazard, im), scale.factor * im
+    rates = {key: curve.rate_at(im) for key, curve in hazard.curves.items()}
+    points, ends = hazard.main.im * scale.factor, (float(shown[0]), float(shown[-1]))
+    seen = (points >= ends[0]) & (points <= ends[1])
+    every = np.concatenate(list(rates.values()))
+    low, high = float(every[every > 0.0].min()), float(every.max())
+    entries = [Entry(key, look.GREY if i else look.BLUE, "line") for i, key in enumerate(rates)]
+
+    def draw(width: float) -> Sheet:
+        sheet = Sheet(width)
+        top = sheet.legend(_BESIDE, 0.0, entries, width - _BESIDE - 10.0) + 6.0
+        panels: list[Panel] = []
+        for height, y in zip(_HEIGHTS, ((low, high), (0.0, 1.0), (0.0, 1.05 * density.max()))):
+            box = (_BESIDE, top, width - 10.0, top + height)
+            panels.append(Panel(sheet, box, ends, y, True, log_y=not panels))
+            top += height + 14.0
+        first, second, third = panels
+        for i, rate in reversed(list(enumerate(rates.values()))):
+            first.line(shown, rate, entries[i].colour, 0.8 if i else 1.6)
+        first.dots(points[seen], hazard.main.rate[seen], look.BLUE, radius=2.2)
+        second.line(shown, arch.fit.probability(im), look.VERMILION)
+        third.band(shown, np.zeros(im.size), density, look.SKY, 0.5)
+        third.line(shown, density, look.BLUE)
+        _rates(first, look.log_ticks(low, high, (1.0,)), "exceeded [1/year]")
+        second.axis_y([0.0, 0.5, 1.0], "P(collapse) [1]")
+        _rates(third, look.even_ticks(0.0, third.y[1], 4), "rate per ln im [1/year]")
+        ticks = look.log_ticks(*ends)
+        for panel in panels:
+            for end in points[[0, -1]]:
+                if ends[0] < end < ends[1]:
+                    panel.line([end, end], panel.y, look.GREY, 0.9, "2 2")
+            last = panel is third
+            panel.axis_x(ticks, scale.label * last, None if last else [""] * ticks.size, True)
+        sheet.height = third.box[3] + BELOW
+        return sheet
+
+    return picture(
+        draw,
+        alternative=f"Hazard curve, fragility curve of {arch.arch} and their product; rate of "
+        f"collapse {arch.rate.rate:.2g} a year",
+        caption="From above: how often a year an intensity is exceeded (points: as given); "
+        "probability of collapse; and the rate of collapse by motions of an intensity, whose "
+        "area is the rate of collapse. Dotted: ends of the hazard curve, beyond which its slope "
+        "goes on.",
+    )
+
+
+def deaggregation(arch: ArchRisk, scale: Scale) -> Picture | None:
+    """The rate by level and mechanism, and its fractions by magnitude and distance.
+
+    None if no run collapsed.
+    """
+    if not arch.by_mechanism.counts.any():
+        return None
+    beside = [
+        (title, found)
+        for title, found in (("magnitude", arch.by_magnitude), ("distance", arch.by_distance))
+        if any(n.any() for c, n in zip(found.categories, found.counts) if c != NOT_KNOWN)
+    ]
+    found = arch.by_mechanism
+    parts = [
+        (Entry(name, *((look.PALE, "area") if name == OTHER else _LOOKS[i % len(_LOOKS)])), rate)
+        for i, (name, rate) in enumerate(zip(found.categories, found.rate))
+        if rate.any()
+    ]
+    if found.unassigned.any():
+        parts.append((Entry("no collapse seen", look.GREY), found.unassigned))
+    highest = 1.05 * float(np.sum([rate for _, rate in parts], axis=0).max())
+
+    def draw(width: float) -> Sheet:
+        sheet = Sheet(width)
+        entries = [entry for entry, _ in parts]
+        top = sheet.legend(_BESIDE, 0.0, entries, width - _BESIDE - 10.0)
+        boxes, sheet.height = sheet.panes(1 + len(beside), top, 170.0, left=84.0)
+        panel = Panel(sheet, boxes[0], (-0.5, arch.levels.size - 0.5), (0.0, highest))
+        _rates(panel, look.even_ticks(0.0, highest, 4), "rate of collapse [1/year]")
+        panel.stack(parts)
+        panel.level_axis(scale.factor * arch.levels, scale.label)
+        panel.heading("by level and mechanism")
+        for box, (title, part) in zip(boxes[1:], beside):
+            _bars(sheet, box, part, f"by {title}")
+        return sheet
+
+    return picture(
+        draw,
+        alternative=f"Rate of collapse of {arch.arch} by level and mechanism, and its fractions "
+        "by magnitude and distance of the records",
+        caption="Rate of collapse by motions nearest to each level, divided as the collapses "
+        "at that level were; grey: levels at which none was seen. Beside it, fractions of the "
+        "rate by records of each magnitude and distance, with bands from resampled records. They "
+        "hold for this set of records and are no deaggregation of the hazard.",
+    )
+
+
+def _shown(arch: ArchRisk, hazard: Hazard) -> FloatArray:
+    """Intensities from which all but a small part of the rate comes, SI unit."""
+    wide = np.concatenate([arch.levels, hazard.main.im, [arch.fit.theta]])
+    im = np.geomspace(0.2 * wide.min(), 5.0 * wide.max(), 1200)
+    density = _density(arch, hazard, im)
+    used = im[density > _REACH * density.max()]
+    low, high = min(used[0], arch.levels[0]), max(used[-1], arch.levels[-1])
+    return np.geomspace(low, high, 200)
+
+
+def _density(arch: ArchRisk, hazard: Hazard, im: FloatArray) -> FloatArray:
+    """Rate of collapse per unit of ln im [1/year]; jumps where the slope of the hazard does."""
+    curve = hazard.main
+    slope = curve.slopes[np.searchsorted(curve.im, im, side="right")]
+    return arch.fit.probability(im) * slope * curve.rate_at(im)
+
+
+def _rates(panel: Panel, ticks: ArrayLike, title: str) -> None:
+    panel.axis_y(ticks, title, [f"{tick:.2g}" for tick in np.atleast_1d(ticks)])
+
+
+def _bars(sheet: Sheet, box: Box, found: Contributions, title: str) -> None:
+    """Fractions of the rate by category, with their bands."""
+    kept = np.flatnonzero(found.rate.any(axis=1))
+    place = np.arange(kept.size)
+    panel = Panel(sheet, box, (0.0, 1.0), (-0.5, kept.size - 0.5))
+    panel.axis_x([0.0, 0.25, 0.5, 0.75, 1.0], "fraction of the rate [1]", grid=True)
+    panel.boxes(0.0, found.fraction[kept], place - 0.35, place + 0.35, look.SKY)
+    for at, i in zip(place, kept):
+        panel.line([found.lower[i], found.upper[i]], [at, at], look.INK, 1.0)
+    panel.axis_y(place, "", [found.categories[i] for i in kept], grid=False)
+    panel.heading(title)

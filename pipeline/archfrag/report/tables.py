@@ -1,4 +1,4 @@
-"""Numbers of the page as rows of text; every rounding of the report is here."""
+"""Numbers of the page as rows of text."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import numpy as np
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.fragility.counts import Verdict, clopper_pearson
 from archfrag.fragility.curve import Fragility
-from archfrag.report.axes import digits
+from archfrag.report.picture import FloatArray, digits
 from archfrag.report.summary import ArchResults, Scale
 
 if TYPE_CHECKING:
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
     from archfrag.study.curves import Answer
 
-
 _UNITS = {
     **dict.fromkeys(("radius", "thickness", "span", "rise", "width", "height", "depth"), " [m]"),
     **dict.fromkeys(("intrados", "extrados"), " [m]"),
     "embrace": " [deg]", "density": " [kg/m³]", "dead_load": " [N]",
 }  # fmt: skip
+MOST_ROWS = 200  # arches of the table of answers
 
 
 @dataclass(frozen=True)
@@ -35,27 +35,54 @@ class Table:
     numeric_from: int = 1
 
 
+def percent_of(confidence: float) -> str:
+    """A confidence in percent."""
+    return f"{100 * confidence:.0f} %"
+
+
 def answer(given: "Answer", scale: Scale) -> dict[str, str]:
     """The curve in words: keys theta, theta_interval, beta and more, or `none` why not."""
     if isinstance(given.curve, str):
         return {"none": given.curve}
-    low, high = (digits(end * scale.factor) for end in given.theta)
-    words = {
+    low, high = map(scale.digits, given.theta)
+    fit = given.likelihood if isinstance(given.likelihood, Fragility) else None
+    return {
         "theta": scale.text(given.curve.theta),
         "theta_interval": f"{low} to {high} {scale.unit}",
         "beta": f"{given.curve.beta:#.3g}",
         "beta_interval": f"{given.beta[0]:#.3g} to {given.beta[1]:#.3g}",
-        "method": given.method,
-        "assumptions": given.assumptions,
         "n_independent": f"{given.n_independent:.3g}",
         "n_islands": str(given.n_islands),
-        "theta_likelihood": "no maximum",
-        "beta_likelihood": "no maximum",
+        "theta_likelihood": scale.text(fit.theta) if fit else "no maximum",
+        "beta_likelihood": f"{fit.beta:#.3g}" if fit else "no maximum",
     }
-    if isinstance(given.likelihood, Fragility):
-        words["theta_likelihood"] = scale.text(given.likelihood.theta)
-        words["beta_likelihood"] = f"{given.likelihood.beta:#.3g}"
-    return words
+
+
+def answers(given: Mapping[str, "Answer"], scale: Scale, at: float | None) -> Table:
+    """One row for each arch or class: probability at the level asked for, theta and beta.
+
+    With their intervals, and beside them theta and beta by maximum likelihood.
+    """
+    percent = percent_of(next(iter(given.values())).confidence)
+    asked = [f"P(collapse) at {digits(at)} {scale.unit}"] if at is not None else []
+    rows = []
+    for name, each in list(given.items())[:MOST_ROWS]:
+        if isinstance(each.curve, str):
+            rows.append([name, *("–" for _ in asked), "no curve", "–", "–"])
+            continue
+        row = [name]
+        if at is not None:
+            value, *ends = map(_chance, each.probability(at / scale.factor))
+            row.append(f"{value} {_together(' to '.join(dict.fromkeys(ends)))}")
+        low, high = map(scale.digits, each.theta)
+        beta = _together(f"{each.beta[0]:.2f}–{each.beta[1]:.2f}")
+        row.append(f"{scale.digits(each.curve.theta)} {_together(f'{low}–{high}')}")
+        row.append(f"{each.curve.beta:.2f} {beta}")
+        fit = each.likelihood
+        row.append("–" if isinstance(fit, str) else f"{scale.digits(fit.theta)}, {fit.beta:.2f}")
+        rows.append(row)
+    heads = ["arch", *asked, f"θ [{scale.unit}] ({percent})", f"β ({percent})"]
+    return Table([*heads, "θ, β by maximum likelihood"], rows)
 
 
 def levels(results: ArchResults, given: "Answer") -> Table:
@@ -81,7 +108,7 @@ def levels(results: ArchResults, given: "Answer") -> Table:
     heads = [
         results.scale.label, "runs", "collapsed", "standing", "unfinished", "solver failures",
         "records with capacity below" if results.bisected else "fraction",
-        f"exact {100 * given.confidence:.0f} % interval", "curve",
+        f"exact {percent_of(given.confidence)} interval", "curve",
     ]  # fmt: skip
     return Table(heads, rows, numeric_from=0)
 
@@ -115,7 +142,7 @@ def motions(
 
 def quality(results: ArchResults, wall: Sequence[float] | None) -> Table:
     """Speed and energy figures of one arch."""
-    simulated = float(np.nansum(results.end_time))
+    simulated = float(np.nansum(results["end_time"]))
     runs = int(results.counts.runs.sum())
     rows = {"simulated time": f"{simulated:,.0f} s in {runs:,} runs"}
     times = np.array([] if wall is None else wall, dtype=float)
@@ -126,18 +153,17 @@ def quality(results: ArchResults, wall: Sequence[float] | None) -> Table:
     if times.size == runs:
         middle, tail = np.quantile(times, [0.5, 0.95])
         rows["wall time of a run, median and 95 %"] = f"{middle:#.3g} s, {tail:#.3g} s"
-    rows["steps of integration"] = f"{results.steps.sum():,}"
-    failed = results.verdict == Verdict.SOLVER_FAILURE
-    good, residual = results.simulated & ~failed, results.residual
-    rows["energy error, median and largest"] = _median_and_largest(results.energy_error[good])
+    rows["steps of integration"] = f"{results['steps'].sum():,}"
+    failed, residual = results.verdict == Verdict.SOLVER_FAILURE, results["contact_residual"]
+    good = results.simulated & ~failed
+    rows["energy error, median and largest"] = _median_and_largest(results["energy_error"][good])
     rows["contact residual, median and largest"] = _median_and_largest(residual[good])
     if failed.any():
         words = "contact residual of solver failures, median and largest"
         rows[words] = _median_and_largest(residual[failed])
-    rows["steps solved only with slightly compliant joints"] = f"{results.fallbacks.sum():,}"
-    if results.stood_after_loss is not None:
-        words = "runs that lost all contact at a joint and stand"
-        rows[words] = f"{results.stood_after_loss:,}"
+    fallbacks = results["fallbacks"].sum()
+    rows["steps solved only with slightly compliant joints"] = f"{fallbacks:,}"
+    rows["runs that lost all contact at a joint and stand"] = f"{results.stood_after_loss:,}"
     rows["records that collapse at a level and stand at a higher one"] = str(results.resurrections)
     return Table(["figure", "value"], list(rows.items()))
 
@@ -152,13 +178,11 @@ def geometry(parameters: Mapping[str, Any]) -> Table:
 
 
 def _optional(cube: "xr.Dataset", name: str, place: int, form: str) -> str:
-    if name not in cube:
-        return "–"
-    value = float(cube[name].values[place])
+    value = float(cube[name].values[place]) if name in cube else np.nan
     return form.format(value) if np.isfinite(value) else "–"
 
 
-def _median_and_largest(values: np.ndarray) -> str:
+def _median_and_largest(values: FloatArray) -> str:
     values = np.abs(values[np.isfinite(values)])
     if values.size == 0:
         return "not known"
@@ -170,6 +194,20 @@ def signed(text: str) -> str:
     return text.replace("-", "−")
 
 
+def _together(words: str) -> str:
+    """Words in parentheses that a line does not part."""
+    return f"({words})".replace(" ", "\u00a0").replace("–", "\u2060–\u2060")
+
+
+def _chance(value: float) -> str:
+    """A probability with two digits, three where it is small or large."""
+    if not np.isfinite(value):
+        return "–"
+    if not 0.001 <= value <= 0.999:
+        return "< 0.001" if value < 0.001 else "> 0.999"
+    return f"{value:.2f}" if 0.1 <= value <= 0.9 else f"{value:.3f}"
+
+
 def _short(value: Any) -> str:
     if value is None:
         return "not given"
@@ -177,7 +215,5 @@ def _short(value: Any) -> str:
         return "yes" if value else "no"
     if isinstance(value, list | tuple):
         flat = np.ravel(np.array(value, dtype=object))
-        if flat.size > 6:
-            return f"{flat.size} values"
-        return ", ".join(_short(item) for item in flat)
+        return f"{flat.size} values" if flat.size > 6 else ", ".join(map(_short, flat))
     return f"{value:g}" if isinstance(value, float) else str(value)

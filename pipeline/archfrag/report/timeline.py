@@ -4,28 +4,26 @@ from collections.abc import Sequence
 from itertools import groupby
 
 import numpy as np
-from numpy.typing import NDArray
 
-from archfrag.arch import STANDARD_GRAVITY
 from archfrag.mechanics.status import Model
 from archfrag.report import picture as look
-from archfrag.report.axes import even_ticks
 from archfrag.report.example import Example
-from archfrag.report.ladder_figures import MODEL_LOOK
-from archfrag.report.picture import BELOW, BESIDE, LINE, Picture
+from archfrag.report.mechanism_figures import MODEL_LOOK
+from archfrag.report.picture import BELOW, BESIDE, LINE, FloatArray, Picture
 from archfrag.report.plot import Box, Entry, Panel, Sheet, picture
-from archfrag.simulation.mechanism import MODEL_WORDS, MechanismChange
+from archfrag.report.summary import IntArray
+from archfrag.simulation.mechanism import MechanismChange
 
 # What a joint may be seen doing; a sliding hinge is drawn as a hinge, hatched.
-LOOK = {
-    "hinge at intrados": (look.BLUE, ""),
-    "hinge at extrados": (look.VERMILION, ""),
-    "sliding hinge at intrados": (look.BLUE, "slash"),
-    "sliding hinge at extrados": (look.VERMILION, "slash"),
-    "slides": (look.ORANGE, "cross"),
-    "open": (look.INK, ""),
-}
-_STATES = ("closed", *LOOK)
+LOOK = (
+    Entry("hinge at intrados", look.BLUE),
+    Entry("hinge at extrados", look.VERMILION),
+    Entry("sliding hinge at intrados", look.BLUE, "slash"),
+    Entry("sliding hinge at extrados", look.VERMILION, "slash"),
+    Entry("slides", look.ORANGE, "cross"),
+    Entry("open", look.INK),
+)
+_STATES = ("closed", *(entry.label for entry in LOOK))
 _BINS, _SAMPLES = 600, 8
 _TRACE = 300  # of the bins divide them
 
@@ -37,16 +35,13 @@ def timeline(example: Example) -> Picture | None:
         return None
     start, end = window(changes, example.response.end_time)
     edges = np.linspace(start, end, _BINS + 1)
-    joints, models = sampled(changes, example.arch.n_joint, edges)
     n_joint = example.arch.n_joint
-    entries = [
-        Entry(text, colour, hatch or "area")
-        for k, (text, (colour, hatch)) in enumerate(LOOK.items(), start=1)
-        if np.any(joints == k)
-    ]
+    joints, models = sampled(changes, n_joint, edges)
+    used = [(k, entry) for k, entry in enumerate(LOOK, start=1) if np.any(joints == k)]
+    entries = [entry for _, entry in used]
     for code in np.unique(models):
-        colour, hatch = MODEL_LOOK[Model(code)]
-        entries.append(Entry(f"model: {MODEL_WORDS[Model(code)]}", colour, hatch or "area"))
+        model = MODEL_LOOK[Model(code)]
+        entries.append(model._replace(label=f"model: {model.label}"))
 
     def draw(width: float) -> Sheet:
         sheet = Sheet(width)
@@ -54,34 +49,29 @@ def timeline(example: Example) -> Picture | None:
         right, height = width - 10.0, float(np.clip(15.0 * n_joint, 70.0, 400.0))
         _ground(sheet, (BESIDE, top, right, top + 62.0), example, edges)
         sheet.text(BESIDE, top - 6.0, _stated(example), "b")
-        middle = Panel(
-            sheet, (BESIDE, top + 72.0, right, top + 72.0 + height), (start, end),
-            (-0.6, n_joint - 0.4),
-        )  # fmt: skip
+        box = BESIDE, top + 72.0, right, top + 72.0 + height
+        middle = Panel(sheet, box, (start, end), (-0.6, n_joint - 0.4))
         step = max(1, -(-n_joint // int(height / 13.0)))
         middle.axis_y(np.arange(0, n_joint, step), "joint")
-        for k, state in enumerate(LOOK, start=1):
+        for k, (_, colour, mark) in used:
             bars = [
                 (edges[low], edges[high], joint)
                 for joint in range(n_joint)
                 for found, low, high in runs(joints[:, joint])
                 if found == k
             ]
-            if bars:
-                low, high, joint = np.array(bars, dtype=float).T
-                middle.boxes(low, high, joint - 0.4, joint + 0.4, *LOOK[state])
+            low, high, joint = np.array(bars, dtype=float).T
+            middle.boxes(low, high, joint - 0.4, joint + 0.4, colour, mark)
         bottom = middle.box[3] + 8.0
         last = Panel(sheet, (BESIDE, bottom, right, bottom + 14.0), (start, end), (-0.5, 0.5))
         for code, low, high in runs(models):
-            colour, hatch = MODEL_LOOK[Model(code)]
-            last.boxes(edges[low], edges[high], -0.5, 0.5, colour, hatch)
+            last.boxes(edges[low], edges[high], -0.5, 0.5, *MODEL_LOOK[Model(code)][1:])
         sheet.text(BESIDE - 5.0, bottom + 11.0, "model", "s e")
-        last.axis_x(even_ticks(start, end, 5 if sheet.narrow else 9), "time [s]")
+        last.axis_x(look.even_ticks(start, end, 5 if sheet.narrow else 9), "time [s]")
         if example.response.collapsed:
             time = float(last.at_x(example.response.collapse_time))
-            sheet.path(
-                f"M{time:.1f} {top:.1f}V{bottom:.1f}", stroke=look.INK, stroke_dasharray="4 2"
-            )
+            line = f"M{time:.1f} {top:.1f}V{bottom:.1f}"
+            sheet.path(line, stroke=look.INK, stroke_dasharray="4 2")
         sheet.height = bottom + 14.0 + BELOW
         return sheet
 
@@ -103,8 +93,8 @@ def window(changes: Sequence[MechanismChange], end_time: float) -> tuple[float, 
 
 
 def sampled(
-    changes: Sequence[MechanismChange], n_joint: int, edges: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    changes: Sequence[MechanismChange], n_joint: int, edges: FloatArray
+) -> tuple[IntArray, IntArray]:
     """What lasted longest in each bin of time."""
     states = np.zeros((len(changes), n_joint), dtype=np.int64)
     for i, change in enumerate(changes):
@@ -126,7 +116,7 @@ def state_of(text: str) -> int:
     return _STATES.index("slides" if text.startswith("slides") else "open")
 
 
-def runs(states: NDArray[np.int64]) -> list[tuple[int, int, int]]:
+def runs(states: IntArray) -> list[tuple[int, int, int]]:
     """Stretches of equal state: state, first bin, bin after the last."""
     found, place = [], 0
     for state, members in groupby(states.tolist()):
@@ -141,20 +131,14 @@ def _moving(changes: Sequence[MechanismChange]) -> list[MechanismChange]:
     return [c for c in changes if c.model != "rest" and not c.until <= c.time]
 
 
-def _longest(samples: NDArray[np.int64], n_state: int) -> NDArray[np.int64]:
+def _longest(samples: IntArray, n_state: int) -> IntArray:
     """Most frequent state along axis 1."""
     counts = np.stack([(samples == state).sum(axis=1) for state in range(n_state)])
     return counts.argmax(axis=0)
 
 
-def _ground(
-    sheet: Sheet,
-    box: Box,
-    example: Example,
-    edges: NDArray[np.float64],
-) -> None:
-    acceleration = np.asarray(example.motion.acceleration) * example.factor / STANDARD_GRAVITY
-    times = np.arange(acceleration.size) * example.motion.dt
+def _ground(sheet: Sheet, box: Box, example: Example, edges: FloatArray) -> None:
+    times, acceleration = example.ground
     # Every sample and the value at every edge: the trace stays connected from bin to bin.
     at_edges = np.interp(edges, times, acceleration, right=0.0)
     low = np.minimum(at_edges[:-1], at_edges[1:])
@@ -168,7 +152,7 @@ def _ground(
         edges = edges[:: (edges.size - 1) // _TRACE]
     reach = 1.05 * max(float(np.abs([low, high]).max()), 1e-9)
     panel = Panel(sheet, box, (float(edges[0]), float(edges[-1])), (-reach, reach))
-    panel.axis_y(even_ticks(-reach, reach, 4), "ground [g]")
+    panel.axis_y(look.even_ticks(-reach, reach, 4), "ground [g]")
     panel.band(0.5 * (edges[:-1] + edges[1:]), low, high, look.GREY, 1.0)
 
 

@@ -164,11 +164,10 @@ def judge_peak(
     nearest = min(found, key=lambda value: abs(value - peak))
     off = abs(nearest - peak) - rounding
     if off > _PEAK_WITHIN * peak:
-        add_fault(
-            record,
-            f"the header states a peak of {peak:g} {unit}, the samples have {nearest:.4g} {unit}",
-            "doubts" if off > _PEAK_DOUBTFUL * peak else "faults",
+        text = (
+            f"the header states a peak of {peak:g} {unit}, the samples have {nearest:.4g} {unit}"
         )
+        add_fault(record, text, "doubts" if off > _PEAK_DOUBTFUL * peak else "faults")
 
 
 def add_fault(record: Any, fault: str, kind: str = "faults") -> None:
@@ -179,14 +178,12 @@ def add_fault(record: Any, fault: str, kind: str = "faults") -> None:
 def stream_of(traces: list[Trace]) -> Stream:
     """The traces as a stream, those of one code with their channel numbers as locations."""
     ids = [trace.id for trace in traces]
-    for number, trace in enumerate(traces, start=1):
-        if ids.count(trace.id) > 1:
-            own = trace.stats.record.get("channel", number)
-            trace.stats.location = f"{trace.stats.location}{own}"
     seen: set[str] = set()
     for number, trace in enumerate(traces, start=1):
+        if ids.count(ids[number - 1]) > 1:
+            trace.stats.location += str(trace.stats.record.get("channel", number))
         if trace.id in seen:
-            trace.stats.location = f"{trace.stats.location}-{number}"
+            trace.stats.location += f"-{number}"
         seen.add(trace.id)
     return Stream(traces)
 

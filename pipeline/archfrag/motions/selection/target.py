@@ -1,11 +1,11 @@
 """What the spectra of selected records shall be distributed as."""
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError
@@ -108,10 +108,10 @@ def conditional_spectrum(
     >>> target.median.round(2), target.sd.round(2)
     (array([0.72, 0.63, 0.4 , 0.15]), array([0.54, 0.43, 0.  , 0.46]))
     """
-    if not (np.isfinite(level) and level > 0.0):
-        raise InputError(f"level = {level} g of Sa({conditioning} s) must be a number above 0")
-    if not (np.isfinite(conditioning) and conditioning > 0.0):
-        raise InputError(f"conditioning period {conditioning} s must be a number above 0")
+    for name, value in ((f"level = {level} g of Sa({conditioning} s)", level),
+                        (f"conditioning period {conditioning} s", conditioning)):  # fmt: skip
+        if not (np.isfinite(value) and value > 0.0):
+            raise InputError(f"{name} must be a number above 0")
     grid = _with_period(_rising(periods, "periods"), conditioning)
     known = int(np.abs(np.log(grid / conditioning)).argmin())
     rho = correlation(grid[:, None], grid)
@@ -205,39 +205,26 @@ def read_target(path: str | Path) -> Target:
     1.0
     """
     try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file)
-            rows, columns = list(reader), [name for name in reader.fieldnames or () if name]
+        rows = pd.read_csv(path, encoding="utf-8-sig", skipinitialspace=True)
     except OSError as error:
         raise InputError(f"{path}: the target cannot be read ({error.strerror})") from None
-    except (UnicodeDecodeError, csv.Error) as error:
+    except ValueError as error:
         raise InputError(f"{path}: the target is not a table in CSV ({error})") from None
     for name in ("period_s", "Sa_g"):
-        if name not in columns:
-            raise InputError(
-                f"{path}: column {name!r} is missing; a target has period_s, Sa_g and, for its "
-                "scatter, sd"
-            )
-    if not rows:
+        if name not in rows:
+            has = "a target has period_s, Sa_g and, for its scatter, sd"
+            raise InputError(f"{path}: column {name!r} is missing; {has}")
+    if rows.empty:
         raise InputError(f"{path}: the target has no rows")
-    table = [
-        np.array(
-            [_number(row[name], f"{path}, line {n}: {name}") for n, row in enumerate(rows, 2)]
-        )
-        for name in ("period_s", "Sa_g", "sd")
-        if name in columns
-    ]
-    return spectrum_target(table[0], table[1], table[2] if len(table) > 2 else None, str(path))
-
-
-def _number(text: str | None, place: str) -> float:
-    try:
-        value = float(text or "")
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
-        raise InputError(f"{place} = {text!r} is not a finite number")
-    return value
+    table: dict[str, NDArray[np.float64]] = {}
+    for name in ("period_s", "Sa_g", "sd"):
+        if name in rows:
+            table[name] = pd.to_numeric(rows[name], errors="coerce").to_numpy(dtype=np.float64)
+            wrong = np.flatnonzero(~np.isfinite(table[name]))
+            if wrong.size:
+                where = f"{path}, line {wrong[0] + 2}: {name}"
+                raise InputError(f"{where} = {rows[name][wrong[0]]!r} is not a finite number")
+    return spectrum_target(table["period_s"], table["Sa_g"], table.get("sd"), str(path))
 
 
 def _weighted(models: Mapping[str, float] | Sequence[str]) -> dict[str, float]:

@@ -1,0 +1,116 @@
+"""How often the band that a report quotes holds the truth, over simulated studies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.stats import norm, skewnorm, weibull_min
+
+from archbench.runner import Bench
+from archfrag.errors import FitError
+from archfrag.fragility.quoted import quoted_band
+
+Array = NDArray[np.float64]
+
+BETA = 0.35
+LEVELS = np.exp(BETA * np.linspace(-2.2, 2.2, 15))
+P = np.array([0.1, 0.25, 0.5, 0.75, 0.9])
+STUDIES = {True: 200, False: 2000}
+SEED = 20261122
+CORRELATION, RECORDS_PER_EVENT = 0.5, 3
+TWO_PEAKS = ((0.7, 0.0), (0.3, 2.5))  # weight and place of each, deviation 0.6
+LIMIT = 1800.0
+
+
+def _two_peaks(u: Array) -> Array:
+    x = np.linspace(-6.0, 9.0, 6001)
+    below = sum(weight * norm.cdf(x, place, 0.6) for weight, place in TWO_PEAKS)
+    (_, _), (weight, apart) = TWO_PEAKS
+    deviation = np.sqrt(0.36 + weight * (1.0 - weight) * apart**2)
+    return np.interp(u, below, (x - weight * apart) / deviation)
+
+
+def _weibull(u: Array) -> Array:
+    low, middle = np.log(weibull_min.ppf([0.15865525, 0.5], 1.0))
+    return (np.log(weibull_min.ppf(u, 1.0)) - middle) / (middle - low)
+
+
+def _skewed(u: Array) -> Array:
+    return (skewnorm.ppf(u, 4.0) - skewnorm.median(4.0)) / skewnorm.std(4.0)
+
+
+# Standardised quantiles of the logarithm of capacities.
+FAMILIES: dict[str, Callable[[Array], Array]] = {
+    "lognormal": norm.ppf, "Weibull": _weibull, "skewed": _skewed, "two peaks": _two_peaks,
+}  # fmt: skip
+RECORDS, EVENTS, SINGLE = "same records", "3 records an event", "single runs"
+SIZES = {RECORDS: (12, 24, 44), EVENTS: (12, 24, 45), SINGLE: (12, 24, 44, 150)}
+
+
+def coverage_of(sampling: str, family: str, size: int, studies: int) -> dict[str, float]:
+    """Fraction of studies whose 90 % band holds the truth at each of `P`, theta and beta.
+
+    A study without a band has not held. Beta of a family that is not lognormal is not asked for.
+
+    Examples
+    --------
+    >>> from archbench.bands import coverage_of
+    >>> sorted(coverage_of("same records", "lognormal", 12, 2))
+    ['beta', 'p_0.1', 'p_0.25', 'p_0.5', 'p_0.75', 'p_0.9', 'theta']
+    """
+    quantile = FAMILIES[family]
+    im = np.exp(BETA * quantile(P))
+    generator = np.random.default_rng([SEED, size])
+    held = np.zeros(P.size + 2)
+    for _ in range(studies):
+        verdict, intensity, groups = _study(sampling, quantile, size, generator)
+        design = "scattered" if sampling == SINGLE else "stripes"
+        try:
+            known = quoted_band(design, verdict, intensity, im, groups=groups)
+        except FitError:
+            continue
+        held[:-2] += (known.band.lower <= P) & (known.band.upper >= P)
+        held[-2] += known.theta[0] <= im[2] <= known.theta[1]
+        held[-1] += known.beta[0] <= BETA <= known.beta[1]
+    if family != "lognormal":
+        held[-1] = np.nan
+    names = [*(f"p_{p:g}" for p in P), "theta", "beta"]
+    return dict(zip(names, (held / studies).tolist(), strict=True))
+
+
+def _study(
+    sampling: str, quantile: Callable[[Array], Array], size: int, generator: np.random.Generator
+) -> tuple[NDArray[np.int64], Array, NDArray[np.int64] | None]:
+    """Verdicts, intensities and events of one simulated study."""
+    if sampling == SINGLE:
+        at = LEVELS[np.linspace(0, LEVELS.size - 1, size).round().astype(int)]
+        return (np.exp(BETA * quantile(generator.random(size))) <= at).astype(int), at, None
+    if sampling == EVENTS:
+        shape = size // RECORDS_PER_EVENT, RECORDS_PER_EVENT
+        shared = generator.standard_normal((shape[0], 1))
+        own = generator.standard_normal(shape)
+        z = (np.sqrt(CORRELATION) * shared + np.sqrt(1.0 - CORRELATION) * own).ravel()
+        capacity = np.exp(BETA * quantile(norm.cdf(z)))
+        groups = np.arange(size) // RECORDS_PER_EVENT
+    else:
+        capacity, groups = np.exp(BETA * quantile(generator.random(size))), None
+    return (capacity[:, None] <= LEVELS).astype(int), LEVELS, groups
+
+
+def measure(bench: Bench) -> dict[str, pd.DataFrame]:
+    """A row for each kind of sampling, family and size."""
+    cases = [(sampling, "lognormal", n) for sampling in SIZES for n in SIZES[sampling]]
+    cases += [(RECORDS, family, n) for family in list(FAMILIES)[1:] for n in SIZES[RECORDS]]
+    if bench.quick:
+        cases = [case for case in cases if case[1] == "lognormal"][:3]
+    studies = STUDIES[bench.quick]
+    tasks: dict[tuple, tuple] = {(*case, studies): (*case, studies) for case in cases}
+    rows: list[dict[str, Any]] = []
+    for key, found in bench.run("bands", coverage_of, tasks, LIMIT).items():
+        head = dict(zip(("sampling", "capacities", "size", "studies"), key, strict=True))
+        rows.append(head | ({"failed": found} if isinstance(found, str) else found))
+    return {"coverage": pd.DataFrame(rows)}
