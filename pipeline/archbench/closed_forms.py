@@ -17,12 +17,8 @@ _NODE, _WEIGHT = 0.5 * (_NODE + 1.0), 0.5 * _WEIGHT
 class Rocking:
     """A rigid rectangle that rocks on its base corners without slipping (Housner 1963).
 
-    Attributes
-    ----------
-    alpha : float
-        Angle between its side and its diagonal [rad].
-    frequency : float
-        p, square root of 3 g / (4 R) with R half its diagonal [1/s].
+    `alpha` is the angle between its side and its diagonal [rad], `frequency` the square root of
+    3 g / (4 R) with R half its diagonal [1/s].
     """
 
     alpha: float
@@ -69,17 +65,16 @@ class Rocking:
         # What remains is a geometric series: a half period is as the root of its small amplitude.
         return total + 2.0 * self.quarter(peaks[-1]) * self.ratio / (1.0 - self.ratio)
 
-    def potential(self, rotation, push: float):
-        """Potential of weight and a steady ground acceleration `push` [g] over its inertia."""
-        tilt = self.alpha - rotation
-        return self.frequency**2 * (np.cos(tilt) + push * np.sin(tilt))
-
     def grazing(self, start: float, push: float) -> tuple[float, float]:
-        """Speed at `start` that brings the corner back to the ground without any speed."""
-        drop = self.potential(0.0, push) - self.potential(start * _NODE**2, push)
-        time = float(np.sum(_WEIGHT * 2.0 * start * _NODE / np.sqrt(2.0 * drop)))
-        full_drop = self.potential(0.0, push) - self.potential(start, push)
-        return math.sqrt(2.0 * float(full_drop)), time
+        """Speed at `start` that brings the corner back to the ground without any speed, and when.
+
+        By the potential of weight and a steady ground acceleration `push` [g] over its inertia.
+        """
+        tilt = self.alpha - start * np.append(_NODE**2, 1.0)
+        upright = math.cos(self.alpha) + push * math.sin(self.alpha)
+        drop = self.frequency**2 * (upright - np.cos(tilt) - push * np.sin(tilt))
+        time = np.sum(_WEIGHT * 2.0 * start * _NODE / np.sqrt(2.0 * drop[:-1]))
+        return math.sqrt(2.0 * drop[-1]), float(time)
 
 
 def slip_under_rectangle(scene: Scene) -> float:

@@ -8,47 +8,41 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from archbench.horizon import slope_interval
-from archbench.runner import Bench
-from archbench.scene import Scene, load_scene
+from archbench.runner import Bench, Row
+from archbench.scene import load_scene
 from archbench.settings import COLUMNS, Setting, default_setting
 from archbench.solve import solve
 from archfrag.errors import ArchfragError
 from archfrag.simulation.checks import available_methods
 
 NUMBERS = {True: (7, 10, 14, 20, 27, 38, 54), False: (7, 10, 14, 20, 27, 38, 54, 81, 108)}
-REPEATS = 5
-SECONDS = 1.5
+REPEATS, SECONDS = 5, 1.5
 STEP = 1e-3  # of other solvers
 # A run that by the last two would take longer is not begun [s of CPU].
 LONGEST = {True: 2.0, False: 10.0}
+RUNS = [*COLUMNS, "voussoirs", "repeat", "seconds", "moving_seconds", "steps", "status"]
 
 
-def scene_of(voussoirs: int) -> Scene:
-    """The pulse on the arch cut into so many equal voussoirs."""
-    scene = load_scene("arch7_pulse")
-    chain = {**scene.chain, "voussoirs": voussoirs}
-    return replace(scene, name=f"arch{voussoirs}_pulse", chain=chain, duration=SECONDS)
-
-
-def costs_of(setting: Setting, quick: bool) -> list[dict[str, Any]]:
+def costs_of(setting: Setting, quick: bool) -> list[Row]:
     """Timed runs of one method; numbers that would take too long are left out with the reason."""
-    rows: list[dict[str, Any]] = []
+    rows: list[Row] = []
     seen: list[tuple[int, float]] = []
+    pulse = replace(load_scene("arch7_pulse"), duration=SECONDS)
     for number in NUMBERS[quick]:
         expected = expected_seconds(seen, number)
         base = {**setting.columns, "voussoirs": number}
         if expected > LONGEST[quick]:
             rows.append({**base, "status": f"not run: about {expected:.0f} s of CPU"})
             continue
+        scene = replace(pulse, chain={**pulse.chain, "voussoirs": number})
         for repeat in range(-1, REPEATS):
             try:
-                run = solve(scene_of(number), setting)
+                run = solve(scene, setting)
             except ArchfragError as reason:
                 return [*rows, {**base, "status": str(reason)}]
             if not math.isfinite(run.seconds):
@@ -57,23 +51,13 @@ def costs_of(setting: Setting, quick: bool) -> list[dict[str, Any]]:
                 seen.append((number, run.seconds))
                 continue
             at_rest = run.response.model_time["rest"] if run.response else 0.0
-            rows.append({
-                **base, "repeat": repeat, "seconds": run.seconds,
-                "moving_seconds": run.end_time - at_rest, "steps": run.steps,
-                "status": run.status,
-            })  # fmt: skip
+            own = (repeat, run.seconds, run.end_time - at_rest, run.steps, run.status)
+            rows.append(base | dict(zip(RUNS[-5:], own, strict=True)))
     return rows
 
 
 def expected_seconds(seen: list[tuple[int, float]], number: int) -> float:
-    """CPU time by the last two numbers of voussoirs and their times [s]; 0 if there are none.
-
-    Examples
-    --------
-    >>> from archbench.growth import expected_seconds
-    >>> expected_seconds([(10, 1.0), (20, 8.0)], 40)
-    64.0
-    """
+    """CPU time by the last two numbers of voussoirs and their times [s]; 0 if there are none."""
     if not seen:
         return 0.0
     power, (last, seconds) = 2.0, seen[-1]
@@ -87,13 +71,10 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     settings = [default_setting(name) for name in available_methods()]
     settings += [Setting(name, "dt", STEP) for name in bench.solvers]
     tasks = {(each.method, bench.quick): (each, bench.quick) for each in settings}
-    rows: list[dict[str, Any]] = []
+    rows: list[Row] = []
     for (method, _), found in bench.run("growth", costs_of, tasks, 900.0).items():
         rows += [{"method": method, "status": found}] if isinstance(found, str) else found
-    columns = [
-        *COLUMNS, "voussoirs", "repeat", "seconds", "moving_seconds", "steps", "status",
-    ]  # fmt: skip
-    runs = pd.DataFrame(rows, columns=columns)
+    runs = pd.DataFrame(rows, columns=RUNS)
     return {"runs": runs, "exponents": exponents_table(runs)}
 
 

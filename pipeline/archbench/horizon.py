@@ -5,15 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from archbench.quantities import lengths, positions_at
-from archbench.scene import Scene
+from archbench.scene import Array, Scene
 from archbench.settings import Setting
 from archbench.solve import Solution, solve
-
-Array = NDArray[np.float64]
 
 DIFFERENCE = 1e-9
 REACHED = 1e-2  # of the thickness: the end of prediction
@@ -52,12 +49,10 @@ def measure_growth(
     scene: Scene, setting: Setting, base: Solution, onset: float, end: float, pairs: int
 ) -> dict[str, float]:
     """`growth_of` runs beside a run, with the ground's motion scaled by 1 plus or minus 1e-9."""
-    assert base.frames is not None
     time = base.frames.time[base.frames.time <= end]
     middle, rows = positions_at(base.frames, time), []
     for k in range(pairs):
         factor = (1.0 if k % 2 == 0 else -1.0) * (1 + k // 2)
         beside = solve(scene, setting, history=True, scale=1.0 + factor * DIFFERENCE)
-        assert beside.frames is not None
         rows.append(lengths(positions_at(beside.frames, time) - middle).max(axis=1) / abs(factor))
     return growth_of(time, np.array(rows), scene.thickness, onset)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from archbench.scene import means_between
 from archfrag.arch import Arch
 from archfrag.motions.motion import Motion
 
@@ -200,20 +201,8 @@ def _surplus_of_place(chain, motion: Motion, time: Array, displacement: Array) -
         components.append((1, motion.vertical))
     for axis, acceleration in components:
         path = displacement[:, :, axis] @ chain.mass
-        work[1:] -= np.cumsum(_means(time, acceleration, motion.dt) * np.diff(path))
+        work[1:] -= np.cumsum(means_between(time, acceleration, motion.dt) * np.diff(path))
     return potential - work
-
-
-def _means(time: Array, acceleration: Array, step: float) -> Array:
-    """Exact means of samples joined by lines, between instants: jumps fall between frames."""
-    velocity = np.append(0.0, np.cumsum(0.5 * step * (acceleration[1:] + acceleration[:-1])))
-    place = np.clip(time / step, 0.0, acceleration.size - 1.0)
-    index = np.minimum(place.astype(int), acceleration.size - 2)
-    part = place - index
-    slope = acceleration[index + 1] - acceleration[index]
-    reached = velocity[index] + step * (acceleration[index] * part + 0.5 * slope * part**2)
-    span = np.diff(time)
-    return np.divide(np.diff(reached), span, out=np.zeros_like(span), where=span > 0.0)
 
 
 def _largest_rise(surplus: Array, kinetic: Array) -> float:

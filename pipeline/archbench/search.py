@@ -14,22 +14,13 @@ Collapses = Callable[[float], bool | None]
 class Change(NamedTuple):
     """Where outcomes change, relative to where they were expected to.
 
-    Attributes
-    ----------
-    offset : float
-        Relative distance with its sign; nan if there is no change within reach or a run failed.
-    width : float
-        Relative width of the bracket that remains.
-    failed : bool
-        Whether a run gave no outcome.
+    `offset` has a sign, nan if there is no change within reach or a run gave no outcome, which is
+    `failed`; `width` is that of the bracket that remains.
     """
 
-    offset: float
-    width: float
-    failed: bool
-
-
-NO_CHANGE, FAILED = Change(math.nan, math.nan, False), Change(math.nan, math.nan, True)
+    offset: float = math.nan
+    width: float = math.nan
+    failed: bool = False
 
 
 def nearest_change(
@@ -40,35 +31,26 @@ def nearest_change(
     Probes go away from the centre by factors of ten, towards smaller values if it collapses and
     larger ones if it stands, until outcomes differ; what lies between is bisected on the log
     scale.
-
-    Examples
-    --------
-    >>> from archbench.search import nearest_change
-    >>> found = nearest_change(lambda a: a >= 1.003, 1.0, 1e-6)
-    >>> abs(found.offset - 0.003) < 2e-4, found.failed
-    (True, False)
     """
     at_centre = collapses(centre)
     if at_centre is None:
-        return FAILED
-    side = -1.0 if at_centre else 1.0
-    inner, outer = 0.0, floor
-    while True:
-        seen = collapses(centre * (1.0 + side * outer))
-        if seen is None:
-            return FAILED
-        if seen is not at_centre:
-            break
-        if outer >= reach:
-            return NO_CHANGE
-        inner, outer = outer, min(10.0 * outer, reach)
-    while outer - inner > max(floor, fraction * inner):
+        return Change(failed=True)
+    side, inner, outer, changed = -1.0 if at_centre else 1.0, 0.0, floor, False
+    while not changed or outer - inner > max(floor, fraction * inner):
         middle = math.sqrt(inner * outer) if inner > 0.0 else 0.5 * outer
-        seen = collapses(centre * (1.0 + side * middle))
+        probe = middle if changed else outer
+        seen = collapses(centre * (1.0 + side * probe))
         if seen is None:
-            return FAILED
-        inner, outer = (middle, outer) if seen is at_centre else (inner, middle)
-    return Change(side * 0.5 * (inner + outer), outer - inner, False)
+            return Change(failed=True)
+        if changed:
+            inner, outer = (middle, outer) if seen is at_centre else (inner, middle)
+        elif seen is not at_centre:
+            changed = True
+        elif outer >= reach:
+            return Change()
+        else:
+            inner, outer = outer, min(10.0 * outer, reach)
+    return Change(side * 0.5 * (inner + outer), outer - inner)
 
 
 def least_collapsing(
@@ -90,8 +72,5 @@ def least_collapsing(
         stands = amplitude
     while least - stands > width * least:
         middle = 0.5 * (least + stands)
-        if collapses(middle):
-            least = middle
-        else:
-            stands = middle
+        stands, least = (stands, middle) if collapses(middle) else (middle, least)
     return least

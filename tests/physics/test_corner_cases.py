@@ -43,9 +43,9 @@ class TestFiles:
     @pytest.mark.parametrize("name", case_names())
     def test_facts_are_known_and_every_run_expects_some_or_is_judged_by_laws(self, name):
         case = load_case(name)
-        assert case.title
+        assert case.scene.title
+        assert case.scene.source
         assert case.why
-        assert case.source
         for variant, scene, expect in case.runs():
             assert set(expect) <= {*FACTS, "refused"}, variant
             assert scene.polygons()
