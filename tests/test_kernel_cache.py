@@ -16,10 +16,6 @@ import archfrag
 from archfrag.kernel_cache import HOLDS_NO_KERNEL, KERNEL_FOLDERS
 
 PACKAGE = Path(archfrag.__file__).parent
-ASK = """
-from archfrag.mechanics.caller import twice
-print(twice(1.0))
-"""
 CALLER = """
 from archfrag.mechanics.compile import kernel
 from archfrag.mechanics.ground import rest_margin
@@ -28,89 +24,10 @@ from archfrag.mechanics.ground import rest_margin
 def twice(across):
     return 2.0 * rest_margin(across, 0.0, 10.0, 0.5, 0.5)
 """
-
-
-def ask(root, cache):
-    done = subprocess.run(
-        [sys.executable, "-c", ASK],
-        env={**os.environ, "PYTHONPATH": str(root), "NUMBA_CACHE_DIR": str(cache)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return float(done.stdout)
-
-
-def test_an_edited_helper_is_compiled_anew(tmp_path):
-    shutil.copytree(PACKAGE, tmp_path / "archfrag", ignore=shutil.ignore_patterns("__pycache__"))
-    (tmp_path / "archfrag" / "mechanics" / "caller.py").write_text(CALLER)
-    cache = tmp_path / "cache"
-    assert ask(tmp_path, cache) == 8.0
-    assert ask(tmp_path, cache) == 8.0
-    assert len(list(cache.glob("k-*"))) == 1
-    helper = tmp_path / "archfrag" / "mechanics" / "ground.py"
-    text = helper.read_text()
-    assert text.count("return margin\n") == 1
-    helper.write_text(text.replace("return margin\n", "return margin + 1.0\n"))
-    assert ask(tmp_path, cache) == 10.0
-    assert len(list(cache.glob("k-*"))) == 2
-
-
-def test_only_what_kernels_are_made_of_counts(tmp_path):
-    shutil.copytree(PACKAGE, tmp_path / "archfrag", ignore=shutil.ignore_patterns("__pycache__"))
-
-    def digest():
-        return subprocess.run(
-            [sys.executable, "-c",
-             "from archfrag.kernel_cache import kernel_hash; print(kernel_hash())"],
-            env={**os.environ, "PYTHONPATH": str(tmp_path)},
-            capture_output=True, text=True, check=True,
-        ).stdout  # fmt: skip
-
-    before = digest()
-    for name, same in (("registry.py", True), ("auto.py", True), ("springs.py", False)):
-        with open(tmp_path / "archfrag" / "methods" / name, "a", encoding="utf-8") as file:
-            file.write("\n# edited\n")
-        assert (digest() == before) is same
-
-
-def test_what_does_not_count_holds_no_kernel():
-    left_out = [
-        path
-        for folder in KERNEL_FOLDERS
-        for path in (PACKAGE / folder).rglob("*.py")
-        if path.name in HOLDS_NO_KERNEL
-    ]
-    assert len(left_out) >= 4
-    assert [path for path in left_out if "mechanics.compile" in path.read_text()] == []
-
-
-def test_a_second_clone_compiles_nothing(tmp_path):
-    code = (
-        "import archfrag.mechanics.ground as g;"
-        "g.rest_margin(3.5, 0.0, 10.0, 0.5, 0.5);"
-        "print(sum(g.rest_margin.stats.cache_hits.values()))"
-    )
-    hits = []
-    for name in ("first", "second"):
-        shutil.copytree(
-            PACKAGE, tmp_path / name / "archfrag", ignore=shutil.ignore_patterns("__pycache__")
-        )
-        done = subprocess.run(
-            [sys.executable, "-c", code],
-            env={
-                **os.environ,
-                "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
-                "PYTHONPATH": str(tmp_path / name),
-            },
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        hits.append(done.stdout.strip())
-    assert hits == ["0", "1"]
-
-
+ASK = """
+from archfrag.mechanics.caller import twice
+print(twice(1.0), len(twice.stats.cache_hits))
+"""
 MARGIN = (
     "import archfrag.mechanics.ground as g;"
     "print(g.rest_margin(3.5, 0.0, 10.0, 0.5, 0.5),"
@@ -142,6 +59,45 @@ def chosen(umask=-1, **environment):
     """Folder that a process would use."""
     code = "from archfrag.kernel_cache import use_kernel_cache; print(use_kernel_cache())"
     return Path(python(code, umask, **environment).strip())
+
+
+def clone(root):
+    shutil.copytree(PACKAGE, root / "archfrag", ignore=shutil.ignore_patterns("__pycache__"))
+    return root / "archfrag"
+
+
+def test_an_edited_helper_is_compiled_anew_and_a_second_clone_compiles_nothing(tmp_path):
+    cache, answers = tmp_path / "cache", []
+    for name in ("first", "second"):
+        package = clone(tmp_path / name)
+        (package / "mechanics" / "caller.py").write_text(CALLER)
+        answers.append(python(ASK, PYTHONPATH=tmp_path / name, NUMBA_CACHE_DIR=cache).split())
+    assert answers == [["8.0", "0"], ["8.0", "1"]]
+    helper = package / "mechanics" / "ground.py"
+    text = helper.read_text()
+    assert text.count("return margin\n") == 1
+    helper.write_text(text.replace("return margin\n", "return margin + 1.0\n"))
+    answer = python(ASK, PYTHONPATH=tmp_path / "second", NUMBA_CACHE_DIR=cache)
+    assert answer.split() == ["10.0", "0"]
+    assert len(list(cache.glob("k-*"))) == 2
+
+
+def test_only_what_kernels_are_made_of_counts(tmp_path):
+    package = clone(tmp_path)
+    code = "from archfrag.kernel_cache import kernel_hash; print(kernel_hash())"
+    before = python(code, PYTHONPATH=tmp_path)
+    for name, same in (("registry.py", True), ("auto.py", True), ("springs.py", False)):
+        with open(package / "methods" / name, "a", encoding="utf-8") as file:
+            file.write("\n# edited\n")
+        assert (python(code, PYTHONPATH=tmp_path) == before) is same
+    left_out = [
+        path
+        for folder in KERNEL_FOLDERS
+        for path in (PACKAGE / folder).rglob("*.py")
+        if path.name in HOLDS_NO_KERNEL
+    ]
+    assert len(left_out) >= 4
+    assert [path for path in left_out if "mechanics.compile" in path.read_text()] == []
 
 
 class Planted:

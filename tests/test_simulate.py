@@ -25,12 +25,8 @@ class TestRefusals:
             ({"arch": "arch"}, "arch is str; it must be an archfrag Arch or Block"),
             ({"motion": np.zeros(5)}, "motion is ndarray; it must be an archfrag Motion"),
             ({"method": "newmark"}, "method is 'newmark'; allowed are auto, time_stepping"),
-            ({"method": None}, "method is None; allowed are auto, time_stepping"),
             ({"dt": 0.0}, "dt is 0.0; it must be a number, finite and positive"),
-            ({"dt": -1e-3}, "dt is -0.001; it must be a number, finite and positive"),
-            ({"dt": float("nan")}, "dt is nan; it must be a number"),
             ({"scale": "two"}, "scale is 'two'; it must be a number, finite"),
-            ({"scale": float("inf")}, "scale is inf; it must be a number, finite"),
             ({"scale": True}, "scale is True; it must be a number"),
             ({"rtol": 0.0}, "rtol is 0.0; it must be a number, between 0 and 1"),
             ({"follow": -1.0}, "follow is -1.0; it must be a number, finite and not negative"),
@@ -56,16 +52,6 @@ class TestResponse:
         assert (initial[0] == 0.0).all()
         assert response.history is None
         assert response.mechanism is None
-        assert set(response.events) == {
-            "impacts", "openings", "slides", "contact_losses", "rests", "events", "switches"
-        }  # fmt: skip
-        assert list(response.model_time) == [
-            "rest", "four_hinges", "mega_voussoirs", "all_voussoirs"
-        ]  # fmt: skip
-        assert set(response.work) == {
-            "steps", "iterations", "paths", "compliant", "shortened", "levels",
-            "level_iterations", "general", "sweeps", "unconverged", "refused", "refined",
-        }  # fmt: skip
         assert response.steps == response.work["steps"] > 20
         assert response.fallbacks == response.work["compliant"]
 
@@ -80,14 +66,14 @@ class TestResponse:
             logged[change.model] += change.until - change.time
         assert logged == pytest.approx(response.model_time, abs=1e-9)
 
-    def test_standing_has_no_collapse(self):
-        response = af.simulate(ARCH, PUSH, scale=0.1)
+    def test_standing_has_no_collapse_and_collapse_has_time_joint_and_mode(self):
+        response = af.simulate(ARCH, PUSH, scale=0.1, history=True)
         assert response.status is Status.STANDING
         assert response.collapsed is False
         assert np.isnan(response.collapse_time)
         assert (response.collapse_joint, response.collapse_mode) == (-1, "none")
-
-    def test_collapse_has_time_joint_and_mode(self):
+        (only,) = response.mechanism
+        assert (only.model, only.until) == ("rest", response.end_time)
         response = af.simulate(ARCH, PUSH, scale=3.0)
         assert response.collapsed is True
         assert 0.0 < response.collapse_time <= response.end_time
@@ -143,10 +129,11 @@ class TestHistory:
 
 class TestMechanism:
     def test_entries_follow_each_other_to_the_end_of_the_run(self):
-        response = af.simulate(ARCH, PUSH, history=True)
+        response = af.simulate(ARCH, LATE, history=True)
         log = response.mechanism
         assert len(log) > 5
-        assert log[0].time == 0.0
+        assert (log[0].time, log[0].model, log[0].joints) == (0.0, "rest", {})
+        assert log[0].until >= 0.999
         assert [change.until for change in log[:-1]] == [change.time for change in log[1:]]
         assert log[-1].until == response.end_time
         assert {change.cause for change in log} <= {cause.name.lower() for cause in Cause}
@@ -194,14 +181,6 @@ class TestMechanism:
         other = next(name for name in ends if name != side)
         assert (ends[side] - ends[other]) * moved > 0.0
 
-    def test_begins_with_standstill_before_the_motion(self):
-        late = af.simulate(ARCH, LATE, history=True).mechanism
-        assert (late[0].time, late[0].model, late[0].joints) == (0.0, "rest", {})
-        assert late[0].until == late[1].time >= 0.999
-        never = af.simulate(ARCH, PUSH, scale=0.1, history=True)
-        (only,) = never.mechanism
-        assert (only.model, only.until) == ("rest", never.end_time)
-
     def test_text_can_be_read(self):
         joints = {
             0: "hinge extrados", 1: "open", 3: "hinge intrados", 4: "slides towards intrados",
@@ -218,13 +197,6 @@ class TestMechanism:
             "3 changes of the mechanism (impact 2, comes to rest 1)"
         )
 
-    def test_a_log_without_space_is_kept_in_a_larger_one(self, monkeypatch):
-        full = af.simulate(ARCH, PUSH, history=True)
-        monkeypatch.setattr(sys.modules["archfrag.simulate"], "FIRST_LOG", 3)
-        again = af.simulate(ARCH, PUSH, history=True)
-        assert again.mechanism == full.mechanism
-        assert again.history.identical(full.history)
-
     def test_a_log_beyond_the_bound_states_where_it_ends(self, monkeypatch):
         full = af.simulate(ARCH, PUSH, history=True).mechanism
         monkeypatch.setattr(sys.modules["archfrag.simulate"], "FIRST_LOG", 2)
@@ -235,8 +207,12 @@ class TestMechanism:
         assert kept[5].joints == full[5].joints
         assert np.isnan(kept[5].until)
 
-    def test_history_changes_nothing(self):
+    def test_history_changes_nothing(self, monkeypatch):
         without, kept = af.simulate(ARCH, PUSH), af.simulate(ARCH, PUSH, history=True)
+        monkeypatch.setattr(sys.modules["archfrag.simulate"], "FIRST_LOG", 3)
+        again = af.simulate(ARCH, PUSH, history=True)  # its log needs more space
+        assert again.mechanism == kept.mechanism
+        assert again.history.identical(kept.history)
         assert without.work == kept.work
         assert without.energy == kept.energy
         assert without.peak_rotation == kept.peak_rotation

@@ -13,9 +13,6 @@ import pytest
 from archfrag.simulate import kernels_are_compiled, warmup
 from archfrag.simulation import warm
 
-# Kernels of `auto` that other kernels call with several sets of argument types, and how many:
-# each is compiled once more, into its callers too.
-SEVERAL: dict[str, int] = {}
 COUNT = """
 import json, sys
 from numba.core import event
@@ -60,27 +57,15 @@ def python(code, **environment):
     return done.stdout
 
 
-@pytest.fixture(scope="module")
-def second():
-    """What a second process compiles and states, and the versions that `auto` consists of."""
+def test_a_second_process_compiles_nothing_and_each_kernel_is_in_one_version():
     warmup("auto")
-    return json.loads(python(COUNT))
-
-
-class TestOnce:
-    def test_a_second_process_compiles_nothing(self, second):
-        compiled, messages, _ = second
-        assert compiled == []
-        assert messages == ["loading kernels"]
-
-    def test_each_kernel_in_one_version(self, second):
-        count = collections.Counter(second[2])
-        assert len(count) > 80
-        assert {kernel: n for kernel, n in count.items() if n > SEVERAL.get(kernel, 1)} == {}
-
-    def test_it_is_known(self, second):
-        assert kernels_are_compiled("auto")
-        assert 0.0 < warm.expected_time(["auto"]) < 3600.0
+    assert kernels_are_compiled("auto")
+    compiled, messages, versions = json.loads(python(COUNT))
+    assert compiled == []
+    assert messages == ["loading kernels"]
+    count = collections.Counter(versions)
+    assert len(count) > 80
+    assert {kernel: n for kernel, n in count.items() if n > 1} == {}
 
 
 @pytest.fixture
@@ -94,29 +79,25 @@ def empty(tmp_path, monkeypatch):
     return folder
 
 
-class TestMessages:
-    def test_compiling_then_loading(self, empty):
-        messages = []
-        with warm.compiling(["auto"], messages.append):
-            time.sleep(0.2)
-        assert len(messages) > 3
-        assert set(messages) == {"compiling kernels, once: 0 s of about 80 s"}
-        assert warm.are_compiled(["auto"])
-        assert not warm.are_compiled(["auto", "penalty"])
-        messages.clear()
-        with warm.compiling(["auto"], messages.append):
-            time.sleep(0.1)
-        assert messages == ["loading kernels"]
-
-    def test_the_next_kernels_take_as_long_as_the_last(self, empty, monkeypatch):
-        with warm.compiling(["auto"]):
-            time.sleep(0.3)
-        later = empty.with_name("k-later")
-        later.mkdir()
-        monkeypatch.setattr(warm, "use_kernel_cache", lambda: later)
-        assert not warm.are_compiled(["auto"])
-        assert 0.3 <= warm.expected_time(["auto"]) < 30.0
-        assert warm.expected_time(["auto", "penalty"]) > warm.EXPECTED
+def test_messages_compiling_then_loading(empty, monkeypatch):
+    messages = []
+    with warm.compiling(["auto"], messages.append):
+        time.sleep(0.3)
+    assert len(messages) > 3
+    assert set(messages) == {"compiling kernels, once: 0 s of about 80 s"}
+    assert warm.are_compiled(["auto"])
+    assert not warm.are_compiled(["auto", "penalty"])
+    messages.clear()
+    with warm.compiling(["auto"], messages.append):
+        time.sleep(0.1)
+    assert messages == ["loading kernels"]
+    # The next kernels take as long as the last.
+    later = empty.with_name("k-later")
+    later.mkdir()
+    monkeypatch.setattr(warm, "use_kernel_cache", lambda: later)
+    assert not warm.are_compiled(["auto"])
+    assert 0.3 <= warm.expected_time(["auto"]) < 30.0
+    assert warm.expected_time(["auto", "penalty"]) > warm.EXPECTED
 
 
 class TestSecondProcess:

@@ -102,7 +102,7 @@ def _study(
 
 
 def measure(bench: Bench) -> dict[str, pd.DataFrame]:
-    """A row for each way of sampling, family and size."""
+    """A row for each kind of sampling, family and size."""
     cases = [(sampling, "lognormal", n) for sampling in SIZES for n in SIZES[sampling]]
     cases += [(RECORDS, family, n) for family in list(FAMILIES)[1:] for n in SIZES[RECORDS]]
     if bench.quick:

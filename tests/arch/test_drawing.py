@@ -94,21 +94,18 @@ class TestSection:
         np.testing.assert_allclose(found.centroid, [0, away], atol=1e-14)
         assert found.polar == pytest.approx(math.pi * 16 / 4 - area * away**2, rel=1e-13)
 
-    def test_any_polygon(self):
-        # An L of two rectangles, 2 x 1 and 1 x 2.
-        outline = [(0, 0), (2, 0), (2, 1), (1, 1), (1, 3), (0, 3)]
-        arch = af.Arch.from_polygons([outline], 0.7, ground=[[(0, 0), (2, 0)]])
-        assert arch.chain.mass[0] == pytest.approx(4 * 2000.0)
-        np.testing.assert_allclose(arch.chain.centroid[0], [0.75, 1.25])
-        parts = 2 * (2 * (4 + 1) / 12 + 2 * (0.25**2 + 0.75**2))
-        assert arch.chain.inertia[0] == pytest.approx(2000.0 * parts)
-
 
 class TestChain:
-    def test_pier(self, tmp_path):
-        # In any order, one clockwise, in centimetres, as an old POLYLINE.
-        blocks = [[(100 * x, 100 * y) for x, y in PIER[i]] for i in (1, 2, 0)]
-        draw(tmp_path / "a.dxf", [blocks[0][::-1], *blocks[1:]], [((0, 0), (100, 0))], 5, old=True)
+    @pytest.mark.parametrize("old", [False, True])
+    def test_pier(self, tmp_path, old):
+        # In any order, one clockwise, in centimetres, as an old POLYLINE or seen from behind.
+        sign = 1 if old else -1
+        blocks = [[(sign * 100 * x, 100 * y) for x, y in PIER[i]] for i in (1, 2, 0)]
+        ground = [((0, 0), (100, 0))]
+        drawn = draw(tmp_path / "a.dxf", [blocks[0][::-1], *blocks[1:]], ground, 5, old=old)
+        for polyline in drawn.modelspace().query("LWPOLYLINE"):
+            polyline.dxf.extrusion = (0, 0, -1)
+        drawn.saveas(tmp_path / "a.dxf")
         pier = af.Arch.from_dxf(tmp_path / "a.dxf", 0.9, unit="cm")
         assert (pier.n_voussoir, pier.n_joint, pier.free_end) == (3, 3, True)
         assert af.onset(pier).plus == pytest.approx(1.0 / 1.5)
@@ -131,13 +128,6 @@ class TestChain:
         for pair in zip(thick.chain[:6], drawn.chain[:6]):
             np.testing.assert_allclose(*pair, rtol=1e-13, atol=1e-12)
 
-    def test_seen_from_behind(self, tmp_path):
-        document = draw(tmp_path / "a.dxf", [[(-x, y) for x, y in block] for block in PIER])
-        for polyline in document.modelspace().query("LWPOLYLINE"):
-            polyline.dxf.extrusion = (0, 0, -1)
-        document.saveas(tmp_path / "a.dxf")
-        assert af.Arch.from_dxf(tmp_path / "a.dxf", 0.9).outlines[0].min() == 0.0
-
 
 LOW, MIDDLE, HIGH = PIER
 # Blocks with a fault, which of them is to be named, and what the message has to contain.
@@ -147,7 +137,6 @@ FAULTS = {
     "overlap": ([LOW, MIDDLE, [(x, y - 0.1) for x, y in HIGH]], 1, "overlaps"),
     "doubled": ([*PIER, HIGH], 2, "same block"),
     "crossed": ([LOW, [MIDDLE[i] for i in (0, 2, 1, 3)], HIGH], 1, "itself"),
-    "flat": ([LOW, MIDDLE, [(0, 1), (1, 1), (2, 1)]], 2, "itself"),
     "stepped": ([[*LOW[:2], (1, 0.7), (0.5, 0.7), (0.5, 0.5), (0, 0.5)],
                  [(0, 0.5), (0.5, 0.5), (0.5, 0.7), (1, 0.7), (1, 1), (0, 1)]], 0, "one line"),
     "corner": ([LOW, [(0, 0.5), (1, 0.5), (0, 1)], [(1, 0.5), (1, 1), (0, 1)]], 1, "meet"),
@@ -172,7 +161,6 @@ class TestRefused:
             ({"closed": False}, {}, "LWPOLYLINE 2F is open"),
             ({"unit": 0}, {}, "INSUNITS = 0"),
             ({"unit": 4}, {}, "0.0015 m"),
-            ({}, {"unit": "ell"}, "'ell' must be one of m, dm"),
             ({}, {"layer": "BRICK"}, "layers with polylines: STONE (3)"),
             ({"ground": []}, {}, "LWPOLYLINE 2F"),
             ({"ground": [((0, 0.1), (1, 0.1))]}, {}, "LINE 32 must be on"),
@@ -197,7 +185,7 @@ class TestRefused:
         with pytest.raises(GeometryError, match=f"CIRCLE {circle.dxf.handle} is no 2D polyline"):
             read_drawing(tmp_path / "a.dxf")
 
-    @pytest.mark.parametrize("content", [None, b"", b"AC1032\0\0", b"0\nSECTION\n"])
+    @pytest.mark.parametrize("content", [None, b"AC1032\0\0"])
     def test_no_dxf(self, tmp_path, content):
         if content is not None:
             (tmp_path / "a.dxf").write_bytes(content)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.polynomial.legendre import leggauss
 
-from archfrag.arch.geometry import arc, middle_of, polygon_section, sector_section
+from archfrag.arch.geometry import polygon_section, sector_section
 
 ORIGIN = np.zeros(2)
 SECTORS = [
@@ -42,29 +42,6 @@ class TestAnnularSector:
         np.testing.assert_allclose(ours.centroid, centroid, rtol=0, atol=1e-12 * sector[0])
         assert ours.polar == pytest.approx(polar, rel=1e-9)
 
-    @pytest.mark.parametrize("sector", SECTORS[:3])
-    def test_is_the_limit_of_fine_polygons(self, sector):
-        radius, thickness, start, end = sector
-        angle = np.linspace(start, end, 4001)
-        across = np.column_stack([np.sin(angle), np.cos(angle)])
-        outline = np.concatenate(
-            [(radius - 0.5 * thickness) * across, (radius + 0.5 * thickness) * across[::-1]]
-        )
-        ours, fine = sector_section(ORIGIN, *sector), polygon_section(outline)
-        assert ours.area == pytest.approx(fine.area, rel=2e-7)
-        np.testing.assert_allclose(ours.centroid, fine.centroid, atol=1e-6 * radius)
-        assert ours.polar == pytest.approx(fine.polar, rel=1e-6)
-
-    def test_half_ring_by_hand(self):
-        """Pappus: area pi R t, centroid (4/3 pi) (a³ - b³)/(a² - b²) above the centre."""
-        outer, inner = 11.0, 9.0
-        ours = sector_section(ORIGIN, 10.0, 2.0, -0.5 * math.pi, 0.5 * math.pi)
-        height = 4.0 / (3.0 * math.pi) * (outer**3 - inner**3) / (outer**2 - inner**2)
-        about_centre = 0.25 * math.pi * (outer**4 - inner**4)
-        assert ours.area == pytest.approx(20.0 * math.pi, rel=1e-14)
-        assert ours.centroid[1] == pytest.approx(height, rel=1e-14)
-        assert ours.polar == pytest.approx(about_centre - ours.area * height**2, rel=1e-12)
-
     @pytest.mark.parametrize("sweep", [1e-3, 1e-5, 1e-7])
     def test_thin_sector_is_a_rectangle_without_cancellation(self, sweep):
         radius = 1.0
@@ -87,15 +64,7 @@ class TestPolygon:
                 polar = width * height * (width**2 + height**2) / 12.0
                 assert ours.polar == pytest.approx(polar, rel=1e-11)
 
-    def test_triangle_by_its_medians(self):
-        """Polar second moment of a triangle: area (a² + b² + c²)/36, a formula of its sides."""
-        corners = np.array([[0.2, 0.1], [2.3, 0.4], [0.9, 1.8]])
-        squares = ((np.roll(corners, -1, axis=0) - corners) ** 2).sum()
-        ours = polygon_section(corners)
-        np.testing.assert_allclose(ours.centroid, corners.mean(axis=0), rtol=1e-14)
-        assert ours.polar == pytest.approx(ours.area * squares / 36.0, rel=1e-13)
-
-    def test_a_polygon_is_the_sum_of_its_parts(self):
+    def test_is_the_sum_of_its_parts(self):
         """Steiner's theorem over a concave L-shape put together from two rectangles."""
         ell = polygon_section(np.array([[0, 0], [3, 0], [3, 1], [1, 1], [1, 4], [0, 4]], float))
         foot = polygon_section(np.array([[0, 0], [3, 0], [3, 1], [0, 1]], float))
@@ -109,23 +78,3 @@ class TestPolygon:
         assert ell.area == pytest.approx(area, rel=1e-14)
         np.testing.assert_allclose(ell.centroid, centroid, rtol=1e-14)
         assert ell.polar == pytest.approx(polar, rel=1e-14)
-
-
-class TestLines:
-    def test_arc_keeps_its_radius_ends_and_spacing(self):
-        centre = np.array([1.0, 2.0])
-        points = arc(centre, 3.0, -0.4, 1.1)
-        np.testing.assert_allclose(np.hypot(*(points - centre).T), 3.0, rtol=1e-14)
-        np.testing.assert_allclose(
-            points[0], centre + 3 * np.array([math.sin(-0.4), math.cos(0.4)])
-        )
-        np.testing.assert_allclose(
-            points[-1], centre + 3 * np.array([math.sin(1.1), math.cos(1.1)])
-        )
-        assert np.hypot(*np.diff(points, axis=0).T).max() <= 3.0 * math.radians(1.0)
-
-    def test_middle_of_a_line_is_half_its_length_along(self):
-        np.testing.assert_allclose(middle_of(np.array([[0.0, 0.0], [4.0, 2.0]])), [2.0, 1.0])
-        np.testing.assert_allclose(
-            middle_of(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 3.0]])), [1, 1]
-        )

@@ -43,38 +43,24 @@ def refusal(make, *args, **given):
 NUMBERS = [
     ("thickness", 0.0, "thickness = 0.0 m is impossible"),
     ("thickness", 20.0, "thickness = 20.0 m is impossible"),
-    ("thickness", NAN, "thickness = nan m is impossible"),
     ("thickness", "1.5", "thickness = '1.5' is not numeric"),
-    ("thickness", 1.5j, "thickness = 1.5j is not numeric"),
     ("thickness", [1.5], "thickness = [1.5] is not a single number"),
     ("thickness", [[1.0], [1.0, 2.0]], "thickness has rows of unequal length"),
     ("thickness", 1e-9, "thickness = 1e-09 m is no size of a structure"),
-    ("radius", -INF, "radius = -inf m is impossible"),
-    ("radius", 1e300, "radius = 1e+300 m is no size of a structure"),
-    ("radius", True, "radius = True is not numeric"),
-    ("radius", None, "radius = None is not numeric"),
-    ("embrace", -10, "embrace = -10.0 degrees is impossible"),
     ("embrace", 360.0, "embrace = 360.0 degrees is impossible"),
-    ("density", 0.0, "density = 0.0 kg/m3 is impossible"),
     ("depth", -1.0, "depth = -1.0 m is impossible"),
     ("voussoirs", 1, "voussoirs = 1 makes no arch"),
     ("voussoirs", 6.5, "voussoirs = 6.5 is not an integer"),
-    ("voussoirs", INF, "voussoirs = inf is not an integer"),
-    ("voussoirs", "seven", "voussoirs = 'seven' is not numeric"),
     ("voussoirs", 2001, "voussoirs = 2001 is too many"),
     ("sector", "yes", "sector = 'yes' is not a choice"),
-    ("friction", -0.1, "friction = -0.1 is impossible"),
-    ("friction", "inf", "friction = 'inf' is not numeric"),
     ("friction", [0.7] * 7, "friction has shape (7,), not (8,)"),
     ("friction", [0.7] * 5 + [-0.2, 0.7, NAN], "friction = -0.2 at joint 5 is impossible"),
-    ("dead_load", INF, "dead_load = inf N is impossible"),
     ("dead_load", [0, 0, NAN, 0, 0, 0, 0], "dead_load = nan N at voussoir 2 is impossible"),
     ("dead_load", [1.0] * 8, "dead_load has shape (8,), not (7,)"),
     ("joints", [0, 30, 30, 90, 100, 120, 140, 157.5], "joints[2] = 30 does not exceed the one"),
     ("joints", [5, 30, 60, 90, 100, 120, 140, 157.5], "joints run from 5 to 157.5"),
     ("joints", [0, 157.5], "joints has shape (2,) with voussoirs = 7"),
     ("joints", [0, 30, NAN, 90, 100, 120, 140, 157.5], "joints[2] = nan is not finite"),
-    ("joints", ["a"] * 8, "joints = ['a', 'a', 'a', 'a', 'a', 'a', ...] is not numeric"),
 ]
 
 
@@ -89,10 +75,6 @@ class TestNumbers:
         assert refusal(circular, thickness=20.0).endswith(
             "it must be a finite number greater than 0 m and less than 20 m (2 x radius)"
         )
-        assert refusal(circular, friction=NAN).endswith(
-            "it must be one number or one for each of the 8 joints, all at least 0 (inf: the "
-            "limit of large friction)"
-        )
 
     def test_what_overflows(self):
         assert "voussoir 0 has a mass of inf kg" in refusal(circular, density=1e308)
@@ -100,10 +82,11 @@ class TestNumbers:
     @pytest.mark.parametrize("name", ["segmental", "pointed", "elliptic", "catenary"])
     @pytest.mark.parametrize(
         ("key", "value"),
-        [(key, value) for key in ("span", "rise", "thickness") for value in (0.0, NAN, "3", None)]
-        + [("voussoirs", 1), ("friction", -0.5), ("density", 0.0), ("depth", NAN)]
-        + [("dead_load", -3.0), ("joints", [0.0, 0.5])],
-    )
+        [
+            ("span", 0.0), ("rise", NAN), ("thickness", "3"), ("voussoirs", 1), ("depth", NAN),
+            ("friction", -0.5), ("density", 0.0), ("dead_load", -3.0), ("joints", [0.0, 0.5]),
+        ],
+    )  # fmt: skip
     def test_every_profile_checks_its_numbers(self, name, key, value):
         message = refusal(profile, name, **{key: value})
         assert message.startswith(key)
@@ -111,7 +94,7 @@ class TestNumbers:
 
     @pytest.mark.parametrize(
         ("key", "value"),
-        [("width", 0.0), ("height", NAN), ("density", "heavy"), ("depth", 0), ("friction", -1)],
+        [("width", 0.0), ("height", None), ("density", "heavy"), ("friction", -1)],
     )
     def test_block(self, key, value):
         assert refusal(block, **{key: value}).startswith(f"{key} = ")
@@ -124,7 +107,6 @@ class TestProfiles:
             ("segmental", {"rise": 5.1}, "at least 1e-05 m and at most 5 m (1e-6 x span and half"),
             ("pointed", {"rise": 4.9}, "at least 5 m (half the span)"),
             ("segmental", {"rise": 2.0, "thickness": 14.5}, "less than 14.5 m (2 x radius of the"),
-            ("catenary", {"rise": 1e-6}, "at least 1e-05 m"),
         ],
     )
     def test_proportions(self, name, given, allowed):
@@ -133,7 +115,6 @@ class TestProfiles:
     @pytest.mark.parametrize(
         ("name", "given", "joint"),
         [
-            ("elliptic", {"rise": 2.0, "thickness": 3.0, "voussoirs": 12}, 0),
             ("elliptic", {"rise": 8.0, "thickness": 7.0, "voussoirs": 21}, 10),
             ("catenary", {"rise": 8.0, "thickness": 6.0, "voussoirs": 21}, 10),
             ("pointed", {"rise": 9.0, "thickness": 6.0, "voussoirs": 12}, 5),
@@ -148,20 +129,12 @@ class TestProfiles:
         arch = profile(name, **{**given, "thickness": 0.9999 * limit})
         assert arch.n_voussoir == given["voussoirs"]
 
-    def test_limit_of_a_pointed_arch_in_closed_form(self):
+    @pytest.mark.parametrize(("rise", "voussoirs"), [(9.0, 2), (5.0, 8)])
+    def test_limit_of_a_pointed_arch_in_closed_form(self, rise, voussoirs):
         """The horizontal springings of two voussoirs meet at mid-span; a semicircle's at R."""
-        for rise, voussoirs in ((9.0, 2), (5.0, 8), (5.0, 7)):
-            given = {"rise": rise, "voussoirs": voussoirs}
-            assert profile("pointed", thickness=9.999, **given).n_voussoir == voussoirs
-            assert refusal(profile, "pointed", thickness=10.0, **given).endswith("less than 10 m")
-
-    @pytest.mark.parametrize(
-        ("joints", "pair"),
-        [([0.0, 0.45, 0.8, 1.0], (1, 2)), ([0.0, 0.2, 0.5, 0.55, 1.0], (2, 3))],
-    )
-    def test_tightest_joints_of_a_pointed_arch(self, joints, pair):
-        given = {"rise": 9.0, "thickness": 6.0, "voussoirs": len(joints) - 1, "joints": joints}
-        assert f"joints {pair[0]} and {pair[1]} would" in refusal(profile, "pointed", **given)
+        given = {"rise": rise, "voussoirs": voussoirs}
+        assert profile("pointed", thickness=9.999, **given).n_voussoir == voussoirs
+        assert refusal(profile, "pointed", thickness=10.0, **given).endswith("less than 10 m")
 
     def test_joints_too_uneven_round_a_narrow_crown(self):
         given = {"rise": 60.0, "thickness": 1e-3, "voussoirs": 3}
@@ -215,12 +188,9 @@ RINGS = [
 ]  # fmt: skip
 TABLES = [
     (SQUARE[:2], ABOVE[:2], {}, "intrados has shape (2, 2)"),
-    (SQUARE[:1], ABOVE[:1], {"free_end": True}, "intrados has shape (1, 2)"),
     (SQUARE, ABOVE[:3], {}, "intrados has 4 points and extrados 3"),
     (SQUARE.T, ABOVE, {}, "intrados has shape (2, 4)"),
     (SQUARE, moved(ABOVE, 2, [NAN, 1.0]), {}, "extrados[2] = (nan, 1.0) is not finite or beyond"),
-    ([[0, 0], [1]], ABOVE, {}, "intrados has rows of unequal length"),
-    ("joints.csv", ABOVE, {}, "intrados = 'joints.csv' is not numeric"),
     (SQUARE, ABOVE, {"free_end": 1}, "free_end = 1 is not a choice"),
     (SQUARE, ABOVE, {"free_end": True, "friction": [0.7] * 4}, "friction has shape (4,), not (3,"),
 ]
@@ -242,9 +212,6 @@ class TestFromJoints:
         angles = np.linspace(0.0, 700.0, 71)
         spiral = [(1.0 + angles / 1000.0)[:, None] * side for side in ring_of(angles)]
         assert Arch.from_joints(*spiral, 0.7).n_voussoir == 70
-
-    def test_one_voussoir_may_stand_free(self):
-        assert Arch.from_joints(SQUARE[:2], ABOVE[:2], 0.7, free_end=True).n_joint == 1
 
 
 @pytest.mark.parametrize(

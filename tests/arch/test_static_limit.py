@@ -8,17 +8,8 @@ import archfrag as af
 from archfrag.simulation.static_limit import static_limit
 
 
-def test_of_a_block_and_of_a_column_it_is_the_angle_of_the_diagonal():
-    block = af.Block(width=0.2, height=1.0, friction=0.8)
-    assert static_limit(block, af.onset(block)) == pytest.approx(np.arctan(0.2), rel=1e-6)
-    sides = np.array([[0.0, 0.0], [0.0, 0.7], [0.0, 2.0]])
-    column = af.Arch.from_joints(sides, sides + np.array([0.5, 0.0]), friction=0.8, free_end=True)
-    assert static_limit(column, af.onset(column)) == pytest.approx(np.arctan(0.25), rel=1e-6)
-
-
-@pytest.mark.parametrize("voussoirs", [7, 12])
-def test_of_an_arch_it_is_where_the_potential_energy_of_the_linkage_is_largest(voussoirs):
-    arch = af.Arch.circular(10.0, 1.5, 157.5, voussoirs, friction=0.7)
+def test_of_an_arch_it_is_where_the_potential_energy_of_the_linkage_is_largest():
+    arch = af.Arch.circular(10.0, 1.5, 157.5, 12, friction=0.7)
     start = af.onset(arch)
     corner = {"intrados": arch.intrados, "extrados": arch.extrados}
     a, b, c, d = (corner[side][joint] for joint, side in start.hinges)

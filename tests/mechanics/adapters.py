@@ -8,12 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from archfrag.mechanics.contact.blocks import EXACT, Precision, solve_modes
+from archfrag.mechanics.contact.blocks import EXACT
 from archfrag.mechanics.contact.modes import ask_modes, reconcile_modes, velocity_scale
 from archfrag.mechanics.contact.path import (
     PATHS,
     SOFT_PATHS,
-    follow_path,
     new_path,
     solve_by_path,
 )
@@ -53,17 +52,9 @@ CLOSED = Mode((0, 1))
 PLUS, MINUS = 1, -1
 
 
-def encode(mode):
-    """Number of a mode in the package's histories."""
-    slip = {0: 0, 1: 1, -1: 2}[mode.slip]
-    if len(mode.corners) == 2:
-        return 7 + slip
-    return 1 + 3 * mode.corners[0] + slip if mode.corners else 0
-
-
-MODES = {encode(m): m for m in (OPEN, *(
-    Mode(corners, slip) for corners in ((0,), (1,), (0, 1)) for slip in (0, PLUS, MINUS)
-))}  # fmt: skip
+# By their numbers in the package's histories.
+_SLIPS = (0, PLUS, MINUS)
+MODES = (OPEN, *(Mode(at, slip) for at in ((0,), (1,), (0, 1)) for slip in _SLIPS))
 
 
 def decode_all(numbers):
@@ -188,16 +179,6 @@ def solve(problem):
     return solution if solution.solved else by_path(problem)
 
 
-def in_modes(problem, combinations):
-    """The solution in each of many combinations of modes, whatever the joints ask for."""
-    model, position, work = posed(problem)
-    scale = velocity_scale(position, work)
-    for modes in combinations:
-        set_modes(modes, work.touch, work.slide)
-        left = solve_modes(model, position, work, scale, EXACT)
-        yield solution_in(left < 1e-8 * scale, work)
-
-
 def residual(problem, solution, rates, scale):
     """How far a solution is from the laws by the package's own measure.
 
@@ -209,18 +190,6 @@ def residual(problem, solution, rates, scale):
     about = pivot[:, 0] * reaction[:, 1] - pivot[:, 1] * reaction[:, 0]
     work.reaction[:, 2] = reaction[:, 2] - about
     return contact_residual(model, work, scale, np.abs(reaction[:, :2]).max() or 1.0)
-
-
-def path_end(problem, attempt, compliance):
-    """What stands at the end of one solution path, of slightly compliant joints."""
-    model, position, work = posed(problem)
-    path = new_path(model)
-    path.bias[:] = work.bias
-    scale = velocity_scale(position, work)
-    reached, _ = follow_path(position, work, path, scale, compliance, attempt)
-    precision = Precision(compliance, 1e-11, np.inf)
-    solve_modes(path.model, position, work, scale, precision)
-    return solution_in(reached, work)
 
 
 class Joint(NamedTuple):

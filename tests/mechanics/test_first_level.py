@@ -2,15 +2,11 @@
 equations of balance solved densely."""
 
 import numpy as np
-import pytest
 
-import archfrag as af
-from tests.mechanics.adapters import Posed, by_four_hinges
+from tests.mechanics.adapters import by_four_hinges
 from tests.mechanics.linkages import (
     hinged_motion,
-    joined,
     mechanism_of,
-    random_hinged_arch,
 )
 from tests.mechanics.oracles import cross
 
@@ -59,31 +55,3 @@ class TestFourHinges:
             hinge = np.array([[0.0, 0.0], [lean, 5.0], [6.0, 5.0], [6.0, 0.0]])
             found, *_ = by_four_hinges(mass, inertia, centroid, hinge, [1, 0, 1, 0], spin, free)
             assert found is possible
-
-
-class TestMegaVoussoirs:
-    """The same of arches whose voussoirs have to be joined first."""
-
-    def make(self, voussoirs):
-        return af.Arch.circular(10.0, 2.0, 150.0, voussoirs, np.inf)
-
-    def test_reactions_at_the_hinges(self):
-        rng = np.random.default_rng(4)
-        for _ in range(250):
-            arch, state = random_hinged_arch(rng, self.make)
-            push = rng.uniform(-1.0, 1.0) * g
-            posed = Posed(arch.chain, state.position, state.velocity, state.modes, push)
-            solution = posed.by_levels()
-            assert solution.solved
-            bodies = [joined(arch.chain, body, state.position) for body in state.bodies]
-            mass, inertia, centroid = (np.array(part) for part in zip(*bodies))
-            spin = np.array([state.velocity[body[0], 2] for body in state.bodies])
-            free = np.tile([-push, -g, 0.0], (3, 1))
-            motion, forces = hinged_motion(mass, inertia, centroid, state.hinge, spin, free)
-            found = solution.wrench[state.joints]
-            assert np.abs(found[:, :2] - forces).max() < 1e-9 * np.abs(forces).max()
-            moment = cross(state.hinge, forces)
-            assert np.abs(found[:, 2] - moment).max() < 1e-8 * np.abs(moment).max()
-            for k, body in enumerate(state.bodies):
-                tilting = solution.velocity[body, 2]
-                assert tilting == pytest.approx(np.full(body.size, motion[k, 2]), abs=1e-9)

@@ -32,16 +32,17 @@ class TestSegments:
         assert segment_at(3.0, self.ground, breaks) == (np.inf, 0.0, 0.0, 0.0, 0.0)
 
 
-class TestRestRange:
-    def test_margin_is_what_is_left_to_the_nearer_limit(self):
-        assert rest_margin(1.0, 0.0, 10.0, 0.35, 0.2) == pytest.approx(2.5)
-        assert rest_margin(-1.0, 0.0, 10.0, 0.35, 0.2) == pytest.approx(1.0)
-        assert rest_margin(4.0, 0.0, 10.0, 0.35, 0.2) == pytest.approx(-0.5)
-
-    def test_upward_acceleration_widens_the_range(self):
-        assert rest_margin(2.5, 5.0, 10.0, 0.2, 0.2) == pytest.approx(0.5)
-        assert rest_margin(2.5, -5.0, 10.0, 0.2, 0.2) == pytest.approx(-1.5)
-
-    def test_what_no_push_moves_leaves_its_ground_where_that_falls_faster(self):
-        assert rest_margin(99.0, -9.0, 10.0, np.inf, np.inf) == pytest.approx(1.0)
-        assert rest_margin(0.0, -11.0, 10.0, np.inf, np.inf) == pytest.approx(-1.0)
+@pytest.mark.parametrize(
+    ("across", "upward", "plus", "minus", "expected"),
+    [
+        (1.0, 0.0, 0.35, 0.2, 2.5),  # what is left to the nearer limit
+        (-1.0, 0.0, 0.35, 0.2, 1.0),
+        (4.0, 0.0, 0.35, 0.2, -0.5),
+        (2.5, 5.0, 0.2, 0.2, 0.5),  # upward acceleration widens the range
+        (2.5, -5.0, 0.2, 0.2, -1.5),
+        (99.0, -9.0, np.inf, np.inf, 1.0),  # the ground falls faster than an arch of any range
+        (0.0, -11.0, np.inf, np.inf, -1.0),
+    ],
+)
+def test_margin_of_rest(across, upward, plus, minus, expected):
+    assert rest_margin(across, upward, 10.0, plus, minus) == pytest.approx(expected)

@@ -10,7 +10,6 @@ from archfrag.mechanics.numbers import (
     LANES,
     flag,
     fused,
-    lane,
     lane_array,
     larger,
     nearest,
@@ -37,14 +36,6 @@ def everything(a, b, limit, out):
         out[i, 5] = 0.0
         if some(either):
             out[i, 5] = select(either, 1.0, 0.0)
-
-
-@kernel
-def total_of_one(a, number):
-    total = 0.0 * a[0, 0]
-    for i in range(a.shape[0]):
-        total += a[i, 0]
-    return lane(total, number)
 
 
 def samples(n=500):
@@ -87,15 +78,6 @@ def test_sine_and_cosine_are_right_to_two_units_in_the_last_place(reach):
     everything(a, np.zeros(len(angle)), 0.0, out)
     assert np.max(np.abs(out[:, 0] - np.sin(angle))) < 2.3e-16
     assert np.max(np.abs(out[:, 1] - np.cos(angle))) < 2.3e-16
-
-
-def test_a_lane_can_be_looked_at_alone():
-    a, _ = samples(20)
-    for number in range(LANES):
-        expected = 0.0
-        for value in runs_of(a)[:, 0, number]:
-            expected += value
-        assert total_of_one(a, number) == expected
 
 
 def test_lane_arrays_are_aligned_for_the_processor_s_vectors():

@@ -35,6 +35,7 @@ class TestFaces:
         assert face[:, 0] == pytest.approx(face[:, 1], abs=1e-12)
         assert face[:, 0, 0] == pytest.approx(ARCH.intrados, abs=1e-12)
         assert face[:, 0, 1] == pytest.approx(ARCH.extrados, abs=1e-12)
+        assert MODEL.length == pytest.approx(np.full(6, 1.5))
 
     def test_rotate_with_their_body_about_its_centroid(self):
         position = at_rest()
@@ -46,9 +47,6 @@ class TestFaces:
         assert work.face[2, 1, 0] == pytest.approx(expected)
         along = work.face[2, 1, 1] - work.face[2, 1, 0]
         assert work.tangent[2, 1] == pytest.approx(along / np.linalg.norm(along))
-
-    def test_lengths(self):
-        assert MODEL.length == pytest.approx(np.full(6, 1.5))
 
 
 class TestGaps:
@@ -69,10 +67,8 @@ class TestGaps:
             assert offset == pytest.approx((0.0, 0.0))
 
     def test_vertex_and_face_change_roles_with_slip_and_corner(self):
-        assert later_vertex_meets(0, 0.1)
-        assert not later_vertex_meets(0, -0.1)
-        assert not later_vertex_meets(1, 0.1)
-        assert later_vertex_meets(1, -0.1)
+        met = [later_vertex_meets(corner, slip) for corner in (0, 1) for slip in (0.1, -0.1)]
+        assert met == [True, False, False, True]
 
 
 class TestContacts:

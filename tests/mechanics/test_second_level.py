@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import archfrag as af
-from tests.mechanics.adapters import CLOSED, OPEN, Mode, Posed
+from tests.mechanics.adapters import CLOSED, Mode, Posed
 from tests.mechanics.linkages import random_hinged_arch, rotate
 from tests.mechanics.oracles import Dense, balance_error, corner_forces, law_violation, rotated
 
@@ -133,19 +133,3 @@ class TestMarginsInside:
                 kept += 1
         assert broken > 40
         assert kept > 1
-
-    def test_are_left_in_the_modes_that_follow(self, friction):
-        followed = 0
-        for posed in states(14, friction, 60):
-            solution = posed.by_contact_problem()
-            problem = posed.problem()
-            if Dense(problem).lacking_rank(solution.modes) or OPEN in solution.modes:
-                continue
-            followed += 1
-            assert self.compare(posed.with_modes(solution.modes), friction) > -1e-9
-        assert followed >= 30
-
-    def test_of_a_column(self, friction):
-        rng = np.random.default_rng(15)
-        for _ in range(40):
-            self.compare(leaning_column(rng, friction), friction)

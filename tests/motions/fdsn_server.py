@@ -1,9 +1,12 @@
-"""A data centre on this machine: event, station and dataselect of the FDSN web services."""
+"""A data centre on this machine that speaks the FDSN web services, well or badly.
+
+One event, and stations north of it with accelerometers of 100 samples a second.
+"""
 
 import io
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from urllib.parse import parse_qs, urlsplit
 
@@ -19,47 +22,44 @@ ORIGIN = UTCDateTime(2020, 1, 1, 12)
 EPICENTRE = (40.0, 15.0)
 EVENT = "it2020abcd"
 SENSITIVITY = 1.0e6  # [counts / (m/s2)]
-# Station: degrees north of the epicentre, channels of its instruments by place.
-STATIONS = {
-    "NEAR": (0.1, {"": ("HNE", "HNN", "HNZ")}),
-    "BOTH": (0.2, {"": ("HNE", "HNN", "HNZ", "BNE", "BNN", "BNZ")}),
-    "SLOW": (0.3, {"00": ("BNE", "BNN", "BNZ")}),
-    "FAR": (3.0, {"": ("HNE", "HNN", "HNZ")}),
-}
+# Station: degrees north of the epicentre, place and kinds of its instruments.
+STATIONS = {"NEAR": (0.1, "", ("HN",)), "BOTH": (0.2, "", ("HN", "BN")),
+            "SLOW": (0.3, "00", ("BN",)), "FAR": (3.0, "", ("HN",))}  # fmt: skip
 
 
-def quakeml(magnitudes=(("ml", 5.4), ("mww", 5.6)), origins=True):
+def _written(data, form):
+    buffer = io.BytesIO()
+    data.write(buffer, format=form)
+    return buffer.getvalue()
+
+
+def quakeml(origins=True):
     """One event as QuakeML; the first magnitude is preferred."""
     origin = event.Origin(time=ORIGIN, latitude=EPICENTRE[0], longitude=EPICENTRE[1], depth=8000.0)
+    magnitudes = [event.Magnitude(mag=mag, magnitude_type=kind)
+                  for kind, mag in (("ml", 5.4), ("mww", 5.6))]  # fmt: skip
     quake = event.Event(
         resource_id=event.ResourceIdentifier(f"smi:local/{EVENT}"),
-        origins=[origin] if origins else [],
-        magnitudes=[event.Magnitude(mag=value, magnitude_type=kind) for kind, value in magnitudes],
+        origins=[origin] if origins else [], magnitudes=magnitudes,
         event_descriptions=[event.EventDescription("Somewhere, Italy")],
-    )
-    if magnitudes:
-        quake.preferred_magnitude_id = quake.magnitudes[0].resource_id
+        preferred_magnitude_id=magnitudes[0].resource_id,
+    )  # fmt: skip
     return _written(event.Catalog([quake]), "QUAKEML")
 
 
 def station_xml(stations, responses=True):
     """StationXML of stations by name."""
+    scale = InstrumentSensitivity(SENSITIVITY, 1.0, "M/S**2", "COUNTS")
+    response = Response(instrument_sensitivity=scale) if responses else None
     rows = []
     for code in stations:
-        north, places = STATIONS[code]
+        north, place, kinds = STATIONS[code]
         at = {"latitude": EPICENTRE[0] + north, "longitude": EPICENTRE[1], "elevation": 0.0}
         channels = [
-            Channel(
-                name, place, **at, depth=0.0, azimuth=0.0, dip=-90.0 if name[2] == "Z" else 0.0,
-                sample_rate=100.0, start_date=UTCDateTime(2010, 1, 1),
-                response=Response(
-                    instrument_sensitivity=InstrumentSensitivity(
-                        SENSITIVITY, 1.0, "M/S**2", "COUNTS"
-                    )
-                ) if responses else None,
-            )
-            for place, names in places.items()
-            for name in names
+            Channel(kind + letter, place, **at, depth=0.0, azimuth=0.0, response=response,
+                    dip=-90.0 if letter == "Z" else 0.0, sample_rate=100.0,
+                    start_date=UTCDateTime(2010, 1, 1))
+            for kind in kinds for letter in "ENZ"
         ]  # fmt: skip
         rows.append(Station(code, **at, channels=channels))
     return _written(Inventory([Network("IV", stations=rows)], source="test"), "STATIONXML")
@@ -67,8 +67,7 @@ def station_xml(stations, responses=True):
 
 def miniseed(station, location, channels, start, end, peak=1.0):
     """A wave of `peak` [m/s2] with an offset, in counts, on each channel."""
-    count = int((end - start) * 100.0)
-    shape = wave(count)
+    shape = wave(int((end - start) * 100.0))
     header = {"network": "IV", "station": station, "location": location, "delta": 0.01}
     traces = [
         Trace(
@@ -80,12 +79,6 @@ def miniseed(station, location, channels, start, end, peak=1.0):
     return _written(Stream(traces), "MSEED")
 
 
-def _written(data, form):
-    buffer = io.BytesIO()
-    data.write(buffer, format=form)
-    return buffer.getvalue()
-
-
 class DataCentre:
     """What the server answers; `faults` maps (service, station or '') to an answer of its own.
 
@@ -93,21 +86,13 @@ class DataCentre:
     """
 
     def __init__(self, address):
-        self.address = address
-        self.asked = []
-        self.faults = {}
+        self.address, self.asked, self.faults = address, [], {}
         self.quakeml = quakeml()
 
-    def count(self, service):
-        return sum(name == service for name, _ in self.asked)
-
     def answer(self, service, query):
-        station = query.get("station", "")
-        self.asked.append((service, query))
-        fault = self.faults.get((service, station))
-        if fault is not None:
-            return fault
-        return getattr(self, service)(query)
+        self.asked.append(service)
+        fault = self.faults.get((service, query.get("station", "")))
+        return getattr(self, service)(query) if fault is None else fault
 
     def event(self, query):
         return self.quakeml if query["eventid"] == EVENT else 204
@@ -117,23 +102,20 @@ class DataCentre:
             return station_xml([query["station"]])
         reach = float(query["maxradius"])
         origin = float(query["latitude"]), float(query["longitude"])
-        kinds = tuple(pattern[:2] for pattern in query["channel"].split(","))
-        near = [
-            code
-            for code, (north, places) in STATIONS.items()
-            if locations2degrees(*origin, EPICENTRE[0] + north, EPICENTRE[1]) <= reach
-            and any(name.startswith(kinds) for names in places.values() for name in names)
-        ]
+        kinds = {pattern[:2] for pattern in query["channel"].split(",")}
+        near = [code for code, (north, _, own) in STATIONS.items()
+                if locations2degrees(*origin, EPICENTRE[0] + north, EPICENTRE[1]) <= reach
+                and kinds.intersection(own)]  # fmt: skip
         return station_xml(near, responses=False) if near else 204
 
     def dataselect(self, query):
-        location = query["location"].replace("--", "")
-        names = STATIONS[query["station"]][1].get(location, ())
-        channels = [name for name in names if name[:2] == query["channel"][:2]]
-        if not channels:
+        _, place, kinds = STATIONS[query["station"]]
+        kind, location = query["channel"][:2], query["location"].replace("--", "")
+        if kind not in kinds or location != place:
             return 204
         start, end = (UTCDateTime(query[key]) for key in ("starttime", "endtime"))
-        return miniseed(query["station"], location, channels, start, end)
+        names = [kind + letter for letter in "ENZ"]
+        return miniseed(query["station"], location, names, start, end)
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -144,7 +126,8 @@ class _Handler(BaseHTTPRequestHandler):
         query = {key: values[0] for key, values in parse_qs(parts.query).items()}
         answer = self.server.centre.answer(service, query)
         if callable(answer):
-            answer(self)
+            with suppress(OSError):  # the client went away
+                answer(self)
         elif isinstance(answer, int):
             self.send(answer, b"" if answer == 204 else b"the server explains\nat length")
         else:
@@ -160,41 +143,36 @@ class _Handler(BaseHTTPRequestHandler):
         pass
 
 
-def dripping(seconds=30.0, piece=b"x"):
+def dripping(handler):
     """An answer of which a byte comes now and then, so that no single wait is long."""
-
-    def answer(handler):
-        handler.send(200, b"", announced=10**6)
-        end = time.monotonic() + seconds
-        try:
-            while time.monotonic() < end:
-                handler.wfile.write(piece)
-                time.sleep(0.05)
-        except OSError:
-            pass  # the client went away
-
-    return answer
+    handler.send(200, b"", announced=10**6)
+    for _ in range(600):
+        handler.wfile.write(b"x")
+        time.sleep(0.05)
 
 
-def silent(seconds=5.0):
+def silent(handler):
     """No answer at all for a while."""
-    return lambda handler: time.sleep(seconds)
+    time.sleep(5.0)
 
 
-def broken_off(body):
+def broken_off(handler):
     """An answer that ends before the length it announced."""
-    return lambda handler: handler.send(200, body, announced=len(body) + 1000)
+    handler.send(200, b"abc", announced=1003)
+
+
+def redirected(handler):
+    handler.send_response(302)
+    handler.send_header("Location", "file:///etc/hostname")
+    handler.end_headers()
 
 
 def endless(handler):
     """Bytes without end and without a length."""
     handler.send_response(200)
     handler.end_headers()
-    try:
-        while True:
-            handler.wfile.write(b"\0" * 2**16)
-    except OSError:
-        pass  # the client had enough
+    while True:
+        handler.wfile.write(b"\0" * 2**16)
 
 
 class _Server(ThreadingHTTPServer):

@@ -28,6 +28,7 @@ _COUNTS = ("0", "1", "-5", "399", "401", "2147483648", "99999999", "9" * 30, "1e
 _NUMBER = re.compile(rb"[-+]?\d*\.?\d+(?:[ED][-+]?\d+)?")
 _INTEGER = re.compile(rb"(?<![\d.])\d{1,6}(?![\d.])")
 _ENDS = (b"\r\n", b"\r", b"\r\r\n", b"\n\n", b"\x0c", b"\0", b"\x1a", b"\t\n", b" \n")
+_FILLING = (b" ", b"1", b"1 ", b"-.000001", b"9\t", b"E", b"a", b"(", b"=")
 
 
 @functools.cache
@@ -38,8 +39,13 @@ def originals():
     ]
 
 
-def _cut(content, random):
-    return content[: random.integers(len(content) + 1)]
+def _any(things, random):
+    return things[random.integers(len(things))]
+
+
+def _inserted(content, random, more):
+    place = random.integers(len(content))
+    return content[:place] + more + content[place:]
 
 
 def _flip(content, random):
@@ -49,99 +55,67 @@ def _flip(content, random):
     return bytes(changed)
 
 
-def _bytes(content, random):
-    place = random.integers(len(content))
-    return content[:place] + random.bytes(random.integers(1, 300)) + content[place:]
-
-
 def _replaced(pattern, words, content, random, first=None):
     found = list(pattern.finditer(content, 0, first or len(content)))
-    if not found:
-        return content
-    for match in sorted(
-        (found[i] for i in random.integers(len(found), size=random.integers(1, 6))),
-        key=lambda match: -match.start(),
-    ):
-        word = words[random.integers(len(words))].encode("latin-1")
+    chosen = random.integers(len(found), size=random.integers(1, 6)) if found else ()
+    for match in sorted((found[i] for i in chosen), key=lambda match: -match.start()):
+        word = _any(words, random).encode("latin-1")
         if random.random() < 0.5:
             word = word.rjust(len(match[0]))[: len(match[0])]
         content = content[: match.start()] + word + content[match.end() :]
     return content
 
 
-def _number(content, random):
-    return _replaced(_NUMBER, _WORDS, content, random)
-
-
-def _count(content, random):
-    return _replaced(_INTEGER, _COUNTS, content, random, first=4000)
-
-
 def _ends(content, random):
     lines = content.split(b"\n")
-    ends = [_ENDS[i] if random.random() < 0.3 else b"\n"
-            for i in random.integers(len(_ENDS), size=len(lines))]  # fmt: skip
-    return b"".join(line + end for line, end in zip(lines, ends))
-
-
-def _blanks(content, random):
-    part = random.random()
     return b"".join(
-        b"\t" if word.isspace() and b"\n" not in word and random.random() < part else word
-        for word in re.split(rb"(\s+)", content)
+        line + (_any(_ENDS, random) if random.random() < 0.3 else b"\n") for line in lines
     )
 
 
-def _fortran(content, random):
-    return re.sub(
-        rb"(\d\.\d+)(?![\dE])", rb"\1D+00" if random.random() < 0.5 else rb"\1D0", content
-    )
+def _tabs(content, random):
+    part = random.random()
+    return re.sub(rb"[ \t]+", lambda m: b"\t" if random.random() < part else m[0], content)
 
 
 def _lines(content, random):
     """Lines left out, doubled, moved or of another file."""
-    lines = content.split(b"\n")
-    _, other = originals()[random.integers(len(originals()))]
-    others = other.split(b"\n")
+    lines, others = content.split(b"\n"), _any(originals(), random)[1].split(b"\n")
     for _ in range(random.integers(1, 8)):
         place = int(random.integers(len(lines)))
         kind = random.integers(4)
-        if kind == 0 and len(lines) > 1:
+        if kind == 0:
             del lines[place : place + int(random.integers(1, 30))]
             lines = lines or [b""]
-        elif kind == 1:
-            lines.insert(place, lines[place])
-        elif kind == 2:
-            lines.insert(place, lines.pop(int(random.integers(len(lines)))))
         else:
-            lines.insert(place, others[random.integers(len(others))])
+            more = (lines[place], lines.pop(place) if kind == 2 else b"", _any(others, random))
+            lines.insert(int(random.integers(len(lines) + 1)), more[kind - 1])
     return b"\n".join(lines)
 
 
-def _long(content, random):
-    """Rows without end: all blanks, digits or samples."""
-    filling = (b" ", b"1", b"1 ", b"-.000001", b"9\t", b"E", b"a", b"(", b"=")
-    place = random.integers(len(content))
-    row = filling[random.integers(len(filling))] * int(random.integers(1000, 100_000))
-    return content[:place] + row + content[place:]
-
-
-def _joined(content, random):
-    _, other = originals()[random.integers(len(originals()))]
-    return content + other if random.random() < 0.5 else content * int(random.integers(2, 5))
-
-
-MUTATIONS = (_cut, _flip, _bytes, _number, _count, _ends, _blanks, _fortran, _lines, _long,
-             _joined)  # fmt: skip
+MUTATIONS = (
+    lambda content, random: content[: random.integers(len(content) + 1)],
+    _flip,
+    lambda content, random: _inserted(content, random, random.bytes(random.integers(1, 300))),
+    functools.partial(_replaced, _NUMBER, _WORDS),
+    functools.partial(_replaced, _INTEGER, _COUNTS, first=4000),
+    _ends,
+    _tabs,
+    lambda content, random: re.sub(rb"(\d\.\d+)(?![\dE])", rb"\1D+00", content),
+    _lines,
+    lambda content, random: _inserted(
+        content, random, _any(_FILLING, random) * int(random.integers(1000, 100_000))
+    ),
+    lambda content, random: content + _any(originals(), random)[1],
+)
 
 
 def mutant(seed):
     """Name of the format that a file comes from, and its spoiled content."""
     random = np.random.default_rng(seed)
-    name, content = originals()[random.integers(len(originals()))]
+    name, content = _any(originals(), random)
     for _ in range(random.integers(1, 4)):
-        change = MUTATIONS[random.integers(len(MUTATIONS))]
-        content = change(content, random) or b"\n"
+        content = _any(MUTATIONS, random)(content, random) or b"\n"
     return name, content
 
 
@@ -170,18 +144,18 @@ def refusal_or(read, path):
     return None
 
 
-def run(first, count, seconds=None):
+def run(first, count, seconds=float("inf")):
     """Counts of outcomes; what should not have come is printed with its seed at once."""
     found: collections.Counter[str] = collections.Counter()
     begun, slowest = time.monotonic(), 0.0
     base = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "record.txt"
         for seed in range(first, first + count):
-            if seconds is not None and time.monotonic() - begun > seconds:
+            if time.monotonic() - begun > seconds:
                 break
             name, content = mutant(seed)
-            path = Path(folder) / "record.txt"
             path.write_bytes(content)
             print(f"seed {seed}", file=sys.stderr, flush=True)
             start = time.monotonic()
@@ -193,7 +167,7 @@ def run(first, count, seconds=None):
                 print(json.dumps({"seed": seed, "fault": traceback.format_exc()[-900:]}))
             signal.alarm(0)
             slowest = max(slowest, time.monotonic() - start)
-            found[f"{name} {result}"] += 1
+            found[result] += 1
     used = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - base)
     print(json.dumps({"counts": found, "slowest": slowest, "memory": used}))
     return used < MEMORY

@@ -1,19 +1,18 @@
-"""Records selected to a target: correlations, models, targets, and the algorithm."""
+"""Records selected to a target: models, targets, and the algorithm."""
 
 import time
 
 import numpy as np
 import pandas as pd
 import pytest
-from pygmm.baker_jayaram_2008 import calc_correls
 
 from archfrag.errors import InputError, OutputError, RecordError
 from archfrag.motions.index import load_index
-from archfrag.motions.measures import spectral_acceleration
+from archfrag.motions.measures import scale_factor, spectral_acceleration
 from archfrag.motions.motion import Motion
 from archfrag.motions.read import load_motion
-from archfrag.motions.scale import scale_factor
 from archfrag.motions.selection import (
+    MODELS,
     Rupture,
     conditional_spectrum,
     correlation,
@@ -22,48 +21,21 @@ from archfrag.motions.selection import (
     screen,
     select_records,
     spectrum_target,
-    target,
 )  # fmt: skip
-from archfrag.motions.selection.models import Prediction
 from archfrag.motions.units import STANDARD_GRAVITY
 
 from .helpers import at2_text
 
 GRID = np.array([0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0])
 NEAR = Rupture(magnitude=7.0, distance_km=12.0, vs30_mps=400.0)
-FAR = Rupture(
-    magnitude=7.6, distance_km=60.0, vs30_mps=400.0, mechanism="RS", dip=40.0, weight=0.5
-)
-
-
-class TestCorrelation:
-    # Figure 4 of Baker and Jayaram (2008), as digitised in pygmm's own tests (MIT).
-    FIGURE_4 = (
-        (0.5, 0.0100194, 0.681997), (0.5, 0.049796, 0.59341), (0.5, 0.099442, 0.47521),
-        (0.5, 0.20032, 0.672082), (0.5, 0.74873, 0.854452), (0.5, 1.9892, 0.516177),
-        (0.5, 9.9058, 0.112522), (10.0, 0.019795, 0.054988), (10.0, 0.074206, 0.015245),
-        (10.0, 0.149147, 0.000766), (10.0, 0.49277, 0.111672), (10.0, 2.4883, 0.51624),
-    )  # fmt: skip
-
-    @pytest.mark.parametrize(("first", "second", "read_off"), FIGURE_4)
-    def test_figure_of_the_paper(self, first, second, read_off):
-        assert correlation(first, second) == pytest.approx(read_off, abs=0.005)
-
-    def test_pygmm_computes_the_same(self):
-        grid = np.geomspace(0.01, 10.0, 61)
-        for period in grid:
-            assert correlation(grid, period) == pytest.approx(
-                calc_correls(grid, period), abs=1e-12
-            )
 
 
 class TestModels:
-    @pytest.mark.parametrize("model", ["ASK14", "BSSA14", "CB14", "CY14", "I14", "ASB14"])
+    @pytest.mark.parametrize("model", MODELS)
     @pytest.mark.parametrize("mechanism", ["SS", "RS"])
     def test_all_are_within_a_factor_of_two_of_each_other(self, model, mechanism):
         rupture = Rupture(6.5, 20.0, 500.0, mechanism=mechanism, dip=60.0)
-        found = predict(rupture, model, [0.1, 1.0])
-        middle = predict(rupture, "BSSA14", [0.1, 1.0])
+        found, middle = (predict(rupture, name, [0.1, 1.0]) for name in (model, "BSSA14"))
         assert np.abs(found.ln_median - middle.ln_median).max() < np.log(2.0)
         assert ((found.sd > 0.5) & (found.sd < 0.9)).all()
         assert found.notes == ()
@@ -73,55 +45,18 @@ class TestModels:
         assert found.notes == ("CY14 is recommended for Vs30 up to 1500 m/s, not 1600 m/s",)
 
 
-class TestConditionalSpectrum:
-    def test_schur_complement_of_the_joint_normal(self):
-        """One rupture: mean and covariance as any joint normal is conditioned."""
-        known, level = 4, 0.5
-        mu, sd, _ = predict(NEAR, "CY14", GRID)
-        joint = np.outer(sd, sd) * correlation(GRID[:, None], GRID)
-        others = np.delete(np.arange(GRID.size), known)
-        gain = joint[others, known] / joint[known, known]
-        found = conditional_spectrum(NEAR, level, GRID[known], GRID)
-        assert found.ln_mean[others] == pytest.approx(
-            mu[others] + gain * (np.log(level) - mu[known]), abs=1e-12
-        )
-        expected = joint[np.ix_(others, others)] - np.outer(gain, joint[known, others])
-        assert found.covariance[np.ix_(others, others)] == pytest.approx(expected, abs=1e-12)
-        assert found.median[known] == pytest.approx(level)
-        assert (found.covariance[known] == 0.0).all()
-
-    def test_brute_force_of_a_mixture(self):
-        """Two ruptures, two models: spectra drawn, those kept that have Sa(T*)."""
+class TestTargets:
+    def test_brute_force(self):
+        """Spectra drawn from a model, those kept that have Sa(T*)."""
         rng, level, known = np.random.default_rng(5), 0.4, 4
         root = np.linalg.cholesky(correlation(GRID[:, None], GRID) + 1e-12 * np.eye(7))
-        kept = []
-        for rupture, weight in ((NEAR, 2 / 3), (FAR, 1 / 3)):
-            for model, part in (("CY14", 0.75), ("BSSA14", 0.25)):
-                mu, sd, _ = predict(rupture, model, GRID)
-                drawn = mu + sd * (rng.standard_normal((400_000, 7)) @ root.T)
-                near = drawn[np.abs(drawn[:, known] - np.log(level)) < 0.02]
-                kept.append((near, weight * part))
-        mean = sum(part * rows.mean(axis=0) for rows, part in kept)
-        apart = [(rows - mean, part) for rows, part in kept]
-        covariance = sum(part * (rows.T @ rows) / len(rows) for rows, part in apart)
-        found = conditional_spectrum([NEAR, FAR], level, 1.0, GRID, {"CY14": 3.0, "BSSA14": 1.0})
-        assert found.ln_mean == pytest.approx(mean, abs=0.03)
-        assert found.covariance == pytest.approx(covariance, abs=0.02)
+        mu, sd, _ = predict(NEAR, "BSSA14", GRID)
+        drawn = mu + sd * (rng.standard_normal((400_000, 7)) @ root.T)
+        near = drawn[np.abs(drawn[:, known] - np.log(level)) < 0.02]
+        found = conditional_spectrum(NEAR, level, 1.0, GRID, "BSSA14")
+        assert found.ln_mean == pytest.approx(near.mean(axis=0), abs=0.03)
+        assert found.covariance == pytest.approx(np.cov(near.T), abs=0.02)
 
-    def test_values_of_a_published_calculation(self, monkeypatch):
-        """T* = 0.2 s: medians and sd before and after, as in pygmm's own tests (MIT)."""
-        periods = [0.01, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0]
-        median = np.array([0.2858, 0.3276, 0.4503, 0.5914, 0.4653, 0.2582, 0.1131, 0.0440])
-        sd = np.array([0.4985, 0.4941, 0.4985, 0.5326, 0.6078, 0.6430, 0.6628, 0.6699])
-        monkeypatch.setattr(target, "predict", lambda *_: Prediction(np.log(median), sd, ()))
-        found = conditional_spectrum(NEAR, 1.1067, 0.2, periods)
-        expected = [0.4791, 0.5333, 0.7122, 1.1067, 0.7518, 0.3614, 0.1379, 0.0480]
-        assert found.median == pytest.approx(expected, rel=1e-3)
-        expected = [0.2360, 0.2696, 0.3111, 0.0, 0.4507, 0.5760, 0.6412, 0.6658]
-        assert found.sd == pytest.approx(expected, abs=2e-4)
-
-
-class TestGivenSpectrum:
     def test_csv_of_a_conditional_spectrum_is_that_spectrum(self, tmp_path):
         made = conditional_spectrum(NEAR, 0.5, 1.0, GRID)
         rows = zip(made.periods[::-1], made.median[::-1], made.sd[::-1])
@@ -141,57 +76,44 @@ PERIODS = np.sort(np.append(np.geomspace(0.05, 5.0, 19), 1.0))
 TARGET = conditional_spectrum(Rupture(7.0, 15.0, 500.0), 0.4, 1.0, PERIODS)
 
 
-def flatfile(count, seed=0, periods=PERIODS):
+@pytest.fixture(scope="module")
+def thousand():
     """Made-up records: spectra about CY14 with the published correlation, M, R and Vs30 drawn."""
-    rng = np.random.default_rng(seed)
-    values, vectors = np.linalg.eigh(correlation(periods[:, None], periods))
+    rng = np.random.default_rng(0)
+    values, vectors = np.linalg.eigh(correlation(PERIODS[:, None], PERIODS))
     root = vectors * np.sqrt(np.clip(values, 0.0, None))
     rows = []
-    for number in range(count):
+    for number in range(1000):
         rupture = Rupture(rng.uniform(5.5, 7.5), 10.0 ** rng.uniform(1, 2), rng.uniform(250, 800))
-        median, sd, _ = predict(rupture, "CY14", periods)
-        sa = np.exp(median + sd * (root @ rng.standard_normal(periods.size)))
+        median, sd, _ = predict(rupture, "CY14", PERIODS)
+        sa = np.exp(median + sd * (root @ rng.standard_normal(PERIODS.size)))
         facts = {
             "record": f"R{number:04d}", "file": f"{number:04d}.AT2",
             "event": f"E{rng.integers(60)}", "station": f"S{number // 2}",
             "magnitude": rupture.magnitude, "distance_km": rupture.distance_km,
             "vs30_mps": rupture.vs30_mps, "pulse": bool(rng.random() < 0.1),
         }  # fmt: skip
-        rows.append(facts | {f"T{t:.6f}S": value for t, value in zip(periods, sa)})
+        rows.append(facts | {f"T{t:.6f}S": value for t, value in zip(PERIODS, sa)})
     return pd.DataFrame(rows)
 
 
-@pytest.fixture(scope="module")
-def thousand():
-    return flatfile(1000)
-
-
 class TestRecovery:
-    @pytest.mark.parametrize("seed", [1, 2, 3])
-    def test_conditional_spectrum(self, thousand, seed):
-        started = time.perf_counter()
-        found = select_records(thousand, TARGET, 30, seed)
-        assert time.perf_counter() - started < 10.0
-        mean, sd = found.errors
-        assert np.abs(mean).max() <= 0.05
-        assert np.nanmax(np.abs(sd)) <= 0.10
-        assert np.isnan(sd).sum() == 1
-        assert found.median[TARGET.given] == pytest.approx(0.4)
-        assert found.cautions == ()
-
-    def test_correlations_are_those_of_the_target(self, thousand):
-        free = TARGET.sd > 0.0
-        expected = (TARGET.covariance / np.outer(TARGET.sd + ~free, TARGET.sd + ~free))[free][
-            :, free
-        ]
-        found = np.mean(
-            [
-                np.corrcoef(select_records(thousand, TARGET, 30, seed).ln_sa[:, free].T)
-                for seed in range(5)
-            ],
-            axis=0,
-        )
-        assert np.sqrt(((found - expected) ** 2).mean()) < 0.15
+    def test_conditional_spectrum(self, thousand):
+        free, found = TARGET.sd > 0.0, []
+        for seed in (1, 2, 3):
+            started = time.perf_counter()
+            chosen = select_records(thousand, TARGET, 30, seed)
+            assert time.perf_counter() - started < 10.0
+            mean, sd = chosen.errors
+            assert np.abs(mean).max() <= 0.05
+            assert np.nanmax(np.abs(sd)) <= 0.10
+            assert np.isnan(sd).sum() == 1
+            assert chosen.median[TARGET.given] == pytest.approx(0.4)
+            assert chosen.cautions == ()
+            found.append(np.corrcoef(chosen.ln_sa[:, free].T))
+        sd = TARGET.sd[free]
+        expected = TARGET.covariance[np.ix_(free, free)] / np.outer(sd, sd)
+        assert np.sqrt(((np.mean(found, axis=0) - expected) ** 2).mean()) < 0.15
 
     def test_spectrum_with_scatter_and_no_conditioning(self, thousand):
         median, sd, _ = predict(Rupture(6.5, 20.0, 500.0), "CY14", PERIODS)
@@ -201,19 +123,16 @@ class TestRecovery:
         assert np.abs(scatter).max() <= 0.10
 
     def test_mean_only_takes_records_close_to_it(self, thousand):
-        target = spectrum_target(PERIODS, TARGET.median)
-        found = select_records(thousand, target, 11, 1)
+        found = select_records(thousand, spectrum_target(PERIODS, TARGET.median), 11, 1)
         assert np.abs(found.errors[0]).max() <= 0.05
         assert found.sd.mean() < 0.5 * TARGET.sd.mean()
-        assert ((found.table["scale"] >= 0.25) & (found.table["scale"] <= 4.0)).all()
+        assert found.table["scale"].between(0.25, 4.0).all()
 
 
 class TestLimits:
-    @pytest.mark.parametrize("limit", [1.5, 2.0, 4.0])
-    def test_no_factor_is_beyond_the_limit(self, thousand, limit):
-        scale = select_records(thousand, TARGET, 15, 1, max_scale=limit).table["scale"]
-        assert scale.max() <= limit
-        assert scale.min() >= 1.0 / limit
+    def test_no_factor_is_beyond_the_limit(self, thousand):
+        scale = select_records(thousand, TARGET, 15, 1, max_scale=1.5).table["scale"]
+        assert scale.between(1.0 / 1.5, 1.5).all()
 
     def test_scaling_by_one_only(self):
         table = pd.DataFrame({"record": ["a", "b"], "T1.000S": [0.3, 0.6], "T2.000S": [0.2, 0.2]})
@@ -222,11 +141,9 @@ class TestLimits:
         assert found.table["record"].tolist() == ["a"]
         assert found.facts()["sd_error"] == [None, None]
 
-    def test_records_of_one_event(self, thousand):
+    def test_one_of_an_event_and_of_a_recording(self, thousand):
         found = select_records(thousand, TARGET, 40, 1, per_event=1).table
         assert not found["event"].duplicated().any()
-
-    def test_components_of_one_recording_are_not_both_taken(self, thousand):
         pairs = thousand.assign(event=[f"E{i // 2}" for i in range(1000)])
         found = select_records(pairs, TARGET, 100, 1).table
         assert not found[["event", "station"]].duplicated().any()
@@ -242,34 +159,31 @@ class TestLimits:
             found = select_records(table, TARGET, 20, 1, max_scale=100.0)
             assert any(part in caution for caution in found.cautions)
 
-
-class TestScreen:
-    def test_ranges(self, thousand):
+    def test_screen(self, thousand):
         kept = screen(
             thousand, magnitude=(6.0, 7.0), distance_km=(None, 40.0), vs30_mps=(360.0, None),
             pulse=False,
         )  # fmt: skip
+        expected = thousand.query(
+            "6 <= magnitude <= 7 and distance_km <= 40 and vs30_mps >= 360 and not pulse"
+        )
         assert 0 < len(kept) < 1000
-        assert kept["magnitude"].between(6.0, 7.0).all()
-        assert (kept["distance_km"] <= 40.0).all()
-        assert (kept["vs30_mps"] >= 360.0).all()
-        assert not kept["pulse"].any()
+        pd.testing.assert_frame_equal(kept, expected)
 
 
 class TestOutput:
-    def test_figure_shows_both_with_their_bands(self, thousand, tmp_path):
+    def test_figure_shows_both_with_their_bands(self, thousand):
         figure = select_records(thousand, TARGET, 10, 1).figure()
         labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
         assert labels == [
             "10 selected, scaled", "target: median", "target: 2.5 and 97.5 %",
             "selected: median", "selected: 2.5 and 97.5 %",
         ]  # fmt: skip
-        figure.savefig(tmp_path / "selection.svg")
-        assert (tmp_path / "selection.svg").stat().st_size > 1000
 
     def test_index_that_a_study_reads_and_scales_by_the_same_factors(self, tmp_path):
         """At the level of a conditional spectrum a study's factors are those selected."""
         (tmp_path / "at2").mkdir()
+        (tmp_path / "sets").mkdir()
         rng, rows = np.random.default_rng(2), []
         for number in range(8):
             samples = rng.standard_normal(300) * np.hanning(300) * rng.uniform(0.05, 0.2)
@@ -279,7 +193,6 @@ class TestOutput:
             rows.append(facts | dict(zip(["T0.200S", "T0.500S", "T1.000S"], sa)))
         target = spectrum_target([0.2, 0.5, 1.0], [0.3, 0.15, 0.1], [0.5, 0.0, 0.5])
         found = select_records(pd.DataFrame(rows), target, 4, 1, max_scale=50.0)
-        (tmp_path / "sets").mkdir()
         found.write(tmp_path / "sets" / "selected.csv", folder=tmp_path)
         entries = load_index(tmp_path / "sets" / "selected.csv")
         assert [entry.id for entry in entries] == found.table["record"].tolist()
@@ -289,6 +202,24 @@ class TestOutput:
             assert float(motion.metadata["scale"]) == pytest.approx(factor, rel=1e-8)
             needed = scale_factor(motion, "Sa(0.5)", 0.15 * STANDARD_GRAVITY)
             assert needed == pytest.approx(factor, rel=1e-5)
+
+    def test_nothing_half_written(self, thousand, tmp_path):
+        found = select_records(thousand, TARGET, 5, 1)
+        with pytest.raises(OutputError, match=r"cannot be written"):
+            found.write(tmp_path / "none" / "selected.csv")
+        del found.table["file"]
+        with pytest.raises(RecordError, match=r"column 'file' is missing$"):
+            found.write(tmp_path / "selected.csv")
+        assert list(tmp_path.iterdir()) == []
+
+    def test_same_seed_same_set_however_rows_are_ordered(self, thousand):
+        before = thousand.copy()
+        one = select_records(thousand, TARGET, 20, 7)
+        other = select_records(thousand.sample(frac=1.0, random_state=3), TARGET, 20, 7)
+        pd.testing.assert_frame_equal(one.table, other.table)
+        pd.testing.assert_frame_equal(before, thousand)
+        another = select_records(thousand, TARGET, 20, 8).table["record"]
+        assert set(another) != set(one.table["record"])
 
 
 SMALL = pd.DataFrame({"record": ["a"], "magnitude": [6.0], "distance_km": ["far"]})
@@ -330,12 +261,10 @@ def in_csv(text):
         (given(NEAR, 0.0, 1.0), ["level = 0.0 g"]),
         (given(NEAR, 0.3, -1.0), ["conditioning period -1.0 s"]),
         (given(NEAR, 0.3, 1.0, [0.5, 0.5]), ["0.5 s is there twice"]),
-        (given([], 0.3, 1.0), ["at least one rupture"]),
-        (given(NEAR, 0.3, 1.0, [0.5], {"CY14": 0.0}), ["weight 0.0 of model CY14"]),
         (in_csv("T,Sa_g\n1,2\n"), ["target.csv", "'period_s'"]),
         (in_csv("period_s,Sa_g\n"), ["no rows"]),
         (in_csv("period_s,Sa_g\n1,x\n"), ["line 2: Sa_g = 'x'"]),
-        (in_csv("period_s,Sa_g\n1\n"), ["line 2: Sa_g = None"]),
+        (in_csv("period_s,Sa_g\n1\n"), ["line 2: Sa_g = "]),
         (in_csv("period_s,Sa_g\n1,-2\n"), ["median Sa -2 g"]),
         (in_csv("period_s,Sa_g,sd\n1,2,-1\n"), ["sd -1"]),
         (in_csv("period_s,Sa_g,sd\n1,2,0\n2,2,0\n3,2,.5\n"), ["sd is 0 at 2 periods"]),
@@ -357,7 +286,6 @@ def in_csv(text):
         (chosen(max_scale=1.001), ["20 records are wanted", "of 50 candidates"]),
         (chosen(max_scale=0.5), ["max_scale = 0.5"]),
         (chosen(per_event=0), ["per_event = 0"]),
-        (chosen(weights=(0.0, 0.0)), ["weights (0.0, 0.0)"]),
         (chosen(lambda t: t.assign(event=["A", "B"] * 25), per_event=2), ["4 with at most 2"]),
         (chosen(lambda t: t.drop(columns="event"), per_event=2), ["'event' is missing"]),
     ],
@@ -365,24 +293,4 @@ def in_csv(text):
 def test_refusals(thousand, tmp_path, call, parts):
     with pytest.raises((InputError, RecordError)) as caught:
         call(thousand, tmp_path)
-    for part in parts:
-        assert part in str(caught.value)
-
-
-def test_nothing_half_written(thousand, tmp_path):
-    found = select_records(thousand, TARGET, 5, 1)
-    with pytest.raises(OutputError, match=r"cannot be written"):
-        found.write(tmp_path / "none" / "selected.csv")
-    del found.table["file"]
-    with pytest.raises(RecordError, match=r"column 'file' is missing$"):
-        found.write(tmp_path / "selected.csv")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_same_seed_same_set_however_rows_are_ordered(thousand):
-    before = thousand.copy()
-    one = select_records(thousand, TARGET, 20, 7)
-    other = select_records(thousand.sample(frac=1.0, random_state=3), TARGET, 20, 7)
-    pd.testing.assert_frame_equal(one.table, other.table)
-    pd.testing.assert_frame_equal(before, thousand)
-    assert set(select_records(thousand, TARGET, 20, 8).table["record"]) != set(one.table["record"])
+    assert all(part in str(caught.value) for part in parts), caught.value

@@ -27,17 +27,19 @@ def test_round_trip_is_exact(tmp_path):
     assert (tmp_path / "motions.npz").read_bytes() == (tmp_path / "again.npz").read_bytes()
     for before, after in zip(MOTIONS, load_motions(tmp_path / "motions.npz"), strict=True):
         assert np.array_equal(before.acceleration, after.acceleration)
-        assert after.acceleration.dtype == np.float64
         assert (after.vertical is None) == (before.vertical is None)
         assert before.vertical is None or np.array_equal(before.vertical, after.vertical)
-        assert (after.dt, after.id, after.log) == (before.dt, before.id, before.log)
-        assert after.metadata == before.metadata
+        for name in ("dt", "id", "log", "metadata"):
+            assert getattr(after, name) == getattr(before, name)
 
 
 def test_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
     target = tmp_path / "motions.npz"
     save_motions(target, MOTIONS[:1])
     before = target.read_bytes()
+    odd = Motion(wave(), 0.01, id="odd", metadata={"path": tmp_path})
+    with pytest.raises(InputError, match=r"odd: metadata cannot be stored as JSON"):
+        save_motions(target, [odd])
 
     def full(file, **arrays):
         file.write(b"half")
@@ -50,13 +52,6 @@ def test_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch
     assert [path.name for path in tmp_path.iterdir()] == ["motions.npz"]
 
 
-def test_metadata_must_be_json(tmp_path):
-    odd = Motion(wave(), 0.01, id="odd", metadata={"path": tmp_path})
-    with pytest.raises(InputError, match=r"odd: metadata cannot be stored as JSON"):
-        save_motions(tmp_path / "motions.npz", [odd])
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize("damage", ["missing", "cut", "other", "archive"])
 def test_damaged_file(tmp_path, damage):
     path = tmp_path / "motions.npz"
@@ -66,19 +61,15 @@ def test_damaged_file(tmp_path, damage):
     elif damage == "other":
         path.write_text("something else")
     elif damage == "archive":
-        with open(path, "wb") as file:
-            np.savez(file, x=np.zeros(3))
+        np.savez(path, x=np.zeros(3))
     reason = "no such file" if damage == "missing" else "not a file of motions"
     with pytest.raises(InputError, match=reason):
         load_motions(path)
 
 
-@pytest.mark.parametrize(
-    "module", ["archfrag.motions", "archfrag.motions.store", "archfrag.motions.scale"]
-)
-def test_worker_modules_do_not_import_obspy_or_matplotlib(module):
+def test_worker_modules_do_not_import_obspy_or_matplotlib():
     code = (
-        f"import sys, {module}; "
+        "import sys, archfrag.motions.store, archfrag.motions.measures; "
         "print([m for m in ('obspy', 'matplotlib', 'pandas') if m in sys.modules])"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -105,16 +96,10 @@ class TestFlatfile:
         write_flatfile(tmp_path / "flat.csv", table)
         again = read_flatfile(tmp_path / "flat.csv")
         assert list(again.columns) == list(table.columns)
-        assert again["event"][0] == "Quake, 1999"
-        assert again["component"][0] == "090"
+        assert (again["event"][0], again["component"][0]) == ("Quake, 1999", "090")
         assert again["pulse"].isna().tolist() == [False, True]
         assert bool(again["pulse"][0]) is True
         assert again["PGV_cms"].tolist() == pytest.approx(table["PGV_cms"].tolist(), rel=1e-5)
-
-    def test_two_processes_give_the_same(self):
-        motions = [Motion(noise(300, seed), 0.01, id=str(seed)) for seed in range(5)]
-        alone = measure_records(motions, [0.2])
-        assert measure_records(iter(motions), [0.2], workers=2).equals(alone)
 
     @pytest.mark.parametrize(
         ("text", "reason"),
@@ -122,10 +107,9 @@ class TestFlatfile:
          ("record,magnitude\nx,big\n", "Unable to parse string")],
     )  # fmt: skip
     def test_no_flatfile(self, tmp_path, text, reason):
-        path = tmp_path / "flat.csv"
-        path.write_text(text)
+        (tmp_path / "flat.csv").write_text(text)
         with pytest.raises(InputError, match=reason):
-            read_flatfile(path)
+            read_flatfile(tmp_path / "flat.csv")
 
     def test_two_periods_of_one_column(self):
         with pytest.raises(InputError, match="must differ in their first three decimals"):

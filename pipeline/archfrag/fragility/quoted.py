@@ -1,6 +1,6 @@
 """Which band a report quotes, chosen for each design by its coverage.
 
-The table is docs/evidence/data/coverage.csv.
+The table is docs/evidence/data/bands_coverage.csv.
 """
 
 from dataclasses import dataclass

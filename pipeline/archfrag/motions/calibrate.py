@@ -24,58 +24,52 @@ class Calibrated(NamedTuple):
 
 
 def calibrate(
-    trace: Trace, path: Path, unit: str | None, entry: IndexEntry | None,
-    inventory: Inventory | None,
-) -> Calibrated:  # fmt: skip
+    trace: Trace, path: Path, unit: str | None, entry: IndexEntry | None, given: Any
+) -> Calibrated:
     """Samples in m/s2, by the first that is known of the sources of a unit.
 
-    They are the file's header; the K-NET scale factor (which obspy leaves in ``stats.calib`` as
-    m/s2 a count, not applied); the index that lists the file; the instrument's sensitivity in
-    StationXML; the sensitivities in a COSMOS header; the argument `unit`. Records of counts and
-    uncorrected volumes are demeaned: their offset is the instrument's and can exceed the motion.
+    They are the file's header; the index that lists the file; the K-NET scale factor (which obspy
+    leaves in ``stats.calib`` as m/s2 a count, not applied); the instrument's sensitivity in
+    StationXML, `given` or beside the file; the sensitivities in a COSMOS header; the argument
+    `unit`. Records of counts and uncorrected volumes are demeaned: their offset is the
+    instrument's and can exceed the motion.
     """
     if unit is not None:
         unit_factor(unit, str(path))
-    known, source = _stated_unit(trace, entry)
-    per_count = trace.stats.get("record", {}).get("g_per_count")
-    if known is not None:
-        if unit is not None and METRES_PER_SECOND_SQUARED[unit] != unit_factor(known, source):
-            raise _superfluous(path, unit, f"the {source} states {known!r}; leave `unit` out")
+    record, own = trace.stats.get("record", {}), trace.stats.get("record", {}).get("unit")
+    known, source = own, f"{trace.stats.get('_format', '')} header"
+    if own in (None, "", "counts"):
+        known, source = (entry.unit if entry else ""), "index"
+    if known:
+        if unit and METRES_PER_SECOND_SQUARED[unit] != unit_factor(known, source):
+            raise _superfluous(path, unit, f"the {source} states {known!r}")
         return _from_unit(trace, known, f"unit {known} from the {source}")
+    counts: tuple[float, str] | None = None
     if trace.stats.get("_format") == "KNET":
-        if unit not in (None, "m/s2"):
-            reason = "a K-NET file has its own scale factor; leave `unit` out"
-            raise _superfluous(path, unit, reason)
-        return _demeaned(trace, float(trace.stats.calib), "the file's scale factor")
-    if inventory is not None:
-        if unit is not None:
-            reason = "StationXML gives the sensitivity; use one of the two"
-            raise _superfluous(path, unit, reason)
-        sensitivity = _sensitivity(trace, path, inventory)
-        text = f"the sensitivity {sensitivity:.6g} counts/(m/s2) of its StationXML"
-        return _demeaned(trace, 1.0 / sensitivity, text)
-    if per_count:
-        if unit is not None:
-            reason = "the file holds counts and has the sensitivity of its instrument"
-            raise _superfluous(path, unit, f"{reason}; leave `unit` out")
+        counts = float(trace.stats.calib), "the file's scale factor"
+        unit = None if unit == "m/s2" else unit
+    elif (inventory := find_inventory(path, trace, given)) is not None:
+        value = _sensitivity(trace, path, inventory)
+        counts = 1.0 / value, f"the sensitivity {value:.6g} counts/(m/s2) of its StationXML"
+    elif per_count := record.get("g_per_count"):
         text = f"the sensitivity {1.0 / per_count:.6g} counts/g of its header"
-        return _demeaned(trace, per_count * STANDARD_GRAVITY, text)
+        counts = per_count * STANDARD_GRAVITY, text
+    if counts is not None:
+        if unit is not None:
+            raise _superfluous(path, unit, f"the file holds counts and there is {counts[1]}")
+        return _from_counts(trace, *counts)
     if unit is not None:
         calibrated = _from_unit(trace, unit, f"unit {unit} as asked for")
         if trace.stats.calib != 1.0:
             note = f"Calibration factor {trace.stats.calib:g} of the file not applied."
             calibrated = calibrated._replace(log=(*calibrated.log, note))
         return calibrated
-    allowed = ", ".join(METRES_PER_SECOND_SQUARED)
     raise RecordError(
-        f"{path}: the file does not state the unit of its samples; give `unit`, one of {allowed} "
-        f"(--unit on the command line), or for counts its StationXML as {path.stem}.xml beside it "
-        "or by `inventory` (--inventory on the command line)"
+        f"{path}: the file does not state the unit of its samples; give `unit`, one of "
+        f"{', '.join(METRES_PER_SECOND_SQUARED)} (--unit on the command line), or for counts its "
+        f"StationXML as {path.stem}.xml beside it or by `inventory` (--inventory on the command "
+        "line)"
     )
-
-
-def _superfluous(path: Path, unit: str | None, reason: str) -> RecordError:
-    return RecordError(f"{path}: unit {unit!r} was asked for but {reason}")
 
 
 def find_inventory(path: Path, trace: Trace, given: Any) -> Inventory | None:
@@ -85,27 +79,31 @@ def find_inventory(path: Path, trace: Trace, given: Any) -> Inventory | None:
     if given is not None:
         return _inventory(Path(given))
     names = (path.stem, path.name, f"{trace.stats.network}.{trace.stats.station}")
-    for name in dict.fromkeys(names):
-        candidate = path.with_name(f"{name}.xml")
-        if candidate.is_file():
-            return _inventory(candidate)
-    return None
+    beside = (path.with_name(f"{name}.xml") for name in names)
+    found = next((candidate for candidate in beside if candidate.is_file()), None)
+    return None if found is None else _inventory(found)
 
 
-def points_down(trace: Trace, inventory: Inventory | None) -> bool:
+def points_down(trace: Trace, path: Path, given: Any) -> bool:
     """Whether a vertical channel counts downwards as positive."""
-    if inventory is not None:
-        try:
-            orientation = inventory.get_orientation(trace.id, trace.stats.starttime)
-        except Exception:
-            return False
-        return (orientation.get("dip") or 0.0) > 0.0
-    return channel_code(trace).upper().lstrip("+").startswith(("DWN", "DOWN", "-UP"))
+    stated = trace.stats.get("record", {}).get("unit", "counts") != "counts"
+    inventory = None if stated else find_inventory(path, trace, given)
+    if inventory is None:
+        return channel_code(trace).upper().lstrip("+").startswith(("DWN", "DOWN", "-UP"))
+    try:
+        dip = inventory.get_orientation(trace.id, trace.stats.starttime).get("dip")
+    except Exception:
+        return False
+    return (dip or 0.0) > 0.0
 
 
 def channel_code(trace: Trace) -> str:
     """Name of the component: by the header of the record, or the channel code."""
     return str(trace.stats.get("record", {}).get("component", trace.stats.channel)).strip()
+
+
+def _superfluous(path: Path, unit: str, reason: str) -> RecordError:
+    return RecordError(f"{path}: unit {unit!r} was asked for but {reason}; leave `unit` out")
 
 
 def _inventory(path: Path) -> Inventory:
@@ -115,17 +113,8 @@ def _inventory(path: Path) -> Inventory:
         # From memory: obspy takes a path for a pattern or an address, and unpacks archives.
         return read_inventory(io.BytesIO(path.read_bytes()), format="STATIONXML")
     except Exception as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        reason = [*str(error).splitlines(), type(error).__name__][0]
         raise RecordError(f"{path}: cannot be read as StationXML ({reason})") from None
-
-
-def _stated_unit(trace: Trace, entry: IndexEntry | None) -> tuple[str | None, str]:
-    unit = trace.stats.get("record", {}).get("unit")
-    if unit and unit != "counts":
-        return str(unit), f"{trace.stats.get('_format', '')} header"
-    if entry is not None and entry.unit:
-        return entry.unit, "index"
-    return None, ""
 
 
 def _from_unit(trace: Trace, unit: str, how: str) -> Calibrated:
@@ -138,25 +127,19 @@ def _from_unit(trace: Trace, unit: str, how: str) -> Calibrated:
     return Calibrated(samples, unit, log)
 
 
-def _demeaned(trace: Trace, factor: float, how: str) -> Calibrated:
+def _from_counts(trace: Trace, factor: float, how: str) -> Calibrated:
     samples = np.asarray(trace.data, dtype=np.float64) * factor
     mean = float(samples.mean())
-    log = (
-        f"Converted from counts to m/s2 by {how}, factor {factor:.9g}.",
-        f"Mean removed ({mean:.6g} m/s2).",
-    )
-    return Calibrated(samples - mean, "counts", log)
+    done = f"Converted from counts to m/s2 by {how}, factor {factor:.9g}."
+    return Calibrated(samples - mean, "counts", (done, f"Mean removed ({mean:.6g} m/s2)."))
 
 
 def _sensitivity(trace: Trace, path: Path, inventory: Inventory) -> float:
     try:
-        response = inventory.get_response(trace.id, trace.stats.starttime)
+        overall = inventory.get_response(trace.id, trace.stats.starttime).instrument_sensitivity
     except Exception:
-        raise RecordError(
-            f"{path}: the StationXML has no response for channel {trace.id} at "
-            f"{trace.stats.starttime}"
-        ) from None
-    overall = response.instrument_sensitivity
+        place = f"channel {trace.id} at {trace.stats.starttime}"
+        raise RecordError(f"{path}: the StationXML has no response for {place}") from None
     unit = (overall.input_units or "").upper() if overall else ""
     if unit not in _ACCELERATION_UNITS:
         raise RecordError(

@@ -1,7 +1,7 @@
 """The channels of a record file: read, judged, in m/s2, and sorted by direction."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from obspy import Inventory, Stream, Trace, UTCDateTime
 
 from archfrag.errors import RecordError
-from archfrag.motions.calibrate import calibrate, channel_code, find_inventory, points_down
+from archfrag.motions.calibrate import calibrate, channel_code, points_down
 from archfrag.motions.formats.columns import Columns, read_columns
 from archfrag.motions.formats.waveform import (
     BINARY,
@@ -25,7 +25,7 @@ from archfrag.motions.formats.waveform import (
 from archfrag.motions.index import IndexEntry, check_sha256, find_entry
 from archfrag.motions.isolated import Reader
 from archfrag.motions.partners import HORIZONTAL, VERTICAL
-from archfrag.motions.plausible import accept_or_refuse, check_name, doubtful_count
+from archfrag.motions.plausible import Doubt, accept_or_refuse, check_name
 
 _LARGE = 4 * 2**20  # [bytes] from which a text is read within limits, too
 _reader = Reader()
@@ -41,23 +41,49 @@ class Options(NamedTuple):
 
 
 class Channel(NamedTuple):
-    """One channel of a file, in m/s2."""
+    """One channel of a file, in m/s2; without samples where its unit is not known.
 
-    code: str
-    group: str
-    start: UTCDateTime
-    dt: float
+    `faults` are what it contradicts itself in, `doubts` what it is refused for unless accepted.
+    """
+
+    trace: Trace
+    announced: int
+    held: int
     samples: NDArray[np.float64]
     unit_in_file: str
     log: tuple[str, ...]
-    accepted: tuple[str, ...]
     faults: tuple[str, ...]
-    trace: Trace
+    doubts: tuple[Doubt, ...]
+    accepted: tuple[str, ...] = ()
+
+    @property
+    def code(self) -> str:
+        """Name of the component."""
+        return channel_code(self.trace)
+
+    @property
+    def start(self) -> UTCDateTime:
+        """Time of the first sample."""
+        return self.trace.stats.starttime
+
+    @property
+    def dt(self) -> float:
+        """Time step [s]."""
+        return float(self.trace.stats.delta)
 
     @property
     def record(self) -> Mapping[str, Any]:
         """What the header of the file states."""
         return self.trace.stats.get("record", {})
+
+    @property
+    def group(self) -> str:
+        """What channels of one instrument have in common."""
+        stats, code = self.trace.stats, self.code
+        if stats.get("_format") == "KNET":
+            return f"{stats.station}.{code[2:]}"
+        family = code[:-1] if len(code) == 3 and code.isalnum() and not code.isdigit() else ""
+        return f"{stats.network}.{stats.station}.{stats.location}.{family}"
 
     @property
     def vertical(self) -> bool:
@@ -72,27 +98,61 @@ class Channel(NamedTuple):
         return HORIZONTAL.fullmatch(self.code) is not None if stated is None else not stated
 
 
+class Examined(NamedTuple):
+    """A file whatever is wrong with it; `gap` is why its traces cannot be joined, if so."""
+
+    format: str
+    channels: list[Channel]
+    messages: tuple[str, ...]
+    unequal: tuple[str, ...]
+    gap: str
+
+
 def read_channels(path: Path, options: Options) -> tuple[list[Channel], IndexEntry | None]:
     """Channels of a file in their order, and the row of an index that lists it."""
     entry = find_entry(path)
-    if entry is not None:
-        accept = (*options.accept, *entry.accept)
-        options = options._replace(accept=accept, columns=options.columns or entry.columns)
-        if path.is_file():
-            check_sha256(entry)
-    content = file_content(path, options.columns)
-    accepted = _check_counts(content, path, options.accept)
+    if entry is not None and path.is_file():
+        check_sha256(entry)
+    found = examine(path, options)
+    accept = (*options.accept, *(entry.accept if entry else ()))
     # Pieces between gaps are unequal in the formats of networks.
-    unequal = unequal_counts(content) if content.format in OWN else ()
-    stream = joined(content.traces, path)
+    unequal = found.unequal if found.format in OWN else ()
+    accepted = [accept_or_refuse(path, accept, c.doubts) for c in found.channels]
+    if found.gap:
+        raise RecordError(f"{path}: {found.gap}")
     channels = []
-    for trace in stream:
-        channel = _channel(trace, path, options, entry, content.messages)
+    for channel, passed in zip(found.channels, accepted):
         faults = (*channel.faults, *unequal)
-        log = (*channel.log, *(f"Fault: {fault}." for fault in faults))
-        passed = accepted.get(trace.id, ())
+        log = (*found.messages, *channel.log, *(f"Fault: {fault}." for fault in faults))
         channels.append(channel._replace(accepted=passed, faults=faults, log=log))
     return channels, entry
+
+
+def examine(path: Path, options: Options) -> Examined:
+    """What is in a file; RecordError only if it cannot be read at all."""
+    entry = find_entry(path)
+    if entry is not None:
+        options = options._replace(columns=options.columns or entry.columns)
+    content = file_content(path, options.columns)
+    doubts: dict[str, tuple[Doubt, ...]] = {}
+    left: Doubt = "samples", "the last sample is left out, since the file ends within its line"
+    for trace, announced, held in zip(content.traces, content.announced, content.held):
+        found = _doubtful_trace(trace, announced, held)
+        doubts[trace.id] = (*doubts.get(trace.id, ()), *found)
+        if held < announced and trace is content.traces[-1] and _breaks_off(content, path):
+            trace.data = trace.data[:-1]
+            doubts[trace.id] = (*doubts[trace.id], left)
+    impossible = any(word is None for found in doubts.values() for word, _ in found)
+    traces, gap = (content.traces, "") if impossible else _joined(content.traces)
+    rows = list(zip(traces, content.announced, content.held))
+    if len(traces) < len(content.traces):
+        rows = [(trace, trace.stats.npts, trace.stats.npts) for trace in traces]
+    channels = [_channel(*row, doubts[row[0].id], path, options, entry) for row in rows]
+    unequal: tuple[str, ...] = ()
+    if len(set(content.held)) > 1:
+        listed = ", ".join(f"{channel_code(t)} {n}" for t, n in zip(content.traces, content.held))
+        unequal = (f"the channels of the file have unequal numbers of samples ({listed})",)
+    return Examined(content.format, channels, content.messages, unequal, gap)
 
 
 def file_content(path: Path, columns: Columns | None = None) -> Content:
@@ -125,127 +185,90 @@ def file_content(path: Path, columns: Columns | None = None) -> Content:
 
 def _readable_size(path: Path) -> int:
     check_name(path)
-    for wrong, what in (
-        (not path.exists(), "there is no such file"),
-        (path.is_dir(), "this is a folder; a record is one file"),
-        (not path.is_file(), "this is no regular file"),
+    for right, what in (
+        (path.exists(), "there is no such file"),
+        (not path.is_dir(), "this is a folder; a record is one file"),
+        (path.is_file(), "this is no regular file"),
+        (os.access(path, os.R_OK), "the file cannot be read (Permission denied)"),
+        (path.is_file() and path.stat().st_size, "the file is empty"),
     ):
-        if wrong:
+        if not right:
             raise RecordError(f"{path}: {what}")
-    try:
-        with open(path, "rb") as file:
-            size = file.seek(0, os.SEEK_END)
-    except OSError as error:
-        raise RecordError(f"{path}: the file cannot be read ({error.strerror})") from None
-    if size == 0:
-        raise RecordError(f"{path}: the file is empty")
-    return size
+    return path.stat().st_size
 
 
-def _check_counts(
-    content: Content, path: Path, accept: tuple[str, ...]
-) -> dict[str, tuple[str, ...]]:
-    """Judge what cannot be a record, and numbers of samples; what was accepted by trace id."""
-    accepted: dict[str, tuple[str, ...]] = {}
-    counts = zip(content.traces, content.announced, content.held, strict=True)
-    for trace, announced, held in counts:
-        delta = trace.stats.delta
-        if held == 0:
-            raise RecordError(f"{path}: channel {trace.id} holds no samples")
-        if not (np.isfinite(delta) and delta > 0.0):
-            raise RecordError(
-                f"{path}: time step {delta} s of channel {trace.id} must be a positive number of "
-                "seconds"
-            )
-        code = channel_code(trace) or trace.id
-        contradicted = trace.stats.get("record", {}).get("doubts", ()) if held == announced else ()
-        doubts = (
-            *doubtful_count(code, announced, held),
-            *(("header", f"channel {code}: {doubt}") for doubt in contradicted),
-        )
-        passed = accept_or_refuse(path, accept, doubts)
-        if held < announced and trace is content.traces[-1] and _ends_in_a_number(content, path):
-            trace.data = trace.data[:-1]
-            passed += ("Last sample left out: the file ends in the middle of its line.",)
-        if len(trace.data) < 2:
-            raise RecordError(
-                f"{path}: channel {trace.id} holds {len(trace.data)} sample(s) that can be used; "
-                "2 or more are needed"
-            )
-        accepted[trace.id] = (*accepted.get(trace.id, ()), *passed)
-    return accepted
+def _doubtful_trace(trace: Trace, announced: int, held: int) -> Iterator[Doubt]:
+    """What cannot be a record, or contradicts its header."""
+    delta, code = trace.stats.delta, channel_code(trace) or trace.id
+    if held == 0:
+        yield None, f"channel {trace.id} holds no samples"
+    if not (np.isfinite(delta) and delta > 0.0):
+        yield None, f"time step {delta} s of channel {trace.id} must be a positive number of s"
+    if announced != held:
+        only = "only " if held < announced else ""
+        stated = f"the header announces {announced} samples of channel {code}"
+        yield "samples", f"{stated}, the file holds {only}{held}"
+    else:
+        for doubt in trace.stats.get("record", {}).get("doubts", ()):
+            yield "header", f"channel {code}: {doubt}"
+    if 0 < len(trace.data) < 2 or 0 < held < 2:
+        yield None, f"channel {trace.id} holds {held} sample(s); 2 or more are needed"
+    if np.ma.isMaskedArray(trace.data):
+        yield None, f"channel {trace.id} has gaps; a record must be without gaps"
+    bad = np.flatnonzero(~np.isfinite(trace.data))
+    if bad.size:
+        many = f"{bad.size} sample(s) that are not finite"
+        yield None, f"channel {trace.id} has {many}, the first at index {bad[0]}"
 
 
-def _ends_in_a_number(content: Content, path: Path) -> bool:
-    """Whether a text breaks off within its last line, so that digits may be missing."""
+def _breaks_off(content: Content, path: Path) -> bool:
+    """Whether a text ends within its last line, so that digits may be missing."""
     with open(path, "rb") as file:
         file.seek(-1, os.SEEK_END)
         return content.format in TEXT and not file.read(1).isspace()
 
 
-def unequal_counts(content: Content) -> tuple[str, ...]:
-    """The fault that channels of one record have different numbers of samples."""
-    if len(set(content.held)) < 2:
-        return ()
-    counts = zip(content.traces, content.held)
-    listed = ", ".join(f"{channel_code(trace)} {held}" for trace, held in counts)
-    return (f"the channels of the file have unequal numbers of samples ({listed})",)
-
-
-def joined(traces: list[Trace], path: Path) -> Stream:
-    """Join what is only split; refuse holes."""
-    stream = Stream(traces)
+def _joined(traces: list[Trace]) -> tuple[list[Trace], str]:
+    """What is only split as one; why not where there are holes."""
+    stream = Stream(list(traces))
     if len({trace.id for trace in stream}) < len(stream):
         stream.merge(method=-1)
-    gaps = stream.get_gaps()
-    if gaps:
-        network, station, location, channel, start, _, length, _ = gaps[0]
+    for network, station, location, channel, start, _, length, _ in stream.get_gaps():
         kind = "a gap" if length > 0 else "an overlap"
-        raise RecordError(
-            f"{path}: channel {network}.{station}.{location}.{channel} has {kind} of "
-            f"{abs(length):g} s after {start}; a record must be without gaps"
-        )
-    return stream
+        where = f"channel {network}.{station}.{location}.{channel}"
+        text = f"{where} has {kind} of {abs(length):g} s after {start}"
+        return traces, f"{text}; a record must be without gaps"
+    return list(stream), ""
 
 
 def _channel(
-    trace: Trace, path: Path, options: Options, entry: IndexEntry | None, log: tuple[str, ...]
-) -> Channel:
-    stats = trace.stats
-    record = stats.get("record", {})
-    known = record.get("unit") not in (None, "", "counts") or stats.get("_format") == "KNET"
-    stated = known or (entry is not None and entry.unit)
-    table = None if stated else find_inventory(path, trace, options.inventory)
-    if np.ma.isMaskedArray(trace.data):
-        raise RecordError(f"{path}: channel {trace.id} has gaps; a record must be without gaps")
-    bad = np.flatnonzero(~np.isfinite(trace.data))
-    if bad.size:
-        raise RecordError(
-            f"{path}: channel {trace.id} has {bad.size} sample(s) that are not finite, the first "
-            f"at index {bad[0]}"
-        )
-    calibrated = calibrate(trace, path, options.unit, entry, table)
-    samples = calibrated.samples
-    faults = (*record.get("faults", ()), *offset_fault(trace, calibrated.unit_in_file))
-    steps = (*log, *record.get("log", ()), *calibrated.log)
-    code = channel_code(trace)
-    if record.get("sensor") == "borehole":
-        steps = (*steps, f"Channel {code} is in the borehole, not at the surface.")
-    family = code[:-1] if len(code) == 3 and code.isalnum() and not code.isdigit() else ""
-    group = f"{stats.network}.{stats.station}.{stats.location}.{family}"
-    if stats.get("_format") == "KNET":
-        group = f"{stats.station}.{code[2:]}"
-    channel = Channel(
-        code, group, stats.starttime, float(stats.delta), samples, calibrated.unit_in_file, steps,
-        (), faults, trace,
+    trace: Trace, announced: int, held: int, doubts: tuple[Doubt, ...], path: Path,
+    options: Options, entry: IndexEntry | None,
+) -> Channel:  # fmt: skip
+    record = trace.stats.get("record", {})
+    found = Channel(
+        trace, announced, held, np.empty(0), "", tuple(record.get("log", ())),
+        tuple(record.get("faults", ())), doubts,
     )  # fmt: skip
-    if channel.vertical and points_down(trace, table):
-        steps = (*steps, f"Sign of {code} changed: it counts downwards.")
-        channel = channel._replace(samples=-samples, log=steps)
-    return channel
+    if any(word is None for word, _ in doubts):
+        return found
+    try:
+        done = calibrate(trace, path, options.unit, entry, options.inventory)
+    except RecordError as error:
+        faults = (*found.faults, *_offset(trace, "unit unknown"))
+        unknown = None, str(error).removeprefix(f"{path}: ")
+        return found._replace(faults=faults, doubts=(*doubts, unknown))
+    log = (*found.log, *done.log)
+    if record.get("sensor") == "borehole":
+        log = (*log, f"Channel {found.code} is in the borehole, not at the surface.")
+    samples = done.samples
+    if found.vertical and points_down(trace, path, options.inventory):
+        samples, log = -samples, (*log, f"Sign of {found.code} changed: it counts downwards.")
+    faults = (*found.faults, *_offset(trace, done.unit_in_file))
+    return found._replace(samples=samples, unit_in_file=done.unit_in_file, log=log, faults=faults)
 
 
-def offset_fault(trace: Trace, unit: str) -> tuple[str, ...]:
+def _offset(trace: Trace, unit: str) -> tuple[str, ...]:
     """The fault that the mean of a record exceeds what is left without it."""
     values = np.asarray(trace.data, dtype=np.float64)
     mean = float(values.mean())
@@ -261,10 +284,8 @@ def by_direction(channels: Sequence[Channel], path: Path) -> tuple[list[Channel]
     verticals = [c for c in channels if c.vertical]
     others = [c for c in channels if not c.vertical]
     if not others:
-        raise RecordError(
-            f"{path}: holds only the vertical component ({verticals[0].code}); a horizontal one "
-            "is needed"
-        )
+        only = f"holds only the vertical component ({verticals[0].code})"
+        raise RecordError(f"{path}: {only}; a horizontal one is needed")
     return others, verticals
 
 
@@ -272,8 +293,7 @@ def refuse_unclear(
     horizontals: Sequence[Channel], channels: Sequence[Channel], path: Path, remedy: str
 ) -> None:
     """Raise RecordError if one channel of several may be horizontal or not."""
-    unclear = [c for c in horizontals if not c.horizontal]
-    if unclear and len(channels) > 1:
+    if len(channels) > 1 and not all(c.horizontal for c in horizontals):
         names = ", ".join(repr(c.code) for c in channels)
         raise RecordError(
             f"{path}: which of the channels {names} is horizontal is not clear from their "

@@ -2,19 +2,14 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from obspy import Inventory, Trace
+from obspy import Inventory
 
-from archfrag.errors import RecordError
-from archfrag.motions.calibrate import Calibrated, calibrate, channel_code, find_inventory
-from archfrag.motions.channels import file_content, joined, offset_fault, unequal_counts
+from archfrag.motions import channels
 from archfrag.motions.formats.columns import Columns
-from archfrag.motions.index import IndexEntry, find_entry
-from archfrag.motions.partners import VERTICAL
-from archfrag.motions.plausible import doubtful_count, doubtful_motion
+from archfrag.motions.plausible import doubtful_motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,70 +100,30 @@ def inspect_record(
     >>> inspect_record("short.AT2").channels[0].faults
     ('the header announces 5 samples of channel 90, the file holds only 4',)
     """
-    source = Path(path)
-    entry = find_entry(source)
-    columns = columns or (entry.columns if entry else None)
-    content = file_content(source, columns)
-    faults = [*(() if columns else content.messages), *unequal_counts(content)]
-    traces, announced = list(content.traces), list(content.announced)
-    try:
-        pieces = list(joined(list(content.traces), source))
-        if len(pieces) < len(traces):
-            traces, announced = pieces, [trace.stats.npts for trace in pieces]
-    except RecordError as error:
-        faults.append(_without(source, error))
-    channels = tuple(
-        _channel(trace, count, (source, unit, inventory, entry))
-        for trace, count in zip(traces, announced, strict=True)
-    )
-    record = _record(traces[0])
-    event, date = str(record.get("event", "")), str(record.get("date", ""))
-    magnitude, found = record.get("magnitude"), tuple(dict.fromkeys(faults))
-    return Inspection(source, content.format, event, date, magnitude, channels, found)
-
-
-def _channel(
-    trace: Trace, announced: int, how: tuple[Path, str | None, Any, IndexEntry | None]
-) -> Channel:
-    stats, record, code = trace.stats, _record(trace), channel_code(trace)
-    data = np.ma.compressed(trace.data).astype(np.float64)
-    faults = [fact for _, fact in doubtful_count(code or trace.id, announced, data.size)]
-    calibrated, unit, samples = None, "", None
-    if data.size == 0 or not np.isfinite(data).all():
-        faults.append("there are no samples" if data.size == 0 else "not all samples are finite")
-    else:
-        calibrated, refused = _calibrated(trace, how)
-        faults += [*offset_fault(trace, calibrated[1] if calibrated else "unit unknown"), *refused]
-    if calibrated is not None:
-        samples, unit, _ = calibrated
-        faults += [fact for _, fact in doubtful_motion(code, samples, float(stats.delta), unit)]
-    vertical = record.get("vertical")
-    names = [str(stats[key]) for key in ("network", "station", "location") if stats[key]]
-    return Channel(
-        code=code,
-        station=str(record.get("station") or ".".join(names)),
-        start=str(stats.starttime) if stats.starttime.timestamp != 0.0 else "",
-        dt=float(stats.delta), announced=announced, count=data.size, unit=unit,
-        level=str(record.get("level") or ("raw" if unit == "counts" else "")),
-        vertical=bool(VERTICAL.fullmatch(code)) if vertical is None else bool(vertical),
-        samples=samples,
-        faults=tuple(dict.fromkeys((*record.get("faults", ()), *faults))),
+    found = channels.examine(Path(path), channels.Options(unit, inventory, (), columns))
+    record = found.channels[0].record
+    messages = () if found.format == "COLUMNS" else found.messages
+    return Inspection(
+        Path(path), found.format, str(record.get("event", "")), str(record.get("date", "")),
+        record.get("magnitude"), tuple(map(_channel, found.channels)),
+        (*messages, *found.unequal, *filter(None, (found.gap,))),
     )  # fmt: skip
 
 
-def _calibrated(
-    trace: Trace, how: tuple[Path, str | None, Any, IndexEntry | None]
-) -> tuple[Calibrated | None, list[str]]:
-    path, unit, inventory, entry = how
-    try:
-        return calibrate(trace, path, unit, entry, find_inventory(path, trace, inventory)), []
-    except RecordError as error:
-        return None, [_without(path, error)]
-
-
-def _record(trace: Trace) -> Any:
-    return trace.stats.get("record") or {}
-
-
-def _without(path: Path, error: RecordError) -> str:
-    return str(error).removeprefix(f"{path}: ")
+def _channel(found: channels.Channel) -> Channel:
+    stats, unit = found.trace.stats, found.unit_in_file
+    known = found.samples.size > 0
+    faults = [*(text for _, text in found.doubts), *found.faults]
+    if known:
+        doubts = doubtful_motion(found.code, found.samples, found.dt, unit)
+        faults += [text for _, text in doubts]
+    names = [str(stats[key]) for key in ("network", "station", "location") if stats[key]]
+    return Channel(
+        code=found.code,
+        station=str(found.record.get("station") or ".".join(names)),
+        start=str(found.start) if found.start.timestamp != 0.0 else "",
+        dt=found.dt, announced=found.announced, count=found.held, unit=unit,
+        level=str(found.record.get("level") or ("raw" if unit == "counts" else "")),
+        vertical=found.vertical, samples=found.samples if known else None,
+        faults=tuple(dict.fromkeys(faults)),
+    )  # fmt: skip

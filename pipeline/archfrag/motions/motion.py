@@ -1,6 +1,6 @@
 """One ground motion: what the ground does to the springings of an arch."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -64,62 +64,65 @@ class Motion:
         log: tuple[str, ...] = (),
         across: ArrayLike | None = None,
     ) -> None:
-        copies = [
-            None if samples is None else np.array(_numbers(samples, id, word), dtype=np.float64)
-            for samples, word in ((acceleration, "acceleration"), (vertical, "vertical"),
-                                  (across, "other horizontal component"))
-        ]  # fmt: skip
-        self._take(dt, id, dict(metadata or {}), tuple(log), *copies)
+        given = (acceleration, vertical, across)
+        try:
+            copies = [None if a is None else np.array(a, dtype=np.float64) for a in given]
+        except (TypeError, ValueError):
+            raise RecordError(f"{id or 'motion'}: acceleration must be a row of numbers") from None
+        self._take(copies[0], dt, copies[1], id, metadata, log, copies[2])
 
     def _take(
-        self, dt: float, id: str, metadata: Mapping[str, Any], log: tuple[str, ...],
-        *components: NDArray[np.float64] | None,
+        self, acceleration: Any, dt: float, vertical: Any = None, id: str = "",
+        metadata: Mapping[str, Any] | None = None, log: tuple[str, ...] = (), across: Any = None,
     ) -> None:  # fmt: skip
         """Set all fields; components are taken as they are, without a copy."""
-        name = id or "motion"
-        acceleration, vertical, across = components
-        set_field = object.__setattr__
-        set_field(self, "id", id)
-        set_field(self, "dt", _positive_step(dt, name))
-        for key, word, samples in (
-            ("acceleration", "acceleration", acceleration),
-            ("vertical", "vertical", vertical),
-            ("across", "other horizontal component", across),
-        ):
+        name, size = id or "motion", np.size(acceleration)
+        try:
+            step = float(dt)
+        except (TypeError, ValueError):
+            step = np.nan
+        if not (np.isfinite(step) and step > 0.0):
+            raise RecordError(
+                f"{name}: time step dt = {dt} s must be a positive number of seconds"
+            )
+        words = ("acceleration", "vertical", "other horizontal component")
+        for word, samples in zip(words, (acceleration, vertical, across)):
             if samples is not None:
-                _check_samples(samples, name, word)
-                if acceleration is not None and samples.size != acceleration.size:
-                    raise RecordError(
-                        f"{name}: the {word} has {samples.size} samples and the horizontal "
-                        f"{acceleration.size}; both must have the same number"
-                    )
-            set_field(self, key, samples)
-        set_field(self, "metadata", metadata)
-        set_field(self, "log", log)
+                _check_samples(samples, name, word, size)
+        fields = (acceleration, step, vertical, id, dict(metadata or {}), tuple(log), across)
+        for key, value in zip(self.__dataclass_fields__, fields, strict=True):
+            object.__setattr__(self, key, value)
 
     def _replaced(self, **changes: Any) -> "Motion":
         """This motion with other fields; unlike `dataclasses.replace` it copies no samples.
 
         Arrays must be of float64 and are not to be changed afterwards.
         """
-        given = {key: getattr(self, key) for key in self.__dataclass_fields__} | changes
-        return Motion._owning(**given)
+        return Motion._owning(
+            **({key: getattr(self, key) for key in self.__dataclass_fields__} | changes)
+        )
 
     @classmethod
-    def _owning(
-        cls,
-        acceleration: NDArray[np.float64],
-        dt: float,
-        vertical: NDArray[np.float64] | None = None,
-        id: str = "",
-        metadata: Mapping[str, Any] | None = None,
-        log: tuple[str, ...] = (),
-        across: NDArray[np.float64] | None = None,
-    ) -> "Motion":
+    def _owning(cls, *fields: Any, **named: Any) -> "Motion":
         """A motion of arrays that nobody changes afterwards: no copy is made of them."""
         motion = object.__new__(cls)
-        motion._take(dt, id, dict(metadata or {}), tuple(log), acceleration, vertical, across)
+        motion._take(*fields, **named)
         return motion
+
+    def _changed(
+        self, change: Callable[[NDArray[np.float64]], NDArray[np.float64]], done: str
+    ) -> "Motion":
+        """This motion with the same done to each component, and a line about it in the log."""
+        changed = {
+            key: samples if samples is None else change(samples)
+            for key, samples in self.components.items()
+        }
+        return self._replaced(**changed, log=(*self.log, done))
+
+    @property
+    def components(self) -> dict[str, NDArray[np.float64] | None]:
+        """Acceleration, vertical and across by name; None where there is none."""
+        return {key: getattr(self, key) for key in ("acceleration", "vertical", "across")}
 
     @property
     def duration(self) -> float:
@@ -143,44 +146,25 @@ class Motion:
             raise InputError(
                 f"{self.id or 'motion'}: scale factor {factor} must be a finite number"
             )
-        return self._replaced(
-            acceleration=self.acceleration * factor,
-            vertical=None if self.vertical is None else self.vertical * factor,
-            across=None if self.across is None else self.across * factor,
-            log=(*self.log, f"Multiplied by {factor:.9g}."),
-        )
+        return self._changed(lambda samples: samples * factor, f"Multiplied by {factor:.9g}.")
 
 
-def _positive_step(dt: float, name: str) -> float:
-    try:
-        step = float(dt)
-    except (TypeError, ValueError):
-        step = float("nan")
-    if not (np.isfinite(step) and step > 0.0):
-        raise RecordError(f"{name}: time step dt = {dt} s must be a positive number of seconds")
-    return step
-
-
-def _numbers(values: ArrayLike, id: str, component: str) -> NDArray[np.float64]:
-    try:
-        return np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise RecordError(f"{id or 'motion'}: {component} must be a row of numbers") from None
-
-
-def _check_samples(samples: NDArray[np.float64], name: str, component: str) -> None:
+def _check_samples(samples: NDArray[np.float64], name: str, component: str, size: int) -> None:
     if samples.ndim != 1:
-        raise RecordError(
-            f"{name}: {component} has shape {samples.shape}; one row of samples is needed"
-        )
+        shape = f"{component} has shape {samples.shape}"
+        raise RecordError(f"{name}: {shape}; one row of samples is needed")
     if samples.size < 2:
         raise RecordError(
             f"{name}: {component} has {samples.size} sample(s); at least 2 are needed"
         )
-    if np.isfinite(samples.min()) and np.isfinite(samples.max()):
-        return
-    bad = np.flatnonzero(~np.isfinite(samples))
-    raise RecordError(
-        f"{name}: {component} has {bad.size} sample(s) that are not finite, the first at "
-        f"index {bad[0]} ({samples[bad[0]]})"
-    )
+    if not (np.isfinite(samples.min()) and np.isfinite(samples.max())):
+        bad = np.flatnonzero(~np.isfinite(samples))
+        raise RecordError(
+            f"{name}: {component} has {bad.size} sample(s) that are not finite, the first at "
+            f"index {bad[0]} ({samples[bad[0]]})"
+        )
+    if samples.size != size:
+        raise RecordError(
+            f"{name}: the {component} has {samples.size} samples and the horizontal {size}; both "
+            "must have the same number"
+        )

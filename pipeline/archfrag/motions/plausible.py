@@ -15,16 +15,11 @@ Acceptable = Literal["pga", "time_step", "samples", "header"]
 ACCEPTABLE: tuple[Acceptable, ...] = get_args(Acceptable)
 PGA_RANGE = (1e-5, 5.0)  # [g]
 TIME_STEP_RANGE = (1e-4, 0.1)  # [s]
+Doubt = tuple[Acceptable | None, str]  # None: nothing makes it acceptable
 
 
 def check_name(path: Path) -> None:
-    """Refuse a file whose name no result could hold.
-
-    Raises
-    ------
-    RecordError
-        If the name is not UTF-8.
-    """
+    """Raise RecordError for a file whose name no result could hold: one that is not UTF-8."""
     try:
         str(path).encode()
     except UnicodeEncodeError:
@@ -46,46 +41,29 @@ def accepted_words(words: Iterable[str], place: str) -> tuple[str, ...]:
 
 def doubtful_motion(
     channel: str, acceleration: NDArray[np.float64], dt: float, unit: str
-) -> Iterator[tuple[Acceptable, str]]:
+) -> Iterator[Doubt]:
     """What is implausible about a component, in m/s2 now and in `unit` in its file."""
     low, high = TIME_STEP_RANGE
     # A rate such as 10 Hz need not give 0.1 s to the last digit.
     if not low * (1.0 - 1e-9) <= dt <= high * (1.0 + 1e-9):
-        yield (
-            "time_step",
-            f"time step of channel {channel} is {dt:g} s, outside {low:g} to {high:g} s",
-        )
+        text = f"time step of channel {channel} is {dt:g} s, outside {low:g} to {high:g} s"
+        yield "time_step", text
     low, high = PGA_RANGE
     peak = float(np.abs(acceleration).max()) / STANDARD_GRAVITY
     if not low <= peak <= high:
-        yield (
-            "pga",
-            f"peak of channel {channel} is {peak:.4g} g by its unit {unit}, outside {low:g} to "
-            f"{high:g} g",
-        )
-
-
-def doubtful_count(channel: str, announced: int, held: int) -> Iterator[tuple[Acceptable, str]]:
-    """Whether a file holds another number of samples than its header announces."""
-    if announced != held:
-        only = "only " if held < announced else ""
-        yield (
-            "samples",
-            f"the header announces {announced} samples of channel {channel}, the file holds "
-            f"{only}{held}",
-        )
+        text = f"peak of channel {channel} is {peak:.4g} g by its unit {unit}"
+        yield "pga", f"{text}, outside {low:g} to {high:g} g"
 
 
 def accept_or_refuse(
-    path: object, accept: tuple[str, ...], doubts: Iterable[tuple[Acceptable, str]]
+    path: object, accept: tuple[str, ...], doubts: Iterable[Doubt]
 ) -> tuple[str, ...]:
     """What the log states of doubts whose word is in `accept`; any other one is refused."""
     accepted = []
     for word, fact in doubts:
         if word not in accept:
-            raise RecordError(
-                f"{path}: {fact}; to use it as it is give `accept` with {word} (--accept {word} "
-                "on the command line)"
-            )
+            remedy = f"; to use it as it is give `accept` with {word} (--accept {word} on the "
+            remedy = f"{remedy}command line)" if word else ""
+            raise RecordError(f"{path}: {fact}{remedy}")
         accepted.append(f"Accepted: {fact}.")
     return tuple(accepted)

@@ -4,7 +4,7 @@ A step does the same to all components of a motion. None changes the motion that
 """
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 
 import numpy as np
@@ -26,18 +26,17 @@ def demean(motion: Motion) -> Motion:
 
     Raw records of digital instruments have an offset that can exceed the motion.
     """
-    means = [float(samples.mean()) for samples in _components(motion)]
+    means = [
+        float(samples.mean()) for samples in motion.components.values() if samples is not None
+    ]
     offsets = " and ".join(f"{mean:.6g}" for mean in means)
-    return _each(motion, lambda a: a - a.mean(), f"Mean removed ({offsets} m/s2).")
+    return motion._changed(lambda a: a - a.mean(), f"Mean removed ({offsets} m/s2).")
 
 
 def detrend(motion: Motion) -> Motion:
     """Subtract from each component the straight line that fits it best (least squares)."""
 
-    def level(a: Samples) -> Samples:
-        return _without(a, _fitted(a, (0, 1)))
-
-    return _each(motion, level, "Linear trend removed.")
+    return motion._changed(lambda a: _without(a, _fitted(a, (0, 1))), "Linear trend removed.")
 
 
 def baseline(motion: Motion, order: int = 2) -> Motion:
@@ -63,7 +62,7 @@ def baseline(motion: Motion, order: int = 2) -> Motion:
         velocity = _fitted(_integral(a), range(1, order + 1))
         return _without(a, velocity.deriv() / (a.size - 1))
 
-    return _each(motion, corrected, f"Baseline removed, velocity polynomial of order {order}.")
+    return motion._changed(corrected, f"Baseline removed, velocity polynomial of order {order}.")
 
 
 def taper(motion: Motion, fraction: float = 0.05, side: str = "both") -> Motion:
@@ -97,7 +96,7 @@ def taper(motion: Motion, fraction: float = 0.05, side: str = "both") -> Motion:
             a[-count:] *= rise[::-1]
         return a
 
-    return _each(motion, tapered, f"Tapered by a cosine over {fraction:g} of it, {side} ends.")
+    return motion._changed(tapered, f"Tapered by a cosine over {fraction:g} of it, {side} ends.")
 
 
 def bandpass(
@@ -130,10 +129,9 @@ def bandpass(
     corners = [corner for corner in (lowest, highest) if corner is not None]
     rising = all(low < high for low, high in itertools.pairwise((0.0, *corners, nyquist)))
     if not corners or not rising:
-        raise InputError(
-            f"{motion.id or 'motion'}: corners {lowest} and {highest} Hz must satisfy "
-            f"0 < lowest < highest < {nyquist:g} Hz"
-        )
+        allowed = f"0 < lowest < highest < {nyquist:g} Hz"
+        both = f"corners {lowest} and {highest} Hz"
+        raise InputError(f"{motion.id or 'motion'}: {both} must satisfy {allowed}")
     if not 1 <= order <= 10:
         raise InputError(f"bandpass: order {order} must be from 1 to 10")
     kind = "bandpass" if len(corners) == 2 else "lowpass" if lowest is None else "highpass"
@@ -147,7 +145,7 @@ def bandpass(
     def filtered(a: Samples) -> Samples:
         return sosfilt(sections, a) if causal else sosfiltfilt(sections, a, padlen=edge)
 
-    return _each(motion, filtered, done)
+    return motion._changed(filtered, done)
 
 
 def cut(motion: Motion, start: float, end: float) -> Motion:
@@ -166,7 +164,7 @@ def cut(motion: Motion, start: float, end: float) -> Motion:
             f"{motion.duration:g} s and at least two samples must remain"
         )
     done = f"Cut to {first * motion.dt:g} to {last * motion.dt:g} s."
-    return _each(motion, lambda a: a[first : last + 1].copy(), done)
+    return motion._changed(lambda a: a[first : last + 1].copy(), done)
 
 
 def trim_by_arias(
@@ -244,8 +242,7 @@ def resample(motion: Motion, dt: float) -> Motion:
         return motion
     widest = max(up, down)
     window = firwin(2 * 64 * widest + 1, 1.0 / widest, window=("kaiser", 10.0))
-    changed = _each(
-        motion,
+    changed = motion._changed(
         lambda a: resample_poly(a, up, down, window=window),
         f"Resampled from {motion.dt:g} to {dt:g} s, band-limited ({up}:{down}).",
     )
@@ -255,25 +252,6 @@ def resample(motion: Motion, dt: float) -> Motion:
 def velocity(motion: Motion) -> Samples:
     """Horizontal ground velocity by the trapezoid rule from rest, shape (n_sample,) [m/s]."""
     return _integral(motion.acceleration) * motion.dt
-
-
-def displacement(motion: Motion) -> Samples:
-    """Horizontal ground displacement by the trapezoid rule twice, shape (n_sample,) [m]."""
-    return _integral(velocity(motion)) * motion.dt
-
-
-def _components(motion: Motion) -> list[Samples]:
-    found = (motion.acceleration, motion.vertical, motion.across)
-    return [samples for samples in found if samples is not None]
-
-
-def _each(motion: Motion, change: Callable[[Samples], Samples], done: str) -> Motion:
-    return motion._replaced(
-        acceleration=change(motion.acceleration),
-        vertical=None if motion.vertical is None else change(motion.vertical),
-        across=None if motion.across is None else change(motion.across),
-        log=(*motion.log, done),
-    )
 
 
 def _around(motion: Motion, first: float, last: float, margin: float) -> Motion:

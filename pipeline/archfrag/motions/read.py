@@ -5,17 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from obspy import Inventory
 
 from archfrag.errors import RecordError
-from archfrag.motions.channels import (
-    Channel,
-    Options,
-    by_direction,
-    read_channels,
-    refuse_unclear,
-)  # fmt: skip
+from archfrag.motions.channels import Channel, Options, by_direction, read_channels, refuse_unclear
 from archfrag.motions.formats.columns import Columns
 from archfrag.motions.formats.facts import known
 from archfrag.motions.formats.waveform import recognise
@@ -137,14 +130,13 @@ def read_motions(
     horizontals, verticals = by_direction(channels, source)
     remedy = "name them as SEED does (HNE, HNN, HNZ), or give each component a file of its own"
     refuse_unclear(horizontals, channels, source, remedy)
-    alone = len(horizontals) == 1
+    alone, codes = len(horizontals) == 1, [channel.code for channel in horizontals]
     base = entry.id if entry and alone else name or record_name(source)
     motions = []
     for channel in horizontals:
         upward = next((c for c in verticals if c.group == channel.group), None)
-        twin = sum(other.code == channel.code for other in horizontals) > 1
-        code = f"{channel.trace.stats.location}.{channel.code}" if twin else channel.code
-        id = base if alone else f"{base}:{code}"
+        twin = f"{channel.trace.stats.location}." if codes.count(channel.code) > 1 else ""
+        id = base if alone else f"{base}:{twin}{channel.code}"
         motions.append(_motion(source, channel, upward, id, entry, options.accept))
     return motions
 
@@ -195,15 +187,13 @@ def _choose(
     horizontals: Sequence[Channel], path: Path, component: str | None
 ) -> tuple[Channel, tuple[str, ...]]:
     names = ", ".join(c.code or "(no code)" for c in horizontals)
+    for match in (lambda c: c.trace.id, lambda c: c.code, lambda c: c.code[-1:]):
+        found = [c for c in horizontals if match(c).upper() == (component or "").upper()]
+        if component is not None and found:
+            return found[0], ()
     if component is not None:
-        wanted = component.upper()
-        for match in (lambda c: c.trace.id, lambda c: c.code, lambda c: c.code[-1:]):
-            found = [c for c in horizontals if match(c).upper() == wanted]
-            if found:
-                return found[0], ()
-        raise RecordError(
-            f"{path}: there is no horizontal component {component!r}; there is {names}"
-        )
+        has = f"there is no horizontal component {component!r}; there is {names}"
+        raise RecordError(f"{path}: {has}")
     chosen = horizontals[0]
     if len(horizontals) > 1:
         return chosen, (f"Horizontal {chosen.code} taken, the first of {names}.",)
@@ -227,21 +217,26 @@ def _motion(
     path: Path, channel: Channel, upward: Channel | None, name: str, entry: IndexEntry | None,
     accept: tuple[str, ...],
 ) -> Motion:  # fmt: skip
-    stats = channel.trace.stats
-    kind = " ".join(filter(None, (stats.get("_format", ""), channel.record.get("level"))))
+    stats, record = channel.trace.stats, channel.record
+    kind = " ".join(filter(None, (stats.get("_format", ""), record.get("level"))))
     log: tuple[str, ...] = (f"Read from {path.name} ({kind}).", *channel.log)
     horizontal, vertical = channel.samples, None
     if upward is not None:
-        horizontal, vertical, cut = _aligned(channel, upward, path)
-        log = (*log, *(f"Vertical {upward.code}: {step}" for step in upward.log), *cut)
+        sizes = horizontal.size, upward.samples.size
+        later = round((upward.start - channel.start) / channel.dt)
+        both = f"{path}: {channel.code} and the vertical {upward.code}"
+        kept, its_kept, count = common_span(both, (channel.dt, upward.dt), later, sizes)
+        horizontal, vertical = horizontal[kept], upward.samples[its_kept]
+        log = (*log, *(f"Vertical {upward.code}: {step}" for step in upward.log))
+        if count < max(sizes):
+            log = (*log, f"Cut to the {count} samples common to {channel.code} ({sizes[0]}) and "
+                         f"{upward.code} ({sizes[1]}).")  # fmt: skip
     accept = (*accept, *(entry.accept if entry else ()))
-    accepted = channel.accepted + accept_or_refuse(
-        path, accept, doubtful_motion(channel.code, horizontal, channel.dt, channel.unit_in_file)
-    )
-    if upward is not None and vertical is not None:
-        doubts = doubtful_motion(upward.code, vertical, upward.dt, upward.unit_in_file)
-        accepted += upward.accepted + accept_or_refuse(path, accept, doubts)
-    record = channel.record
+    accepted: tuple[str, ...] = ()
+    for each, samples in ((channel, horizontal), (upward, vertical)):
+        if each is not None and samples is not None:
+            doubts = doubtful_motion(each.code, samples, each.dt, each.unit_in_file)
+            accepted += each.accepted + accept_or_refuse(path, accept, doubts)
     metadata: dict[str, Any] = {
         "file": path.name, "format": stats.get("_format", ""),
         "unit_in_file": channel.unit_in_file, "event": "", "date": "", "station": stats.station,
@@ -251,8 +246,7 @@ def _motion(
     if stats.network or stats.station:
         metadata["trace"] = channel.trace.id
         metadata["vertical_trace"] = upward.trace.id if upward else ""
-    faults = dict.fromkeys((*channel.faults, *(upward.faults if upward else ())))
-    if faults:
+    if faults := dict.fromkeys((*channel.faults, *(upward.faults if upward else ()))):
         metadata["faults"] = list(faults)
     if stats.starttime.timestamp != 0.0:
         metadata["start_time"] = str(channel.start)
@@ -261,26 +255,3 @@ def _motion(
     if accepted:
         metadata["accepted"] = list(accepted)
     return Motion._owning(horizontal, channel.dt, vertical, name, metadata, log + accepted)
-
-
-def _aligned(
-    channel: Channel, upward: Channel, path: Path
-) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[str, ...]]:
-    if not np.isclose(channel.dt, upward.dt, rtol=1e-6, atol=0.0):
-        raise RecordError(
-            f"{path}: time step of {channel.code} is {channel.dt:g} s and of the vertical "
-            f"{upward.code} {upward.dt:g} s; they must be equal"
-        )
-    sizes = channel.samples.size, upward.samples.size
-    kept, its_kept, count = common_span(round((upward.start - channel.start) / channel.dt), *sizes)
-    if count < 2:
-        raise RecordError(
-            f"{path}: {channel.code} and the vertical {upward.code} have no time in common"
-        )
-    log: tuple[str, ...] = ()
-    if count < max(sizes):
-        log = (
-            f"Cut to the {count} samples common to {channel.code} ({sizes[0]}) and "
-            f"{upward.code} ({sizes[1]}).",
-        )
-    return channel.samples[kept], upward.samples[its_kept], log

@@ -3,8 +3,9 @@
 import itertools
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ LARGEST_FILE, LONGEST_LINE = 2**27, 2**22  # [bytes]
 UNEVEN = 0.1  # of a step: what rounded times may be off by
 _BLOCK = 10_000  # lines
 _COMMENTS = ("#", "%")
+_BETWEEN, _FORTRAN = str.maketrans(",;", "  "), str.maketrans("Dd", "EE")
 _WORDS = {
     "time": "time=COLUMN", "acceleration": "acceleration=COLUMN", "vertical": "vertical=COLUMN",
     "dt": "dt=SECONDS", "skip": "skip=LINES",
@@ -120,11 +122,11 @@ def parse_columns(text: str) -> Columns:
 def read_columns(path: str | Path, columns: Columns) -> Stream:
     """Read a plain text of numbers, see `Columns`: one trace, or H and V, in the file's unit."""
     name = str(path)
-    values, lines = _table(path, name, columns)
+    values = _table(path, name, columns)
     if len(values) < 2:
         raise RecordError(f"{name}: holds {len(values)} sample(s); 2 or more are needed")
     timed = columns.time is not None
-    step = _even_step(values[:, 0], lines, name, columns.time) if timed else columns.dt
+    step = _even_step(values[:, 0], path, columns) if timed else columns.dt
     codes = ("",) if columns.vertical is None else ("H", "V")
     traces = []
     for index, code in enumerate(codes, start=int(timed)):
@@ -136,117 +138,94 @@ def read_columns(path: str | Path, columns: Columns) -> Stream:
     return Stream(traces)
 
 
-def _table(
-    path: str | Path, name: str, columns: Columns
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Numbers, shape (n_row, n_column), and the line in the file of each row."""
+def _table(path: str | Path, name: str, columns: Columns) -> NDArray[np.float64]:
+    """Numbers, shape (n_row, n_column)."""
     wanted = [c - 1 for c in (columns.time, columns.acceleration, columns.vertical) if c]
-    parts = [np.empty((0, max(len(wanted), 1)))]
-    lines = [np.empty(0, dtype=np.int64)]
-    points = commas = False
-    for places, texts in _blocks(path, name, columns.skip):
-        points = points or any("." in text for text in texts)
-        commas = commas or any("," in text for text in texts)
-        if commas and not points:
-            raise RecordError(
-                f"{name}, line {places[0]}: numbers with commas and none with a decimal point; "
-                "write decimal points, and commas between numbers only"
-            )
-        rows = [text.replace(",", " ").replace(";", " ") for text in texts]
-        if wanted:
-            parts.append(_picked(rows, places, wanted, name))
-            lines.append(np.array(places))
-            continue
-        if len(parts) == 1 and _times_in_front(rows):
+    if wanted:
+        return _picked(path, name, columns.skip, wanted)
+    rows, parts = _rows(path, name, columns.skip), [np.empty((0, 1))]
+    while block := list(itertools.islice(rows, _BLOCK)):
+        texts = [text for _, text in block]
+        if len(parts) == 1 and _times_in_front([text for text in texts if text]):
             raise _times(name)
-        # Rows on lines that follow each other, so that a bad one has its number.
-        cuts = [0, *(np.flatnonzero(np.diff(places) != 1) + 1).tolist(), len(rows)]
-        for start, stop in itertools.pairwise(cuts):
-            parts.append(numbers(rows[start:stop], places[start], name)[:, None])
-    return np.concatenate(parts), np.concatenate(lines)
+        parts.append(numbers(texts, block[0][0], name)[:, None])
+    return np.concatenate(parts)
 
 
-def _blocks(path: str | Path, name: str, skip: int) -> Iterator[tuple[list[int], list[str]]]:
-    """Rows of a file and their line numbers, some thousands at a time."""
+def _rows(path: str | Path, name: str, skip: int) -> Iterator[tuple[int, str]]:
+    """Number and text of each line from one on, blanks between numbers; comments are empty."""
+    comma, points = 0, False
     try:
         if Path(path).stat().st_size > LARGEST_FILE:
-            raise RecordError(
-                f"{name}: a text of numbers may have at most {LARGEST_FILE // 2**20} MiB"
-            )
+            limit = f"{LARGEST_FILE // 2**20} MiB"
+            raise RecordError(f"{name}: a text of numbers may have at most {limit}")
         with open(path, encoding="latin-1") as file:
-            numbered = enumerate(_lines(file, name), start=1)
-            rows = (
-                (place, text)
-                for place, text in itertools.islice(numbered, skip, None)
-                if text.strip() and not text.lstrip().startswith(_COMMENTS)
-            )
-            while block := list(itertools.islice(rows, _BLOCK)):
-                yield [place for place, _ in block], [text for _, text in block]
+            for place, line in enumerate(iter(partial(file.readline, LONGEST_LINE), ""), start=1):
+                if len(line) == LONGEST_LINE and not line.endswith("\n"):
+                    longest = f"has more than {LONGEST_LINE} characters"
+                    raise RecordError(f"{name}, line {place}: {longest}")
+                text = line.translate(_BETWEEN).strip()
+                if place > skip and text and not text.startswith(_COMMENTS):
+                    comma, points = comma or ("," in line and place), points or "." in line
+                    yield place, text
+                elif place > skip:
+                    yield place, ""
     except OSError as error:
         raise RecordError(f"{name}: the file cannot be read ({error.strerror})") from None
+    if comma and not points:
+        raise RecordError(
+            f"{name}, line {comma}: numbers with commas and none with a decimal point; write "
+            "decimal points, and commas between numbers only"
+        )
 
 
-def _lines(file: IO[str], name: str) -> Iterator[str]:
-    for place in itertools.count(1):
-        line = file.readline(LONGEST_LINE)
-        if not line:
-            return
-        if len(line) == LONGEST_LINE and not line.endswith("\n"):
-            raise RecordError(f"{name}, line {place}: has more than {LONGEST_LINE} characters")
-        yield line
-
-
-def _picked(
-    rows: list[str], places: list[int], wanted: list[int], name: str
-) -> NDArray[np.float64]:
+def _picked(path: str | Path, name: str, skip: int, wanted: list[int]) -> NDArray[np.float64]:
     """Columns of rows, shape (n_row, n_wanted)."""
-    words = [row.split() for row in rows]
+    rows = (row.translate(_FORTRAN) for _, row in _rows(path, name, skip) if row)
+    first = list(itertools.islice(rows, 1))
+    if not first:
+        return np.empty((0, len(wanted)))
     try:
-        values = np.array([[float(row[c]) for c in wanted] for row in words])
-        if np.isfinite(values).all() and not any("_" in row for row in rows):
+        every = itertools.chain(first, rows)
+        values = np.loadtxt(every, usecols=wanted, ndmin=2, comments=None)  # type: ignore[call-overload]
+        if np.isfinite(values).all():
             return values
-    except (IndexError, ValueError):
+    except ValueError:
         pass
-    for place, row in zip(places, words):
-        if len(row) <= max(wanted):
+    for place, text in _rows(path, name, skip):
+        words = text.split()
+        if words and len(words) <= max(wanted):
             raise RecordError(
-                f"{name}, line {place}: has {len(row)} column(s), column {max(wanted) + 1} is "
+                f"{name}, line {place}: has {len(words)} column(s), column {max(wanted) + 1} is "
                 "asked for; lines of text before the numbers are passed over by `skip`"
             )
-    return np.array(
-        [[_number(row[c], place, name) for c in wanted] for place, row in zip(places, words)]
-    )
+        for word in (words[c] for c in wanted if words):
+            if numbers([word], place, name).size != 1:
+                raise RecordError(f"{name}, line {place}: {word!r} is not a number")
+    raise RecordError(f"{name}: cannot be read as columns of numbers")
 
 
-def _number(word: str, place: int, name: str) -> float:
-    values = numbers([word], place, name)
-    if values.size != 1:
-        raise RecordError(f"{name}, line {place}: {word!r} is not a number")
-    return float(values[0])
-
-
-def _even_step(
-    times: NDArray[np.float64], lines: NDArray[np.int64], name: str, column: int | None
-) -> float:
+def _even_step(times: NDArray[np.float64], path: str | Path, columns: Columns) -> float:
     """Time step of times that are evenly spaced but for rounding [s]."""
     steps = np.diff(times)
     mean = (times[-1] - times[0]) / steps.size
-    backwards = np.flatnonzero(steps <= 0.0)
-    if backwards.size:
-        late = int(backwards[0]) + 1
-        raise RecordError(
-            f"{name}, line {lines[late]}: time {times[late]:.9g} s in column {column} does not "
-            f"come after {times[late - 1]:.9g} s"
-        )
     off = np.abs(times - (times[0] + mean * np.arange(times.size)))
-    if off.max() > UNEVEN * mean:
-        worst = int(np.abs(steps - mean).argmax()) + 1
+    backwards = steps.min() <= 0.0
+    if not backwards and off.max() <= UNEVEN * mean:
+        return float(f"{mean:.9g}")
+    late = int((steps <= 0.0).argmax() if backwards else np.abs(steps - mean).argmax()) + 1
+    filled = (place for place, text in _rows(path, str(path), columns.skip) if text)
+    where = f"{path}, line {next(itertools.islice(filled, late, None))}"
+    if backwards:
         raise RecordError(
-            f"{name}, line {lines[worst]}: times in column {column} are not evenly spaced; "
-            f"{times[worst - 1]:.9g} s to {times[worst]:.9g} s is {steps[worst - 1]:.6g} s, the "
-            f"mean step {mean:.6g} s; where the times are only rounded give dt in their place"
+            f"{where}: time {times[late]:.9g} s in column {columns.time} does not come after "
+            f"{times[late - 1]:.9g} s"
         )
-    return float(f"{mean:.9g}")
+    raise RecordError(
+        f"{where}: times in column {columns.time} are not evenly spaced; {times[late - 1]:.9g} s "
+        f"to {times[late]:.9g} s is {steps[late - 1]:.6g} s, the mean step {mean:.6g} s; where "
+        "the times are only rounded give dt in their place"
+    )
 
 
 def _times_in_front(rows: list[str]) -> bool:
