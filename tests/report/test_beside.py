@@ -113,59 +113,42 @@ def call(command, path, *options):
     return CliRunner().invoke(main, [command, str(path), *map(str, options)])
 
 
-@pytest.fixture(scope="module")
-def studies(tmp_path_factory):
+@pytest.mark.slow
+def test_command(tmp_path):
     """A study with verticals, the same without, and one that is not run."""
-    folder = tmp_path_factory.mktemp("beside")
-    paths = []
+    paths = {}
     for name, made, recorded in (("up", "true", "false"), ("flat", "false", "true"),
                                  ("idle", "false", "false")):  # fmt: skip
-        changed = TEXT.replace(
-            'files: ["records/*.AT2"]', MADE.replace("YES", made).replace("NO", recorded)
-        )
-        changed = changed.replace("id: small", f"id: {name}").replace(
-            "output: out", f"output: {name}"
-        )
-        paths.append(small_study(folder, changed, f"{name}.yaml"))
-    for path in paths[:2]:
+        motions = MADE.replace("YES", made).replace("NO", recorded)
+        changed = TEXT.replace('files: ["records/*.AT2"]', motions)
+        changed = changed.replace("id: small", f"id: {name}")
+        changed = changed.replace("output: out", f"output: {name}")
+        paths[name] = small_study(tmp_path, changed, f"{name}.yaml")
+    for name in ("up", "flat"):
         for command in ("motions", "batch", "cube", "fit"):
-            result = call(command, path)
+            result = call(command, paths[name])
             assert result.exit_code == 0, result.output
-    return paths
-
-
-@pytest.mark.slow
-class TestCommand:
-    def test_with_and_without_vertical(self, studies):
-        up, flat, _ = studies
-        result = call("report", up, "--beside", flat)
-        assert result.exit_code == 0, result.output
-        page = lxml.html.document_fromstring((up.parent / "up" / "report.html").read_text())
-        (found,) = page.xpath('//section[@id="beside"]')
-        assert [text(head) for head in found.xpath("./h3")] == ["ring", "slab"]
-        (curves, _) = found.xpath(".//figure")
-        words = {text(each) for each in curves.xpath(".//*[local-name()='text']")}
-        assert {"up", "flat", "PGA [g]"} <= words
-        assert "3 have the same name in both" in text(found)
-        rows = {key: values for key, *values in table(page, "ring in both studies")[1]}
-        assert rows["vertical component"] == ["used", "not used"]
-        cubes = [xr.load_dataset(path.parent / path.stem / "cube.nc") for path in (up, flat)]
-        assert np.array_equal(cubes[0]["scale_factor"], cubes[1]["scale_factor"])
-        losses = [int(cube["contact_losses"].sel(arch="ring").sum()) for cube in cubes]
-        assert losses[0] != losses[1]
-        assert rows["losses of contact by any gap"] == [f"{n:,}" for n in losses]
-
-    def test_refused_in_one_line(self, studies):
-        up, _, idle = studies
-        page = up.parent / "up" / "report.html"
-        assert call("report", up).exit_code == 0
-        before = page.read_bytes()
-        for other, why in (
-            (idle, "study 'idle' cannot be shown beside 'up', since it is not finished: "),
-            (up, "study 'up' cannot be shown beside 'up': each study needs its own id"),
-        ):
-            result = call("report", up, "--beside", other)
-            assert result.exit_code != 0
-            assert result.stderr.startswith(f"archfrag: error: {why}")
-            assert result.stderr.count("\n") == 1
-        assert page.read_bytes() == before
+    result = call("report", paths["up"], "--beside", paths["flat"])
+    assert result.exit_code == 0, result.output
+    out = tmp_path / "up" / "report.html"
+    page = lxml.html.document_fromstring(out.read_text())
+    (found,) = page.xpath('//section[@id="beside"]')
+    assert [text(head) for head in found.xpath("./h3")] == ["ring", "slab"]
+    assert "3 have the same name in both" in text(found)
+    rows = {key: values for key, *values in table(page, "ring in both studies")[1]}
+    assert rows["vertical component"] == ["used", "not used"]
+    cubes = [xr.load_dataset(tmp_path / name / "cube.nc") for name in ("up", "flat")]
+    assert np.array_equal(cubes[0]["scale_factor"], cubes[1]["scale_factor"])
+    losses = [int(cube["contact_losses"].sel(arch="ring").sum()) for cube in cubes]
+    assert losses[0] != losses[1]
+    assert rows["losses of contact by any gap"] == [f"{n:,}" for n in losses]
+    before = out.read_bytes()
+    for other, why in (
+        ("idle", "study 'idle' cannot be shown beside 'up', since it is not finished: "),
+        ("up", "study 'up' cannot be shown beside 'up': each study needs its own id"),
+    ):
+        result = call("report", paths["up"], "--beside", paths[other])
+        assert result.exit_code != 0
+        assert result.stderr.startswith(f"archfrag: error: {why}")
+        assert result.stderr.count("\n") == 1
+    assert out.read_bytes() == before

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from html import escape
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -109,13 +108,8 @@ def spectral_panel(
 def envelope(motion: "Motion", bins: int = _BINS) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Time and range of a record in bins as wide as a line, divided by its PGA."""
     values = np.asarray(motion.acceleration, dtype=float)
-    peak = np.abs(values).max()
-    values = values / peak if peak > 0.0 else values
-    # Each bin starts with the last sample of the one before it: the trace stays connected.
-    edges = np.unique(np.linspace(0, values.size - 1, min(bins, values.size - 1) + 1, dtype=int))
-    pieces = [values[a : b + 1] for a, b in pairwise(edges)]
-    time = 0.5 * (edges[:-1] + edges[1:]) * motion.dt
-    return time, np.array([p.min() for p in pieces]), np.array([p.max() for p in pieces])
+    place, low, high = look.envelope(values / (np.abs(values).max() or 1.0), bins)
+    return place * motion.dt, low, high
 
 
 def motion_section(inputs: ReportInputs, scale: Scale) -> dict[str, Any]:

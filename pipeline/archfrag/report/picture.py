@@ -4,6 +4,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,6 +101,15 @@ def trace(x: FloatArray, y: FloatArray) -> str:
         parts.append(f"{'' if pen else 'M'}{number(a)} {number(b)}")
         pen = True
     return " ".join(parts).replace(" M", "M").replace(" -", "-")
+
+
+def envelope(values: FloatArray, bins: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Place among the samples and range of a trace in bins as wide as a line."""
+    # Each bin starts with the last sample of the one before it: the trace stays connected.
+    edges = np.unique(np.linspace(0, values.size - 1, min(bins, values.size - 1) + 1, dtype=int))
+    pieces = [values[a : b + 1] for a, b in pairwise(edges)]
+    low, high = (np.array([end(piece) for piece in pieces]) for end in (np.min, np.max))
+    return 0.5 * (edges[:-1] + edges[1:]), low, high
 
 
 def digits(value: float) -> str:

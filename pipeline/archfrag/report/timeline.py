@@ -10,7 +10,7 @@ from archfrag.report import picture as look
 from archfrag.report.example import Example
 from archfrag.report.mechanism_figures import MODEL_LOOK
 from archfrag.report.picture import BELOW, BESIDE, LINE, FloatArray, Picture
-from archfrag.report.plot import Box, Entry, Panel, Sheet, picture
+from archfrag.report.plot import Entry, Panel, Sheet, picture
 from archfrag.report.summary import IntArray
 from archfrag.simulation.mechanism import MechanismChange
 
@@ -24,8 +24,7 @@ LOOK = (
     Entry("open", look.INK),
 )
 _STATES = ("closed", *(entry.label for entry in LOOK))
-_BINS, _SAMPLES = 600, 8
-_TRACE = 300  # of the bins divide them
+_BINS, _TRACE = 600, 300
 
 
 def timeline(example: Example) -> Picture | None:
@@ -47,7 +46,8 @@ def timeline(example: Example) -> Picture | None:
         sheet = Sheet(width)
         top = sheet.legend(BESIDE, 0.0, entries, width - BESIDE - 10.0) + LINE + 4.0
         right, height = width - 10.0, float(np.clip(15.0 * n_joint, 70.0, 400.0))
-        _ground(sheet, (BESIDE, top, right, top + 62.0), example, edges)
+        first = Panel(sheet, (BESIDE, top, right, top + 62.0), (start, end), (-1.0, 1.0))
+        _ground(first, example)
         sheet.text(BESIDE, top - 6.0, _stated(example), "b")
         box = BESIDE, top + 72.0, right, top + 72.0 + height
         middle = Panel(sheet, box, (start, end), (-0.6, n_joint - 0.4))
@@ -95,17 +95,15 @@ def window(changes: Sequence[MechanismChange], end_time: float) -> tuple[float, 
 def sampled(
     changes: Sequence[MechanismChange], n_joint: int, edges: FloatArray
 ) -> tuple[IntArray, IntArray]:
-    """What lasted longest in each bin of time."""
+    """States of the joints and the model at the middle of each bin of time."""
     states = np.zeros((len(changes), n_joint), dtype=np.int64)
     for i, change in enumerate(changes):
         for joint, text in change.joints.items():
             states[i, joint] = state_of(text)
     models = np.array([Model[change.model.upper()] for change in changes], dtype=np.int64)
-    inside = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
-    times = edges[:-1, None] + np.diff(edges)[:, None] * inside
-    since = np.searchsorted([change.time for change in changes], times, side="right") - 1
-    since = np.maximum(since, 0)
-    return _longest(states[since], len(_STATES)), _longest(models[since], len(Model))
+    middle = 0.5 * (edges[:-1] + edges[1:])
+    since = np.searchsorted([change.time for change in changes], middle, side="right") - 1
+    return states[np.maximum(since, 0)], models[np.maximum(since, 0)]
 
 
 def state_of(text: str) -> int:
@@ -131,29 +129,15 @@ def _moving(changes: Sequence[MechanismChange]) -> list[MechanismChange]:
     return [c for c in changes if c.model != "rest" and not c.until <= c.time]
 
 
-def _longest(samples: IntArray, n_state: int) -> IntArray:
-    """Most frequent state along axis 1."""
-    counts = np.stack([(samples == state).sum(axis=1) for state in range(n_state)])
-    return counts.argmax(axis=0)
-
-
-def _ground(sheet: Sheet, box: Box, example: Example, edges: FloatArray) -> None:
+def _ground(panel: Panel, example: Example) -> None:
     times, acceleration = example.ground
-    # Every sample and the value at every edge: the trace stays connected from bin to bin.
-    at_edges = np.interp(edges, times, acceleration, right=0.0)
-    low = np.minimum(at_edges[:-1], at_edges[1:])
-    high = np.maximum(at_edges[:-1], at_edges[1:])
-    bins = np.searchsorted(edges, times, side="right") - 1
-    inside = (bins >= 0) & (bins < low.size)
-    np.minimum.at(low, bins[inside], acceleration[inside])
-    np.maximum.at(high, bins[inside], acceleration[inside])
-    if low.size > _TRACE:  # as fine as can be seen
-        low, high = low.reshape(_TRACE, -1).min(axis=1), high.reshape(_TRACE, -1).max(axis=1)
-        edges = edges[:: (edges.size - 1) // _TRACE]
+    start, end = panel.x
+    shown = np.concatenate([[start], times[(times > start) & (times < end)], [end]])
+    place, low, high = look.envelope(np.interp(shown, times, acceleration, right=0.0), _TRACE)
     reach = 1.05 * max(float(np.abs([low, high]).max()), 1e-9)
-    panel = Panel(sheet, box, (float(edges[0]), float(edges[-1])), (-reach, reach))
+    panel.y = (-reach, reach)
     panel.axis_y(look.even_ticks(-reach, reach, 4), "ground [g]")
-    panel.band(0.5 * (edges[:-1] + edges[1:]), low, high, look.GREY, 1.0)
+    panel.band(np.interp(place, np.arange(shown.size), shown), low, high, look.GREY, 1.0)
 
 
 def _stated(example: Example) -> str:
@@ -169,8 +153,7 @@ def _caption(example: Example) -> str:
     text = (
         f"Log of the mechanism under {example.motion.id} at {example.level}, {example.reason}. "
         "Joint 0 is the left springing, or the base of a free-standing chain; joints without a "
-        "bar are closed and stick. Dashed: contact lost for good. Columns show what lasted "
-        "longest in them."
+        "bar are closed and stick. Dashed: contact lost for good."
     )
     if not example.same:
         text += (
