@@ -32,6 +32,11 @@ _NUMBERS = {
 _APART = (*_NEEDED, "sha256", "accept", "accepted", "columns")
 
 
+def goes_with_records(path: Path) -> bool:
+    """Whether a file of this name lies beside records and is none: StationXML, an index."""
+    return path.suffix.lower() == ".xml" or path.name == INDEX_NAME
+
+
 @dataclass(frozen=True)
 class IndexEntry:
     """One row of an index.

@@ -274,7 +274,7 @@ def follow_path(position, work, path, scale, compliance, attempt):
     """Follow the solution from all joints open to the problem's own; its modes are left in `work`.
 
     `compliance` of the contact rows is relative; `attempt` chooses other opening velocities, and
-    with them another path. Returned: whether the end is reached, and the breaks on the way.
+    with them another path. Returned: whether the end is reached, and the breaks up to there.
     """
     set_openings(work, path, scale, attempt)
     tau, direction, reached = 0.0, ON, False
