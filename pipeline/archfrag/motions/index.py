@@ -113,10 +113,7 @@ def _table(source: Path) -> tuple[Sequence[str], list[dict[str, str]]]:
 
 
 def find_entry(path: str | Path) -> IndexEntry | None:
-    """Row that describes a file, in an index in its folder or the one above; None if none does.
-
-    A file called ``index.csv`` that is no table of records is passed over.
-    """
+    """Row that describes a file, in an index in its folder or the one above; None if none does."""
     record = Path(path).resolve()
     for folder in (record.parent, record.parent.parent):
         index = folder / INDEX_NAME
