@@ -77,7 +77,7 @@ def main() -> None:
 @click.argument("folder", type=click.Path(path_type=Path), default=".")
 def init(folder: Path) -> None:
     """Write a commented study to start from, with the shipped motions, into FOLDER (.)."""
-    from archfrag.study.starter import write_starter
+    from archfrag.study.workflow import write_starter
 
     click.echo(f"run it with: archfrag run {shlex.quote(str(write_starter(folder)))}")
 
@@ -418,8 +418,7 @@ def _cube(study: Any, note: Callable[[str], None]) -> None:
 
 
 def _fit(study: Any, note: Callable[[str], None]) -> None:
-    from archfrag.study.cautions import study_cautions
-    from archfrag.study.fits import FITS, fit_cube, fit_text, load_answers
+    from archfrag.study.fits import FITS, fit_cube, fit_text, load_answers, study_cautions
     from archfrag.study.members import SHOWN
     from archfrag.study.steps import require
 
