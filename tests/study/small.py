@@ -1,11 +1,15 @@
 """A study of some fast runs, for the tests of study and workflow."""
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import netCDF4
 import numpy as np
+import pytest
 
+from archfrag.study import batch
 from archfrag.study.batch import cut
 from archfrag.study.files import make_folder
 from archfrag.study.plan import Plan
@@ -59,6 +63,20 @@ def small_study(folder: Path, text: str = TEXT, name: str = "small.yaml") -> Pat
 def files(folder: Path) -> dict[str, bytes]:
     """Names and contents of all files of a folder, hidden ones too."""
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+class _Here:
+    def results(self, plan, work):
+        for cases, factors in work:
+            yield run_chunk(str(plan.path), cases, factors)
+
+
+@contextmanager
+def in_process() -> Iterator[None]:
+    """Batches run in this process: starting workers takes seconds."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(batch._Executor, "start_workers", lambda executor: _Here())
+        yield
 
 
 def make_runs(plan: Plan, chunk: int = 2) -> None:
