@@ -1,11 +1,9 @@
 """Records of a study: found, read, scaled, stored."""
 
-import os
-
 import numpy as np
 import pytest
 
-from archfrag.errors import InputError, OutputError, RecordError, StudyError
+from archfrag.errors import InputError, StudyError
 from archfrag.motions.measures import measure
 from archfrag.study.config import load_study
 from archfrag.study.files import sha256_of
@@ -130,17 +128,6 @@ def test_patterns_match_in_any_case(tmp_path, pattern):
     assert found == expected
 
 
-def test_name_that_is_not_utf_8(tmp_path):
-    study = study_with(tmp_path, 'files: ["records/*"]')
-    (tmp_path / "records" / "wave0.AT2").rename(tmp_path / "records" / os.fsdecode(b"b\xff.AT2"))
-    with pytest.raises(RecordError) as caught:
-        prepare_motions(study)
-    assert str(caught.value) == (
-        f"{tmp_path}/records/b\\xff.AT2: the name of the file is not in UTF-8; rename it, the id "
-        "of a record is made of its name"
-    )
-
-
 def test_motions_that_are_not_prepared_or_for_another_measure(tmp_path):
     study = load_study(small_study(tmp_path))
     with pytest.raises(InputError, match=r"motions\.json: the motions are not prepared yet"):
@@ -153,10 +140,3 @@ def test_motions_that_are_not_prepared_or_for_another_measure(tmp_path):
     (study.work / "motions.json").write_text("{")
     with pytest.raises(InputError, match=r"motions\.json: is damaged"):
         load_prepared(study)
-
-
-def test_disk_full_while_storing(tmp_path, full_disk):
-    study = load_study(small_study(tmp_path))
-    with full_disk(at=1), pytest.raises(OutputError, match=r"No space left on device"):
-        prepare_motions(study)
-    assert not (study.work / "motions.json").exists()

@@ -283,16 +283,6 @@ def test_a_failing_step_is_reported_once_with_its_exit_code(tmp_path):
     assert "Traceback" not in stderr
 
 
-def test_results_of_another_study_are_left_alone(finished, tmp_path):
-    out = finished[0].parent / "out"
-    before = sha256(out / "cube.nc")
-    path = small_study(tmp_path, TEXT.replace("id: small", "id: other"))
-    code, _, stderr = run(path, "--set", f"output={out}")
-    assert code == 4
-    assert "the cube of study 'small' is in the place of study 'other'" in stderr
-    assert sha256(out / "cube.nc") == before
-
-
 def test_a_copy_of_a_study_file_with_the_same_id_is_refused(finished):
     path = finished[0]
     before = sha256(path.parent / "out" / "cube.nc")
@@ -355,7 +345,6 @@ def test_odd_names_and_a_home_that_cannot_be_written(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("override", "code", "message"),
     [
-        ("metod.name=auto", 2, "metod is no known key; did you mean method?"),
         ("motions.files=['nowhere/*']", 2, "motions.files[0]: no file matches"),
         ("output=small.yaml/out", 4, "cannot be written (Not a directory)"),
     ],
