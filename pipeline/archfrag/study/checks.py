@@ -3,7 +3,7 @@
 import errno
 import math
 import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -77,10 +77,8 @@ def check_output(study: Study) -> None:
     except StudyError:
         return
     if owner != study.id:
-        raise OutputError(
-            f"{study.folder}: holds results of study {owner!r}, not of study {study.id!r}; "
-            "give the studies different output folders"
-        )
+        whose = f"holds results of study {owner!r}, not of study {study.id!r}"
+        raise OutputError(f"{study.folder}: {whose}; give the studies different output folders")
 
 
 def _check_writable(folder: Path) -> None:
@@ -115,9 +113,7 @@ class Summary:
 
     def __str__(self) -> str:
         """All but the name in one line."""
-        runs = (
-            f"{self.runs} runs" if self.extent == "exactly" else f"{self.extent} {self.runs} runs"
-        )
+        runs = f"{self.extent} {self.runs} runs".removeprefix("exactly ")
         text = f"{self.arches} arches, {self.records} records, {self.levels} levels, {runs}"
         if self.design != "stripes":
             text += f" by design {self.design}"
@@ -128,27 +124,19 @@ def check_study(study: Study) -> Summary:
     """Check all of a study without running it: arches stand, records are read and scaled."""
     found = check_arches(study)
     study_inputs(study)
-    records = 0
-    for motion in read_sources(study):
-        measured(motion, study)
-        records += 1
+    records = sum(1 for motion in read_sources(study) if measured(motion, study))
     if not records:
         raise StudyError("motions: the study has no record")
     if needs_records(study.arches):
         found = check_arches(study, records)
     check_output(study)
-    return replace(summary_of(study, found, records), cautions=doubts(study, found))
-
-
-def summary_of(study: Study, found: Members, records: int) -> Summary:
-    """What a study with these arches and so many records amounts to."""
     design, levels = study.design, len(study.intensity.si)
     met, arches = np.unique(found.meets(records).sum(axis=1), return_counts=True)
     each = [_runs_of(design, int(count), levels) for count in met]
     runs, coarse = (sum(part[i] * n for part, n in zip(each, arches.tolist())) for i in (0, 1))
     return Summary(
         study.id, len(found), records, levels, design.kind, runs, each[0][2], coarse,
-        summaries(found),
+        summaries(found), doubts(study, found),
     )  # fmt: skip
 
 
