@@ -108,13 +108,6 @@ def largest_load(scene: Scene, sense: float = 1.0) -> float:
     A normal and a shear force at both ends of each joint, in balance with the weights and the
     inertia forces, within Coulomb's cone (Livesley 1978, *Int. J. Numer. Meth. Eng.* 12; with
     friction the bound is that of the static theorem).
-
-    Examples
-    --------
-    >>> from archbench.scene import load_scene
-    >>> from archbench.exact import largest_load
-    >>> round(largest_load(load_scene("block_sine")), 9)
-    0.2
     """
     found = _programme(scene, sense)
     if found.status == 3:

@@ -22,12 +22,6 @@ class Setting:
     `method` is of `archfrag.methods.registry.METHODS` or of `archbench.adapters.client.NAMES`,
     `parameter` "dt" [s], "rtol", or a parameter of the method's own; `settings` are those of the
     method's own parameters that differ from their defaults besides.
-
-    Examples
-    --------
-    >>> from archbench.settings import Setting
-    >>> Setting("penalty", "stiffness", 1e9).options
-    {'method': 'penalty', 'settings': {'stiffness': 1000000000.0}}
     """
 
     method: str
@@ -59,15 +53,19 @@ class Setting:
         return replace(self, value=factor * self.value)
 
 
-def ladders(quick: bool, solvers: Sequence[str] = ()) -> dict[str, list[Setting]]:
-    """Settings of each method that can run here, and of other solvers, from coarse to fine."""
+def ladders(column: str, solvers: Sequence[str] = ()) -> dict[str, list[Setting]]:
+    """Settings of each method that can run here, and of other solvers, from coarse to fine.
+
+    `column` is of `settings.json`: "values" or "quick" for ladders of single runs, "fragility" or
+    "fragility_quick" for those of studies, and "offered" for studies of what may be too slow.
+    """
     table = json.loads(Path(__file__).with_name("settings.json").read_text(encoding="utf-8"))
     rows = {name: row for name, row in table.items() if name in available_methods()}
     rows |= {name: table.get(name, table[OTHERS]) for name in solvers}
-    values = "quick" if quick else "values"
     return {
-        name: [Setting(name, row["parameter"], value) for value in row[values]]
+        name: [Setting(name, row["parameter"], value) for value in row[column]]
         for name, row in rows.items()
+        if column in row
     }
 
 

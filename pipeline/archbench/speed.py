@@ -21,10 +21,6 @@ from archbench.solve import Solution, collapses, nearest_change, solve, solve_ma
 from archfrag.errors import ArchfragError
 from archfrag.methods.registry import AUTO, METHODS
 
-QUICK_SCENES = (
-    "arch7_pulse", "block_sine", "column_pulse", "arch7_slides", "arch27_pulse",
-    "arch7_shipped_m65_r010",
-)  # fmt: skip
 NEAR = 0.9  # of the reference's amplitude: where the cost of a search's runs is taken
 REACH = 0.5
 STUDY = tuple(1.0 + 1e-5 * k for k in range(8))  # runs of a study, all but equal
@@ -43,8 +39,8 @@ LEVELS = tuple(10.0 ** (-k / 2) for k in range(1, 10))
 def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     """Cost and errors of all methods, and of other solvers, on all scenes."""
     quick, place = bench.quick, (bench.quick, bench.folders)
-    names = [name for name in scene_names() if "chart" in load_scene(name).source.split(", ")]
-    names = list(QUICK_SCENES) if quick else names
+    wanted = "quick" if quick else "chart"
+    names = [name for name in scene_names() if wanted in load_scene(name).source.split(", ")]
     tasks = {(name, quick): (name, *place) for name in names}
     left_out: list[tuple[str, str, str]] = []
     references = {}
@@ -56,7 +52,7 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     runs = {
         (scene, method, quick): (reference, settings, *place)
         for scene, reference in references.items()
-        for method, settings in ladders(quick, bench.solvers).items()
+        for method, settings in ladders("quick" if quick else "values", bench.solvers).items()
     }
     points: list[Row] = []
     for (scene, method, _), result in bench.run("speed", points_of, runs, LIMIT[quick]).items():

@@ -29,8 +29,8 @@ def made_up(*rows):
 
 
 def test_settings_of_ladders_are_known_to_the_registry():
-    for quick in (True, False):
-        for method, settings in ladders(quick, ["mujoco"]).items():
+    for column in ("values", "quick", "fragility", "fragility_quick", "offered"):
+        for method, settings in ladders(column, ["siconos"]).items():
             own = (
                 {each.name for each in METHODS[method].parameters} if method in METHODS else {"dt"}
             )
