@@ -20,10 +20,9 @@ from archfrag.mechanics.block.motion import (
     SLIDE,
     SLIDE_ROCK,
     Solutions,
-    base_impact,
-    corner_impact,
+    base_problem,
     corner_motion,
-    sliding_motion,
+    corner_problem,
     starting_motion,
 )
 from archfrag.mechanics.block.regions import painleve_friction, rocking_friction, starting_region
@@ -114,7 +113,7 @@ def first_motions(model, state, work, path, block, ground_x, ground_y, friction,
         found[i, 1] = start.mechanism if start.solutions == 1 else -1
         pose_accelerations(model, state, work, ground_x[i], ground_y)
         found[i, 2] = solved_motion(model, state, work, path, block, 1.0)
-        pose_step(model, state, work, Kick(speed * ground_x[i], speed * ground_y, STEP), STEP)
+        pose_step(model, state, work, Kick(speed * ground_x[i], speed * ground_y, STEP, 0.0), STEP)
         found[i, 3] = solved_motion(model, state, work, path, block, speed)
 
 
@@ -268,7 +267,6 @@ class TestGradients:
         psi_t, psi_n = formulas.generalised_reaction(n_t, n_n, 3.0, 7.0)
         assert formulas.dot(psi_t, velocity) == pytest.approx(3.0 * rate_t)
         assert formulas.dot(psi_n, velocity) == pytest.approx(7.0 * rate_n)
-        assert formulas.normal_law(n_n, velocity, 7.0)[1] == pytest.approx(7.0 * rate_n)
 
     def test_admissible_velocities_keep_the_full_base_out_of_the_ground(self):
         rng = np.random.default_rng(4)
@@ -292,10 +290,8 @@ class TestCoulomb:
             velocity = formulas.generalised(block, *rng.uniform(-1, 1, 3))
             normal, friction = rng.uniform(0, 10), rng.uniform(0, 1)
             slip = formulas.dot(n_t, velocity)
-            right = formulas.sliding_friction(slip, normal, friction)
-            assert formulas.tangential_law(n_t, velocity, normal, right, friction)[0] == 0.0
+            right = -math.copysign(friction * normal, slip)
             for other in rng.uniform(-friction * normal, friction * normal, 20):
-                assert formulas.dissipation_excess(n_t, velocity, right, other) >= 0.0
                 assert (
                     formulas.least_dissipation_excess(n_t, velocity, normal, other, friction) < 0.0
                 )
@@ -351,24 +347,6 @@ class TestPlane:
             in_plane = vector(*plane.centripetal_acceleration(n_t, n_n, *rates, mechanism))
             left = in_plane.sum(axis=0) - plane.part_in_plane(active, mechanism)
             assert left == pytest.approx(vector(psi_t)[0] + vector(psi_n)[0], abs=1e-7)
-            assert plane.unbalance(n_t, n_n, active, on_t, on_n, *held) == pytest.approx((0, 0, 0))
-
-    def test_sliding_reaction_is_on_the_cone_and_leaves_only_tangential_acceleration(self):
-        rng = np.random.default_rng(9)
-        for _ in range(50):
-            block, _, _, (n_t, n_n), rates, mechanism = self.frame(rng)
-            active = formulas.active_force(block, *rng.uniform(-0.5, 0.5, 2), g)
-            on_t, on_n = plane.centripetal_projections(*rates, mechanism)
-            friction, sense = rng.uniform(0, 1), rng.choice([-1, 1])
-            slides = plane.sliding_reaction(n_t, n_n, active, on_n, friction, sense)
-            assert slides[0] == pytest.approx(-sense * friction * slides[1])
-            boundary = plane.cone_boundaries(n_t, n_n, friction)[0 if sense < 0 else 1]
-            reaction = vector(*formulas.generalised_reaction(n_t, n_n, *slides)).sum(axis=0)
-            assert reaction == pytest.approx(slides[1] * vector(*boundary))
-            rest = plane.unbalance(n_t, n_n, active, on_t, on_n, *slides)
-            assert formulas.dot(rest, n_n) == pytest.approx(0.0, abs=1e-9)
-            slip = formulas.dot(n_t, tuple(vector(active)[0] + reaction)) - on_t
-            assert formulas.dot(rest, n_t) == pytest.approx(slip, abs=1e-9)
 
     def test_sliding_direction_splits_along_the_motion_and_across_it(self):
         rng = np.random.default_rng(10)
@@ -421,7 +399,7 @@ def same_answer(found, answer, block, rotation, scale):
     forces = vector(found.tangential, found.normal)
     assert forces == pytest.approx(reaction[:2], abs=1e-9 * block.mass * scale)
     if found.normal > 1e-6 * block.mass * scale:
-        place = formulas.centre_place(block, found.centre)
+        place = found.centre * (block.reach_a + block.reach_b) - block.reach_a
         x, y = formulas.rotated_arm(place, -block.rise, rotation)
         moment = x * found.normal - y * found.tangential
         assert moment == pytest.approx(reaction[2], abs=1e-9 * block.mass * size * scale)
@@ -462,7 +440,7 @@ class TestContactProblem:
             block = random_block(rng)
             ground, friction = rng.uniform(-1.5, 1.5, 2) * (1.0, 0.8), rng.uniform(0, 1.2)
             slip = rng.choice([0.0, 1.0, -1.0])
-            found = sliding_motion(block, slip, *ground, friction, g)
+            found = base_problem(block, formulas.active_force(block, *ground, g), friction, slip)
             if found.solutions != Solutions.ONE:
                 assert friction > least_painleve_friction(block)
                 continue
@@ -482,11 +460,12 @@ class TestContactProblem:
             before = rng.normal(size=3) * (1.0, 0.5, 2.0) - (0.0, 0.5, 0.0)
             friction = rng.uniform(0, 1.2) if rng.random() < 0.9 else math.inf
             side, rotation = int(rng.choice([CORNER_A, CORNER_B])), 0.0
+            start = formulas.generalised(block, *before)
             if flat:
-                found = base_impact(block, *before, friction)
+                found = base_problem(block, start, friction, 0.0)
             else:
                 rotation = -side * rng.uniform(0, 1.2)
-                found = corner_impact(block, side, rotation, *before, friction)
+                found = corner_problem(block, side, rotation, start, 0.0, 0.0, friction, 0.0)
             seen[found.mechanism] = seen.get(found.mechanism, 0) + 1
             assert found.solutions != Solutions.NONE
             if found.solutions != Solutions.ONE:
@@ -528,23 +507,22 @@ class TestEnergy:
         for _ in range(500):
             block = random_block(rng)
             before = rng.normal(size=3) - (0.0, 0.5, 0.0)
-            found = base_impact(block, *before, rng.uniform(0, 1.2))
             start = formulas.generalised(block, *before)
+            found = base_problem(block, start, rng.uniform(0, 1.2), 0.0)
             end = formulas.generalised(block, found.x, found.y, found.rotation)
             change = 0.5 * (formulas.dot(end, end) - formulas.dot(start, start))
             assert change <= 1e-12
             if math.isnan(found.centre):
                 continue
-            arm = (formulas.centre_place(block, found.centre), -block.rise)
+            place = found.centre * (block.reach_a + block.reach_b) - block.reach_a
+            arm = (place, -block.rise)
             n_t = formulas.tangential_gradient(block, arm)
             n_n = formulas.normal_gradient(block, arm)
             xi = formulas.generalised_reaction(n_t, n_n, found.tangential, found.normal)
-            assert formulas.impact_balance(start, end, *xi) == pytest.approx(0.0, abs=1e-8)
             assert formulas.impulsive_balance(start, end, *xi, (0.3, 0.1, -0.7)) == pytest.approx(
                 0.0, abs=1e-8
             )
-            assert formulas.impulsive_normal_law(n_n, end, found.normal)[1] == pytest.approx(
-                0.0, abs=1e-8
-            )
+            work = found.normal * formulas.dot(n_n, end)
+            assert work == pytest.approx(0.0, abs=1e-8)
             lost.append(change)
         assert min(lost) < -1.0

@@ -33,39 +33,16 @@ _IGNORED = {
 
 @dataclass(frozen=True)
 class Drawing:
-    """Blocks of a drawing [m].
+    """Blocks and the lines on which they stand [m], with their names for messages."""
 
-    Attributes
-    ----------
-    outlines : list of (m, 3) ndarray
-        Corners x, y and bulge, as `archfrag.arch.polygons` takes them.
-    ground : list of (2, 2) ndarray
-        Lines on which the chain stands; empty where the drawing has none.
-    names, ground_names : list of str
-        Of the polylines and lines, with file, layer and handle.
-    """
-
-    outlines: list[FloatArray]
-    ground: list[FloatArray]
-    names: list[str]
+    outlines: list[FloatArray]  # (m, 3) each: corners x, y and bulge
+    ground: list[FloatArray]  # (2, 2) each; none where ends stand opposite to their joints
+    names: list[str]  # of the blocks
     ground_names: list[str]
 
 
 def read_drawing(path: str | Path, layer: str | None = None, unit: str | None = None) -> Drawing:
-    """Blocks of a DXF drawing.
-
-    Parameters
-    ----------
-    path : str or Path
-        DXF file, text or binary.
-    layer : str, optional
-        Of the blocks; the only one with closed polylines if not given.
-    unit : str, optional
-        m, dm, cm, mm, in or ft; what the drawing's $INSUNITS states if not given.
-
-    Returns
-    -------
-    Drawing
+    """Blocks of a DXF drawing, text or binary; `layer` and `unit` as of `Arch.from_dxf`.
 
     Raises
     ------

@@ -138,10 +138,6 @@ class Arch:
         thickness, voussoirs, friction, density, depth, joints, dead_load
             See `Arch`; `thickness` is less than twice the radius.
 
-        Raises
-        ------
-        GeometryError
-
         Examples
         --------
         >>> import archfrag as af
@@ -187,10 +183,6 @@ class Arch:
             Exact annular sectors; False: straight-sided, with the same joints.
         thickness, voussoirs, friction, density, depth, joints, dead_load
             See `Arch`.
-
-        Raises
-        ------
-        GeometryError
 
         Examples
         --------
@@ -240,10 +232,6 @@ class Arch:
         thickness, voussoirs, friction, density, depth, joints, dead_load
             See `Arch`.
 
-        Raises
-        ------
-        GeometryError
-
         Examples
         --------
         >>> import archfrag as af
@@ -251,11 +239,9 @@ class Arch:
         >>> gothic
         <Arch pointed: 12 voussoirs, 13 joints>
         """
-        shape, position = _spanned(
-            (span, rise, thickness, voussoirs), joints, (0.5, math.inf), "half the span"
-        )
-        span, rise, thickness = shape.values()
-        ring = straight_ring(pointed_lines(span, rise, thickness, position))
+        given, ends = (span, rise, thickness, voussoirs), (0.5, math.inf)
+        shape, position = _spanned(given, joints, ends, "half the span")
+        ring = straight_ring(pointed_lines(shape, position))
         return cls._ready_made("pointed", shape, ring, friction, density, depth, joints, dead_load)
 
     @classmethod
@@ -281,10 +267,6 @@ class Arch:
         thickness, voussoirs, friction, density, depth, joints, dead_load
             See `Arch`; joints are perpendicular to the centre line and must not cross.
 
-        Raises
-        ------
-        GeometryError
-
         Examples
         --------
         >>> import archfrag as af
@@ -292,14 +274,11 @@ class Arch:
         >>> arch.n_joint
         12
         """
-        shape, position = _spanned(
-            (span, rise, thickness, voussoirs), joints, (_FLATTEST, math.inf), "1e-6 x span"
-        )
-        line = ellipse(shape["span"], shape["rise"], position)
-        ring = straight_ring(normal_lines(line, shape, "ellipse"))
-        return cls._ready_made(
-            "elliptic", shape, ring, friction, density, depth, joints, dead_load
-        )
+        given, ends = (span, rise, thickness, voussoirs), (_FLATTEST, math.inf)
+        shape, position = _spanned(given, joints, ends, "1e-6 x span")
+        ring = straight_ring(normal_lines(ellipse, shape, position))
+        matter = friction, density, depth, joints, dead_load
+        return cls._ready_made("elliptic", shape, ring, *matter)
 
     @classmethod
     def catenary(
@@ -324,10 +303,6 @@ class Arch:
         thickness, voussoirs, friction, density, depth, joints, dead_load
             See `Arch`; joints are perpendicular to the centre line and must not cross.
 
-        Raises
-        ------
-        GeometryError
-
         Examples
         --------
         >>> import archfrag as af
@@ -335,14 +310,11 @@ class Arch:
         >>> af.onset(arch).stands
         True
         """
-        shape, position = _spanned(
-            (span, rise, thickness, voussoirs), joints, (_FLATTEST, math.inf), "1e-6 x span"
-        )
-        line = catenary(shape["span"], shape["rise"], position)
-        ring = straight_ring(normal_lines(line, shape, "catenary"))
-        return cls._ready_made(
-            "catenary", shape, ring, friction, density, depth, joints, dead_load
-        )
+        given, ends = (span, rise, thickness, voussoirs), (_FLATTEST, math.inf)
+        shape, position = _spanned(given, joints, ends, "1e-6 x span")
+        ring = straight_ring(normal_lines(catenary, shape, position))
+        matter = friction, density, depth, joints, dead_load
+        return cls._ready_made("catenary", shape, ring, *matter)
 
     @classmethod
     def from_joints(
@@ -451,12 +423,13 @@ class Arch:
         >>> column.n_joint, round(af.onset(column).plus, 3)
         (2, 0.2)
         """
-        from archfrag.arch.polygons import polygon_fields
+        from archfrag.arch.polygons import given_polygons, polygon_fields
 
+        drawn = given_polygons(outlines, ground)
         matter = {
             "friction": friction, "density": density, "depth": depth, "dead_load": dead_load
         }  # fmt: skip
-        return cls(**polygon_fields(outlines, ground, thickness_factor, tolerance, matter))
+        return cls(**polygon_fields(drawn, thickness_factor, tolerance, matter))
 
     @classmethod
     def from_dxf(
@@ -507,12 +480,7 @@ class Arch:
         matter = {
             "friction": friction, "density": density, "depth": depth, "dead_load": dead_load
         }  # fmt: skip
-        names = drawn.names, drawn.ground_names
-        return cls(
-            **polygon_fields(
-                drawn.outlines, drawn.ground, thickness_factor, tolerance, matter, names
-            )
-        )
+        return cls(**polygon_fields(drawn, thickness_factor, tolerance, matter))
 
     def to_dxf(self, path: str | Path, unit: str = "m", layer: str = "VOUSSOIRS") -> None:
         """Draw the blocks as closed polylines and what they stand on as lines.

@@ -1,7 +1,7 @@
 """Chains of polygons: joints where two of them have an edge in common, sides straight or arcs."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any, NoReturn
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from archfrag.arch import checks
 from archfrag.arch.assemble import fields_of
+from archfrag.arch.drawing import Drawing
 from archfrag.arch.geometry import cross
 from archfrag.arch.outlines import (
     TOLERANCE,
@@ -36,53 +37,41 @@ _Segment = FloatArray  # (2, 2): end, xy
 class _Polygons:
     """What is being made a chain."""
 
-    outlines: list[FloatArray]  # anticlockwise
-    names: Sequence[str]
-    ground_names: Sequence[str]
+    drawn: Drawing  # its outlines anticlockwise
     tolerance: float
     # Of each block: the other blocks with the joint, along its own edges.
     joints: list[dict[int, _Segment]] = field(default_factory=list)
     standing: dict[int, _Segment] = field(default_factory=dict)
 
     def refuse(self, block: int, text: str) -> NoReturn:
-        raise GeometryError(f"{self.names[block]} {text}")
+        raise GeometryError(f"{self.drawn.names[block]} {text}")
 
 
 def polygon_ring(
-    outlines: Sequence[FloatArray],
-    ground: Sequence[FloatArray] = (),
-    names: Sequence[str] = (),
-    ground_names: Sequence[str] = (),
-    tolerance: float | None = None,
+    drawn: Drawing, tolerance: float | None = None
 ) -> tuple[Ring, list[FloatArray], bool]:
     """Ring of blocks in any order: joints are the edges that two have in common.
 
     Parameters
     ----------
-    outlines : sequence of (m, 3) ndarray
-        Of the blocks, clockwise or anticlockwise.
-    ground : sequence of (2, 2) ndarray
-        One or two lines on which the chain stands; none: on the sides opposite to the joints of
-        its two end blocks.
-    names, ground_names : sequence of str
-        Of blocks and lines, for messages.
+    drawn : archfrag.arch.drawing.Drawing
     tolerance : float, optional
         Within which corners and edges are the same [m]; `TOLERANCE` of the size if not given.
 
     Returns
     -------
-    Ring
+    ring : Ring
         From the end that stands further left; up from the ground where one end is free.
-    list of (m, 3) ndarray
-        Outlines in that order, anticlockwise.
-    bool
-        Whether the end is free.
+    outlines : list of (m, 3) ndarray
+        In that order, anticlockwise.
+    free_end : bool
 
     Raises
     ------
     GeometryError
         Naming the block that is no simple polygon, overlaps, or does not fit into one chain.
     """
+    outlines = drawn.outlines
     if not 0 < len(outlines) <= checks.MOST_VOUSSOIRS:
         raise GeometryError(
             f"{len(outlines)} outlines make no chain; there must be 1 to {checks.MOST_VOUSSOIRS}"
@@ -90,13 +79,11 @@ def polygon_ring(
     every = np.concatenate([outline[:, :2] for outline in outlines])
     size = float(np.hypot(*np.ptp(every, axis=0)))
     given = _Polygons(
-        [anticlockwise(outline) for outline in outlines],
-        names or [f"outline {i}" for i in range(len(outlines))],
-        ground_names or [f"ground line {i}" for i in range(len(ground))],
+        replace(drawn, outlines=[anticlockwise(outline) for outline in outlines]),
         TOLERANCE * size if tolerance is None else tolerance,
     )
     _check_simple(given)
-    _find_joints(given, ground)
+    _find_joints(given)
     order = _walk(given)
     free = len(given.standing) == 1
     segments = [given.standing[order[0]]]
@@ -107,7 +94,7 @@ def polygon_ring(
     lines.append(_far_side(given, last, lines[-1]) if free else given.standing[last])
     ends = np.array(lines)
     chain = JointLines(ends[:, 0].copy(), ends[:, 1].copy())
-    placed = [given.outlines[block] for block in order]
+    placed = [given.drawn.outlines[block] for block in order]
     for place, block in enumerate(order[: len(order) - free]):
         for side in chain[:2]:
             if np.hypot(*(side[place + 1] - side[place])) <= given.tolerance:
@@ -123,7 +110,7 @@ def _check_simple(given: _Polygons) -> None:
     """Refuse outlines that cross themselves, have no area, or overlap."""
     import shapely
 
-    points = [sampled(outline) for outline in given.outlines]
+    points = [sampled(outline) for outline in given.drawn.outlines]
     shapes = np.array([shapely.Polygon(p) if len(p) > 2 else shapely.Polygon() for p in points])
     least = given.tolerance
     for block, shape in enumerate(shapes):
@@ -141,14 +128,14 @@ def _check_simple(given: _Polygons) -> None:
             common = shapely.intersection(shapes[one], shapes[other]).area
             alike = common > 0.999 * max(shapes[one].area, shapes[other].area)
             what = "is the same block as" if alike else f"overlaps by {common:.3g} m2 with"
-            given.refuse(one, f"{what} {given.names[other]}")
+            given.refuse(one, f"{what} {given.drawn.names[other]}")
 
 
-def _find_joints(given: _Polygons, ground: Sequence[FloatArray]) -> None:
+def _find_joints(given: _Polygons) -> None:
     """Joints of blocks with each other and with the ground."""
     import shapely
 
-    edges, owner = _straight_edges(given.outlines)
+    edges, owner = _straight_edges(given.drawn.outlines)
     tree = shapely.STRtree(shapely.linestrings(edges))
     found: dict[tuple[int, int], list[_Segment]] = {}
     near = tree.query(tree.geometries, predicate="dwithin", distance=given.tolerance)
@@ -157,17 +144,17 @@ def _find_joints(given: _Polygons, ground: Sequence[FloatArray]) -> None:
             common = _common(edges[one], edges[other][::-1], given.tolerance)
             if common is not None:
                 found.setdefault((owner[one], owner[other]), []).append(common)
-    given.joints = [{} for _ in given.outlines]
+    given.joints = [{} for _ in given.drawn.outlines]
     for (one, other), parts in found.items():
         segment = _one_line(parts, given.tolerance)
         if segment is None:
             given.refuse(
                 one,
-                f"and {given.names[other]} meet along {len(parts)} edges not on one line; "
+                f"and {given.drawn.names[other]} meet along {len(parts)} edges not on one line; "
                 "a joint must be straight",
             )
         given.joints[one][other], given.joints[other][one] = segment, segment[::-1]
-    for line, name in zip(ground, given.ground_names):
+    for line, name in zip(given.drawn.ground, given.drawn.ground_names):
         stands: dict[int, list[_Segment]] = {}
         for edge in tree.query(shapely.linestrings(line), "dwithin", distance=given.tolerance):
             for sense in (line, line[::-1]):
@@ -175,7 +162,7 @@ def _find_joints(given: _Polygons, ground: Sequence[FloatArray]) -> None:
                 if common is not None:
                     stands.setdefault(int(owner[edge]), []).append(common)
         if len(stands) != 1:
-            blocks = ", ".join(given.names[block] for block in stands) or "none"
+            blocks = ", ".join(given.drawn.names[block] for block in stands) or "none"
             raise GeometryError(
                 f"{name} must be on a straight edge of one block, on which it stands on the "
                 f"ground; it is on edges of: {blocks}"
@@ -241,10 +228,10 @@ def _one_line(parts: list[_Segment], tolerance: float) -> _Segment | None:
 
 def _walk(given: _Polygons) -> list[int]:
     """Blocks from one end to the other, with what the ends stand on; refuses what is no chain."""
-    count = len(given.outlines)
+    count = len(given.drawn.outlines)
     for block, beside in enumerate(given.joints):
         if len(beside) > 2:
-            others = ", ".join(given.names[other] for other in beside)
+            others = ", ".join(given.drawn.names[other] for other in beside)
             given.refuse(block, f"has {len(beside)} joints, with {others}; it may have two")
     ends = [block for block, beside in enumerate(given.joints) if len(beside) < 2]
     if not ends:
@@ -278,20 +265,20 @@ def _refuse_gap(given: _Polygons, order: list[int]) -> NoReturn:
     """Refuse blocks that do not hang together, by the two at the narrowest gap."""
     import shapely
 
-    shapes = [shapely.Polygon(sampled(outline)) for outline in given.outlines]
+    shapes = [shapely.Polygon(sampled(outline)) for outline in given.drawn.outlines]
     rest = sorted(set(range(len(shapes))) - set(order))
     gaps = {(one, other): shapes[one].distance(shapes[other]) for one in order for other in rest}
     one, other = min(gaps, key=lambda pair: gaps[pair])
     given.refuse(
         one,
-        f"has no edge in common with {given.names[other]}, {gaps[one, other]:.3g} m away; all "
-        f"must form one chain, and edges of neighbours agree to {given.tolerance:.3g} m",
+        f"has no edge in common with {given.drawn.names[other]}, {gaps[one, other]:.3g} m away; "
+        f"all must form one chain, and edges of neighbours agree to {given.tolerance:.3g} m",
     )
 
 
 def _opposite(given: _Polygons, block: int, joint: _Segment) -> _Segment:
     """Side of an end block opposite to its joint, which must be one of four and straight."""
-    outline = given.outlines[block]
+    outline = given.drawn.outlines[block]
     sides = sides_of(outline)
     along, _ = perimeter(outline)
     middle = place_along(outline, along, joint.mean(axis=0))
@@ -312,7 +299,7 @@ def _opposite(given: _Polygons, block: int, joint: _Segment) -> _Segment:
 
 def _far_side(given: _Polygons, block: int, joint: _Segment) -> _Segment:
     """Edge of a free end that is farthest from the line of its joint, intrados first."""
-    corners = given.outlines[block][:, :2]
+    corners = given.drawn.outlines[block][:, :2]
     edges = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
     away = np.abs(cross(edges.mean(axis=1) - joint[0], joint[1] - joint[0]))
     return edges[int(np.argmax(away))]
@@ -322,32 +309,35 @@ def _place(point: FloatArray) -> str:
     return f"({point[0]:.6g}, {point[1]:.6g})"
 
 
+def given_polygons(outlines: Sequence[Any], ground: Sequence[Any]) -> Drawing:
+    """Blocks and lines that a user gives as lists of points."""
+    names = [f"outlines[{i}]" for i in range(len(outlines))]
+    ground_names = [f"ground[{i}]" for i in range(len(ground))]
+    blocks = [checked_corners(rows, name, 2, 3) for rows, name in zip(outlines, names)]
+    lines = [checked_corners(rows, name, 2, 2)[:, :2] for rows, name in zip(ground, ground_names)]
+    return Drawing(blocks, lines, names, ground_names)
+
+
 def polygon_fields(
-    outlines: Sequence[Any],
-    ground: Sequence[Any],
-    thickness_factor: float,
-    tolerance: float | None,
-    matter: dict[str, Any],
-    names: tuple[Sequence[str], Sequence[str]] = ((), ()),
+    drawn: Drawing, thickness_factor: float, tolerance: float | None, matter: dict[str, Any]
 ) -> dict[str, Any]:
     """Attributes of an Arch of polygons; `matter` is friction, density, depth and dead_load."""
-    given = [checked_corners(rows, f"outlines[{i}]", 2, 3) for i, rows in enumerate(outlines)]
-    lines = [checked_corners(rows, f"ground[{i}]", 2, 2)[:, :2] for i, rows in enumerate(ground)]
     factor = checks.number("thickness_factor", thickness_factor, "")
     if tolerance is not None:
         tolerance = checks.number("tolerance", tolerance)
-    ring, placed, free = polygon_ring(given, lines, *names, tolerance)
+    ring, placed, free = polygon_ring(drawn, tolerance)
     if factor != 1.0:
-        placed = stretched(placed, ring, factor)
-        lines = [np.array([side[k] for side in ring.lines[:2]]) for k in _standing(ring, free)]
+        placed, lines = stretched(placed, ring, factor), _standing(ring, free)
         lines = [line.mean(axis=0) + factor * (line - line.mean(axis=0)) for line in lines]
-        ring, placed, free = polygon_ring(placed, lines, tolerance=tolerance)
+        ring, placed, free = polygon_ring(given_polygons(placed, lines), tolerance)
     shape = {
         "outlines": [outline.tolist() for outline in placed],
-        "ground": [[side[k].tolist() for side in ring.lines[:2]] for k in _standing(ring, free)],
+        "ground": [line.tolist() for line in _standing(ring, free)],
     }
     return fields_of("polygons", shape, ring, free_end=free, **matter)
 
 
-def _standing(ring: Ring, free: bool) -> tuple[int, ...]:
-    return (0,) if free else (0, len(ring.voussoirs))
+def _standing(ring: Ring, free: bool) -> list[FloatArray]:
+    """Lines on which the ends stand."""
+    ends = (0,) if free else (0, len(ring.voussoirs))
+    return [np.array([side[k] for side in ring.lines[:2]]) for k in ends]

@@ -6,6 +6,7 @@ the fraction of the centre line's length, counted from the crown: −1/2 at the 
 """
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -100,9 +101,12 @@ def catenary(span: float, rise: float, fraction: NDArray[np.float64]) -> CentreL
     return CentreLine(np.column_stack([x, y]), outward)
 
 
-def normal_lines(line: CentreLine, shape: dict[str, float], profile: str) -> JointLines:
-    """Joint lines perpendicular to a centre line of some span, rise and thickness."""
+def normal_lines(
+    curve: Callable[..., CentreLine], shape: dict[str, float], fraction: NDArray[np.float64]
+) -> JointLines:
+    """Joint lines perpendicular to the centre line of a curve's span and rise."""
     span, rise, thickness = shape.values()
+    line, profile = curve(span, rise, fraction), curve.__name__
     step = np.diff(line.point, axis=0)
     here, there = line.outward[:-1], line.outward[1:]
     behind = np.minimum(-cross(here, step), -cross(there, step)) <= 0.0
@@ -122,14 +126,13 @@ def normal_lines(line: CentreLine, shape: dict[str, float], profile: str) -> Joi
     return JointLines(line.point - offset, line.point + offset)
 
 
-def pointed_lines(
-    span: float, rise: float, thickness: float, fraction: NDArray[np.float64]
-) -> JointLines:
+def pointed_lines(shape: dict[str, float], fraction: NDArray[np.float64]) -> JointLines:
     """Joint lines of two circular arcs that meet at the crown.
 
     The left arc has its centre on the springing line at x = d = (rise² − span²/4)/span and the
     radius d + span/2. The extrados and intrados arcs are cut by the vertical x = 0.
     """
+    span, rise, thickness = shape.values()
     reach = (rise**2 - 0.25 * span**2) / span
     radius = reach + 0.5 * span
     sweep = math.atan2(rise, reach)

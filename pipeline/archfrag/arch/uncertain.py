@@ -9,11 +9,13 @@ import abc
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import stats
 from scipy.special import ndtr, ndtri
+from scipy.stats import qmc
 
 from archfrag.errors import InputError
 
@@ -48,22 +50,19 @@ class Marginal(abc.ABC):
         InputError
             If nearly nothing of the distribution lies between its bounds.
         """
-        low, high = self._cdf(self.lower), self._cdf(self.upper)
+        full = self.full()
+        low, high = full.cdf([self.lower, self.upper]).tolist()
         if high - low < LEAST_KEPT:
             raise InputError(
                 f"only {max(high - low, 0.0):.1g} of the distribution lies between lower = "
                 f"{self.lower:g} and upper = {self.upper:g}; it must be at least {LEAST_KEPT:g}"
             )
         inside = low + np.asarray(probability, dtype=float) * (high - low)
-        return np.clip(self._inverse(inside), self.lower, self.upper)
+        return np.clip(full.ppf(inside), self.lower, self.upper)
 
     @abc.abstractmethod
-    def _cdf(self, value: float) -> float:
-        """Probability of at most a value, without truncation."""
-
-    @abc.abstractmethod
-    def _inverse(self, probability: FloatArray) -> FloatArray:
-        """Inverse of `_cdf`, same shape."""
+    def full(self) -> Any:
+        """The distribution without truncation, of `scipy.stats`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,11 +72,8 @@ class Normal(Marginal):
     mean: float
     sd: float
 
-    def _cdf(self, value: float) -> float:
-        return float(ndtr((value - self.mean) / self.sd))
-
-    def _inverse(self, probability: FloatArray) -> FloatArray:
-        return self.mean + self.sd * ndtri(probability)
+    def full(self) -> Any:
+        return stats.norm(self.mean, self.sd)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,13 +83,8 @@ class Lognormal(Marginal):
     median: float
     beta: float
 
-    def _cdf(self, value: float) -> float:
-        if value <= 0.0:
-            return 0.0
-        return float(ndtr(math.log(value / self.median) / self.beta))
-
-    def _inverse(self, probability: FloatArray) -> FloatArray:
-        return self.median * np.exp(self.beta * ndtri(probability))
+    def full(self) -> Any:
+        return stats.lognorm(self.beta, scale=self.median)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,11 +94,8 @@ class Uniform(Marginal):
     start: float
     stop: float
 
-    def _cdf(self, value: float) -> float:
-        return min(max((value - self.start) / (self.stop - self.start), 0.0), 1.0)
-
-    def _inverse(self, probability: FloatArray) -> FloatArray:
-        return self.start + (self.stop - self.start) * probability
+    def full(self) -> Any:
+        return stats.uniform(self.start, self.stop - self.start)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,19 +106,9 @@ class Triangular(Marginal):
     mode: float
     stop: float
 
-    def _cdf(self, value: float) -> float:
-        value = min(max(value, self.start), self.stop)
+    def full(self) -> Any:
         width = self.stop - self.start
-        if value <= self.mode:
-            rise = self.mode - self.start
-            return (value - self.start) ** 2 / (width * rise) if rise else 0.0
-        return 1.0 - (self.stop - value) ** 2 / (width * (self.stop - self.mode))
-
-    def _inverse(self, probability: FloatArray) -> FloatArray:
-        width, rise = self.stop - self.start, self.mode - self.start
-        up = self.start + np.sqrt(probability * width * rise)
-        down = self.stop - np.sqrt((1.0 - probability) * width * (self.stop - self.mode))
-        return np.where(probability * width < rise, up, down)
+        return stats.triang((self.mode - self.start) / width, self.start, width)
 
 
 def unit_points(
@@ -163,9 +141,6 @@ def unit_points(
     >>> bool(np.all(short == long[:8]))
     True
     """
-    # Takes a second to import, which only studies of uncertain arches need.
-    from scipy.stats import qmc
-
     generator = np.random.default_rng(seed)
     if scheme == "sobol":
         power = max(count - 1, 0).bit_length()
@@ -181,17 +156,9 @@ def correlation_factor(
 ) -> FloatArray:
     """Lower triangular factor of a correlation matrix, (n, n), rows and columns as in `names`.
 
-    Parameters
-    ----------
-    names : sequence of str
-    correlation : mapping
-        Of names to mappings of names to coefficients; pairs that are not there have 0.
-
-    Raises
-    ------
-    InputError
-        If a name is unknown or a pair occurs twice, a coefficient is not between -1 and 1, or
-        no distribution has these coefficients together.
+    Pairs that `correlation`, of names to mappings of names to coefficients, does not have are not
+    correlated. `InputError` where a name is unknown or a pair occurs twice, a coefficient is not
+    between -1 and 1, or no distribution has these coefficients together.
     """
     matrix = np.eye(len(names))
     given = set()

@@ -126,17 +126,10 @@ class KernelCache(NullCache):
 
 
 def read_version(path: Path) -> tuple[str, Any, list[str], Any] | None:
-    """What the file of a compiled version holds.
+    """What the file of a compiled version holds; None if there is no such file or it is damaged.
 
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    tuple or None
-        Which kernel with which options, types of the arguments, names of the files of the
-        versions that it calls, and numba's result; None if there is no such file or it is damaged.
+    Which kernel with which options, types of the arguments, names of the files of the versions
+    that it calls, and numba's result.
     """
     try:
         module_ir = path.read_bytes()

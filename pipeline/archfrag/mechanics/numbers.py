@@ -38,51 +38,43 @@ _BITS = ir.VectorType(ir.IntType(1), LANES)
 _ALIGNMENT = 64
 
 
-class _LanesType(types.Type):
-    """Numbers of four runs."""
+class _Four(types.Type):
+    """Numbers, or truths, of four runs; `plain` stands where four are wanted: each gets it."""
 
-    lanes = True
-
-    def __init__(self) -> None:
-        super().__init__(name=f"Lanes{LANES}")
-
-    def unify(self, typingctx: Any, other: Any) -> Any:
-        """A variable that is a float on one path and lanes on another holds lanes."""
-        return self if isinstance(other, types.Float | types.Integer) else None
-
-    def can_convert_from(self, typingctx: Any, other: Any) -> Any:
-        """A float may stand where lanes are wanted: every lane gets it."""
-        return Conversion.safe if isinstance(other, types.Float | types.Integer) else None
-
-
-class _MaskType(types.Type):
-    """Truth of something in four runs."""
+    plain: Any
 
     def __init__(self) -> None:
-        super().__init__(name=f"Mask{LANES}")
+        super().__init__(name=f"{type(self).__name__.strip('_').removesuffix('Type')}{LANES}")
 
     def unify(self, typingctx: Any, other: Any) -> Any:
-        """As for lanes."""
-        return self if isinstance(other, types.Boolean) else None
+        """A variable that is plain on one path and of four on another is of four."""
+        return self if isinstance(other, self.plain) else None
 
     def can_convert_from(self, typingctx: Any, other: Any) -> Any:
-        """As for lanes."""
-        return Conversion.safe if isinstance(other, types.Boolean) else None
+        """How safe a conversion is; None if there is none."""
+        return Conversion.safe if isinstance(other, self.plain) else None
+
+
+class _LanesType(_Four):
+    lanes, plain = True, types.Float | types.Integer
+
+
+class _MaskType(_Four):
+    plain = types.Boolean
 
 
 lanes_type, mask_type = _LanesType(), _MaskType()
 
 
-@register_model(_LanesType)
-class _LanesModel(models.PrimitiveModel):
-    def __init__(self, manager: Any, of: Any) -> None:
-        super().__init__(manager, of, _VECTOR)
+def _register(kind: type[_Four], vector: ir.Type) -> None:
+    @register_model(kind)
+    class _Model(models.PrimitiveModel):
+        def __init__(self, manager: Any, of: Any) -> None:
+            super().__init__(manager, of, vector)
 
 
-@register_model(_MaskType)
-class _MaskModel(models.PrimitiveModel):
-    def __init__(self, manager: Any, of: Any) -> None:
-        super().__init__(manager, of, _BITS)
+_register(_LanesType, _VECTOR)
+_register(_MaskType, _BITS)
 
 
 class LaneArray(np.ndarray):
@@ -163,55 +155,31 @@ def _operator(
     lower_builtin(op, of, of)(lower)
 
 
-_NUMBER = (types.Float, types.Integer)
-for _op, _name in (
-    (operator.add, "fadd"),
-    (operator.sub, "fsub"),
-    (operator.mul, "fmul"),
-    (operator.truediv, "fdiv"),
-):
-    for _form in (_op, getattr(operator, f"i{_op.__name__}")):
+_NUMBER, _TRUTH = (types.Float, types.Integer), (types.Boolean,)
+_EMITTED = (
+    ("add", "fadd", lanes_type, _NUMBER), ("sub", "fsub", lanes_type, _NUMBER),
+    ("mul", "fmul", lanes_type, _NUMBER), ("truediv", "fdiv", lanes_type, _NUMBER),
+    ("and_", "and_", mask_type, _TRUTH), ("or_", "or_", mask_type, _TRUTH),
+    ("xor", "xor", mask_type, _TRUTH),
+)  # fmt: skip
+for _name, _call, _of, _plain in _EMITTED:
+    for _form in (_name, f"i{_name.strip('_')}"):
         _operator(
-            _form,
-            lambda b, x, y, name=_name: getattr(b, name)(x, y),
-            lanes_type,
-            _NUMBER,
-            lanes_type,
-        )
-for _op, _sign in (
-    (operator.lt, "<"),
-    (operator.le, "<="),
-    (operator.gt, ">"),
-    (operator.ge, ">="),
-    (operator.eq, "=="),
-):
+            getattr(operator, _form),
+            lambda b, x, y, call=_call: getattr(b, call)(x, y),
+            _of, _plain, _of,
+        )  # fmt: skip
+for _name, _sign in (("lt", "<"), ("le", "<="), ("gt", ">"), ("ge", ">="), ("eq", "==")):
     _operator(
-        _op,
+        getattr(operator, _name),
         lambda b, x, y, sign=_sign: b.fcmp_ordered(sign, x, y),
-        lanes_type,
-        _NUMBER,
-        mask_type,
-    )
+        lanes_type, _NUMBER, mask_type,
+    )  # fmt: skip
 _operator(
     operator.ne,
     lambda b, x, y: b.fcmp_unordered("!=", x, y),
-    lanes_type,
-    _NUMBER,
-    mask_type,
-)
-for _op, _name in (
-    (operator.and_, "and_"),
-    (operator.or_, "or_"),
-    (operator.xor, "xor"),
-):
-    for _form in (_op, getattr(operator, f"i{_op.__name__.strip('_')}")):
-        _operator(
-            _form,
-            lambda b, x, y, name=_name: getattr(b, name)(x, y),
-            mask_type,
-            (types.Boolean,),
-            mask_type,
-        )
+    lanes_type, _NUMBER, mask_type,
+)  # fmt: skip
 
 
 @infer_global(operator.neg)
@@ -337,13 +305,9 @@ def _shaped(typingctx: Any, arrays: Any, shapes: Any) -> Any:
 
 
 def shaped(arrays, shapes):
-    """The same named tuple of arrays, with shapes that the compiler knows.
+    """The same named tuple of C-contiguous arrays, with shapes that the compiler knows.
 
-    Parameters
-    ----------
-    arrays : NamedTuple of C-contiguous arrays, and of what else
-    shapes : tuple of tuples of int
-        Of each entry, behind its first dimension; a constant. Empty for what stays as it is.
+    `shapes`, a constant, has those of each entry behind its first dimension; empty for what stays.
     """
     return arrays
 

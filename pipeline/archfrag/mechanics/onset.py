@@ -36,17 +36,9 @@ class RestLimit(NamedTuple):
 
 @allocating
 def joint_inequalities(mass, centroid, point, normal, candidate, friction, gravity, free_end):
-    """Inequalities ``a x <= b`` that the four unknowns must fulfil for rest.
+    """Inequalities ``a x <= b`` of rest; joint and bit of a mechanism of each; scales.
 
-    The unknowns are made dimensionless: forces by the weight, moments by weight times size.
-
-    Returns
-    -------
-    a : ndarray, (n_inequality, 4)
-    b : ndarray, (n_inequality,)
-    joint, kind : ndarray, (n_inequality,)
-        Which joint and which bit of a mechanism the inequality stands for.
-    weight, size : float
+    The four unknowns are made dimensionless: forces by the weight, moments by weight times size.
     """
     n_joint = point.shape[0]
     weight = 0.0
@@ -60,9 +52,7 @@ def joint_inequalities(mass, centroid, point, normal, candidate, friction, gravi
     b = np.zeros(8 * n_joint)
     joint = np.zeros(8 * n_joint, np.int64)
     kind = np.zeros(8 * n_joint, np.int8)
-    fx = np.zeros(5)
-    fy = np.zeros(5)
-    mo = np.zeros(5)
+    fx, fy, mo = np.zeros(5), np.zeros(5), np.zeros(5)
     if free_end:
         # Columns: the three unknowns at joint 0 stay unused; k; constant.
         for i in range(mass.size):
@@ -74,9 +64,7 @@ def joint_inequalities(mass, centroid, point, normal, candidate, friction, gravi
     else:
         fx[0] = fy[1] = mo[2] = 1.0
     count = 0
-    row_0 = np.empty(5)
-    row_1 = np.empty(5)
-    shear = np.empty(5)
+    row_0, row_1, shear = np.empty(5), np.empty(5), np.empty(5)
     for j in range(n_joint):
         nx, ny = normal[j, 0], normal[j, 1]
         x0, y0 = point[j, 0, 0] / size, point[j, 0, 1] / size
@@ -89,24 +77,18 @@ def joint_inequalities(mass, centroid, point, normal, candidate, friction, gravi
         for c in range(2):
             row = row_0 if c == 0 else row_1
             bit = HINGE_EXTRADOS if c == 0 else HINGE_INTRADOS
-            a[count] = -row[:4]
-            b[count] = row[4]
-            joint[count] = j
-            kind[count] = bit
-            count += 1
-            if not candidate[j, c]:
-                a[count] = row[:4]
-                b[count] = -row[4]
-                joint[count] = j
-                kind[count] = bit
+            for sense in (-1.0, 1.0):
+                if sense > 0.0 and candidate[j, c]:
+                    continue
+                a[count], b[count] = sense * row[:4], -sense * row[4]
+                joint[count], kind[count] = j, bit
                 count += 1
         if not np.isinf(friction[j]):
             for sense in (-1.0, 1.0):
                 for k in range(4):
                     a[count, k] = sense * shear[k] - friction[j] * (row_0[k] + row_1[k])
                 b[count] = friction[j] * (row_0[4] + row_1[4]) - sense * shear[4]
-                joint[count] = j
-                kind[count] = SLIDING
+                joint[count], kind[count] = j, SLIDING
                 count += 1
         if j < mass.size:
             w = mass[j] * gravity / weight
@@ -128,14 +110,8 @@ def joint_inequalities(mass, centroid, point, normal, candidate, friction, gravi
 def largest_load_factor(a, b, sense):
     """Dual simplex: maximise ``sense * x[3]`` subject to ``a x <= b`` in four unknowns.
 
-    Returns
-    -------
-    feasible : bool
-    x : ndarray, (4,)
-    active : ndarray, (4,)
-        Rows of `a` that are tight; beyond them, sides of the bounding box.
-    multiplier : ndarray, (4,)
-    iterations : int
+    Returned: whether it is feasible, x, the rows that are tight (beyond those of `a`, sides of the
+    bounding box), their multipliers, iterations.
     """
     n_row = b.size
     active = n_row + np.arange(N_UNKNOWN)

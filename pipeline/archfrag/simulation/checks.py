@@ -25,11 +25,8 @@ def method_names() -> tuple[str, ...]:
 
 def default_of(info: MethodInfo, name: str) -> float:
     """Default of a setting; that of time stepping, or of auto, for a method without it."""
-    for method in (info, METHODS["time_stepping"], METHODS[AUTO]):
-        for parameter in method.parameters:
-            if parameter.name == name:
-                return parameter.default
-    raise KeyError(name)
+    methods = (METHODS[AUTO], METHODS["time_stepping"], info)
+    return {p.name: p.default for method in methods for p in method.parameters}[name]
 
 
 def own_time(arch: Arch) -> float:
@@ -66,13 +63,7 @@ def available_methods() -> tuple[str, ...]:
 
 
 def check_method(name: Any) -> MethodInfo:
-    """The method of a name.
-
-    Raises
-    ------
-    InputError
-        With the names that are allowed, or with the extra that has to be installed.
-    """
+    """The method of a name; `InputError` if there is none, or its package is not installed."""
     info = resolve(name) if isinstance(name, str) else None
     if info is None:
         raise InputError(f"method is {name!r}; allowed are {', '.join(method_names())}")
@@ -90,13 +81,7 @@ def own_parameters(info: MethodInfo) -> dict[str, Parameter]:
 
 
 def check_taken(info: MethodInfo, **given: Any) -> None:
-    """See that a method uses each of `COMMON` that is given; None stands for not given.
-
-    Raises
-    ------
-    InputError
-        Naming the methods that do.
-    """
+    """See that a method uses each of `COMMON` that is given; None stands for not given."""
     if info.name == "time_stepping" and None not in given.values():
         raise InputError(
             f"rtol is {given['rtol']!r} and dt is {given['dt']!r}; method time_stepping takes one "
@@ -114,13 +99,7 @@ def check_taken(info: MethodInfo, **given: Any) -> None:
 
 
 def check_settings(info: MethodInfo, settings: Any) -> dict[str, float]:
-    """All of a method's own parameters: those given, the others at their defaults.
-
-    Raises
-    ------
-    InputError
-        If one is not the method's own, or its value is not allowed.
-    """
+    """All of a method's own parameters: those given, if allowed, the others at their defaults."""
     own = own_parameters(info)
     values = {name: parameter.default for name, parameter in own.items()}
     if settings is None:
@@ -132,12 +111,8 @@ def check_settings(info: MethodInfo, settings: Any) -> dict[str, float]:
             allowed = ", ".join(own) or "none"
             raise InputError(f"settings has {name!r}; allowed for method {info.name}: {allowed}")
         parameter = own[name]
-        check_number(
-            f"settings.{name}",
-            value,
-            f"from {parameter.least:g} to {parameter.most:g} [{parameter.unit}]",
-            partial(_within, parameter),
-        )
+        allowed = f"from {parameter.least:g} to {parameter.most:g} [{parameter.unit}]"
+        check_number(f"settings.{name}", value, allowed, partial(_within, parameter))
         values[name] = float(value)
     return values
 

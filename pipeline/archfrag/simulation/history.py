@@ -37,24 +37,12 @@ def empty_frames(n_frame: int, n_body: int, n_joint: int) -> Frames:
 
 
 def history_of(arch: Arch, frames: Frames, n_frame: int) -> xarray.Dataset:
-    """The frames that were written, with names and units.
+    """The frames that were written, with names and units; along time, voussoir, joint, component.
 
     All of a frame belongs to one instant. Event-driven methods evaluate it there; time stepping
     writes it where a step sets out, with the velocities between those half a step before and
     after and the mean reactions over that time; the baselines on the velocity level write the
     middles of their steps. At an impact velocities and reactions of steps are means across it.
-
-    Parameters
-    ----------
-    arch : Arch
-    frames : archfrag.mechanics.types.Frames
-    n_frame : int
-        How many of them were written.
-
-    Returns
-    -------
-    xarray.Dataset
-        Dimensions time, voussoir, joint and component.
     """
     import xarray
 

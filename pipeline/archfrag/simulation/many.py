@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from archfrag.arch import Arch
+from archfrag.errors import InputError
 from archfrag.mechanics.collapse import NOTED_GAP
 from archfrag.mechanics.status import Count
 from archfrag.mechanics.types import GroundMotion, Options
@@ -29,41 +30,48 @@ CHECK_INTERVAL = 64
 COARSEST_FRAMES = 0.01
 
 
-def check_numbers(scale: float, rtol: float, follow: float, dt: float, loss_limit: float) -> None:
-    """See that the numbers of a call make sense.
+class Call(NamedTuple):
+    """What runs of one arch have in common, checked."""
 
-    Raises
-    ------
-    InputError
-    """
-    check = checks.check_number
-    check(
-        "loss_limit",
-        loss_limit,
-        f"from {NOTED_GAP:g} to 10 times the joint's length",
-        lambda x: NOTED_GAP <= x <= 10.0,
-    )
-    check("scale", scale, "finite", math.isfinite)
-    check("rtol", rtol, "between 0 and 1", lambda x: 0.0 < x < 1.0)
-    check("follow", follow, "finite and not negative [s]", lambda x: 0.0 <= x < math.inf)
-    check("dt", dt, "finite and positive [s]", lambda x: 0.0 < x < math.inf)
+    info: MethodInfo
+    settings: dict[str, float]  # the method's own
+    options: Options
 
 
-def options_of(
+def checked_call(
     arch: Arch,
-    info: MethodInfo,
     motions: Sequence[Motion],
-    tolerance: float,
-    dt: float | None,
-    follow: float,
-    loss_limit: float,
-) -> Options:
-    """Options of a method for runs of one arch under some motions."""
+    factors: Sequence[float],
+    method: str = AUTO,
+    rtol: float | None = None,
+    dt: float | None = None,
+    follow: float = 20.0,
+    settings: Mapping[str, float] | None = None,
+    loss_limit: float = LOSS_LIMIT,
+) -> Call:
+    """Arguments of `simulate` and `simulate_many`, once they are seen to make sense."""
+    checks.check_arch(arch)
+    info = checks.check_method(method)
+    for motion in motions:
+        if not isinstance(motion, Motion):
+            raise InputError(f"motion is {type(motion).__name__}; it must be an archfrag Motion")
+    checks.check_taken(info, rtol=rtol, dt=dt)
+    tolerance = checks.default_of(info, "rtol") if rtol is None else rtol
+    check = checks.check_number
+    lengths = f"from {NOTED_GAP:g} to 10 times the joint's length"
+    check("loss_limit", loss_limit, lengths, lambda x: NOTED_GAP <= x <= 10.0)
+    for factor in factors:
+        check("scale", factor, "finite", math.isfinite)
+    check("rtol", tolerance, "between 0 and 1", lambda x: 0.0 < x < 1.0)
+    check("follow", follow, "finite and not negative [s]", lambda x: 0.0 <= x < math.inf)
+    if dt is not None:
+        check("dt", dt, "finite and positive [s]", lambda x: 0.0 < x < math.inf)
+    own = checks.check_settings(info, settings)
     steps = checks.default_steps(info, tolerance, arch) if dt is None else (dt, dt)
     sampling = min(float(motion.dt) for motion in motions)
     span = max(motion.duration for motion in motions) + follow
     samples = max(len(motion.acceleration) for motion in motions)
-    return Options(
+    options = Options(
         time_step=float(steps[0]),
         tolerance=float(tolerance),
         accuracy=float(tolerance),
@@ -75,6 +83,7 @@ def options_of(
         crowding=0.0,
         largest_step=float(steps[1]),
     )
+    return Call(info, own, options)
 
 
 def ground_of(motion: Motion, scale: float, info: MethodInfo) -> GroundMotion:
@@ -101,31 +110,15 @@ class Runs(NamedTuple):
 
 
 def results_of_runs(
-    arch: Arch,
-    motions: Sequence[Motion],
-    factors: Sequence[float],
-    method: str = AUTO,
-    rtol: float | None = None,
-    dt: float | None = None,
-    follow: float = 20.0,
-    settings: Mapping[str, float] | None = None,
-    loss_limit: float = LOSS_LIMIT,
+    arch: Arch, motions: Sequence[Motion], factors: Sequence[float], **given: Any
 ) -> Runs | None:
     """As `simulate_many`, in arrays; None where a method cannot do so."""
-    checks.check_arch(arch)
-    info = checks.check_method(method)
-    checks.check_taken(info, rtol=rtol, dt=dt)
-    tolerance = checks.default_of(info, "rtol") if rtol is None else rtol
-    unusable = [factor for factor in factors if not math.isfinite(factor)]
-    for factor in (unusable or factors)[:1]:
-        check_numbers(factor, tolerance, follow, 1.0 if dt is None else dt, loss_limit)
-    own = checks.check_settings(info, settings)
+    info, own, options = checked_call(arch, motions, factors, **given)
     if info.load_many is None:
         return None
     check_stands(arch)
     unique = list({id(motion): motion for motion in motions}.values())
     number = {id(motion): k for k, motion in enumerate(unique)}
-    options = options_of(arch, info, unique, tolerance, dt, follow, loss_limit)
     grounds = [ground_of(motion, 1.0, info) for motion in unique]
     started = time.perf_counter()
     results = info.load_many()(
@@ -145,22 +138,14 @@ def results_of_runs(
 def simulate_runs(
     arch: Arch, motions: Sequence[Motion], factors: Sequence[float], **options: Any
 ) -> list[Response] | None:
-    """As `simulate_many`, a response for each run; None where a method cannot do so.
-
-    Parameters
-    ----------
-    arch, motions, factors
-    **options
-        As of `results_of_runs`.
-    """
+    """As `simulate_many`, a response for each run; None where a method cannot do so."""
     runs = results_of_runs(arch, motions, factors, **options)
     if runs is None:
         return None
     from archfrag.methods.time_stepping.front import outcome_of
 
-    outcomes = [outcome_of(runs.results, row) for row in range(len(factors))]
     respond = partial(response_of, method=runs.method, mechanism=None, history=None)
     return [
-        respond(outcome, wall_time=float(seconds))
-        for outcome, seconds in zip(outcomes, runs.wall_time)
+        respond(outcome_of(runs.results, row), wall_time=float(seconds))
+        for row, seconds in enumerate(runs.wall_time)
     ]

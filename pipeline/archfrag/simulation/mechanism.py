@@ -14,25 +14,16 @@ from archfrag.mechanics.types import MechanismLog
 FIRST_LOG, LARGEST_LOG = 1024, 50_000
 
 CAUSE_WORDS = {
-    Cause.START: "start",
-    Cause.HINGE: "new hinge",
-    Cause.SLIDE: "sliding starts",
-    Cause.STICK: "sliding ends",
-    Cause.IMPACT: "impact",
-    Cause.LOSS: "contact lost",
-    Cause.CLOSE: "hinge closes",
-    Cause.REST: "comes to rest",
-    Cause.ACCUMULATION: "events accumulate",
-    Cause.UNSOLVED: "laws not met on mega-voussoirs",
-    Cause.QUIESCENT: "taken back from time stepping",
-    Cause.END: "end of the run",
-}
+    Cause.START: "start", Cause.HINGE: "new hinge", Cause.SLIDE: "sliding starts",
+    Cause.STICK: "sliding ends", Cause.IMPACT: "impact", Cause.LOSS: "contact lost",
+    Cause.CLOSE: "hinge closes", Cause.REST: "comes to rest",
+    Cause.ACCUMULATION: "events accumulate", Cause.UNSOLVED: "laws not met on mega-voussoirs",
+    Cause.QUIESCENT: "taken back from time stepping", Cause.END: "end of the run",
+}  # fmt: skip
 MODEL_WORDS = {
-    Model.REST: "rest",
-    Model.FOUR_HINGES: "four hinges",
-    Model.MEGA_VOUSSOIRS: "mega-voussoirs",
-    Model.ALL_VOUSSOIRS: "all voussoirs",
-}
+    Model.REST: "rest", Model.FOUR_HINGES: "four hinges",
+    Model.MEGA_VOUSSOIRS: "mega-voussoirs", Model.ALL_VOUSSOIRS: "all voussoirs",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -80,9 +71,8 @@ mega-voussoirs
         parts = [f"{name} {', '.join(members)}" for name, members in groups.items() if members]
         why = CAUSE_WORDS[Cause[self.cause.upper()]]
         where = f" at joint {self.joint}" if self.joint >= 0 else ""
-        what = "; ".join(
-            [*(parts or ["all joints closed"]), MODEL_WORDS[Model[self.model.upper()]]]
-        )
+        parts = [*(parts or ["all joints closed"]), MODEL_WORDS[Model[self.model.upper()]]]
+        what = "; ".join(parts)
         return f"{self.time:.4f} s  {why}{where}: {what}"
 
 
@@ -102,16 +92,7 @@ def mechanism_of(
 ) -> tuple[MechanismChange, ...]:
     """Entries of a log in words, preceded by the standstill in which the run began if it did.
 
-    Parameters
-    ----------
-    arch : Arch
-    log : archfrag.mechanics.types.MechanismLog
-    n_entry : int
-        How many changes there were; more than the log has space for if it was too small.
-    end_time : float
-        Of the run [s].
-    from_rest : bool
-        Whether the run began at rest.
+    `n_entry` changes were made: more than the log has space for if it was too small.
     """
     words = joint_words(arch)
     kept = min(n_entry, log.time.size)

@@ -13,34 +13,22 @@ if TYPE_CHECKING:
     import xarray
 
 _EVENTS = {
-    "impacts": Count.IMPACTS,
-    "openings": Count.OPENINGS,
-    "slides": Count.SLIDES,
-    "contact_losses": Count.LOSSES,
-    "rests": Count.RESTS,
-    "events": Count.EVENTS,
+    "impacts": Count.IMPACTS, "openings": Count.OPENINGS, "slides": Count.SLIDES,
+    "contact_losses": Count.LOSSES, "rests": Count.RESTS, "events": Count.EVENTS,
     "switches": Count.SWITCHES,
-}
-_WORK = {
-    entry.name.lower(): entry
-    for entry in (
-        Count.STEPS, Count.ITERATIONS, Count.PATHS, Count.COMPLIANT, Count.SHORTENED,
-        Count.LEVELS, Count.LEVEL_ITERATIONS, Count.GENERAL, Count.SWEEPS, Count.UNCONVERGED,
-        Count.REFUSED, Count.REFINED,
-    )
 }  # fmt: skip
-_MODELS = {model.name.lower(): model for model in Model}
+_WORK = (
+    Count.STEPS, Count.ITERATIONS, Count.PATHS, Count.COMPLIANT, Count.SHORTENED, Count.LEVELS,
+    Count.LEVEL_ITERATIONS, Count.GENERAL, Count.SWEEPS, Count.UNCONVERGED, Count.REFUSED,
+    Count.REFINED,
+)  # fmt: skip
 _COLLAPSE_MODES = [mode.name.lower() for mode in CollapseMode]
 _COLLAPSED = {Status.STANDING: False, Status.COLLAPSED: True}
 _ENERGY = {
-    "kinetic": Energy.KINETIC,
-    "potential": Energy.POTENTIAL,
-    "ground": Energy.GROUND,
-    "friction": Energy.FRICTION,
-    "impacts": Energy.IMPACT,
-    "balance_error": Energy.BALANCE_ERROR,
-    "largest_kinetic": Energy.LARGEST_KINETIC,
-}
+    "kinetic": Energy.KINETIC, "potential": Energy.POTENTIAL, "ground": Energy.GROUND,
+    "friction": Energy.FRICTION, "impacts": Energy.IMPACT,
+    "balance_error": Energy.BALANCE_ERROR, "largest_kinetic": Energy.LARGEST_KINETIC,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -177,17 +165,7 @@ def response_of(
     mechanism: tuple[MechanismChange, ...] | None,
     history: xarray.Dataset | None,
 ) -> Response:
-    """What a method returned, in names.
-
-    Parameters
-    ----------
-    outcome : archfrag.mechanics.types.Outcome
-    method : str
-    wall_time : float
-        [s]
-    mechanism, history
-        As in `Response`.
-    """
+    """What a method returned, in names; mechanism and history as in `Response`."""
     status = Status(outcome.status)
     count, energy, model_time, peak = (values.tolist() for values in outcome.diagnostics)
     loss, largest = outcome.loss.tolist(), energy[Energy.LARGEST_KINETIC]
@@ -206,10 +184,10 @@ def response_of(
         residual_rotation=peak[Peak.END_ROTATION],
         residual_displacement=peak[Peak.END_DISPLACEMENT],
         events={name: int(count[entry]) for name, entry in _EVENTS.items()},
-        model_time={name: model_time[model] for name, model in _MODELS.items()},
+        model_time={model.name.lower(): model_time[model] for model in Model},
         energy_error=energy[Energy.BALANCE_ERROR_PEAK] / largest if largest > 0.0 else 0.0,
         energy={name: energy[entry] for name, entry in _ENERGY.items()},
-        work={name: int(count[entry]) for name, entry in _WORK.items()},
+        work={entry.name.lower(): int(count[entry]) for entry in _WORK},
         wall_time=wall_time,
         end_time=float(outcome.end_time),
         residual=peak[Peak.RESIDUAL],

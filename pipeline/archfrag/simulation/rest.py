@@ -123,22 +123,14 @@ def onset(arch: Arch) -> Onset:
 
 
 def check_stands(arch: Arch) -> None:
-    """See that an arch is at rest under its own weight.
-
-    Raises
-    ------
-    StabilityError
-        Saying what steady acceleration it would need, if any leaves it at rest.
-    """
+    """See that an arch is at rest under its own weight, or raise `StabilityError`."""
     start = onset(arch)
     if not start.stands:
-        raise StabilityError(
-            f"{arch!r}: {STATUS_MESSAGE[Status.DOES_NOT_STAND]} "
-            f"(rest would need a steady horizontal acceleration between {-start.minus:.4g} and "
-            f"{start.plus:.4g} g)"
-            if math.isfinite(start.plus)
-            else f"{arch!r}: {STATUS_MESSAGE[Status.DOES_NOT_STAND]}"
-        )
+        message = f"{arch!r}: {STATUS_MESSAGE[Status.DOES_NOT_STAND]}"
+        if math.isfinite(start.plus):
+            ends = f"{-start.minus:.4g} and {start.plus:.4g} g"
+            message += f" (rest would need a steady horizontal acceleration between {ends})"
+        raise StabilityError(message)
 
 
 def _placed_at_rest(arch: Arch) -> tuple[Model, State, Work]:
@@ -163,17 +155,13 @@ def _reactions_at_rest(model: Model, state: State, work: Work) -> NDArray[np.flo
 def _thrust(work: Work, reaction: NDArray[np.float64]) -> NDArray[np.float64]:
     """Contact centres (Eq 34): where on each joint the reaction has no moment [m]."""
     point, normal = work.point, work.normal
-    force = reaction[:, :2]
+    force, arm = reaction[:, :2], point[:, 0]
     press = np.einsum("jk,jk->j", force, normal)
-
-    def moment_about(corner):
-        arm = point[:, corner]
-        return reaction[:, 2] - (arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0])
-
+    moment = reaction[:, 2] - (arm[:, 0] * force[:, 1] - arm[:, 1] * force[:, 0])
     length = np.linalg.norm(point[:, 1] - point[:, 0], axis=1)
     bears = press > 1e-12 * np.abs(reaction[:, :2]).max()
     fraction = np.full(press.size, np.nan)
-    fraction[bears] = -moment_about(0)[bears] / (press * length)[bears]
+    fraction[bears] = -moment[bears] / (press * length)[bears]
     return point[:, 0] + fraction[:, None] * (point[:, 1] - point[:, 0])
 
 
@@ -184,9 +172,10 @@ def _thrust_at_limit(work, limit: RestLimit) -> NDArray[np.float64] | None:
 
 
 def _hinges(arch: Arch, limit: RestLimit) -> list[Hinge]:
-    hinges = []
-    for j, bits in enumerate(limit.mechanism):
-        for corner, bit in ((0, HINGE_INTRADOS), (1, HINGE_EXTRADOS)):
-            if bits & bit:
-                hinges.append((j, arch.corner_name(corner)))
-    return hinges
+    corners = ((0, HINGE_INTRADOS), (1, HINGE_EXTRADOS))
+    return [
+        (j, arch.corner_name(corner))
+        for j, bits in enumerate(limit.mechanism)
+        for corner, bit in corners
+        if bits & bit
+    ]

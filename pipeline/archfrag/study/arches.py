@@ -293,8 +293,7 @@ class FromDrawing(Drawn):
         from archfrag.arch.polygons import polygon_ring
 
         drawn = read_drawing(self.drawing, self.layer, self.unit)
-        names = drawn.names, drawn.ground_names
-        polygon_ring(drawn.outlines, drawn.ground, *names, self.tolerance)
+        polygon_ring(drawn, self.tolerance)
         given = self.model_dump(exclude={"profile", "drawing", "layer", "unit"})
         blocks = {"outlines": drawn.outlines, "ground": drawn.ground}
         listed = {name: [each.tolist() for each in value] for name, value in blocks.items()}

@@ -17,7 +17,6 @@ import math
 from typing import NamedTuple
 
 from archfrag.mechanics.compile import kernel
-from archfrag.mechanics.laws import coulomb_violation, signorini_violation
 
 # Corners by the end of the base at which they are; also minus the sense of a rotation about them.
 CORNER_A = -1
@@ -36,18 +35,7 @@ class RigidBlock(NamedTuple):
 
 @kernel
 def uniform_block(base, height, mass):
-    """Rectangular block of uniform density.
-
-    Parameters
-    ----------
-    base, height : float
-        Full lengths b and h of the sides [m].
-    mass : float [kg]
-
-    Returns
-    -------
-    RigidBlock
-    """
+    """Rectangular block of uniform density: full lengths of its sides [m], mass [kg]."""
     inertia = mass * (base * base + height * height) / 12.0
     return RigidBlock(mass, inertia, 0.5 * base, 0.5 * base, 0.5 * height)
 
@@ -60,19 +48,7 @@ def reach(block, side):
 
 @kernel
 def rotated_arm(along, up, rotation):
-    """Place of a point relative to G in the ground frame [m].
-
-    Parameters
-    ----------
-    along, up : float
-        Its place relative to G in the block's own axes [m].
-    rotation : float
-        Of the block [rad].
-
-    Returns
-    -------
-    (float, float)
-    """
+    """Place relative to G in the ground frame of a point given in the block's own axes [m]."""
     c, s = math.cos(rotation), math.sin(rotation)
     return c * along - s * up, s * along + c * up
 
@@ -117,28 +93,13 @@ def physical(block, vector):
 
 @kernel
 def active_force(block, ground_x, ground_y, gravity):
-    """Generalised force S of weight and ground acceleration.
-
-    Parameters
-    ----------
-    block : RigidBlock
-    ground_x, ground_y : float
-        Ground acceleration over g: k_s towards +t and k_v upwards [1].
-    gravity : float [m/s2]
-    """
+    """Generalised force S of weight and a ground acceleration (k_s along +t, k_v upwards) [g]."""
     return generalised(block, -ground_x * gravity, -(1.0 + ground_y) * gravity, 0.0)
 
 
 @kernel
 def tangential_gradient(block, arm):
-    """N_P,t, the generalised direction of a point's tangential velocity (Eqs 1, 2).
-
-    Parameters
-    ----------
-    block : RigidBlock
-    arm : (float, float)
-        Place of P relative to G, ground frame [m].
-    """
+    """N_P,t, the direction of a point's tangential velocity (Eqs 1, 2); its arm from G [m]."""
     return 1.0 / math.sqrt(block.mass), 0.0, -arm[1] / math.sqrt(block.inertia)
 
 
@@ -188,55 +149,10 @@ def generalised_reaction(n_t, n_n, tangential, normal):
 
 
 @kernel
-def normal_law(n_n, velocity, normal):
-    """Signorini's law (Eq 5): natural residual, and power of the normal reaction.
-
-    Both vanish where the contact lasts or the reaction does, and neither is negative.
-    """
-    rate = dot(n_n, velocity)
-    return signorini_violation(rate, normal), normal * rate
-
-
-@kernel
-def tangential_law(n_t, velocity, normal, tangential, friction):
-    """Coulomb's law (Eq 6): natural residual, and power of the tangential reaction.
-
-    The law holds where the first vanishes; the second is then not positive.
-    """
-    rate = dot(n_t, velocity)
-    return coulomb_violation(rate, normal, tangential, friction), tangential * rate
-
-
-@kernel
-def sliding_friction(slip, normal, friction):
-    """Tangential reaction of a contact that slides (Eq 6) [N]; also its impulse (Eq 9) [N s]."""
-    return -math.copysign(friction * normal, slip)
-
-
-@kernel
-def dissipation_excess(n_t, velocity, tangential, other):
-    """(Psi_t* - Psi_t) u' of Eq 7: by how much the other reaction dissipates less [W].
-
-    Not negative for any `other` of Coulomb's interval if `tangential` obeys his law: of all
-    reactions that the cone admits, friction is the one that dissipates most.
-    """
-    return (other - tangential) * dot(n_t, velocity)
-
-
-@kernel
 def least_dissipation_excess(n_t, velocity, normal, tangential, friction):
     """Least value of Eq 7 over Coulomb's interval [W]; zero where the law holds."""
     rate = dot(n_t, velocity)
     return -friction * normal * abs(rate) - tangential * rate
-
-
-@kernel
-def impulsive_normal_law(n_n, velocity_after, impulse):
-    """Normal law of an inelastic impact (Eq 8): residual, and work of the normal impulse.
-
-    A point that got an impulse has no normal velocity afterwards; one that got none may leave.
-    """
-    return normal_law(n_n, velocity_after, impulse)
 
 
 @kernel
@@ -255,24 +171,5 @@ def impulsive_balance(before, after, xi_t, xi_n, virtual):
 
 @kernel
 def contact_centre(block, place):
-    """e of a point of the base, 0 at A and 1 at B (Eq 14).
-
-    Parameters
-    ----------
-    block : RigidBlock
-    place : float
-        Along the base from the foot of G towards B [m].
-    """
+    """e of a place along the base from the foot of G [m]: 0 at A and 1 at B (Eq 14)."""
     return (place + block.reach_a) / (block.reach_a + block.reach_b)
-
-
-@kernel
-def centre_place(block, centre):
-    """Place along the base, from the foot of G towards B, of a contact centre e (Eq 14) [m]."""
-    return (1.0 - centre) * -block.reach_a + centre * block.reach_b
-
-
-@kernel
-def impact_balance(before, after, xi_t, xi_n):
-    """Eq 21: what is missing when the velocity before the impact acts as active force [J]."""
-    return dot(after, after) - dot(combine(1.0, before, 1.0, combine(1.0, xi_t, 1.0, xi_n)), after)

@@ -104,19 +104,7 @@ def _of_several(first, second, speed):
     apart += abs(first.slip - second.slip)
     if apart <= SAME * speed:
         return first
-    return BlockMotion(
-        first.mechanism,
-        2,
-        first.side,
-        first.sense,
-        first.centre,
-        first.tangential,
-        first.normal,
-        first.x,
-        first.y,
-        first.rotation,
-        first.slip,
-    )
+    return BlockMotion(first[0], 2, *first[2:])
 
 
 @kernel
@@ -179,19 +167,8 @@ def _corner(block, side, rotation, active, on_t, on_n, friction, sense, sliding)
 def base_problem(block, active, friction, slip):
     """Contact problem of a block that stands flat on its base.
 
-    Parameters
-    ----------
-    block : RigidBlock
-    active : (float, float, float)
-        S: generalised force, or velocity before an impact (Eq 21).
-    friction : float
-        Coulomb coefficient; inf: the limit of large friction.
-    slip : float
-        Slip velocity in progress, along t [m/s]; 0 if there is none, and for an impact.
-
-    Returns
-    -------
-    BlockMotion
+    `active` is S, the generalised force or the velocity before an impact (Eq 21); `slip` the one
+    in progress along t [m/s], 0 if there is none, and for an impact.
     """
     n_t = tangential_gradient(block, (0.0, -block.rise))
     speed = math.sqrt(dot(active, active) / block.mass)
@@ -218,25 +195,8 @@ def base_problem(block, active, friction, slip):
 def corner_problem(block, side, rotation, active, on_t, on_n, friction, slip):
     """Contact problem of a block that touches the ground at one corner (Eqs 15 to 20).
 
-    Parameters
-    ----------
-    block : RigidBlock
-    side : int
-        CORNER_A or CORNER_B.
-    rotation : float
-        Of the block [rad].
-    active : (float, float, float)
-        S: generalised force, or velocity before an impact (Eq 21).
-    on_t, on_n : float
-        From `archfrag.mechanics.block.plane.centripetal_projections`; zero for an impact.
-    friction : float
-        Coulomb coefficient; inf: the limit of large friction.
-    slip : float
-        Slip velocity in progress, along t [m/s]; 0 if there is none, and for an impact.
-
-    Returns
-    -------
-    BlockMotion
+    `on_t` and `on_n` are those of `plane.centripetal_projections`, zero for an impact; the others
+    as in `base_problem`.
     """
     arm = corner_arm(block, side, rotation)
     n_t, n_n = tangential_gradient(block, arm), normal_gradient(block, arm)
@@ -258,18 +218,7 @@ def corner_problem(block, side, rotation, active, on_t, on_n, friction, slip):
 def starting_motion(block, ground_x, ground_y, friction, gravity):
     """Which motion starts from rest, and with what reactions (section 2.4, Eqs 12 to 20).
 
-    Parameters
-    ----------
-    block : RigidBlock
-    ground_x, ground_y : float
-        Ground acceleration over g: k_s towards +t and k_v upwards [1].
-    friction : float
-        Coulomb coefficient; inf: the limit of large friction.
-    gravity : float [m/s2]
-
-    Returns
-    -------
-    BlockMotion
+    Of a ground acceleration k_s towards +t and k_v upwards, over g.
 
     Examples
     --------
@@ -289,57 +238,13 @@ def starting_motion(block, ground_x, ground_y, friction, gravity):
 
 
 @kernel
-def sliding_motion(block, slip, ground_x, ground_y, friction, gravity):
-    """How a block goes on that slides on its full base (section 2.5).
-
-    Parameters
-    ----------
-    block : RigidBlock
-    slip : float
-        Slip velocity along t [m/s]; 0 gives `starting_motion`.
-    ground_x, ground_y, friction, gravity : float
-        As in `starting_motion`.
-
-    Returns
-    -------
-    BlockMotion
-    """
-    return base_problem(block, active_force(block, ground_x, ground_y, gravity), friction, slip)
-
-
-@kernel
 def corner_motion(
     block, side, rotation, angular_velocity, slip, ground_x, ground_y, friction, gravity
 ):
     """Accelerations and reactions while the block rotates about a corner (section 2.5, Eqs 15-20).
 
-    Parameters
-    ----------
-    block : RigidBlock
-    side : int
-        CORNER_A or CORNER_B.
-    rotation : float
-        Positive about A, negative about B [rad].
-    angular_velocity : float [rad/s]
-    slip : float
-        Velocity of the corner along t [m/s]; 0: it sticks, or starts to slide now.
-    ground_x, ground_y, friction, gravity : float
-        As in `starting_motion`.
-
-    Returns
-    -------
-    BlockMotion
-        ROCK: the corner sticks. SLIDE_ROCK: it slides, or starts to. LIFT_OFF: the corner leaves
-        the ground.
-
-    Examples
-    --------
-    >>> from archfrag.mechanics.block.formulas import CORNER_A, uniform_block
-    >>> from archfrag.mechanics.block.motion import corner_motion
-    >>> block = uniform_block(0.2, 1.0, 400.0)
-    >>> now = corner_motion(block, CORNER_A, 0.1, 0.5, 0.0, 0.0, 0.0, 0.5, 9.80665)
-    >>> round(now.rotation, 4), round(now.tangential, 2), round(now.normal, 2)
-    (-1.4026, 279.77, 3844.09)
+    The rotation is positive about A and negative about B [rad]; `slip` is the corner's
+    velocity along t [m/s], 0 where it sticks or starts to slide now.
     """
     arm = corner_arm(block, side, rotation)
     on_t, on_n = centripetal_projections(
@@ -352,64 +257,12 @@ def corner_motion(
 
 
 @kernel
-def base_impact(block, x, y, angular_velocity, friction):
-    """Impulses and motion after a block has fallen flat on its base (Eqs 8, 9, 11, 21).
-
-    Parameters
-    ----------
-    block : RigidBlock
-    x, y : float
-        Velocity of G before the impact [m/s].
-    angular_velocity : float
-        Before the impact [rad/s].
-    friction : float
-        Coulomb coefficient; inf: the limit of large friction.
-
-    Returns
-    -------
-    BlockMotion
-        ROCK, SLIDE_ROCK: the block goes on about one corner while the other leaves the ground.
-        REST, SLIDE: both corners stay.
-    """
-    return base_problem(block, generalised(block, x, y, angular_velocity), friction, 0.0)
-
-
-@kernel
-def corner_impact(block, side, rotation, x, y, angular_velocity, friction):
-    """Impulses and motion after a corner alone has hit the ground; arguments as `base_impact`."""
-    active = generalised(block, x, y, angular_velocity)
-    return corner_problem(block, side, rotation, active, 0.0, 0.0, friction, 0.0)
-
-
-@kernel
 def rocking_impact(block, side, angular_velocity, slip, friction):
-    """Impact at the end of a rocking, or slide-rocking, about a corner.
+    """Impact at the end of a rocking, or slide-rocking, about a corner (Eqs 8, 9, 11, 21).
 
-    Parameters
-    ----------
-    block : RigidBlock
-    side : int
-        Corner about which the block has rotated.
-    angular_velocity : float
-        Before the impact [rad/s]; closing, so negative for A and positive for B.
-    slip : float
-        Velocity of that corner along t before the impact [m/s].
-    friction : float
-
-    Returns
-    -------
-    BlockMotion
-
-    Examples
-    --------
-    >>> from archfrag.mechanics.block.formulas import CORNER_A, uniform_block
-    >>> from archfrag.mechanics.block.motion import Mechanism, rocking_impact
-    >>> block = uniform_block(0.2, 1.0, 400.0)
-    >>> for friction in (0.8, 0.1):
-    ...     after = rocking_impact(block, CORNER_A, -1.0, 0.0, friction)
-    ...     print(Mechanism(after.mechanism).name, round(after.rotation, 5), after.slip > 0.0)
-    ROCK -0.94231 False
-    SLIDE_ROCK -0.89091 True
+    Angular velocity (closing: negative for A, positive for B) and slip of the corner are those
+    before the impact. ROCK, SLIDE_ROCK: the block goes on about one corner while the other leaves
+    the ground. REST, SLIDE: both corners stay.
     """
     before = rocking_mechanism(block, corner_arm(block, side, 0.0), angular_velocity)
     return base_problem(

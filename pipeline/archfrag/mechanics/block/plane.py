@@ -67,14 +67,8 @@ def part_in_plane(vector, mechanism):
 def sticking_reaction(n_t, n_n, active, on_t, on_n):
     """R_t and R_n that hold a contact point, from the balance in plane pi (Eq 19) [N].
 
-    Parameters
-    ----------
-    n_t, n_n : (float, float, float)
-        Gradient operator of the contact point.
-    active : (float, float, float)
-        S; for an impact the velocity before it (Eq 21).
-    on_t, on_n : float
-        From `centripetal_projections`; zero for an impact.
+    `active` is S, for an impact the velocity before it (Eq 21); `on_t` and `on_n` are those of
+    `centripetal_projections`, zero for an impact.
     """
     return components_in_plane(n_t, n_n, on_t - dot(n_t, active), on_n - dot(n_n, active))
 
@@ -114,33 +108,6 @@ def sliding_stiffness(n_t, n_n, friction, sense):
     """
     ray_t, ray_n = sliding_ray(friction, sense)
     return ray_t * dot(n_n, n_t) + ray_n * dot(n_n, n_n)
-
-
-@kernel
-def sliding_reaction(n_t, n_n, active, on_n, friction, sense):
-    """R_t and R_n of a point that slides, on the boundary of Coulomb's cone (Figs 6, 7) [N].
-
-    Parameters
-    ----------
-    n_t, n_n, active, on_n
-        As in `sticking_reaction`.
-    friction : float
-    sense : int
-        Sign of the slip velocity along t.
-    """
-    ray_t, ray_n = sliding_ray(friction, sense)
-    size = (on_n - dot(n_n, active)) / sliding_stiffness(n_t, n_n, friction, sense)
-    return size * ray_t, size * ray_n
-
-
-@kernel
-def unbalance(n_t, n_n, active, on_t, on_n, tangential, normal):
-    """What Eq 19 leaves over in plane pi where friction does not suffice (Fig 6).
-
-    Orthogonal to N_n; its projection on N_t is the tangential acceleration of the contact point.
-    """
-    held_t, held_n = sticking_reaction(n_t, n_n, active, on_t, on_n)
-    return combine(tangential - held_t, n_t, normal - held_n, n_n)
 
 
 @kernel

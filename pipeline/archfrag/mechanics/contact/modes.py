@@ -31,13 +31,7 @@ def opening_rate(j, k, work):
 
 @inlined
 def mode_if_open(closing_0, closing_1):
-    """Mode asked by a joint without contact (Eq 5): corners that close are taken as touching.
-
-    Returns
-    -------
-    touch_0, touch_1 : mask
-    slide : number
-    """
+    """Mode asked by a joint without contact (Eq 5): corners that close are taken as touching."""
     return closing_0, closing_1, 0.0
 
 
@@ -69,13 +63,8 @@ def mode_if_corner(j, second, model, work, slide, ux, uy, slack, slack_force):
     """Mode asked by a joint that touches at one corner, `second` where that is corner 1.
 
     Sticking needs a reaction inside the cones about both normals (Eqs 6, 20, 23), sliding one
-    that pushes along its ray and a slip along its friction.
-
-    Returns
-    -------
-    lost : mask
-        Where the contact would need a tensile force.
-    slide : number
+    that pushes along its ray and a slip along its friction. Returned: where a tensile force would
+    be needed, and the sense of friction.
     """
     side = work.side_normal
     ax = select(second, side[j, 1, PLUS, 0], side[j, 0, PLUS, 0])
@@ -103,22 +92,10 @@ def mode_if_corner(j, second, model, work, slide, ux, uy, slack, slack_force):
 
 @kernel
 def ask_modes(model, work, slack, slack_force):
-    """Modes that the joints ask for by Signorini's and Coulomb's laws (Eqs 24, 25).
+    """Where a joint asks for another mode by Signorini's and Coulomb's laws (Eqs 24, 25).
 
-    They are left in ``work.asked_touch`` and ``work.asked_slide``.
-
-    Parameters
-    ----------
-    model : archfrag.mechanics.model.Model
-    work : archfrag.mechanics.model.Work
-        With the solution for the present modes.
-    slack, slack_force : number
-        What of a law counts as kept, in velocity and in force.
-
-    Returns
-    -------
-    mask
-        Where any joint asks for another mode.
+    The modes asked for are left in ``work.asked_touch`` and ``work.asked_slide``. `slack` and
+    `slack_force` of a law count as kept, in velocity and in force.
     """
     changed = False
     for j in range(work.slide.shape[0]):

@@ -165,21 +165,8 @@ def _set_bias(work, path, part):
 def piece_functions(position, work, path, tau, value):
     """Linear functions that are non-negative on the present piece, at one place of the path.
 
-    Parameters
-    ----------
-    position : array, (n_body + 2, 3)
-    work : archfrag.mechanics.model.Work
-        With the factors of the present modes.
-    path : Path
-        ``path.target`` is overwritten: the mode on the other side of each function's zero.
-    tau : float
-    value : ndarray, (n_joint, 4)
-        Overwritten; inf where there is no function.
-
-    Returns
-    -------
-    float
-        nan where a pivot vanishes.
+    Into `value`, inf where there is no function, and into ``path.target`` the mode on the other
+    side of each one's zero. Returned is nan where a pivot vanishes.
     """
     _set_bias(work, path, 1.0 - tau)
     left = correct(path.model, position, work, np.inf)
@@ -284,26 +271,10 @@ def next_break(work, path, tau, direction, crossed):
 
 @kernel
 def follow_path(position, work, path, scale, compliance, attempt):
-    """Follow the solution from all joints open to the problem's own.
+    """Follow the solution from all joints open to the problem's own; its modes are left in `work`.
 
-    Parameters
-    ----------
-    position : array, (n_body + 2, 3)
-    work : archfrag.mechanics.model.Work
-        On return its modes are those at the path's end.
-    path : Path
-        With the problem's bias.
-    scale : float
-        Largest relative velocity without reactions.
-    compliance : float
-        Of the contact rows, relative.
-    attempt : int
-        Chooses other opening velocities, and with them another path to the same problem.
-
-    Returns
-    -------
-    reached : bool
-    breaks : int
+    `compliance` of the contact rows is relative; `attempt` chooses other opening velocities, and
+    with them another path. Returned: whether the end is reached, and the breaks on the way.
     """
     set_openings(work, path, scale, attempt)
     tau, direction, reached = 0.0, ON, False
