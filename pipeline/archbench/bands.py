@@ -1,7 +1,5 @@
 """How often the band that a report quotes holds the truth, over simulated studies."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Charts drawn from the tables alone; one colour and one marker for a solver everywhere."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterable

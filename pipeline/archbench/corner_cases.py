@@ -1,7 +1,5 @@
 """Corner cases: scenes in which methods fail, and what a correct one must do in each."""
 
-from __future__ import annotations
-
 import json
 import tempfile
 from collections.abc import Mapping

@@ -7,8 +7,6 @@ theta. The reference is the curve of many studies together, by two methods that 
 the contact problem in common, with settings that differ a little.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`archfrag evidence`: measure the parts asked for, keep their tables, write one page of them."""
 
-from __future__ import annotations
-
 import io
 import re
 import time

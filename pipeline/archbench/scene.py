@@ -73,10 +73,6 @@ class Scene:
         """Same scene with another amplitude of the ground motion, in standard gravity."""
         return replace(self, motion={**self.motion, "amplitude": amplitude})
 
-    def to_dict(self) -> dict[str, Any]:
-        """Content of the scene's file."""
-        return dict(vars(self))
-
     @property
     def friction(self) -> float:
         """Coulomb coefficient of all joints."""

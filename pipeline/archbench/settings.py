@@ -1,12 +1,10 @@
 """Settings as columns, and the ladder of settings of every method."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from archfrag.methods.registry import METHODS
 from archfrag.simulation.checks import available_methods, default_of
@@ -48,7 +46,7 @@ class Setting:
         own = json.dumps(dict(self.settings), sort_keys=True) if self.settings else ""
         return dict(zip(COLUMNS, (self.method, self.parameter, self.value, own), strict=True))
 
-    def finer(self, factor: float) -> Setting:
+    def finer(self, factor: float) -> Self:
         """The same with its parameter multiplied."""
         return replace(self, value=factor * self.value)
 

@@ -1,7 +1,5 @@
 """One scene by one solver at one setting: what came out, what it cost, and where it collapses."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Stability: what goes wrong where, over step or tolerance and scene."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator

@@ -78,7 +78,7 @@ def test_unknown_scene_and_unknown_key_are_refused():
     with pytest.raises(FileNotFoundError, match="arch8_pulse"):
         load_scene("arch8_pulse")
     with pytest.raises(TypeError, match="voussoir"):
-        Scene(**PULSE.to_dict(), voussoir=7)
+        Scene(**vars(PULSE), voussoir=7)
 
 
 VERSION = "sideways 1"
@@ -89,11 +89,11 @@ class Sideways:
 
     unconverged = None
 
-    def __init__(self, place) -> None:
+    def __init__(self, place):
         self.place, self.start, self.time = place, PULSE.bodies().centroid, 0.0
 
-    def advance(self, ground_acceleration) -> None:
-        self.time += 0.005 * len(ground_acceleration)
+    def step(self, acceleration):
+        self.time += 0.005
 
     def centroids(self):
         return self.start + np.array([self.place(self.time), 0.0])

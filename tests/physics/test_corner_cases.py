@@ -196,7 +196,7 @@ class TestFactsFail:
     def test_rests_and_moves(self):
         above = self.run("motion_at_onset", "block, 1e-9 above")
         below = self.run("motion_at_onset", "block, 1e-9 below")
-        assert facts.rests(below, 0.0).held
-        assert not facts.rests(above, 1e-3).held
+        assert FACTS["rests"](below, 0.0).held
+        assert not FACTS["rests"](above, 1e-3).held
         assert facts.ends(above, "falls").held
         assert not facts.ends(below, "falls").held
