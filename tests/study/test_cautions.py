@@ -5,8 +5,8 @@ import pytest
 import xarray as xr
 
 from archfrag.fragility.counts import Verdict, count_verdicts
-from archfrag.study.cautions import design_cautions, scaled_far, study_cautions, undecided
 from archfrag.study.cube import write_cube
+from archfrag.study.fits import design_cautions, scaled_far, study_cautions, undecided
 
 LEVELS = ["1 g", "2 g", "3 g"]
 

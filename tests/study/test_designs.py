@@ -7,8 +7,7 @@ from archfrag.fragility.counts import Verdict
 from archfrag.study import grids
 from archfrag.study.design import Ida, Precision, Scattered, TwoStage
 from archfrag.study.grids import Borders, Grid, ida, search, stripes
-from archfrag.study.rounds import COARSE, FINE, Rounds
-from archfrag.study.scattered import BEYOND, scattered
+from archfrag.study.rounds import BEYOND, COARSE, FINE, Rounds, scattered
 
 LEVELS = np.linspace(0.05, 0.75, 15)
 

@@ -8,8 +8,8 @@ from archfrag.errors import StabilityError, StudyError
 from archfrag.simulate import onset
 from archfrag.study.arches import ArchEntry, StudyArch
 from archfrag.study.config import load_study
+from archfrag.study.fleet import draw
 from archfrag.study.members import check_buildable, check_standing, expand, summaries
-from archfrag.study.sampling import draw
 from tests.study.small import TEXT, small_study
 
 RING = {

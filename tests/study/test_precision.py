@@ -6,9 +6,7 @@ import pytest
 from archfrag.fragility.quoted import quoted_band
 from archfrag.study.design import Ida, Precision, Scattered
 from archfrag.study.grids import Grid, ida
-from archfrag.study.precision import LEAST_RECORDS, Stop, known_so_far
-from archfrag.study.rounds import Rounds
-from archfrag.study.scattered import scattered
+from archfrag.study.rounds import LEAST_RECORDS, Rounds, Stop, known_so_far, scattered
 
 LEVELS = np.exp(0.3 * np.linspace(-2.5, 2.5, 15))
 N_RECORD = 2000

@@ -13,8 +13,7 @@ from pydantic import TypeAdapter
 
 from archfrag.errors import GeometryError, InputError, StabilityError, StudyError
 from archfrag.study.arches import Chain, FromDrawing, StudyArch, Table, file_of
-from archfrag.study.fleet import read_fleet
-from archfrag.study.sampling import draw, listed
+from archfrag.study.fleet import draw, listed, read_fleet
 
 if TYPE_CHECKING:
     from archfrag.study.config import Study

@@ -14,8 +14,7 @@ from typing import Any
 import archfrag
 from archfrag.study.arches import FromDrawing, Table
 from archfrag.study.config import Study
-from archfrag.study.files import PACKAGE, sha256_if_there, write_text
-from archfrag.study.inputs import by_name
+from archfrag.study.files import PACKAGE, by_name, sha256_if_there, write_text
 from archfrag.study.plan import Plan
 from archfrag.study.processing import described
 from archfrag.study.records import read_manifest

@@ -19,15 +19,16 @@ from archfrag.motions.plausible import check_name
 from archfrag.study.components import Components, with_partners, without_verticals
 from archfrag.study.config import FileSet, Study
 from archfrag.study.files import (
+    Inputs,
     cannot_write,
     canonical_json,
     digest_of,
     make_folder,
+    read_inputs,
     sha256_if_there,
     sha256_of,
     write_text,
 )
-from archfrag.study.inputs import Inputs, read_inputs
 from archfrag.study.synthetic import made_motions, motion_of
 
 if TYPE_CHECKING:
