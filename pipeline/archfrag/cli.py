@@ -250,7 +250,7 @@ def evidence(parts: tuple[str, ...], output: Path, **options: Any) -> None:
     from archfrag.errors import InputError
 
     try:
-        gather = import_module("archbench.command").gather
+        gather = import_module("archbench.page").gather
     except ModuleNotFoundError as missing:
         if missing.name is None or not missing.name.startswith("archbench"):
             raise
