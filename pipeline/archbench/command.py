@@ -7,15 +7,11 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
 
-from archbench.adapters.client import NAMES, VARIANTS, solver_versions
+from archbench.adapters.client import NAMES, solver_versions
 from archbench.page import PARTS, write_page
 from archbench.runner import Bench
 from archfrag.errors import InputError
 from archfrag.study.provenance import available_cores
-
-OTHERS = tuple(name for name in (*NAMES, *VARIANTS) if name != "archfrag")
-# One line for each: MuJoCo with contact points at corners, which is its most accurate variant.
-ALL = ("mujoco_corners", *(name for name in OTHERS if name not in ("mujoco", *VARIANTS)))
 
 
 def gather(
@@ -31,50 +27,29 @@ def gather(
 ) -> Path:
     """Measure parts one after the other, save each as soon as it is there, write the page.
 
-    Parameters
-    ----------
-    parts : sequence of str
-        Keys of `archbench.page.PARTS`; all if empty.
-    output : Path
-        Tables of parts not asked for are left as they are, and shown; what a killed run has
-        finished is not done again.
-    quick : bool
-        The reduced set.
-    records : Path, optional
-        The shipped records, if not `records` of the working folder or of the checkout.
-    real : Path, optional
-        A folder of real ones.
-    solvers : sequence of str
-        Other solvers of `OTHERS`, or "all" of those that are installed.
-    workers : int, optional
-        Processes; the cores that are available if not given.
-    report : callable
-        Takes a line for the user.
-
-    Returns
-    -------
-    Path
-        The page.
-
-    Raises
-    ------
-    InputError
-        If there is no part, or no solver, of a name, or a solver is not installed.
+    `parts` are keys of `archbench.page.PARTS`, all if empty; tables in `output` of parts not asked
+    for are left and shown, and what a killed run has finished is not done again. `records` are
+    those of the working folder, or of the checkout, if not given. `solvers` may be "all" of those
+    that are installed. InputError if there is no part or solver of a name, or it is not installed.
     """
     for name in parts:
         if name not in PARTS:
             raise InputError(f"evidence has no part {name!r}; allowed are {', '.join(PARTS)}")
     for name in solvers:
-        if name not in (*OTHERS, "all"):
-            raise InputError(f"--solvers: {name!r}; allowed are all, {', '.join(OTHERS)}")
-    installed = _installed(solvers, report)
-    checkout = Path(__file__).parents[2] / "records"
+        if name not in (*NAMES, "all"):
+            raise InputError(f"--solvers: {name!r}; allowed are all, {', '.join(NAMES)}")
+    found = solver_versions(NAMES if "all" in solvers else tuple(dict.fromkeys(solvers)))
+    for name, text in found.items():
+        if text.startswith("not installed") and "all" not in solvers:
+            raise InputError(f"--solvers: {name} {text}")
+        report(f"{name}: {text}")
+    here, checkout = Path("records"), Path(__file__).parents[2] / "records"
     bench = Bench(
         output,
         quick=quick,
-        records=(records or (Path("records") if Path("records").is_dir() else checkout)).resolve(),
+        records=(records or (here if here.is_dir() else checkout)).resolve(),
         real=None if real is None else real.resolve(),
-        solvers=installed,
+        solvers=tuple(name for name in found if not found[name].startswith("not installed")),
         workers=workers or available_cores(),
         report=report,
     )
@@ -83,15 +58,3 @@ def gather(
         bench.save(part, import_module(f"archbench.{part}").measure(bench))
         report(f"{part}: {time.perf_counter() - began:.0f} s")
     return write_page(output)
-
-
-def _installed(solvers: Sequence[str], report: Callable[[str], None]) -> tuple[str, ...]:
-    """Those of the named solvers that are installed; if one asked for by name is not, refuse."""
-    asked = ALL if "all" in solvers else tuple(dict.fromkeys(solvers))
-    versions = solver_versions(asked)
-    missing = {name: text for name, text in versions.items() if text.startswith("not installed")}
-    if missing and "all" not in solvers:
-        raise InputError(f"--solvers: {'; '.join(f'{k} {v}' for k, v in missing.items())}")
-    for name, text in versions.items():
-        report(f"{name}: {text}")
-    return tuple(name for name in asked if name not in missing)

@@ -12,13 +12,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from archbench.closed_forms import Rocking
-from archbench.facts import Finding, Run, judge_run
-from archbench.runner import Bench
+from archbench.exact import Rocking, least_friction
+from archbench.facts import Run, judge_run
+from archbench.runner import Bench, Row
 from archbench.scene import STANDARD_GRAVITY, Scene
 from archbench.settings import default_setting
-from archbench.solve import arch_of, solve
-from archbench.statics import least_friction
+from archbench.solve import arch_of, solve, with_motion
 from archfrag.errors import ArchfragError
 from archfrag.mechanics.status import Status
 from archfrag.motions.read import read_motion
@@ -29,32 +28,24 @@ FOLDER = Path(__file__).parent / "cases"
 # Longest that a case may take a method, all variants together [s].
 LIMIT = {True: 20.0, False: 600.0}
 HELD, BROKE, NO_ANSWER, NOT_FOR_IT = "held", "broke", "failed", "does not apply"
-Row = dict[str, Any]
+HEAD = """archfrag corner case
+none, none, none, 0
+ACCELERATION TIME SERIES IN UNITS OF G
+NPTS= {count}, DT= {step:.7f} SEC
+"""
 
 
 @dataclass(frozen=True)
 class CornerCase:
-    """A file of the folder `cases`.
+    """A file of the folder `cases`: a scene, and `why` it is hard.
 
-    Attributes
-    ----------
-    name, title, why : str
-        `why`: what makes it hard.
-    source : str
-    scene : Scene
-    expect : dict
-        Facts of `archbench.facts` with their arguments, of every variant.
-    variants : dict of str to dict
-        What differs from the scene; each with its own `expect` beside that of the case.
-    history : bool
-        Whether runs keep one; without it only the answer and its cost are judged.
+    `expect` are facts of `archbench.facts` with their arguments, of every variant; `variants` what
+    differs from the scene, each with its own `expect` beside that of the case. Without a `history`
+    only the answer and its cost are judged.
     """
 
-    name: str
-    title: str
-    why: str
-    source: str
     scene: Scene
+    why: str
     expect: dict[str, Any]
     variants: dict[str, dict[str, Any]] = field(default_factory=dict)
     history: bool = True
@@ -63,7 +54,7 @@ class CornerCase:
         """Name, scene and expected facts of each variant."""
         listed = []
         for name, changes in (self.variants or {"": {}}).items():
-            own = {**vars(self.scene), "name": f"{self.name} {name}".strip()}
+            own = {**vars(self.scene), "name": f"{self.scene.name} {name}".strip()}
             for key, change in changes.items():
                 if key != "expect":
                     old = own[key]
@@ -85,8 +76,7 @@ def load_case(name: str) -> CornerCase:
     content = json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
     names = ("why", "expect", "variants", "history")
     own = {key: content.pop(key) for key in names if key in content}
-    scene = Scene(name=name, **content)
-    return CornerCase(name=name, title=scene.title, source=scene.source, scene=scene, **own)
+    return CornerCase(Scene(name=name, **content), **own)
 
 
 def case_names() -> list[str]:
@@ -119,102 +109,75 @@ def run_case(case: CornerCase, method: str) -> list[Row]:
     done: dict[str, Run] = {}
     setting = default_setting(method)
     for variant, scene, expect in case.runs():
-        rows.append({"case": case.name, "variant": variant, "method": method})
+        head = {"case": case.scene.name, "variant": variant, "method": method}
         try:
             scene = resolved(_as_read(scene))
             run = solve(scene, setting, history=case.history)
         except ArchfragError as reason:
-            rows[-1] |= _refused(str(reason), expect)
+            rows.append(head | _refused(str(reason), expect))
             continue
-        response = run.response
-        assert response is not None
-        if response.status is Status.NOT_APPLICABLE:
-            rows[-1] |= _row(NOT_FOR_IT, "", "", run.status, run.seconds)
-            continue
-        done[variant] = Run(scene, response, done, setting.parameter)
-        if "refused" in expect:
-            findings = {"answers": Finding(True, ""), "refused": Finding(False, "not refused")}
+        assert run.response is not None
+        if run.response.status is Status.NOT_APPLICABLE:
+            own = _row(NOT_FOR_IT)
+        elif "refused" in expect:
+            own = _row(BROKE, "refused", "not refused")
         else:
+            done[variant] = Run(scene, run.response, done, setting.parameter)
             findings = judge_run(done[variant], expect)
-        broke = "; ".join(name for name, found in findings.items() if not found.held)
-        figures = "; ".join(found.figure for found in findings.values())
-        rows[-1] |= _row(_result(findings), broke, figures, run.status, run.seconds)
+            broke = "; ".join(name for name, found in findings.items() if not found.held)
+            result = BROKE if broke else HELD
+            figures = "; ".join(found.figure for found in findings.values())
+            own = _row(result if findings["answers"].held else NO_ANSWER, broke, figures)
+        rows.append(head | own | {"status": run.status, "seconds": run.seconds})
     return rows
 
 
 def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     """Every case by every method of ours: a row for each variant and method, and the cases."""
     cases = {name: load_case(name) for name in case_names()}
-    tasks = {
-        (name, method): (case, method)
-        for name, case in cases.items()
-        for method in available_methods()
-    }
+    tasks = {(name, method): (case, method)
+             for name, case in cases.items() for method in available_methods()}  # fmt: skip
     limit = LIMIT[bench.quick]
     rows: list[Row] = []
     for (name, method), found in bench.run("corner_cases", run_case, tasks, limit).items():
         if isinstance(found, str):
-            late = _row(NO_ANSWER, found, "", "not ended", limit)
-            found = [
-                {"case": name, "variant": variant, "method": method} | late
-                for variant, _, _ in cases[name].runs()
-            ]
+            late = _row(NO_ANSWER, found) | {"status": "not ended", "seconds": limit}
+            found = [{"case": name, "variant": variant, "method": method} | late
+                     for variant, _, _ in cases[name].runs()]  # fmt: skip
         rows += found
-    about = [(c.name, c.title, c.why, c.source, len(c.runs())) for c in cases.values()]
+    about = [
+        (name, case.scene.title, case.why, case.scene.source, len(case.runs()))
+        for name, case in cases.items()
+    ]
     heads = ["case", "title", "why", "source", "variants"]
     return {"runs": pd.DataFrame(rows), "cases": pd.DataFrame(about, columns=heads)}
 
 
-def _row(result: str, broke: str, figures: str, status: str, seconds: float) -> Row:
-    return {
-        "result": result, "broke": broke, "figures": figures, "status": status,
-        "seconds": seconds,
-    }  # fmt: skip
-
-
-def _result(findings: Mapping[str, Finding]) -> str:
-    if not findings["answers"].held:
-        return NO_ANSWER
-    return HELD if all(found.held for found in findings.values()) else BROKE
+def _row(result: str, broke: str = "", figures: str = "") -> Row:
+    return {"result": result, "broke": broke, "figures": figures}
 
 
 def _refused(message: str, expect: Mapping[str, Any]) -> Row:
     """A scene that is refused: right where that is expected, in one line with these words."""
-    if "refused" not in expect:
-        return _row(NOT_FOR_IT, message, "", "refused", 0.0)
-    held = "\n" not in message and all(word in message for word in expect["refused"])
-    figure = message.rsplit("/", 1)[-1]
-    return _row(HELD if held else BROKE, "" if held else "refused", figure, "refused", 0.0)
+    own = _row(NOT_FOR_IT, message)
+    if "refused" in expect:
+        held = "\n" not in message and all(word in message for word in expect["refused"])
+        own = _row(HELD if held else BROKE, "" if held else "refused", message.rsplit("/", 1)[-1])
+    return own | {"status": "refused", "seconds": 0.0}
 
 
 def _as_read(scene: Scene) -> Scene:
     """The scene with its motion written to a file, damaged there and read again."""
-    damage = scene.motion.get("damage")
-    if damage is None:
+    if "damage" not in scene.motion:
         return scene
-    kept = {key: value for key, value in scene.motion.items() if key != "damage"}
-    samples, step = replace(scene, motion=kept).ground_acceleration()
-    values = samples / STANDARD_GRAVITY
-    worst = int(np.argmax(np.abs(values)))
-    if damage == "zero":
-        values[worst] = 0.0
-    words = [f"{value:.9E}" for value in values]
-    if damage == "nan":
-        words[worst] = "NaN"
-    if damage == "missing":
-        del words[worst]
-    head = (
-        "archfrag corner case", "none, none, none, 0",
-        "ACCELERATION TIME SERIES IN UNITS OF G", f"NPTS= {len(values)}, DT= {step:.7f} SEC",
-    )  # fmt: skip
+    damage = scene.motion["damage"]
+    samples, step = scene.ground_acceleration()
+    words = [f"{value:.9E}" for value in samples / STANDARD_GRAVITY]
+    worst = int(np.argmax(np.abs(samples)))
+    words[worst : worst + 1] = {"zero": ["0.0"], "nan": ["NaN"], "missing": []}[damage]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{damage}.AT2"
-        path.write_text("\n".join((*head, *words)) + "\n", encoding="ascii")
+        head = HEAD.format(count=samples.size, step=step)
+        path.write_text(head + "\n".join(words) + "\n", encoding="ascii")
         read = read_motion(path)
-    motion = {
-        "kind": "samples",
-        "amplitude": 1.0,
-        "sample_step": read.dt,
-        "values": (read.acceleration / STANDARD_GRAVITY).tolist(),
-    }
-    return replace(scene, motion=motion)
+    return with_motion(scene, read, float(np.abs(read.acceleration).max()) / STANDARD_GRAVITY)

@@ -9,11 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from archbench.closed_forms import Rocking, rest_limits, slip_under_rectangle
+from archbench.exact import Rocking, largest_load, rest_limits, slip_under_rectangle
 from archbench.measures import energy_gain, overlap, path_energy_gain
-from archbench.scene import Scene
+from archbench.scene import Array, Scene
 from archbench.solve import arch_of, motion_of
-from archbench.statics import largest_load
 from archfrag.mechanics.status import Status
 from archfrag.simulate import onset
 from archfrag.simulation.response import Response
@@ -38,20 +37,30 @@ class Finding(NamedTuple):
 class Run:
     """A run with what it is to be judged by.
 
-    Attributes
-    ----------
-    scene : Scene
-    response : Response
-    others : mapping of str to Run
-        The case's other runs by their names.
-    parameter : str
-        "dt" or "rtol": by which the method is set.
+    `others` are the case's other runs by their names, `parameter` is that of the method.
     """
 
     scene: Scene
     response: Response
     others: Mapping[str, Run]
     parameter: str = "rtol"
+
+    @property
+    def history(self) -> Any:
+        """Frames of the run; ValueError if it has none."""
+        if self.response.history is None:
+            raise ValueError(f"scene {self.scene.name} was run without a history")
+        return self.response.history
+
+    @property
+    def rotation(self) -> Array:
+        """Of a block, over time [rad]."""
+        return np.asarray(self.history.rotation.values[:, 0])
+
+    @property
+    def start(self) -> float:
+        """Rotation of a block at its release [rad]."""
+        return float((self.scene.initial or {})["angle"])
 
 
 def energy_made(scene: Scene, response: Response) -> float:
@@ -63,12 +72,15 @@ def energy_made(scene: Scene, response: Response) -> float:
     arch, motion, history = arch_of(scene), motion_of(scene), response.history
     assert history is not None
     time, place = history.time.values, history.displacement.values
+    moving = history.velocity.values, history.angular_velocity.values
     return min(
-        energy_gain(
-            arch, motion, time, place, history.velocity.values, history.angular_velocity.values
-        ),
+        energy_gain(arch, motion, time, place, *moving),
         path_energy_gain(arch, motion, time, place, history.rotation.values),
     )
+
+
+def _close(off: float, tolerance: float, what: str) -> Finding:
+    return Finding(off <= tolerance, f"{what} off by {off:.1g}")
 
 
 def answers(run: Run) -> Finding:
@@ -88,8 +100,8 @@ def energy(run: Run, most: float = MOST_ENERGY_GAIN) -> Finding:
 
 def signorini(run: Run, most: float = DEEPEST_OVERLAP) -> Finding:
     """Nothing overlaps."""
-    history = _history(run)
-    deepest = overlap(arch_of(run.scene), history.displacement.values, history.rotation.values)
+    frames = run.history
+    deepest = overlap(arch_of(run.scene), frames.displacement.values, frames.rotation.values)
     return Finding(deepest <= most, f"overlap {deepest:.1g}")
 
 
@@ -115,68 +127,61 @@ def ends(run: Run, how: str) -> Finding:
 
 def comes_to_rest(run: Run, within: float) -> Finding:
     """It rests at the end, everything nearer to its place than `within` [m]."""
-    last = _history(run).displacement.values[-1]
+    last = run.history.displacement.values[-1]
     away = float(np.hypot(last[:, 0], last[:, 1]).max())
     still = run.response.status is Status.STANDING
-    held = still and away <= within
-    return Finding(held, f"{'rests' if still else 'moves'} {away:.1g} m from its place")
+    figure = f"{'rests' if still else 'moves'} {away:.1g} m from its place"
+    return Finding(still and away <= within, figure)
+
+
+def _onset(run: Run, plus: float, minus: float, tolerance: float) -> Finding:
+    start = onset(arch_of(run.scene))
+    pairs = ((start.plus, plus), (start.minus, minus))
+    worst = max(0.0 if a == b else abs(a - b) / b for a, b in pairs)
+    return _close(worst, tolerance, f"onset {start.plus:.6g} g,")
 
 
 def rest_limit(run: Run, tolerance: float) -> Finding:
     """`archfrag.onset` agrees with the linear programme of the static theorem, to both sides."""
-    start = onset(arch_of(run.scene))
-    pairs = ((start.plus, largest_load(run.scene)), (start.minus, largest_load(run.scene, -1.0)))
-    worst = max(0.0 if a == b else abs(a - b) / b for a, b in pairs)
-    return Finding(worst <= tolerance, f"onset {start.plus:.6g} g, off by {worst:.1g}")
+    return _onset(run, largest_load(run.scene), largest_load(run.scene, -1.0), tolerance)
 
 
 def loaded_block(run: Run, tolerance: float) -> Finding:
     """Rest limits of a block with a load on its back in closed form."""
-    start = onset(arch_of(run.scene))
-    plus, minus = rest_limits(run.scene)
-    worst = max(abs(start.plus - plus) / plus, abs(start.minus - minus) / minus)
-    return Finding(worst <= tolerance, f"onset {start.plus:.6g} g, off by {worst:.1g}")
+    return _onset(run, *rest_limits(run.scene), tolerance)
 
 
 def housner(run: Run, tolerance: float, impacts: int = 3) -> Finding:
     """Amplitudes after impacts, from the conserved energy and Housner's ratio."""
-    start = abs(run.scene.initial["angle"])  # type: ignore[index]
-    exact = Rocking.of(run.scene).amplitudes(start, impacts)
-    found = _peaks(_history(run).rotation.values[:, 0])[1 : impacts + 1]
+    exact = Rocking.of(run.scene).amplitudes(abs(run.start), impacts)
+    change = np.flatnonzero(np.diff(np.signbit(run.rotation)))
+    parts = np.split(run.rotation, change + 1)[1 : impacts + 1]
+    found = [float(np.abs(part).max()) for part in parts]
     if len(found) < impacts:
         return Finding(False, f"{len(found)} impacts of {impacts}")
-    worst = max(abs(a - b) / b for a, b in zip(found, exact))
-    return Finding(worst <= tolerance, f"amplitudes off by {worst:.1g}")
+    return _close(max(abs(a - b) / b for a, b in zip(found, exact)), tolerance, "amplitudes")
 
 
 def first_impact(run: Run, tolerance: float) -> Finding:
     """Time from the release to the first impact: a quarter of a period."""
-    start = abs(run.scene.initial["angle"])  # type: ignore[index]
-    exact = Rocking.of(run.scene).quarter(start)
-    history = _history(run)
-    rotated = history.rotation.values[:, 0] * math.copysign(1.0, history.rotation.values[0, 0])
+    exact = Rocking.of(run.scene).quarter(abs(run.start))
+    rotated, time = run.rotation * math.copysign(1.0, run.rotation[0]), run.history.time.values
     after = int(np.argmax(rotated < 0.0))
-    part = rotated[after - 1] / (rotated[after - 1] - rotated[after])
-    time = history.time.values
-    found = float(time[after - 1] + part * (time[after] - time[after - 1]))
-    off = abs(found - exact) / exact
-    return Finding(off <= tolerance, f"first impact off by {off:.1g}")
+    found = np.interp(0.0, rotated[[after, after - 1]], time[[after, after - 1]])
+    return _close(float(abs(found - exact)) / exact, tolerance, "first impact")
 
 
 def zeno(run: Run, tolerance: float) -> Finding:
     """Rest after infinitely many impacts in a finite time."""
-    start = abs(run.scene.initial["angle"])  # type: ignore[index]
-    exact = Rocking.of(run.scene).time_to_rest(start)
-    off = abs(run.response.end_time - exact) / exact
-    held = off <= tolerance and run.response.status is Status.STANDING
-    return Finding(held, f"at rest after {run.response.end_time:.3f} s, off by {off:.1g}")
+    exact, end = Rocking.of(run.scene).time_to_rest(abs(run.start)), run.response.end_time
+    found = _close(abs(end - exact) / exact, tolerance, f"at rest after {end:.3f} s,")
+    return found._replace(held=found.held and run.response.status is Status.STANDING)
 
 
 def newmark(run: Run, tolerance: float) -> Finding:
     """Slip of a block that only slides under a rectangular pulse."""
     exact = slip_under_rectangle(run.scene)
-    off = abs(run.response.peak_displacement - exact) / exact
-    return Finding(off <= tolerance, f"slip off by {off:.1g}")
+    return _close(abs(run.response.peak_displacement - exact) / exact, tolerance, "slip")
 
 
 def upright(run: Run, most: float) -> Finding:
@@ -187,12 +192,9 @@ def upright(run: Run, most: float) -> Finding:
 
 def grazes(run: Run, tolerance: float) -> Finding:
     """What touches without speed comes back to where it started after twice the time."""
-    start = run.scene.initial["angle"]  # type: ignore[index]
-    _, time = Rocking.of(run.scene).grazing(start, run.scene.motion["amplitude"])
-    history = _history(run)
-    back = float(np.interp(2.0 * time, history.time.values, history.rotation.values[:, 0]))
-    off = abs(back - start) / start
-    return Finding(off <= tolerance, f"back at its start, off by {off:.1g}")
+    _, time = Rocking.of(run.scene).grazing(run.start, run.scene.motion["amplitude"])
+    back = float(np.interp(2.0 * time, run.history.time.values, run.rotation))
+    return _close(abs(back - run.start) / run.start, tolerance, "back at its start,")
 
 
 def same_peak(run: Run, variant: str, tolerance: float) -> Finding:
@@ -200,25 +202,25 @@ def same_peak(run: Run, variant: str, tolerance: float) -> Finding:
     if variant not in run.others:
         return Finding(False, f"no run to compare with: {variant}")
     other = run.others[variant].response.peak_displacement
-    off = abs(run.response.peak_displacement - other) / other
-    return Finding(off <= tolerance, f"peak off by {off:.1g}")
+    return _close(abs(run.response.peak_displacement - other) / other, tolerance, "peak")
 
 
 def mirrors(run: Run, variant: str, tolerance: float, until: float) -> Finding:
     """The mirror image of another run of the case until a time [s], over its peak."""
     if variant not in run.others:
         return Finding(False, f"no run to compare with: {variant}")
-    one, other = _history(run), _history(run.others[variant])
     times = np.linspace(0.0, until, 200)
-    angle = np.array([np.interp(times, one.time, row) for row in one.rotation.values.T])
-    image = np.array([np.interp(times, other.time, row) for row in other.rotation.values.T])
+    angle, image = (
+        np.array([np.interp(times, each.time, row) for row in each.rotation.values.T])
+        for each in (run.history, run.others[variant].history)
+    )
     off = float(np.abs(angle + image[::-1]).max() / np.abs(angle).max())
-    return Finding(off <= tolerance, f"mirror image off by {off:.1g}")
+    return _close(off, tolerance, "mirror image")
 
 
 def never_higher(run: Run, most: float) -> Finding:
     """Without ground motion no body moves further than it stood at its release, in parts."""
-    length = np.hypot(*np.moveaxis(_history(run).displacement.values, 2, 0)).max(axis=1)
+    length = np.hypot(*np.moveaxis(run.history.displacement.values, 2, 0)).max(axis=1)
     over = float(length.max() / length[0]) - 1.0
     return Finding(over <= most, f"{100.0 * over:.1g} % beyond its release")
 
@@ -241,38 +243,23 @@ FACTS: dict[str, Callable[..., Finding]] = {
         newmark, upright, grazes, same_peak, mirrors, never_higher, rest_is_skipped, bounded_work,
     )
 }  # fmt: skip
-LAWS: dict[str, Callable[..., Finding]] = {
-    "answers": answers, "energy": energy, "signorini": signorini
-}  # fmt: skip
 
 
 def judge_run(run: Run, expect: Mapping[str, Any]) -> dict[str, Finding]:
     """Findings of the laws, which hold in every case, and of the facts that a case expects."""
-    laws = LAWS if run.response.history is not None else {"answers": answers}
-    findings = {name: law(run) for name, law in laws.items()}
+    findings = {"answers": answers(run)}
+    if run.response.history is not None:
+        findings |= {"energy": energy(run), "signorini": signorini(run)}
+
+    def chosen(given: Any) -> Any:
+        by_parameter = isinstance(given, Mapping) and set(given) == {"dt", "rtol"}
+        return given[run.parameter] if by_parameter else given
+
     for name, given in expect.items():
-        chosen = _chosen(given, run.parameter)
-        if isinstance(chosen, Mapping):
-            own = {key: _chosen(value, run.parameter) for key, value in chosen.items()}
-            findings[name] = FACTS[name](run, **own)
+        own = chosen(given)
+        if isinstance(own, Mapping):
+            named = {key: chosen(value) for key, value in own.items()}
+            findings[name] = FACTS[name](run, **named)
         else:
-            findings[name] = FACTS[name](run, chosen)
+            findings[name] = FACTS[name](run, own)
     return findings
-
-
-def _chosen(given: Any, parameter: str) -> Any:
-    return (
-        given[parameter] if isinstance(given, Mapping) and set(given) == {"dt", "rtol"} else given
-    )
-
-
-def _history(run: Run):
-    if run.response.history is None:
-        raise ValueError(f"scene {run.scene.name} was run without a history")
-    return run.response.history
-
-
-def _peaks(rotation: np.ndarray) -> list[float]:
-    """Largest magnitudes between changes of sign."""
-    change = np.flatnonzero(np.diff(np.signbit(rotation)))
-    return [float(np.abs(part).max()) for part in np.split(rotation, change + 1)]

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import BarycentricInterpolator
 
 from archbench.measures import energy_gain, overlap
-from archbench.scene import STANDARD_GRAVITY, Scene
+from archbench.scene import STANDARD_GRAVITY, Array, Scene
 from archbench.solve import Frames, Solution, arch_of, motion_of
-
-Array = NDArray[np.float64]
 
 # Label of a chart's axis, by quantity.
 QUANTITIES = {
@@ -33,18 +32,11 @@ _INSTANTS = 8
 
 @dataclass(frozen=True)
 class Marks:
-    """Instants at which a scene's runs are compared, from the reference's run.
+    """Instants at which a scene's runs are compared, from the reference's run [s].
 
-    Attributes
-    ----------
-    onset : float
-        When motion begins [s].
-    position : float
-        A multiple of 10 ms before the first impact [s]; nan if there is none after the onset.
-    reactions : list of float
-        Frames of the reference at which resultants are unique and smooth [s].
-    peak : float
-        When its largest displacement is reached [s].
+    `onset` of the motion; `position`, a multiple of 10 ms before the first impact, nan if there is
+    none after the onset; `reactions`, frames at which resultants are unique and smooth; `peak`,
+    when the largest displacement is reached.
     """
 
     onset: float
@@ -70,23 +62,17 @@ class Observed:
 def marks_of(scene: Scene, reference: Solution) -> Marks:
     """Instants for the comparison with a reference run with history."""
     assert reference.response is not None
-    assert reference.frames is not None
     changes = reference.response.mechanism or ()
     onset = min((each.time for each in changes if each.joints), default=math.nan)
     impacts = [each.time for each in changes if each.cause == "impact" and each.time > onset]
     last = min(impacts, default=reference.end_time)
     position = math.floor((last - 2e-3) / 0.01 + 1e-9) * 0.01
     time, moved = reference.frames.time, lengths(reference.frames.displacement).max(axis=1)
-    fit = _smooth(scene, changes, time, last) & (time < last - _QUIET)
-    found = time[fit]
+    found = time[_smooth(scene, changes, time, last) & (time < last - _QUIET)]
     if found.size > _INSTANTS:
         found = found[np.linspace(0, found.size - 1, _INSTANTS).astype(int)]
-    return Marks(
-        onset,
-        position if position > onset else math.nan,
-        found.tolist(),
-        float(time[int(np.argmax(moved))]),
-    )
+    highest = float(time[int(np.argmax(moved))])
+    return Marks(onset, position if position > onset else math.nan, found.tolist(), highest)
 
 
 def _smooth(scene: Scene, changes, time: Array, last: float) -> NDArray[np.bool_]:
@@ -129,64 +115,42 @@ def positions_at(frames: Frames, instants: Array) -> Array:
     span = np.maximum(time[index + 1] - time[index], np.finfo(float).tiny)
     part = np.clip((instants - time[index]) / span, 0.0, 1.0)
     s, h = part[:, None, None], span[:, None, None]
-    left, right = place[index], place[index + 1]
-    if frames.velocity is None:
-        return left + s * (right - left)
-    return (
-        left
-        + (right - left) * s**2 * (3.0 - 2.0 * s)
-        + h * frames.velocity[index] * s * (1.0 - s) ** 2
-        - h * frames.velocity[index + 1] * s**2 * (1.0 - s)
-    )
+    left, change = place[index], place[index + 1] - place[index]
+    if not frames.velocity.size:
+        return left + s * change
+    first, last = h * frames.velocity[index], h * frames.velocity[index + 1]
+    curved = first * s * (1.0 - s) ** 2 - last * s**2 * (1.0 - s)
+    return left + change * s**2 * (3.0 - 2.0 * s) + curved
 
 
 def resultants_at(frames: Frames, instants: Array) -> Array:
     """Force and moment in every joint, cubic through four frames, (n, n_joint, 3) [N], [N m].
 
-    Lagrange's formula; linear where frames are fewer or coincide.
+    Linear where frames are fewer or coincide.
     """
-    assert frames.resultant is not None
     time = frames.time
     found = np.empty((instants.size, *frames.resultant.shape[1:]))
-    for k, instant in enumerate(instants):
+    for k, instant in enumerate(np.clip(instants, time[0], time[-1])):
         last = int(np.clip(np.searchsorted(time, instant, side="right"), 1, time.size - 1))
         used = np.arange(max(last - 2, 0), min(last + 2, time.size))
         if used.size < 4 or np.min(np.diff(time[used])) <= 0.0:
-            used = np.array([last - 1, last])
-        weights = _lagrange(time[used], min(max(instant, time[0]), time[-1]))
-        found[k] = np.tensordot(weights, frames.resultant[used], axes=1)
+            used = np.array([last - 1, last] if time[last] > time[last - 1] else [last])
+        found[k] = BarycentricInterpolator(time[used], frames.resultant[used])(instant)
     return found
-
-
-def _lagrange(nodes: Array, at: float) -> Array:
-    """Weights of the values at the nodes; the last node's alone where nodes coincide."""
-    spans = nodes[:, None] - nodes[None, :] + np.eye(nodes.size)
-    if np.any(spans == 0.0):
-        return np.eye(nodes.size)[-1]
-    factors = (at - nodes[None, :]) / spans
-    np.fill_diagonal(factors, 1.0)
-    return np.asarray(np.prod(factors, axis=1))
 
 
 def observe(scene: Scene, run: Solution, marks: Marks) -> Observed:
     """Read the quantities off a run with frames."""
     frames = run.frames
-    assert frames is not None
-    arch = arch_of(scene)
     at = np.array([np.nan_to_num(marks.onset if math.isnan(marks.position) else marks.position)])
     position = positions_at(frames, at)[0].tolist()
-    if frames.rotation is None:
+    if run.response is None:
         return Observed(position, run.peak, [], math.nan, math.nan, math.nan, run.collapsed)
     resultants = resultants_at(frames, np.array(marks.reactions))
     resultants /= float(np.sum(scene.bodies().mass)) * STANDARD_GRAVITY
     resultants[..., 2] /= scene.thickness
-    assert run.response is not None
-    assert frames.velocity is not None
-    assert frames.angular_velocity is not None
-    gain = energy_gain(
-        arch, motion_of(scene), frames.time, frames.displacement, frames.velocity,
-        frames.angular_velocity,
-    )  # fmt: skip
+    arch, moving = arch_of(scene), (frames.velocity, frames.angular_velocity)
+    gain = energy_gain(arch, motion_of(scene), frames.time, frames.displacement, *moving)
     deepest = overlap(arch, frames.displacement, frames.rotation)
     own = run.response.energy_error
     return Observed(position, run.peak, resultants.tolist(), gain, own, deepest, run.collapsed)
@@ -203,15 +167,8 @@ def errors_of(seen: Observed, true: Observed, thickness: float) -> dict[str, flo
     if not (seen.collapsed or true.collapsed) and true.peak > 0.0:
         peak = abs(seen.peak - true.peak) / true.peak
     if seen.reactions and true.reactions:
-        difference = np.subtract(seen.reactions, true.reactions)
-        reactions = float(
-            np.max(np.maximum(lengths(difference[..., :2]), np.abs(difference[..., 2])))
-        )
-    return {
-        "position": largest_distance(np.array(seen.position), np.array(true.position)) / thickness,
-        "peak": peak,
-        "reactions": reactions,
-        "energy_gain": seen.energy_gain,
-        "energy_error": seen.energy_error,
-        "overlap": seen.overlap,
-    }
+        apart = np.subtract(seen.reactions, true.reactions)
+        reactions = float(np.maximum(lengths(apart[..., :2]), np.abs(apart[..., 2])).max())
+    position = largest_distance(np.array(seen.position), np.array(true.position)) / thickness
+    measures = (getattr(seen, name) for name in TRUE_ZERO)
+    return dict(zip(OF_A_RUN, (position, peak, reactions, *measures), strict=True))

@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from archbench.horizon import measure_growth
+from archbench.growth import measure_growth
 from archbench.quantities import (
     TRUE_ZERO,
     Marks,
@@ -26,13 +26,10 @@ from archbench.quantities import (
     observe,
     positions_at,
 )
-from archbench.scene import Scene
-from archbench.search import least_collapsing, nearest_change
+from archbench.scene import Array, Scene
 from archbench.settings import Setting
-from archbench.solve import Solution, collapses, solve
+from archbench.solve import Frames, Solution, collapses, least_collapsing, nearest_change, solve
 from archfrag.errors import ArchfragError
-
-Array = NDArray[np.float64]
 
 MARGIN = 10.0  # nothing is drawn below so many times the reference's error
 LARGEST_FLOOR = 0.1  # a chart that begins above this would show no decade
@@ -46,29 +43,11 @@ _STRIDES = (1, 2, 4, 8, 16, 32)
 class Reference:
     """What a scene's runs are compared with.
 
-    Attributes
-    ----------
-    scene : str
-    tight, loose : float
-        Tolerances: the reference's, and the one ten times as coarse that gives its error.
-    marks : Marks
-    seen : Observed
-    end_time : float
-        Of the run at the scene's own amplitude [s].
-    interval : float
-        Between its frames [s].
-    amplitude : float
-        At which outcomes change [g]; nan if there is none.
-    error : dict of str to float
-        Its own, by quantity.
-    blur : dict of str to list of float
-        Its errors read from every 1st, 2nd, 4th … frame, by quantity.
-    grid, truth : list
-        Amplitudes [g] at which two tolerances agree, and whether it collapses there.
-    second : dict of str to [distance, uncertainty]
-        Of the second method's limit.
-    growth : dict
-        `exponent`, `low`, `high` [1/s] and `horizon` [s], see `growth_of`.
+    `tight` is its tolerance, `loose` the one ten times as coarse that gives its error; `interval`
+    is between its frames [s]; `amplitude` where outcomes change [g], nan if there is none; `error`
+    its own, by quantity; `blur` its errors read from every 1st, 2nd, 4th … frame; `grid` the
+    amplitudes [g] at which two tolerances agree, `truth` whether it collapses there; `second` the
+    distance and the uncertainty of the second method's limit; `growth` as of `growth_of`.
     """
 
     scene: str
@@ -99,9 +78,8 @@ class Reference:
             return f"peak at {self.marks.peak:.3g} s, horizon {self.growth['horizon']:.3g} s"
         if math.isnan(error):
             return "the reference has no such value"
-        if MARGIN * error > LARGEST_FLOOR:
-            return f"the reference's own error is {error:.1e}"
-        return ""
+        too_large = MARGIN * error > LARGEST_FLOOR
+        return f"the reference's own error is {error:.1e}" if too_large else ""
 
     def floor(self, quantity: str, interval: float) -> float:
         """Smallest error that is drawn of a run with frames `interval` [s] apart.
@@ -119,94 +97,70 @@ class Reference:
 
 
 def find_reference(scene: Scene, quick: bool) -> Reference:
-    """Reference of a scene with samples, as tight as pays."""
-    base, tight = _tightest(scene, quick)
+    """Reference of a scene with samples, as tight as pays: no run takes longer than a second."""
+    for rtol in TOLERANCES[1:] if quick else TOLERANCES:
+        tight = Setting("event_driven", "rtol", rtol)
+        base = solve(scene, tight, history=True)
+        if base.seconds <= (1.0 if quick else 1.5):
+            break
     loose = tight.finer(10.0)
     coarser = solve(scene, loose, history=True)
-    if base.collapsed is None:
+    if base.collapsed is None or base.response is None:
         raise ArchfragError(f"scene {scene.name}: {tight} ends with {base.status}")
-    assert base.frames is not None
     marks = marks_of(scene, base)
     seen, beside = (_highest(observe(scene, run, marks), run) for run in (base, coarser))
     # Runs whose steps end with every sample agree in all digits at several tolerances, which
     # proves nothing about an error below the tolerance itself.
-    error = {
-        name: max(value, tight.value)
-        for name, value in errors_of(beside, seen, scene.thickness).items()
-    }
-    error |= {name: max(abs(getattr(seen, name)), tight.value) for name in TRUE_ZERO}
-    error["position"] = (
-        math.nan if math.isnan(marks.position)
-        else max(error["position"], _between_frames(base, marks) / scene.thickness)
-    )  # fmt: skip
+    errors = errors_of(beside, seen, scene.thickness)
+    errors |= {name: abs(getattr(seen, name)) for name in TRUE_ZERO}
+    error = {name: max(value, tight.value) for name, value in errors.items()}
+    between = math.nan
+    if not math.isnan(marks.position):  # what interpolation may cost: as every second frame goes
+        at, half = np.array([marks.position]), _thinned(base, 2)
+        apart = largest_distance(positions_at(half.frames, at), positions_at(base.frames, at))
+        between = max(error["position"], apart / 15.0 / scene.thickness)
+    error["position"] = between
     amplitude, error["amplitude"] = _amplitude(scene, tight, loose, quick)
     grid, truth = _outcomes(scene, loose, amplitude, quick)
     # Amplitudes about which the reference is in doubt are left out; none is wrong.
     error["verdicts"] = 0.0 if grid else math.nan
+    rows = [
+        errors_of(observe(scene, _thinned(base, stride), marks), seen, scene.thickness)
+        for stride in _STRIDES
+    ]
+    blurs = {
+        name: [row[name] for row in rows] for name in ("energy_gain", "position", "reactions")
+    }
     reference = Reference(
         scene.name, tight.value, loose.value, marks, seen, base.end_time,
-        float(np.median(np.diff(base.frames.time))), amplitude, error,
-        _blurs(scene, base, marks, seen), grid, truth,
+        float(np.median(np.diff(base.frames.time))), amplitude, error, blurs, grid, truth,
     )  # fmt: skip
-    assert base.response is not None
     last = max((each.time for each in base.response.mechanism or ()), default=base.end_time)
     reference.growth = measure_growth(scene, loose, coarser, marks.onset, last, 2 if quick else 4)
     compare_with_steps(reference, scene, quick)
     return reference
 
 
-def _tightest(scene: Scene, quick: bool) -> tuple[Solution, Setting]:
-    """Run with the tightest tolerance that takes no longer than a second, or the last one."""
-    for rtol in TOLERANCES[1:] if quick else TOLERANCES:
-        tight = Setting("event_driven", "rtol", rtol)
-        base = solve(scene, tight, history=True)
-        if base.seconds <= (1.0 if quick else 1.5):
-            break
-    return base, tight
-
-
 def _highest(seen: Observed, run: Solution) -> Observed:
     """With the peak over frames too: event-driven runs look for it at the ends of steps only."""
-    assert run.frames is not None
     return replace(seen, peak=max(seen.peak, float(lengths(run.frames.displacement).max())))
 
 
 def _thinned(run: Solution, stride: int) -> Solution:
-    assert run.frames is not None
-    kept: dict[str, Any] = {
-        name: None if values is None else values[::stride]
-        for name, values in run.frames._asdict().items()
-    }
-    return replace(run, frames=run.frames._replace(**kept))
-
-
-def _between_frames(run: Solution, marks: Marks) -> float:
-    """What interpolation between frames may cost: its change as every second one goes [m]."""
-    at, half = np.array([marks.position]), _thinned(run, 2)
-    assert run.frames is not None
-    assert half.frames is not None
-    return largest_distance(positions_at(half.frames, at), positions_at(run.frames, at)) / 15.0
-
-
-def _blurs(scene: Scene, run: Solution, marks: Marks, seen: Observed) -> dict[str, list[float]]:
-    rows = [
-        errors_of(observe(scene, _thinned(run, stride), marks), seen, scene.thickness)
-        for stride in _STRIDES
-    ]
-    return {name: [row[name] for row in rows] for name in ("energy_gain", "position", "reactions")}
+    return replace(run, frames=Frames(*[values[::stride] for values in run.frames]))
 
 
 def _amplitude(scene: Scene, tight: Setting, loose: Setting, quick: bool) -> tuple[float, float]:
     """Amplitude of collapse [g] and its relative error: two tolerances, and the bracket."""
     if math.isnan(scene.low):
         return math.nan, math.nan
-    rough = Setting("event_driven", "rtol", 1e-4)
-    place = least_collapsing(collapses(scene, rough), scene.low, scene.high, 1e-3)
+    rough = partial(collapses, scene, Setting("event_driven", "rtol", 1e-4))
+    place = least_collapsing(rough, scene.low, scene.high, 1e-3)
     if math.isnan(place):
         return math.nan, math.nan
     floor = 1e-7 if quick else 1e-8
     for setting, fraction in ((loose, 0.0), (tight, 0.05)):
-        found = nearest_change(collapses(scene, setting), place, floor, 0.3, fraction)
+        found = nearest_change(partial(collapses, scene, setting), place, floor, 0.3, fraction)
         if math.isnan(found.offset):
             return place, math.nan
         place *= 1.0 + found.offset
@@ -217,18 +171,16 @@ def _outcomes(
     scene: Scene, setting: Setting, amplitude: float, quick: bool
 ) -> tuple[list[float], list[bool]]:
     """Amplitudes about the threshold at which two tolerances agree, and what they agree on."""
-    grid: list[float] = []
-    truth: list[bool] = []
-    if math.isnan(amplitude):
-        return grid, truth
+    known: dict[float, bool] = {}
     distances = DISTANCES[1::2] if quick else DISTANCES
     for factor in sorted(1.0 + side * each for each in distances for side in (-1.0, 1.0)):
-        raised = scene.at(factor * amplitude)
-        first, second = (solve(raised, each).collapsed for each in (setting, setting.finer(10.0)))
+        at = factor * amplitude
+        if math.isnan(at):
+            continue
+        first, second = (collapses(scene, each, at) for each in (setting, setting.finer(10.0)))
         if first is not None and first is second:
-            grid.append(factor * amplitude)
-            truth.append(first)
-    return grid, truth
+            known[at] = first
+    return list(known), list(known.values())
 
 
 def compare_with_steps(reference: Reference, scene: Scene, quick: bool) -> None:
@@ -254,14 +206,13 @@ def compare_with_steps(reference: Reference, scene: Scene, quick: bool) -> None:
             found, doubt = limit_of([np.array(each.reactions) for each in seen])
             _note(reference, "reactions", float(np.max(np.abs(found - true.reactions))), doubt)
     used = [step for step, run in zip(STEPS, runs, strict=False) if run.seconds <= limit / 3.0]
-    if len(used) < 4 or math.isnan(reference.error["amplitude"]):
+    error = reference.error["amplitude"]
+    if len(used) < 4 or math.isnan(error):
         return
     offsets = []
     for step in used[-4:]:
-        setting = Setting("time_stepping", "dt", step)
-        change = nearest_change(
-            collapses(scene, setting), reference.amplitude, reference.error["amplitude"], 0.5, 0.05
-        )
+        asked = partial(collapses, scene, Setting("time_stepping", "dt", step))
+        change = nearest_change(asked, reference.amplitude, error, 0.5, 0.05)
         if math.isnan(change.offset):
             return
         offsets.append(np.array(change.offset))
@@ -284,16 +235,7 @@ def limit_of(values: Sequence[Array]) -> tuple[Array, float]:
 
 
 def richardson(values: Sequence[Array]) -> tuple[Array, float, float]:
-    """Limit of values at steps halved twice, its uncertainty, and the order they show.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from archbench.reference import richardson
-    >>> limit, uncertainty, order = richardson([np.array(1.0 + h**2) for h in (0.4, 0.2, 0.1)])
-    >>> round(float(limit), 12), round(uncertainty, 12), round(order, 6)
-    (1.0, 0.01, 2.0)
-    """
+    """Limit of values at steps halved twice, its uncertainty, and the order they show."""
     coarse, middle, fine = (np.asarray(each, float) for each in values[-3:])
     before, after = float(np.max(np.abs(coarse - middle))), float(np.max(np.abs(middle - fine)))
     order = 4.0 if after == 0.0 else 0.5

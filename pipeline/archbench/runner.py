@@ -5,16 +5,15 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import signal
 import time
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, as_completed
 from concurrent.futures import TimeoutError as OutOfTime
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
-from queue import SimpleQueue
 from typing import Any
 
 import pandas as pd
@@ -28,27 +27,16 @@ from archfrag.simulation.checks import available_methods
 from archfrag.study.provenance import commit, machine, strict_json, versions
 
 Key = tuple[Any, ...]
+Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class Bench:
     """How and where a part is measured.
 
-    Attributes
-    ----------
-    output : Path
-        Folder of the tables; the same command continues in it.
-    quick : bool
-        The reduced set.
-    records : Path
-        The shipped records.
-    real : Path or None
-        A folder of real ones.
-    solvers : tuple of str
-        Other solvers, by the names of `archbench.adapters.client`.
-    workers : int
-    report : callable
-        Takes a line for the user.
+    `output` is the folder of the tables, in which the same command continues; `quick` the reduced
+    set; `records` the shipped records, `real` a folder of real ones; `solvers` are other solvers
+    by `archbench.adapters.client.NAMES`; `report` takes a line for the user.
     """
 
     output: Path
@@ -72,14 +60,17 @@ class Bench:
         What an earlier run of the same sources has finished is not done again.
         """
         path = make_folder(self.output / "finished") / f"{name}-{sources()}.jsonl"
-        done = _finished(path)
+        done = {}
+        for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
+            with suppress(ValueError):  # of a line cut short by a kill
+                key, result = json.loads(line)
+                done[json.dumps(key)] = result
         todo = {key: task for key, task in tasks.items() if json.dumps(key) not in done}
         self.report(f"{name}: {len(todo)} of {len(tasks)} tasks to do")
         began, shown = time.perf_counter(), 0.0
         with path.open("a", encoding="utf-8") as file:
-            for count, (key, result) in enumerate(
-                in_processes(function, todo, self.workers, limit), 1
-            ):
+            found = in_processes(function, todo, self.workers, limit)
+            for count, (key, result) in enumerate(found, 1):
                 done[json.dumps(key)] = result
                 file.write(json.dumps([key, result]) + "\n")
                 file.flush()
@@ -124,18 +115,6 @@ def sources() -> str:
     return digest.hexdigest()[:12]
 
 
-def _finished(path: Path) -> dict[str, Any]:
-    """Results by the JSON of their keys; a line cut short by a kill is left out."""
-    done = {}
-    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
-        try:
-            key, result = json.loads(line)
-        except ValueError:
-            continue
-        done[json.dumps(key)] = result
-    return done
-
-
 def load_kernels() -> None:
     """Have the kernels of all methods in this process, before anything is timed."""
     for name in available_methods():
@@ -147,81 +126,44 @@ def in_processes(
     tasks: Mapping[Key, Sequence[Any]],
     workers: int,
     limit: float,
-    prepare: Callable[[], None] = load_kernels,
-):
+    prepare: Callable[[], Any] = load_kernels,
+) -> Iterator[tuple[Key, Any]]:
     """Results of ``function(*task)`` as they come, with their keys; a message for those that fail.
 
-    Each worker is a process of its own, which is ended and replaced when a task takes too long.
-
-    Examples
-    --------
-    >>> from archbench.runner import in_processes
-    >>> dict(in_processes(divmod, {("a",): (7, 2)}, 1, 60.0, prepare=int))
-    {('a',): (3, 1)}
+    A process whose task takes longer than `limit` [s] is ended with all that it started.
     """
-    finished: SimpleQueue = SimpleQueue()
-    slots: SimpleQueue = SimpleQueue()
-    for _ in range(workers):
-        slots.put(_Slot(prepare))
+    try:
+        from pebble import ProcessExpired, ProcessPool
+    except ModuleNotFoundError:
+        raise InputError(
+            "archfrag evidence needs the package pebble: pip install -e .[bench]"
+        ) from None
 
-    def work(key: Key, task: Sequence[Any]) -> None:
-        slot = slots.get()
-        try:
-            finished.put((key, slot.call(partial(function, *task), limit), None))
-        except BaseException as error:
-            finished.put((key, None, error))
-        finally:
-            slots.put(slot)
-
-    with ThreadPoolExecutor(workers) as threads:
-        for key, task in tasks.items():
-            threads.submit(work, key, task)
-        try:
-            for _ in tasks:
-                key, result, error = finished.get()
-                if error is not None:
-                    raise error
-                yield key, result
-        finally:
-            threads.shutdown(cancel_futures=True)
-            for _ in range(workers):
-                slots.get().end()
+    pool = ProcessPool(workers, 0, _prepare_process, (prepare,), get_context("spawn"))
+    try:
+        running: dict[Future, Key] = {
+            pool.schedule(function, task, timeout=limit): key for key, task in tasks.items()
+        }
+        for done in as_completed(running):
+            try:
+                yield running[done], done.result()
+            except OutOfTime:
+                yield running[done], f"not ended within {limit:g} s"
+            except ProcessExpired:
+                yield running[done], "its process ended by itself"
+    finally:
+        pool.stop()
+        pool.join()
 
 
-def _pid(_: Callable[..., Any]) -> int:
-    return os.getpid()
+def _prepare_process(prepare: Callable[[], Any]) -> None:
+    """Make a process ready for tasks, and for its own end: the pool ends it by SIGTERM."""
 
-
-class _Slot:
-    """One process at a time, which takes one task at a time."""
-
-    def __init__(self, prepare: Callable[[], None]) -> None:
-        self.prepare = prepare
-        self.pool: ProcessPoolExecutor | None = None
-        self.pid = 0
-
-    def call(self, task: partial, limit: float) -> Any:
-        if self.pool is None:
-            self.pool = ProcessPoolExecutor(1, get_context("spawn"), initializer=self.prepare)
-            # Its module is imported with it, outside the limit.
-            self.pid = self.pool.submit(_pid, task.func).result()
-        running: Future = self.pool.submit(task)
-        try:
-            return running.result(timeout=limit)
-        except OutOfTime:
-            self.end()
-            return f"not ended within {limit:g} s"
-        except BrokenExecutor:
-            self.end()
-            return "its process ended by itself"
-
-    def end(self) -> None:
-        """End the process and those that it started."""
-        if self.pool is None:
-            return
-        with suppress(psutil.NoSuchProcess):
-            process = psutil.Process(self.pid)
-            for each in (*process.children(recursive=True), process):
+    def end(*_: Any) -> None:
+        for each in psutil.Process().children(recursive=True):
+            with suppress(psutil.NoSuchProcess):
                 each.kill()
-        self.pool.shutdown(wait=False, cancel_futures=True)
-        self.pool = None
+        os._exit(1)
+
+    signal.signal(signal.SIGTERM, end)
+    prepare()

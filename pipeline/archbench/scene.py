@@ -7,7 +7,7 @@ import json
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +17,17 @@ from archfrag.arch.gravity import STANDARD_GRAVITY
 
 __all__ = ["STANDARD_GRAVITY", "Bodies", "Scene", "load_scene", "scene_names"]
 FOLDER = Path(__file__).parent / "scenes"
-# What stands for a joint without friction limit in solvers that have none.
-NO_SLIDING = 5.0
+NO_SLIDING = 5.0  # the friction of joints without limit in solvers that have none
 
 Array = NDArray[np.float64]
+
+
+class Bodies(NamedTuple):
+    """Inertial data of the voussoirs: (n,) [kg], (n,) [kg m2] and (n, 2) [m]."""
+
+    mass: Array
+    inertia: Array
+    centroid: Array
 
 
 @dataclass(frozen=True)
@@ -88,7 +95,7 @@ class Scene:
     @property
     def thickness(self) -> float:
         """Ring's thickness, or the width at the base [m]; collapse is judged by it."""
-        return float(self.chain["thickness" if self.chain["kind"] == "circular" else "width"])
+        return float(self.chain["width" if self.free_end else "thickness"])
 
     def joint_lines(self) -> tuple[Array, Array]:
         """Intrados and extrados ends of the joint lines, (n + 1, 2) each [m].
@@ -113,10 +120,8 @@ class Scene:
     def polygons(self) -> list[Array]:
         """Outlines of the voussoirs, anticlockwise, (4, 2) each [m]."""
         inner, outer = self.joint_lines()
-        outlines = []
-        for j in range(len(inner) - 1):
-            outlines.append(_anticlockwise(inner[j], inner[j + 1], outer[j + 1], outer[j]))
-        return outlines
+        corners = zip(inner[:-1], inner[1:], outer[1:], outer[:-1])
+        return [_anticlockwise(*each) for each in corners]
 
     def supports(self) -> list[Array]:
         """Outlines of rigid ground blocks that hold the springing faces, anticlockwise [m].
@@ -125,21 +130,17 @@ class Scene:
         finds ground under it, and two thicknesses behind it.
         """
         inner, outer = self.joint_lines()
-        faces = [(inner[0], outer[0], inner[1])]
-        if not self.free_end:
-            faces.append((inner[-1], outer[-1], inner[-2]))
         blocks = []
-        for start, end, inside in faces:
-            along = (end - start) / np.linalg.norm(end - start)
+        for end, inside in ((0, 1), (-1, -2))[: 1 if self.free_end else 2]:
+            along = (outer[end] - inner[end]) / np.linalg.norm(outer[end] - inner[end])
             away = np.array([-along[1], along[0]])
-            if away @ (inside - start) > 0.0:
-                away = -away
-            reach, behind = self.thickness * along, 2.0 * self.thickness * away
-            near, far = start - reach, end + reach
-            blocks.append(_anticlockwise(near, far, far + behind, near + behind))
+            away *= -math.copysign(2.0 * self.thickness, away @ (inner[inside] - inner[end]))
+            near = inner[end] - self.thickness * along
+            far = outer[end] + self.thickness * along
+            blocks.append(_anticlockwise(near, far, far + away, near + away))
         return blocks
 
-    def bodies(self) -> "Bodies":
+    def bodies(self) -> Bodies:
         """Masses, inertias and centroids of the voussoirs."""
         density = self.chain.get("density", 2000.0) * self.chain.get("depth", 1.0)
         sections = [polygon_section(outline) for outline in self.polygons()]
@@ -159,40 +160,32 @@ class Scene:
         Linear between samples and zero outside them. A jump inside the motion stands in one
         sample of its mean, which keeps the ground's velocity exact beyond it.
         """
-        motion = self.motion
-        if motion["kind"] == "none":
+        motion, kind = self.motion, self.motion["kind"]
+        if kind == "none":
             return np.zeros(2), motion.get("sample_step", self.duration)
         step = float(motion["sample_step"])
         peak = motion["amplitude"] * STANDARD_GRAVITY
-        if motion["kind"] == "pulse":
-            first = round(motion["duration"] / step)
-            samples = np.full(3 * first + 1, -0.5 * peak)
-            samples[:first] = peak
-            samples[first] = 0.25 * peak
-            return samples, step
-        if motion["kind"] == "rectangle":
+        if kind in ("pulse", "rectangle"):
             count = round(motion["duration"] / step)
-            samples = np.zeros(count + 2)
-            samples[:count] = peak
-            samples[count] = 0.5 * peak
-            return samples, step
-        if motion["kind"] == "samples":
+            after = [-0.5] * (2 * count) if kind == "pulse" else [0.0]
+            middle = 0.25 if kind == "pulse" else 0.5
+            return peak * np.array([1.0] * count + [middle, *after]), step
+        if kind == "samples":
             values, parts = np.asarray(motion["values"], float), motion.get("each", 1)
             place = np.arange((len(values) - 1) * parts + 1) / parts
             return peak * np.interp(place, np.arange(len(values)), values), step / parts
-        if motion["kind"] != "sine":
-            raise ValueError(
-                f"motion of kind {motion['kind']!r} in scene {self.name} has no samples"
-            )
-        count = round(motion["cycles"] * motion["period"] / step)
-        time = step * np.arange(count + 1)
-        sine = np.sin(2.0 * math.pi * time / motion["period"])
-        if "length" not in motion:
-            return peak * sine, step
-        time = step * np.arange(round(motion["length"] / step) + 1)
-        samples = motion["background"] * np.sin(2.0 * math.pi * time / motion["period"])
-        first = (len(samples) - len(sine)) // 2
-        samples[first : first + len(sine)] = sine
+        if kind != "sine":
+            raise ValueError(f"motion of kind {kind!r} in scene {self.name} has no samples")
+
+        def sine(duration: float) -> Array:
+            time = step * np.arange(round(duration / step) + 1)
+            return np.sin(2.0 * math.pi * time / motion["period"])
+
+        samples = sine(motion["cycles"] * motion["period"])
+        if "length" in motion:
+            burst, samples = samples, motion["background"] * sine(motion["length"])
+            first = (len(samples) - len(burst)) // 2
+            samples[first : first + len(burst)] = burst
         return peak * samples, step
 
     def initial_state(self) -> tuple[Array, Array]:
@@ -212,9 +205,9 @@ class Scene:
             shift = self._four_hinges(initial["hinges"], initial["angle"])
         elif "angle" in initial:
             angle, spin = initial["angle"], initial.get("spin", 0.0)
-            corner = np.array([-0.5 * math.copysign(self.chain["width"], angle), 0.0])
-            shift[0, :2], shift[0, 2] = _rotated(centroid[0], corner, angle), angle
-            arm = centroid[0] + shift[0, :2] - corner
+            corner = -0.5 * math.copysign(self.chain["width"], angle)
+            shift[0] = _moved(complex(*centroid[0]), corner, corner, angle)
+            arm = centroid[0] + shift[0, :2] - [corner, 0.0]
             velocity[0] = [initial.get("slip", 0.0) - spin * arm[1], spin * arm[0], spin]
         velocity = velocity + np.asarray(initial.get("velocity", 0.0), float)
         if initial.get("mirrored"):
@@ -224,54 +217,42 @@ class Scene:
     def _four_hinges(self, hinges: list[tuple[int, str]], angle: float) -> Array:
         """Displacements of the mechanism of three parts, closed by two circles."""
         sides = dict(zip(("intrados", "extrados"), self.joint_lines()))
-        first, second, third, last = (sides[side][joint] for joint, side in hinges)
-        second_now = second + _rotated(second, first, angle)
+        first, second, third, last = (complex(*sides[side][joint]) for joint, side in hinges)
+        second_now = first + (second - first) * np.exp(1j * angle)
         apart = last - second_now
-        distance = float(np.hypot(*apart))
-        middle, far = np.hypot(*(third - second)), np.hypot(*(last - third))
-        along = (distance**2 + middle**2 - far**2) / (2.0 * distance)
-        across = math.sqrt(middle**2 - along**2)
-        unit = apart / distance
-        normal = np.array([-unit[1], unit[0]])
-        third_now = min(
-            (second_now + along * unit + sign * across * normal for sign in (1.0, -1.0)),
-            key=lambda place: float(np.hypot(*(place - third))),
-        )
-        angles = [
+        middle, far = abs(third - second), abs(last - third)
+        along = (abs(apart) ** 2 + middle**2 - far**2) / (2.0 * abs(apart))
+        across = 1j * math.sqrt(middle**2 - along**2)
+        ends = (second_now + (along + side) * apart / abs(apart) for side in (across, -across))
+        third_now = min(ends, key=lambda place: float(abs(place - third)))
+        angles = (
             angle,
-            _angle_between(third - second, third_now - second_now),
-            _angle_between(last - third, last - third_now),
-        ]
-        centroid = self.bodies().centroid
-        shift = np.zeros((len(centroid), 3))
-        parts = zip(hinges, hinges[1:], (first, second, third), (first, second_now, third_now))
-        for ((start, _), (end, _), pivot, pivot_now), rotation in zip(parts, angles):
+            float(np.angle((third_now - second_now) / (third - second))),
+            float(np.angle((last - third_now) / (last - third))),
+        )
+        shift = np.zeros((len(self.polygons()), 3))
+        pivots = ((first, first), (second, second_now), (third, third_now))
+        for (start, _), (end, _), pivot, each in zip(hinges, hinges[1:], pivots, angles):
             for body in range(start, end):
-                shift[body, :2] = _rotated(centroid[body], pivot, rotation)
-                shift[body, :2] += pivot_now - pivot
-                shift[body, 2] = rotation
+                shift[body] = _moved(complex(*self.bodies().centroid[body]), *pivot, each)
         return shift
 
     def step_means(self, dt: float) -> Array:
         """Mean ground acceleration over each step of a run, (n_step,) [m/s2]."""
-        count = round(self.duration / dt)
         samples, step = self.ground_acceleration()
-        velocity = np.concatenate([[0.0], np.cumsum(0.5 * step * (samples[1:] + samples[:-1]))])
-        place = np.clip(dt * np.arange(count + 1) / step, 0.0, len(samples) - 1.0)
-        index = np.minimum(place.astype(int), len(samples) - 2)
-        part = place - index
-        slope = samples[index + 1] - samples[index]
-        at_steps = velocity[index] + step * (samples[index] * part + 0.5 * slope * part**2)
-        return np.diff(at_steps) / dt
+        instants = dt * np.arange(round(self.duration / dt) + 1, dtype=float)
+        return means_between(instants, samples, step)
 
 
-@dataclass(frozen=True)
-class Bodies:
-    """Inertial data of the voussoirs: (n,) [kg], (n,) [kg m2] and (n, 2) [m]."""
-
-    mass: Array
-    inertia: Array
-    centroid: Array
+def means_between(time: Array, samples: Array, step: float) -> Array:
+    """Exact means between instants of samples joined by lines; 0 where instants coincide."""
+    velocity = np.append(0.0, np.cumsum(0.5 * step * (samples[1:] + samples[:-1])))
+    place = np.clip(time / step, 0.0, len(samples) - 1.0)
+    index = np.minimum(place.astype(int), len(samples) - 2)
+    part, slope = place - index, samples[index + 1] - samples[index]
+    reached = velocity[index] + step * (samples[index] * part + 0.5 * slope * part**2)
+    span = np.diff(time)
+    return np.divide(np.diff(reached), span, out=np.zeros_like(span), where=span > 0.0)
 
 
 def load_scene(name: str) -> Scene:
@@ -282,8 +263,7 @@ def load_scene(name: str) -> Scene:
     FileNotFoundError, KeyError, TypeError
         If there is no such file, or a key is missing or unknown.
     """
-    with open(FOLDER / f"{name}.json", encoding="utf-8") as file:
-        return Scene(name=name, **json.load(file))
+    return Scene(name=name, **json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8")))
 
 
 def scene_names() -> list[str]:
@@ -296,12 +276,7 @@ def _anticlockwise(*points: Array) -> Array:
     return corners if np.sum(cross(corners, np.roll(corners, -1, axis=0))) > 0.0 else corners[::-1]
 
 
-def _rotated(point: Array, pivot: Array, angle: float) -> Array:
-    """Displacement of a point that rotates about another."""
-    cosine, sine = math.cos(angle) - 1.0, math.sin(angle)
-    x, y = point - pivot
-    return np.array([cosine * x - sine * y, sine * x + cosine * y])
-
-
-def _angle_between(before: Array, after: Array) -> float:
-    return math.atan2(float(cross(before, after)), float(before @ after))
+def _moved(point: complex, pivot: complex, pivot_now: complex, angle: float) -> list[float]:
+    """Displacement of a point with its body, which rotates about a pivot that moves, and angle."""
+    away = pivot_now - pivot + (point - pivot) * complex(np.expm1(1j * angle))
+    return [away.real, away.imag, angle]

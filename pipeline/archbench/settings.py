@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,22 +13,15 @@ from archfrag.simulation.checks import available_methods, default_of
 
 OTHERS = "other solvers"
 COLUMNS = ("method", "parameter", "value", "settings")
-_FILE = Path(__file__).with_name("settings.json")
 
 
 @dataclass(frozen=True)
 class Setting:
     """A method, or another solver, with the one parameter by which it is refined.
 
-    Attributes
-    ----------
-    method : str
-        Of `archfrag.methods.registry.METHODS`, or a name of `archbench.adapters.client`.
-    parameter : str
-        "dt" [s], "rtol", or a parameter of the method's own.
-    value : float
-    settings : mapping of str to float
-        The method's own parameters that differ from their defaults besides.
+    `method` is of `archfrag.methods.registry.METHODS` or of `archbench.adapters.client.NAMES`,
+    `parameter` "dt" [s], "rtol", or a parameter of the method's own; `settings` are those of the
+    method's own parameters that differ from their defaults besides.
 
     Examples
     --------
@@ -50,11 +43,10 @@ class Setting:
     @property
     def options(self) -> dict[str, Any]:
         """Keyword arguments of `archfrag.simulate`."""
+        own = {self.parameter: self.value}
         if self.parameter in ("dt", "rtol"):
-            own = {self.parameter: self.value, "settings": dict(self.settings)}
-        else:
-            own = {"settings": {**self.settings, self.parameter: self.value}}
-        return {"method": self.method, **own}
+            return {"method": self.method, **own, "settings": dict(self.settings)}
+        return {"method": self.method, "settings": {**self.settings, **own}}
 
     @property
     def columns(self) -> dict[str, Any]:
@@ -64,19 +56,17 @@ class Setting:
 
     def finer(self, factor: float) -> Setting:
         """The same with its parameter multiplied."""
-        return Setting(self.method, self.parameter, factor * self.value, self.settings)
+        return replace(self, value=factor * self.value)
 
 
 def ladders(quick: bool, solvers: Sequence[str] = ()) -> dict[str, list[Setting]]:
     """Settings of each method that can run here, and of other solvers, from coarse to fine."""
-    table = json.loads(_FILE.read_text(encoding="utf-8"))
-    names = [name for name in table if name in available_methods()]
-    rows = {name: table[name] for name in names}
+    table = json.loads(Path(__file__).with_name("settings.json").read_text(encoding="utf-8"))
+    rows = {name: row for name, row in table.items() if name in available_methods()}
     rows |= {name: table.get(name, table[OTHERS]) for name in solvers}
+    values = "quick" if quick else "values"
     return {
-        name: [
-            Setting(name, row["parameter"], value) for value in row["quick" if quick else "values"]
-        ]
+        name: [Setting(name, row["parameter"], value) for value in row[values]]
         for name, row in rows.items()
     }
 

@@ -1,4 +1,4 @@
-"""One scene by one solver at one setting: what came out, and what it cost."""
+"""One scene by one solver at one setting: what came out, what it cost, and where it collapses."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 import archfrag as af
 from archbench.adapters.client import OtherSolver, SolverFailed
-from archbench.scene import STANDARD_GRAVITY, Scene
+from archbench.scene import Array, Scene
 from archbench.settings import Setting
 from archfrag.arch import Arch
 from archfrag.errors import InputError
@@ -25,79 +24,59 @@ from archfrag.motions.read import read_motion
 from archfrag.simulation.many import simulate_runs
 from archfrag.simulation.response import Response
 
-Array = NDArray[np.float64]
+RUN_LIMIT = 120.0  # longest that a run of another solver may take [s]
+NONE = np.zeros(0)
+Outcome = Callable[[float], bool | None]
 
 
 class Frames(NamedTuple):
-    """A motion at instants; what a solver does not give is None.
+    """A motion at instants `time` [s]; what a solver does not give is empty.
 
-    Attributes
-    ----------
-    time : ndarray, (n_time,) [s]
-    displacement, velocity : ndarray, (n_time, n_voussoir, 2) [m], [m/s]
-    rotation, angular_velocity : ndarray, (n_time, n_voussoir) [rad], [rad/s]
-    resultant : ndarray, (n_time, n_joint, 3) [N], [N], [N m]
+    displacement, velocity (n_time, n_voussoir, 2) [m], [m/s]; rotation, angular_velocity (n_time,
+    n_voussoir) [rad], [rad/s]; resultant (n_time, n_joint, 3) [N], [N], [N m].
     """
 
-    time: Array
-    displacement: Array
-    rotation: Array | None = None
-    velocity: Array | None = None
-    angular_velocity: Array | None = None
-    resultant: Array | None = None
+    time: Array = NONE
+    displacement: Array = NONE
+    rotation: Array = NONE
+    velocity: Array = NONE
+    angular_velocity: Array = NONE
+    resultant: Array = NONE
+
+
+NO_FRAMES = Frames()
 
 
 @dataclass(frozen=True)
 class Solution:
     """What a run gave, by the same names for every solver.
 
-    Attributes
-    ----------
-    collapsed : bool or None
-        None if the solver failed; a run that ends moving has not collapsed.
-    status : str
-    seconds : float
-        CPU time of the integration alone [s].
-    peak : float
-        Largest displacement of a centroid [m].
-    end_time : float [s]
-    steps : int
-    unconverged : bool
-        Whether a contact problem was given up.
-    frames : Frames or None
-    response : archfrag.simulate.Response or None
-        Of ours.
+    `collapsed` is None if the solver failed; a run that ends moving has not collapsed. `seconds`
+    is the CPU time of the integration alone, `peak` the largest displacement of a centroid [m];
+    `unconverged`: a contact problem was given up; `response` is that of ours.
     """
 
     collapsed: bool | None
     status: str
-    seconds: float
-    peak: float
-    end_time: float
+    seconds: float = math.nan
+    peak: float = math.nan
+    end_time: float = math.nan
     steps: int = 0
     unconverged: bool = False
-    frames: Frames | None = None
+    frames: Frames = NO_FRAMES
     response: Response | None = None
 
 
 def arch_of(scene: Scene) -> Arch:
     """The scene's chain."""
-    inner, outer = scene.joint_lines()
-    own = {
-        key: scene.chain[key] for key in ("density", "depth", "dead_load") if key in scene.chain
-    }
-    return Arch.from_joints(inner, outer, scene.friction, free_end=scene.free_end, **own)
+    names = ("density", "depth", "dead_load")
+    own = {key: scene.chain[key] for key in names if key in scene.chain}
+    return Arch.from_joints(*scene.joint_lines(), scene.friction, free_end=scene.free_end, **own)
 
 
 def motion_of(scene: Scene) -> Motion:
     """The scene's ground motion at its own amplitude; of a record, see `with_samples`."""
-    samples, step = scene.ground_acceleration()
-    return Motion(samples, step)
-
-
-def peak_acceleration(scene: Scene) -> float:
-    """Largest ground acceleration of a scene, in standard gravity."""
-    return float(np.max(np.abs(motion_of(scene).acceleration))) / STANDARD_GRAVITY
+    return Motion(*scene.ground_acceleration())
 
 
 def with_samples(scene: Scene, folders: Sequence[Path | None]) -> Scene:
@@ -107,28 +86,22 @@ def with_samples(scene: Scene, folders: Sequence[Path | None]) -> Scene:
     places = [folder / scene.motion["file"] for folder in folders if folder is not None]
     path = next((place for place in places if place.is_file()), None)
     if path is None:
-        raise InputError(
-            f"scene {scene.name} needs the record {scene.motion['file']}; not found in "
-            f"{', '.join(str(folder) for folder in folders if folder is not None)}"
-        )
+        raise InputError(f"scene {scene.name} needs the record {scene.motion['file']}; not found "
+                         f"in {', '.join(str(place.parent) for place in places)}")  # fmt: skip
     return with_motion(scene, read_motion(path), scene.motion["amplitude"])
 
 
 def with_motion(scene: Scene, motion: Motion, amplitude: float) -> Scene:
     """A scene under a record with this peak [g]."""
-    samples = {
-        "kind": "samples",
-        "amplitude": amplitude,
-        "sample_step": motion.dt,
-        "values": (motion.acceleration / np.max(np.abs(motion.acceleration))).tolist(),
-    }
-    return replace(scene, motion=samples)
+    values = (motion.acceleration / np.max(np.abs(motion.acceleration))).tolist()
+    samples = {"kind": "samples", "amplitude": amplitude, "sample_step": motion.dt}
+    return replace(scene, motion={**samples, "values": values})
 
 
 def solve(
-    scene: Scene, setting: Setting, *, history: bool = False, limit: float = 120.0, **options: Any
+    scene: Scene, setting: Setting, *, history: bool = False, scale: float = 1.0
 ) -> Solution:
-    """Run a scene.
+    """Run a scene, its motion scaled if it is ours.
 
     Examples
     --------
@@ -139,25 +112,22 @@ def solve(
     False
     """
     if not setting.ours:
-        return _other(scene, setting, history, limit)
-    arch, motion = arch_of(scene), motion_of(scene)
-    given = {"follow": _follow(scene, motion), **setting.options, **options}
+        return _other(scene, setting, history)
+    arch, motion, given = arch_of(scene), motion_of(scene), setting.options
     if scene.initial is not None or scene.motion["kind"] == "none":
         # An initial state lets an arch that cannot stand fall instead of being refused.
-        given.setdefault("initial", scene.initial_state())
+        given["initial"] = scene.initial_state()
     wall, cpu = time.perf_counter(), time.process_time()
-    response = af.simulate(arch, motion, history=history, **given)
+    response = af.simulate(
+        arch, motion, scale, history=history, follow=_follow(scene, motion), **given
+    )
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     return _solution(response, cpu * response.wall_time / wall)
 
 
-def collapses(scene: Scene, setting: Setting) -> Callable[[float], bool | None]:
+def collapses(scene: Scene, setting: Setting, amplitude: float) -> bool | None:
     """What searches ask: whether the scene collapses at an amplitude [g]."""
-
-    def asked(amplitude: float) -> bool | None:
-        return solve(scene.at(amplitude), setting).collapsed
-
-    return asked
+    return solve(scene.at(amplitude), setting).collapsed
 
 
 def solve_many(scene: Scene, setting: Setting, factors: Sequence[float]) -> list[Solution]:
@@ -180,41 +150,32 @@ def _follow(scene: Scene, motion: Motion) -> float:
 
 
 def _solution(response: Response, seconds: float) -> Solution:
-    frames, history = None, response.history
+    frames, history = NO_FRAMES, response.history
     if history is not None:
         values = {name: history[name].to_numpy() for name in history.variables}
         resultant = np.concatenate([values["reaction"], values["moment"][..., None]], axis=2)
-        frames = Frames(
-            values["time"], values["displacement"], values["rotation"], values["velocity"],
-            values["angular_velocity"], resultant,
-        )  # fmt: skip
+        own = {name: values[name] for name in Frames._fields[:-1]}
+        frames = Frames(**own, resultant=resultant)
     return Solution(
         False if response.status is Status.UNFINISHED else response.collapsed,
-        response.status.name.lower(),
-        seconds,
-        response.peak_displacement,
-        response.end_time,
-        response.steps,
-        response.status is Status.NO_CONTACT_SOLUTION or bool(response.work.get("unconverged", 0)),
-        frames,
-        response,
-    )
+        response.status.name.lower(), seconds, response.peak_displacement, response.end_time,
+        response.steps, response.status is Status.NO_CONTACT_SOLUTION
+        or bool(response.work.get("unconverged", 0)), frames, response,
+    )  # fmt: skip
 
 
 @lru_cache
-def other_solver(name: str, limit: float) -> OtherSolver:
+def _other_solver(name: str) -> OtherSolver:
     """Another solver in a process of its own, started once for each process of ours."""
-    return OtherSolver(name, limit)
+    return OtherSolver(name, RUN_LIMIT)
 
 
-def _other(scene: Scene, setting: Setting, history: bool, limit: float) -> Solution:
+def _other(scene: Scene, setting: Setting, history: bool) -> Solution:
     try:
-        run = other_solver(setting.method, limit).run(
-            scene, setting.value, dict(setting.settings), history=history
-        )
+        run = _other_solver(setting.method).run(scene, setting.value, history)
     except SolverFailed as failure:
-        return Solution(None, str(failure), math.nan, math.nan, math.nan)
-    frames = None
+        return Solution(None, str(failure))
+    frames = NO_FRAMES
     if run.history is not None:
         centroids = np.array(run.history["centroids"])
         frames = Frames(np.array(run.history["time"]), centroids - centroids[0])
@@ -222,3 +183,68 @@ def _other(scene: Scene, setting: Setting, history: bool, limit: float) -> Solut
         run.collapsed, "collapsed" if run.collapsed else "ended", run.cpu_seconds,
         run.peak_displacement, run.simulated_seconds, run.steps, bool(run.unconverged), frames,
     )  # fmt: skip
+
+
+class Change(NamedTuple):
+    """Where outcomes change, relative to where they were expected to.
+
+    `offset` has a sign, nan if there is no change within reach or a run gave no outcome, which is
+    `failed`; `width` is that of the bracket that remains.
+    """
+
+    offset: float = math.nan
+    width: float = math.nan
+    failed: bool = False
+
+
+def nearest_change(
+    outcome: Outcome, centre: float, floor: float, reach: float = 0.5, fraction: float = 0.1
+) -> Change:
+    """Distance of the change from standing to collapse that is nearest to `centre`.
+
+    Probes go away from the centre by factors of ten, towards smaller values if it collapses and
+    larger ones if it stands, until outcomes differ; what lies between is bisected on the log
+    scale.
+    """
+    at_centre = outcome(centre)
+    if at_centre is None:
+        return Change(failed=True)
+    side, inner, outer, changed = -1.0 if at_centre else 1.0, 0.0, floor, False
+    while not changed or outer - inner > max(floor, fraction * inner):
+        middle = math.sqrt(inner * outer) if inner > 0.0 else 0.5 * outer
+        probe = middle if changed else outer
+        seen = outcome(centre * (1.0 + side * probe))
+        if seen is None:
+            return Change(failed=True)
+        if changed:
+            inner, outer = (middle, outer) if seen is at_centre else (inner, middle)
+        elif seen is not at_centre:
+            changed = True
+        elif outer >= reach:
+            return Change()
+        else:
+            inner, outer = outer, min(10.0 * outer, reach)
+    return Change(side * 0.5 * (inner + outer), outer - inner)
+
+
+def least_collapsing(
+    outcome: Outcome, low: float, high: float, width: float = 1e-4, grid: int = 12
+) -> float:
+    """First collapse on a grid, because outcomes are not monotone, then bisected.
+
+    Examples
+    --------
+    >>> from archbench.solve import least_collapsing
+    >>> round(least_collapsing(lambda a: a >= 0.7, 0.5, 1.0), 3)
+    0.7
+    """
+    stands, least = low, math.nan
+    for amplitude in np.geomspace(low, high, grid).tolist():
+        if outcome(amplitude):
+            least = amplitude
+            break
+        stands = amplitude
+    while least - stands > width * least:
+        middle = 0.5 * (least + stands)
+        stands, least = (stands, middle) if outcome(middle) else (middle, least)
+    return least

@@ -6,19 +6,18 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from archbench.quantities import OF_A_RUN, QUANTITIES, errors_of, observe
 from archbench.reference import MARGIN, Reference, find_reference
-from archbench.runner import Bench
+from archbench.runner import Bench, Row
 from archbench.scene import Scene, load_scene, scene_names
-from archbench.search import nearest_change
 from archbench.settings import COLUMNS, Setting, ladders
-from archbench.solve import Solution, collapses, solve, solve_many, with_samples
+from archbench.solve import Solution, collapses, nearest_change, solve, solve_many, with_samples
 from archfrag.errors import ArchfragError
 from archfrag.methods.registry import AUTO, METHODS
 
@@ -29,10 +28,8 @@ QUICK_SCENES = (
 NEAR = 0.9  # of the reference's amplitude: where the cost of a search's runs is taken
 REACH = 0.5
 STUDY = tuple(1.0 + 1e-5 * k for k in range(8))  # runs of a study, all but equal
-# Short runs are repeated until they add up to so much [s], up to so many times.
-SHORT, MOST = 0.1, 15
-# Finer settings are left out where a run takes longer [s of CPU]: of ours, of other solvers.
-LONGEST = (0.3, 2.0)
+SHORT, MOST = 0.1, 15  # short runs are repeated up to so much [s], up to so many times
+LONGEST = (0.3, 2.0)  # no finer setting where a run takes longer [CPU s]: ours, other solvers
 FALL = 4.0  # other solvers need so long after our collapse to move two thicknesses [s]
 LIMIT = {True: 120.0, False: 480.0}
 # After so much of a ladder's limit no finer setting is begun; a search takes so many runs.
@@ -43,57 +40,42 @@ POINTS = (
 LEVELS = tuple(10.0 ** (-k / 2) for k in range(1, 10))
 
 
-def chart_scenes(quick: bool) -> list[str]:
-    """Scenes marked "chart" in their files; of these the quick set."""
-    if quick:
-        return list(QUICK_SCENES)
-    return [name for name in scene_names() if "chart" in load_scene(name).source.split(", ")]
-
-
 def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     """Cost and errors of all methods, and of other solvers, on all scenes."""
+    quick, place = bench.quick, (bench.quick, bench.folders)
+    names = [name for name in scene_names() if "chart" in load_scene(name).source.split(", ")]
+    names = list(QUICK_SCENES) if quick else names
+    tasks = {(name, quick): (name, *place) for name in names}
     left_out: list[tuple[str, str, str]] = []
-    names = chart_scenes(bench.quick)
-    limit = LIMIT[bench.quick]
-    found = bench.run(
-        "references",
-        reference_of,
-        {(name, bench.quick): (name, bench.quick, bench.folders) for name in names},
-        limit,
-    )
     references = {}
-    for (name, _), content in found.items():
+    for (name, _), content in bench.run("references", reference_of, tasks, LIMIT[quick]).items():
         if isinstance(content, str):
             left_out.append((name, "all", content))
         else:
             references[name] = Reference.of(content)
-    ladder = ladders(bench.quick, bench.solvers)
-    found = bench.run(
-        "speed", points_of,
-        {
-            (scene, method, bench.quick): (reference, settings, bench.quick, bench.folders)
-            for scene, reference in references.items()
-            for method, settings in ladder.items()
-        },
-        limit,
-    )  # fmt: skip
-    points: list[dict[str, Any]] = []
-    for (scene, method, _), result in found.items():
+    runs = {
+        (scene, method, quick): (reference, settings, *place)
+        for scene, reference in references.items()
+        for method, settings in ladders(quick, bench.solvers).items()
+    }
+    points: list[Row] = []
+    for (scene, method, _), result in bench.run("speed", points_of, runs, LIMIT[quick]).items():
         if isinstance(result, str):
-            left_out.append((scene, method, result))
-        else:
-            points += result["points"]
-            left_out += [(scene, method, reason) for reason in result["left_out"]]
+            result = {"points": [], "left_out": [result]}
+        points += result["points"]
+        left_out += [(scene, method, reason) for reason in result["left_out"]]
     table = pd.DataFrame(points, columns=list(POINTS))
     return {
         "points": table,
-        "references": _references_table(list(references.values())),
+        "references": pd.DataFrame(
+            [row for each in references.values() for row in _reference_rows(each)]
+        ),
         "levels": levels_table(table),
         "left_out": pd.DataFrame(left_out, columns=["scene", "method", "reason"]),
     }
 
 
-def reference_of(name: str, quick: bool, folders: Sequence[Path | None]) -> dict[str, Any] | str:
+def reference_of(name: str, quick: bool, folders: Sequence[Path | None]) -> Row | str:
     """Reference of a scene as plain types, or why there is none."""
     try:
         return asdict(find_reference(with_samples(load_scene(name), folders), quick))
@@ -103,43 +85,43 @@ def reference_of(name: str, quick: bool, folders: Sequence[Path | None]) -> dict
 
 def points_of(
     reference: Reference, settings: Sequence[Setting], quick: bool, folders: Sequence[Path | None]
-) -> dict[str, Any]:
+) -> dict[str, list]:
     """Rows of a ladder of settings on a scene, and what was left out of it."""
     scene = with_samples(load_scene(reference.scene), folders)
     ours = settings[0].ours
-    if not ours:  # which go on where ours stop at rest
-        scene = _until(scene, reference.end_time)
-    points: list[dict[str, Any]] = []
-    longest = LONGEST[0 if ours else 1]
-    began, enough = time.perf_counter(), ENOUGH * LIMIT[quick]
-    for place, setting in enumerate(settings):
+    if not ours:  # they go on where ours stop at rest: cut to 10 ms just after
+        end = 0.01 * math.ceil(reference.end_time / 0.01)
+        scene = replace(scene, duration=min(scene.duration, end))
+    points: list[Row] = []
+    began = time.perf_counter()
+    for setting in settings:
         try:
             run = solve(scene, setting, history=True)
             spent = solve(scene, setting).seconds if ours else run.seconds
         except ArchfragError as reason:
             return {"points": points, "left_out": [str(reason)]}
-        if run.frames is None:
+        if not run.frames.time.size:
             return {"points": points, "left_out": [run.status]}
         points += _rows(reference, scene, setting, run, spent, quick)
-        if spent > longest and place + 1 < len(settings):
-            finer = f"finer than {setting.value:g}: a run took {spent:.2g} s of CPU"
-            return {"points": points, "left_out": [finer]}
-        passed = time.perf_counter() - began
-        if not ours and passed > enough and place + 1 < len(settings):
-            finer = f"finer than {setting.value:g}: coarser ones took {passed:.0f} s"
-            return {"points": points, "left_out": [finer]}
+        passed, why = time.perf_counter() - began, ""
+        if spent > LONGEST[0 if ours else 1]:
+            why = f"finer than {setting.value:g}: a run took {spent:.2g} s of CPU"
+        elif not ours and passed > ENOUGH * LIMIT[quick]:
+            why = f"finer than {setting.value:g}: coarser ones took {passed:.0f} s"
+        if why and setting is not settings[-1]:
+            return {"points": points, "left_out": [why]}
     return {"points": points, "left_out": []}
 
 
 def _rows(
     reference: Reference, scene: Scene, setting: Setting, run: Solution, spent: float, quick: bool
-) -> list[dict[str, Any]]:
-    assert run.frames is not None
-    interval = float(np.median(np.diff(run.frames.time))) if run.frames.time.size > 1 else 0.01
+) -> list[Row]:
+    times = run.frames.time
+    interval = float(np.median(np.diff(times))) if times.size > 1 else 0.01
     cost = _cost(scene, setting, spent, quick)
     errors = errors_of(observe(scene, run, reference.marks), reference.seen, scene.thickness)
 
-    def row(quantity: str, seconds: float, error: float, status: str) -> dict[str, Any]:
+    def row(quantity: str, seconds: float, error: float, status: str = "") -> Row:
         floor = reference.floor(quantity, interval)
         if quantity == "verdicts":  # one wrong outcome is the least that the set can show
             floor = 0.5 / max(len(reference.grid), 1)
@@ -150,26 +132,23 @@ def _rows(
             "at_floor": bool(drawn and error <= floor), "status": status,
         }  # fmt: skip
 
-    rows = [row(name, cost, errors[name], run.status) for name in OF_A_RUN]
-    rows = [each for each in rows if setting.ours or math.isfinite(each["error"])]
+    known = [name for name in OF_A_RUN if setting.ours or math.isfinite(errors[name])]
+    rows = [row(name, cost, errors[name], run.status) for name in known]
     longest = math.inf if setting.ours else ENOUGH * LIMIT[quick] / SEARCH
     if math.isnan(reference.amplitude) or spent > longest:
         return rows
-    near = scene.at(NEAR * reference.amplitude)
     loaded = scene if setting.ours else replace(scene, duration=scene.duration + FALL)
-    least = MARGIN * reference.error["amplitude"]
-    found = nearest_change(
-        collapses(loaded, setting),
-        reference.amplitude, least if setting.ours else max(least, 1e-4), REACH,
-    )  # fmt: skip
+    least = max(MARGIN * reference.error["amplitude"], 0.0 if setting.ours else 1e-4)
+    asked = partial(collapses, loaded, setting)
+    found = nearest_change(asked, reference.amplitude, least, REACH)
     status = "failed" if found.failed else "no change" if math.isnan(found.offset) else ""
-    rows.append(row("amplitude", _cost(near, setting, spent, quick), abs(found.offset), status))
-    own = scene.motion.get("amplitude", 1.0)
+    near = _cost(scene.at(NEAR * reference.amplitude), setting, spent, quick)
+    rows.append(row("amplitude", near, abs(found.offset), status))
     if reference.grid and setting.ours:
+        own = scene.motion.get("amplitude", 1.0)
         runs = solve_many(loaded, setting, [each / own for each in reference.grid])
         wrong = [each.collapsed is not true for each, true in zip(runs, reference.truth)]
-        seconds = sum(each.seconds for each in runs)
-        rows.append(row("verdicts", seconds, float(np.mean(wrong)), ""))
+        rows.append(row("verdicts", sum(each.seconds for each in runs), float(np.mean(wrong))))
     return rows
 
 
@@ -186,26 +165,20 @@ def _cost(scene: Scene, setting: Setting, spent: float, quick: bool) -> float:
     return float(np.median(times))
 
 
-def _until(scene: Scene, end: float) -> Scene:
-    """The scene cut to steps of 10 ms just after `end` [s]."""
-    return replace(scene, duration=min(scene.duration, 0.01 * math.ceil(end / 0.01)))
-
-
-def _references_table(references: Sequence[Reference]) -> pd.DataFrame:
+def _reference_rows(each: Reference) -> list[Row]:
+    values = {"amplitude": each.amplitude, "peak": each.seen.peak,
+              "verdicts": len(each.grid), "position": each.marks.position}  # fmt: skip
     rows = []
-    for each in references:
-        values = {"amplitude": each.amplitude, "peak": each.seen.peak,
-                  "verdicts": len(each.grid), "position": each.marks.position}  # fmt: skip
-        for quantity in QUANTITIES:
-            away, doubt = each.second.get(quantity, (math.nan, math.nan))
-            rows.append({
-                "scene": each.scene, "quantity": quantity, "value": values.get(quantity, math.nan),
-                "error": each.error.get(quantity, math.nan), "rtol": each.tight,
-                "coarser_rtol": each.loose, "second_away": away, "second_uncertainty": doubt,
-                "exponent": each.growth["exponent"], "horizon": each.growth["horizon"],
-                "not_drawn_because": each.why_not(quantity),
-            })  # fmt: skip
-    return pd.DataFrame(rows)
+    for quantity in QUANTITIES:
+        away, doubt = each.second.get(quantity, (math.nan, math.nan))
+        rows.append({
+            "scene": each.scene, "quantity": quantity, "value": values.get(quantity, math.nan),
+            "error": each.error.get(quantity, math.nan), "rtol": each.tight,
+            "coarser_rtol": each.loose, "second_away": away, "second_uncertainty": doubt,
+            "exponent": each.growth["exponent"], "horizon": each.growth["horizon"],
+            "not_drawn_because": each.why_not(quantity),
+        })  # fmt: skip
+    return rows
 
 
 def kept_errors(points: pd.DataFrame) -> pd.DataFrame:

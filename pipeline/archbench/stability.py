@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
+from archbench.exact import largest_load
 from archbench.facts import DEEPEST_OVERLAP, MOST_ENERGY_GAIN, NOTHING, energy_made
 from archbench.measures import overlap
-from archbench.runner import Bench
-from archbench.scene import Scene, load_scene
+from archbench.runner import Bench, Row
+from archbench.scene import STANDARD_GRAVITY, Scene, load_scene
 from archbench.settings import Setting
-from archbench.solve import arch_of, peak_acceleration, solve
-from archbench.statics import largest_load
+from archbench.solve import arch_of, solve
 from archfrag.errors import ArchfragError
 from archfrag.methods.registry import METHODS
 from archfrag.simulation.checks import available_methods, default_of
@@ -43,63 +43,60 @@ REFERENCES = {
     False: (Setting("event_driven", "rtol", 1e-8), Setting("time_stepping", "dt", 5e-5)),
 }
 NUDGES = (0.99, 1.0, 1.01)
-Row = dict[str, Any]
+# What differs in each plane, quick and in full; of `stiffness` in parts of a method's default.
+AXES = {
+    "level": "peak acceleration [g]; onset is at 0.374 g",
+    "friction": "friction; t/R 0.2, at 2.1 times the onset",
+    "slenderness": "t/R; at 2.1 times the onset",
+    "voussoirs": "voussoirs; at 2.1 times the onset",
+    "stiffness": "joint stiffness over the default; at 0.6 g",
+}
+VALUES: dict[bool, dict[str, tuple[float, ...]]] = {
+    True: {
+        "level": (0.2, 0.36, 0.45, 0.6, 0.75, 0.9, 1.5),
+        "friction": (0.35, 0.4, 0.5, 0.7, math.inf),
+        "slenderness": (0.12, 0.15, 0.2, 0.3),
+        "voussoirs": (3, 7, 15, 27),
+        "stiffness": (0.01, 0.1, 1.0, 10.0),
+    },
+    False: {
+        "level": (0.1, 0.2, 0.3, 0.36, 0.39, 0.45, 0.5, 0.6, 0.65, 0.75, 0.8, 1.0, 1.5),
+        "friction": (0.33, 0.36, 0.4, 0.45, 0.5, 0.6, 0.7, 1.0, 1.5, math.inf),
+        "slenderness": (0.11, 0.12, 0.13, 0.15, 0.18, 0.2, 0.25, 0.3),
+        "voussoirs": (2, 3, 5, 7, 11, 15, 21, 27, 41),
+        "stiffness": (0.001, 0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0),
+    },
+}
 
 
-@dataclass(frozen=True)
-class Plane:
-    """Scenes that differ in one thing, with its values; or parts of a parameter's default.
+class Case(NamedTuple):
+    """A scene of a plane, by its value there; the own parameter of methods that differs, or ""."""
 
-    Attributes
-    ----------
-    name, axis : str
-        `axis`: what differs, with its unit.
-    scenes : list of (float, Scene)
-    parameter : str
-        The methods' own parameter that differs instead, for those that have it; else empty.
-    parts : tuple of float
-    """
-
-    name: str
-    axis: str
-    scenes: list[tuple[float, Scene]]
+    plane: str
+    value: float
+    scene: Scene
     parameter: str = ""
-    parts: tuple[float, ...] = ()
 
 
-def planes(quick: bool) -> list[Plane]:
-    """Maps of the quick or of the full set."""
+def cases(quick: bool) -> list[Case]:
+    """Scenes of the quick or of the full set."""
     arch = replace(load_scene("arch7_pulse"), duration=6.0)
 
-    def beyond_onset(**chain: float) -> Scene:
-        scene = replace(arch, chain={**arch.chain, **chain})
+    def scene_of(plane: str, value: float) -> Scene:
+        if plane == "level":
+            return arch.at(value)
+        changed = {
+            "friction": {"friction": value, "thickness": 2.0},
+            "slenderness": {"thickness": 10.0 * value},
+            "voussoirs": {"voussoirs": value},
+        }[plane]
+        scene = replace(arch, chain={**arch.chain, **changed})
         return scene.at(2.1 * largest_load(scene))
 
-    def of(values: Iterable[float], scene_of: Callable[[float], Scene]) -> list:
-        return [(value, scene_of(value)) for value in values]
-
-    levels: tuple[float, ...] = (0.2, 0.36, 0.45, 0.6, 0.75, 0.9, 1.5)
-    frictions: tuple[float, ...] = (0.35, 0.4, 0.5, 0.7, math.inf)
-    slender: tuple[float, ...] = (0.12, 0.15, 0.2, 0.3)
-    counts: tuple[int, ...] = (3, 7, 15, 27)
-    parts: tuple[float, ...] = (0.01, 0.1, 1.0, 10.0)
-    if not quick:
-        levels = (0.1, 0.2, 0.3, 0.36, 0.39, 0.45, 0.5, 0.6, 0.65, 0.75, 0.8, 1.0, 1.5)
-        frictions = (0.33, 0.36, 0.4, 0.45, 0.5, 0.6, 0.7, 1.0, 1.5, math.inf)
-        slender = (0.11, 0.12, 0.13, 0.15, 0.18, 0.2, 0.25, 0.3)
-        counts = (2, 3, 5, 7, 11, 15, 21, 27, 41)
-        parts = (0.001, 0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)
-    return [
-        Plane("level", "peak acceleration [g]; onset is at 0.374 g", of(levels, arch.at)),
-        Plane("friction", "friction; t/R 0.2, at 2.1 times the onset",
-              of(frictions, lambda mu: beyond_onset(friction=mu, thickness=2.0))),
-        Plane("slenderness", "t/R; at 2.1 times the onset",
-              of(slender, lambda part: beyond_onset(thickness=10.0 * part))),
-        Plane("voussoirs", "voussoirs; at 2.1 times the onset",
-              of(counts, lambda number: beyond_onset(voussoirs=number))),
-        Plane("stiffness", "joint stiffness over the default; at 0.6 g", [(1.0, arch.at(0.6))],
-              "stiffness", parts),
-    ]  # fmt: skip
+    planes = {name: values for name, values in VALUES[quick].items() if name != "stiffness"}
+    found = [Case(name, value, scene_of(name, value))
+             for name, values in planes.items() for value in values]  # fmt: skip
+    return [*found, Case("stiffness", 1.0, arch.at(0.6), "stiffness")]
 
 
 def settings_of(method: str, quick: bool, **own: float) -> list[Setting]:
@@ -137,11 +134,9 @@ def judge_cell(scene: Scene, setting: Setting, expected: bool | None, must_rest:
     if run.status == "not_applicable":
         return {"status": run.status, "kind": NOT_FOR_IT}
     finite = run.status != "not_finite" and math.isfinite(run.peak)
+    finite = finite and bool(np.isfinite(run.frames.displacement).all())
     gain = deepest = math.nan
-    if run.frames is not None and finite:
-        finite = bool(np.isfinite(run.frames.displacement).all())
-    if run.frames is not None and finite and run.frames.rotation is not None:
-        assert run.response is not None
+    if run.response is not None and finite:
         gain = energy_made(scene, run.response) if run.peak > NOTHING else 0.0
         deepest = overlap(arch_of(scene), run.frames.displacement, run.frames.rotation)
     found = {
@@ -165,33 +160,30 @@ def judge_cell(scene: Scene, setting: Setting, expected: bool | None, must_rest:
 
 def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     """All planes by all methods and other solvers."""
-    chosen = planes(bench.quick)
-    common = {(plane.name, value) for plane in planes(True) for value, _ in plane.scenes}
-    limit = LIMIT[bench.quick]
+    limit, chosen = LIMIT[bench.quick], cases(bench.quick)
     expected = bench.run(
         "stability_references", reference_of,
-        {(plane.name, value): (scene, bench.quick)
-         for plane in chosen for value, scene in plane.scenes},
-        6.0 * limit,
+        {(case.plane, case.value): (case.scene, bench.quick) for case in chosen}, 6.0 * limit,
     )  # fmt: skip
     tasks: dict[tuple, tuple] = {}
     heads: list[Row] = []
-    for plane in chosen:
-        for value, scene in plane.scenes:
-            known = expected[plane.name, value]
-            judged = (None if isinstance(known, str) else known,
-                      peak_acceleration(scene) <= largest_load(scene))  # fmt: skip
-            for row, setting in _settings(plane, value, bench, (plane.name, value) in common):
-                key = (plane.name, row, *setting.columns.values())
-                tasks[key] = (scene, setting, *judged)
-                heads.append({
-                    "plane": plane.name, "axis": plane.axis, "row": row, **setting.columns,
-                    "expected": judged[0], "must_rest": judged[1],
-                })  # fmt: skip
+    for case in chosen:
+        known = expected[case.plane, case.value]
+        known = None if isinstance(known, str) else known
+        peak = np.max(np.abs(case.scene.ground_acceleration()[0])) / STANDARD_GRAVITY
+        must_rest = bool(peak <= largest_load(case.scene))
+        for row, setting in _settings(case, bench):
+            tasks[case.plane, row, *setting.columns.values()] = (
+                case.scene, setting, known, must_rest,
+            )  # fmt: skip
+            heads.append({
+                "plane": case.plane, "axis": AXES[case.plane], "row": row, **setting.columns,
+                "expected": known, "must_rest": must_rest,
+            })  # fmt: skip
     late = {"status": f"not within {limit:g} s", "kind": FAILURES[0], "failures": FAILURES[0]}
+    results = bench.run("stability", judge_cell, tasks, limit).values()
     cells = pd.DataFrame([
-        head | (late if isinstance(found, str) else found)
-        for head, found in zip(heads, bench.run("stability", judge_cell, tasks, limit).values())
+        head | (late if isinstance(found, str) else found) for head, found in zip(heads, results)
     ])  # fmt: skip
     return {"cells": cells, "counts": counts_table(cells)}
 
@@ -203,18 +195,18 @@ def counts_table(cells: pd.DataFrame) -> pd.DataFrame:
     return counts[kinds].reset_index()
 
 
-def _settings(
-    plane: Plane, value: float, bench: Bench, others: bool
-) -> Iterable[tuple[float, Setting]]:
-    """Row and setting of each cell of a scene, with those of other solvers or without."""
-    for method in (*available_methods(), *(bench.solvers if others else ())):
-        if not plane.parameter:
+def _settings(case: Case, bench: Bench) -> Iterator[tuple[float, Setting]]:
+    """Row and setting of each cell of a scene; other solvers in those of the quick set only."""
+    others = bench.solvers if case.value in VALUES[True][case.plane] else ()
+    for method in (*available_methods(), *others):
+        if not case.parameter:
             for setting in settings_of(method, bench.quick):
-                yield value, setting
-        elif method in METHODS:
-            for each in METHODS[method].parameters:
-                for part in plane.parts if each.name == plane.parameter else ():
-                    if each.least <= part * each.default <= each.most:
-                        own = {plane.parameter: part * each.default}
-                        for setting in settings_of(method, bench.quick, **own):
-                            yield part, setting
+                yield case.value, setting
+            continue
+        own = METHODS[method].parameters if method in METHODS else ()
+        for each in own:
+            for part in VALUES[bench.quick][case.parameter] if each.name == case.parameter else ():
+                if each.least <= part * each.default <= each.most:
+                    given = {case.parameter: part * each.default}
+                    for setting in settings_of(method, bench.quick, **given):
+                        yield part, setting

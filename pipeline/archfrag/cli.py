@@ -209,8 +209,8 @@ def simulate(
 ) -> None:
     """Move one arch by one record, until it rests or collapses."""
     from archfrag.arch import STANDARD_GRAVITY
+    from archfrag.motions.measures import scale_factor
     from archfrag.motions.read import read_motion
-    from archfrag.motions.scale import scale_factor
     from archfrag.simulate import simulate as run_simulation
     from archfrag.study.single import response_facts, response_text
 

@@ -80,7 +80,7 @@ def simulate(
         the method's default if not given.
     dt : float, optional
         Fixed time step [s]. If not given, the steps of auto and time_stepping follow from rtol and
-        the arch's own time, the root of its shortest joint over gravity: 0.25 ms at impacts and
+        the arch's own time, the root of its shortest joint over gravity: 0.4 ms at impacts and
         up to 4 ms between them for joints of 1.5 m at the default rtol. event_driven takes it
         where it switches to time stepping; other methods take their own default.
     history : bool

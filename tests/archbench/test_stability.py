@@ -9,7 +9,7 @@ from archbench import stability
 from archbench.scene import load_scene
 from archbench.settings import Setting
 from archbench.solve import solve
-from archbench.stability import judge_cell, planes, reference_of, settings_of
+from archbench.stability import cases, judge_cell, reference_of, settings_of
 from archfrag.simulation.checks import available_methods
 
 STEPS = Setting("time_stepping", "dt", 1e-3)
@@ -79,7 +79,7 @@ def test_reference_is_open_where_two_methods_do_not_agree(monkeypatch, right):
 
 
 def test_a_run_that_grows_without_bound_is_no_collapse():
-    scene = dict(next(p for p in planes(quick=True) if p.name == "slenderness").scenes)[0.3]
+    scene = next(case.scene for case in cases(True) if case[:2] == ("slenderness", 0.3))
     run = solve(scene, Setting("event_driven", "rtol", 0.3))
     assert run.collapsed is not True or run.peak < 100.0
 

@@ -1,4 +1,4 @@
-"""Parts of dispersion and sensitivities of a class, and two settings together, by simulation."""
+"""Parts of dispersion of a class, and two settings together, by simulation."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,6 @@ from archfrag.errors import FitError, InputError
 from archfrag.fragility.control_variates import estimate_two_fidelity
 from archfrag.fragility.dispersion import (
     combine,
-    sensitivities,
     split_capacities,
     split_curves,
 )
@@ -68,27 +67,6 @@ class TestCurves:
         own, shared = (split_curves(*given, n_record=16, shared=s) for s in (0.0, 0.75))
         assert own.beta_model**2 == pytest.approx(0.04 - 0.01)
         assert shared.beta_model**2 == pytest.approx(0.04 - 0.0025)
-
-
-class TestSensitivity:
-    def test_ranks_decide_and_the_strongest_comes_first(self):
-        thickness, friction = np.random.default_rng(1).normal(size=(2, 400))
-        given = {"friction": friction, "thickness": thickness, "fixed": np.ones(400)}
-        found = sensitivities(np.exp(2.0 * thickness), given)
-        assert [s.parameter for s in found] == ["thickness", "friction", "fixed"]
-        assert found[0].correlation == pytest.approx(1.0)
-        assert found[1].lower < 0.0 < found[1].upper
-        assert np.isnan(found[2].correlation)
-
-    def test_intervals_hold_the_truth(self):
-        """Spearman's correlation of a normal pair is 6/pi arcsin(rho/2)."""
-        generator = np.random.default_rng(7)
-        truth, inside = 6.0 / np.pi * np.arcsin(0.25), 0
-        for _ in range(400):
-            x, e = generator.normal(size=(2, 40))
-            found = sensitivities(x, {"a": 0.5 * x + np.sqrt(0.75) * e})[0]
-            inside += found.lower <= truth <= found.upper
-        assert 0.86 <= inside / 400 <= 0.94
 
 
 SLOPE, NOISE, SIGMA = 0.85, 0.08, 0.4
@@ -161,7 +139,6 @@ COARSE, FINE = pair(np.random.default_rng(4))
         (split_curves, ([1, np.nan], [0.4] * 2, [0.1] * 2), {}, InputError, "theta holds nan"),
         (split_curves, ([1], [0.4], [0.1]), {}, FitError, "one arch"),
         (combine, (0.3, -0.1), {}, InputError, r"-0\.1"),
-        (sensitivities, ([1.0, 2.0], {"a": [1.0]}), {}, InputError, "parameter a has shape"),
         (estimate_two_fidelity, (COARSE, FINE[:5]), {}, InputError, "shape"),
         (estimate_two_fidelity, (-COARSE, FINE), {}, InputError, "coarse holds -"),
         (estimate_two_fidelity, (COARSE[12:], FINE[12:]), {}, FitError, "4 are needed"),

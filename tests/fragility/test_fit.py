@@ -122,15 +122,6 @@ class TestInvariance:
         assert other.theta == pytest.approx(9.80665 * one.theta, rel=1e-11)
         assert other.covariance == pytest.approx(one.covariance, rel=1e-9)
 
-    def test_empty_levels_order_and_splitting_do_not_matter(self):
-        order = np.array([3, 0, 7, 1, 5, 2, 6, 4])
-        im = np.concatenate([STRIPES[order], [5.0, STRIPES[3]]])
-        collapses, n = np.append(COLLAPSES[order], [0, 1]), np.append(np.full(8, 40), [0, 10])
-        collapses[0], n[0] = collapses[0] - 1, n[0] - 10
-        fit, other = fit_stripes(STRIPES, COLLAPSES, 40), fit_stripes(im, collapses, n)
-        assert other.theta == pytest.approx(fit.theta, rel=1e-12)
-        assert other.covariance == pytest.approx(fit.covariance, rel=1e-10)
-
     @settings(max_examples=100, deadline=None)
     @given(
         st.lists(
@@ -148,10 +139,6 @@ class TestInvariance:
         assert fit.beta > 0.0
         assert np.isfinite(fit.theta)
         assert np.all(np.linalg.eigvalsh(fit.covariance) >= 0.0)
-
-    def test_truncation(self):
-        assert fit_ida(CAPACITIES, 2.5).to_dict() == fit_ida(CAPACITIES).to_dict()
-        assert fit_ida(TRUNCATED[1], 1.3).to_dict() == fit_ida(CAPACITIES, 1.3).to_dict()
 
 
 class TestCurve:

@@ -20,11 +20,14 @@ def runs(seed, beta, n=40):
     return (z >= error).astype(int)
 
 
-class TestNesting:
-    def test_more_severe_implies_less_severe(self):
-        nested, contradictions = nest_exceedance([[0, 1, 0], [0, 0, 1], [1, 0, 0], [4, 1, 2]])
-        assert nested.tolist() == [[1, 1, 0], [1, 1, 1], [1, 0, 0], [1, 1, -1]]
-        assert contradictions == 3
+CROSSING = runs(2, [0.2, 0.4, 1.2])
+
+
+def test_more_severe_implies_less_severe():
+    codes = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0], [4, 1, 2], [0, 4, 4], [1, 4, 0], [4, 4, 4]])
+    assert nest_exceedance(codes).tolist() == [
+        [1, 1, 0], [1, 1, 1], [1, 0, 0], [1, 1, -1], [0, 0, 0], [1, -1, 0], [-1, -1, -1],
+    ]  # fmt: skip
 
 
 class TestCurves:
@@ -32,35 +35,21 @@ class TestCurves:
         exceeded = runs(1, [0.4, 0.4, 0.4])
         found = fit_limit_states(exceeded, LEVELS, NAMES, ["a", "b", "c"])
         assert not found.common_beta
-        assert [state.name for state in found.states] == list(NAMES)
-        assert found.states[1].meaning == "b"
         for i, state in enumerate(found.states):
-            alone = fit_stripes(LEVELS, exceeded[:, :, i].sum(axis=0), 40)
-            assert state.fit == alone
+            assert (state.name, state.meaning) == (NAMES[i], "abc"[i])
+            assert state.fit == fit_stripes(LEVELS, exceeded[:, :, i].sum(axis=0), 40)
 
-    def test_crossing_curves_are_replaced_by_ordered_ones(self):
-        exceeded = runs(2, [0.2, 0.4, 1.2])
-        alone = [
-            fit_stripes(LEVELS, nest_exceedance(exceeded)[0][:, :, i].sum(0), 40) for i in range(3)
-        ]
-        assert np.any(np.diff([fit.probability(LEVELS) for fit in alone], axis=0) > 0)
-        found = fit_limit_states(exceeded, LEVELS, NAMES)
-        assert found.common_beta
-        assert "one beta" in found.message
-        curves = [state.fit.probability(LEVELS) for state in found.states]
-        assert np.all(np.diff(curves, axis=0) < 0)
-        assert len({state.fit.beta for state in found.states}) == 1
-        assert found.states[0].fit.kind == "ordered"
-
-    def test_joint_fit_is_where_the_likelihood_is_largest(self):
+    def test_crossing_curves_are_replaced_by_the_likeliest_ordered_ones(self):
         exceeded = runs(3, [0.2, 0.4, 1.2])
         exceeded[:5, :, 1] = 4
         found = fit_limit_states(exceeded, LEVELS, NAMES)
         assert found.common_beta
-        nested = nest_exceedance(exceeded)[0].reshape(-1, 3)
+        assert "one beta" in found.message
+        fits = [state.fit for state in found.states]
+        assert np.all(np.diff([fit.probability(LEVELS) for fit in fits], axis=0) < 0)
+        nested = nest_exceedance(exceeded).reshape(-1, 3)
         x = np.broadcast_to(np.log(LEVELS), (40, LEVELS.size)).ravel()
-        high = (nested == 1).sum(axis=1)
-        low = 3 - (nested == 0).sum(axis=1)
+        high, low = (nested == 1).sum(axis=1), 3 - (nested == 0).sum(axis=1)
 
         def loss(p):
             cumulative = norm.cdf((x[:, None] - p[:3]) / np.exp(p[3]))
@@ -72,17 +61,14 @@ class TestCurves:
         start = [*np.log([0.2, 0.3, 0.5]), -0.7]
         options = {"xatol": 1e-9, "fatol": 1e-11, "maxiter": 8000, "maxfev": 8000}
         best = minimize(loss, start, method="Nelder-Mead", options=options)
-        fits = [state.fit for state in found.states]
         assert [np.log(fit.theta) for fit in fits] == pytest.approx(best.x[:3], abs=1e-6)
-        assert fits[0].beta == pytest.approx(np.exp(best.x[3]), rel=1e-6)
+        assert [fit.beta for fit in fits] == pytest.approx([np.exp(best.x[3])] * 3, rel=1e-6)
         assert fits[0].log_likelihood == pytest.approx(-best.fun, rel=1e-9)
 
     def test_errors_of_the_joint_fit(self):
         """100 simulated studies with one beta, fitted jointly whether they cross or not."""
         x = np.broadcast_to(np.log(LEVELS), (40, LEVELS.size)).ravel()
-        studies = [
-            _ordered_probit(x, runs(seed, [0.4, 0.4, 0.4]).reshape(-1, 3)) for seed in range(100)
-        ]
+        studies = [_ordered_probit(x, runs(i, [0.4] * 3).reshape(-1, 3)) for i in range(100)]
         values = np.array([[[np.log(fit.theta), fit.beta] for fit in fits] for fits in studies])
         errors = np.mean([[fit.standard_errors for fit in fits] for fits in studies], axis=0)
         assert values[:, :, 0].mean(axis=0) == pytest.approx(np.log([0.2, 0.3, 0.5]), abs=0.01)
@@ -93,47 +79,35 @@ class TestCurves:
 class TestTies:
     """States that no run separates; the others are fitted jointly all the same."""
 
-    @staticmethod
-    def check(found):
-        theta = [state.fit.theta for state in found.states if state.fit]
-        curves = [state.fit.probability(LEVELS) for state in found.states if state.fit]
-        assert found.common_beta
-        assert np.all(np.diff(theta) >= 0.0)
-        assert np.all(np.diff(curves, axis=0) <= 0.0)
-        assert 0.05 < theta[0] <= theta[-1] < 2.0
-        assert all(np.isfinite(state.fit.log_likelihood) for state in found.states if state.fit)
-        return theta
-
     def test_two_states_with_the_same_exceedances(self):
-        exceeded = runs(2, [0.2, 0.4, 1.2])
-        three = fit_limit_states(exceeded, LEVELS, NAMES)
+        three = fit_limit_states(CROSSING, LEVELS, NAMES)
         for twice in (0, 1, 2):
             columns = np.sort([0, 1, 2, twice])
-            found = fit_limit_states(exceeded[:, :, columns], LEVELS, "abcd")
-            theta = self.check(found)
+            found = fit_limit_states(CROSSING[:, :, columns], LEVELS, "abcd")
+            theta = [state.fit.theta for state in found.states]
             assert theta[twice] == theta[twice + 1]
             expected = [three.states[i].fit.theta for i in columns]
             assert theta == pytest.approx(expected, rel=1e-9)
 
     def test_partly_tied_states(self):
         """One run of 400 separates the last two; others do not decide the last."""
-        exceeded = runs(2, [0.2, 0.4, 1.2])[:, :, [0, 1, 2, 2]]
+        exceeded = CROSSING[:, :, [0, 1, 2, 2]]
         exceeded[:4, :, 3] = 4
-        assert len(set(self.check(fit_limit_states(exceeded, LEVELS, "abcd")))) == 3
         record, level = np.argwhere(exceeded[:, :, 3] == 1)[0]
         exceeded[record, level, 3] = 0
-        theta = self.check(fit_limit_states(exceeded, LEVELS, "abcd"))
+        found = fit_limit_states(exceeded, LEVELS, "abcd")
+        theta = [state.fit.theta for state in found.states]
+        assert found.common_beta
         assert theta[2] < theta[3] < 1.1 * theta[2]
 
     def test_states_that_all_runs_exceed_or_none(self):
-        exceeded = runs(2, [0.2, 0.4, 1.2])
         every = np.ones((40, 10, 1), int)
-        found = fit_limit_states(np.concatenate([every, exceeded, 0 * every], -1), LEVELS, "abcde")
-        assert found.states[0].fit is found.states[4].fit is None
-        assert "'a'" in found.states[0].none
-        assert "every run" in found.states[0].none
-        assert "no run" in found.states[4].none
-        self.check(found)
+        exceeded = np.concatenate([every, CROSSING, 0 * every], axis=-1)
+        first, *_, last = fit_limit_states(exceeded, LEVELS, "abcde").states
+        assert first.fit is last.fit is None
+        assert "'a'" in first.none
+        assert "every run" in first.none
+        assert "no run" in last.none
 
     def test_separated_states_have_a_posterior_curve(self):
         exceeded = runs(4, [0.4, 0.4, 0.4])
@@ -142,25 +116,15 @@ class TestTies:
         step = LEVELS[LEVELS <= 0.1][-1], LEVELS[LEVELS > 0.1][0]
         assert step[0] < state.fit.theta < step[1]
         assert (state.fit.kind == "posterior") == ("no likeliest curve" in state.none)
-        steps = np.stack([LEVELS > 0.1, LEVELS > 0.1, LEVELS > 0.4], axis=-1)
-        exceeded = steps * np.ones((40, 1, 1), int)
-        exceeded[5:, 3, 2] = 4
-        curves = [
-            s.fit.probability(LEVELS) for s in fit_limit_states(exceeded, LEVELS, NAMES).states
-        ]
-        assert np.all(np.diff(curves, axis=0) <= 1e-9)
-
-
-EXCEEDED = runs(1, [0.4, 0.4, 0.4])
 
 
 @pytest.mark.parametrize(
     ("arguments", "key"),
     [
-        ((EXCEEDED[0], LEVELS, NAMES), "n_state"),
-        ((EXCEEDED, LEVELS, NAMES[:2]), "3 states, names 2"),
-        ((EXCEEDED, LEVELS[:3], NAMES), "im has shape"),
-        ((EXCEEDED, 0.0 * LEVELS, NAMES), "im holds 0"),
+        ((CROSSING[0], LEVELS, NAMES), "n_state"),
+        ((CROSSING, LEVELS, NAMES[:2]), "3 states, names 2"),
+        ((CROSSING, LEVELS[:3], NAMES), "im has shape"),
+        ((CROSSING, 0.0 * LEVELS, NAMES), "im holds 0"),
     ],
 )
 def test_refusals(arguments, key):

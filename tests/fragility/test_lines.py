@@ -7,7 +7,6 @@ from scipy.special import expit, ndtr
 from scipy.stats import norm
 from sklearn.linear_model import LogisticRegression
 
-from archfrag.errors import InputError
 from archfrag.fragility.lines import binomial_lines, inverse_mills, log_between, normal_lines
 
 LEVELS = np.geomspace(0.2, 1.5, 9)
@@ -49,10 +48,6 @@ class TestBinomial:
         ends = lines.intercept[:, None] + lines.slope[:, None] * np.array([-1.0, 4.0])
         assert inverse(ends) == pytest.approx(np.array(limits, dtype=float), abs=1e-9)
         assert -lines.intercept[2:4] / lines.slope[2:4] == pytest.approx([1.5, 1.0])
-
-    def test_unknown_link(self):
-        with pytest.raises(InputError, match="'cauchit'"):
-            binomial_lines(np.zeros(2), np.zeros((1, 2)), np.ones((1, 2)), "cauchit")
 
 
 def test_tails():
@@ -102,16 +97,3 @@ class TestNormal:
         expected, square = np.linalg.lstsq(design, y, rcond=None)[:2]
         assert found.coefficients[0] == pytest.approx(expected, rel=1e-9)
         assert found.deviation[0] == pytest.approx(np.sqrt(square[0] / y.size), rel=1e-9)
-
-    def test_rows_of_weights_and_of_values_are_separate_fits(self):
-        design, *ends = data(3)
-        weight = np.random.default_rng(4).integers(0, 3, (3, len(design)))
-        together = normal_lines(design, *ends, weight.astype(float))
-        for i, repeat in enumerate(weight):
-            copies = (np.repeat(part, repeat, axis=0) for part in (design, *ends))
-            alone = normal_lines(*copies, np.ones((1, repeat.sum())))
-            for part, other in zip(together, alone, strict=True):
-                assert part[i] == pytest.approx(other[0], rel=1e-7)
-        twice = (np.stack([end, 2.0 * end + 3.0]) for end in ends)
-        one, other = normal_lines(design, *twice, np.ones((1, len(design)))).coefficients
-        assert other == pytest.approx(2.0 * one + [3.0, 0.0], rel=1e-7)

@@ -296,7 +296,6 @@ class TestFaults:
             (dmg_v1(total=6), "the header counts 6 channels, the file holds 3"),
             (cosmos(total=6), "the header counts 6 channels, the file holds 3"),
             (cosmos(r62=77.0), "length of 77 s"),
-            (dmg_v1().replace("34.063N", "34.063S"), "latitude of the station is -34.063"),
             (smc(EAST + 0.3), "the offset of the samples, 294.2, is larger than their motion"),
         ],
     )  # fmt: skip

@@ -12,7 +12,7 @@ from archfrag.motions import synthetic
 from archfrag.motions.index import load_index
 from archfrag.motions.measures import pga, pgv, spectral_acceleration
 from archfrag.motions.motion import Motion
-from archfrag.motions.process import displacement, velocity
+from archfrag.motions.process import velocity
 from archfrag.motions.read import load_motion
 from archfrag.motions.selection import Rupture, predict
 from archfrag.motions.synthetic import Options, Plan, Seeds, make_motion, plan_motions, source
@@ -137,13 +137,18 @@ class TestSuite:
         )
 
     def test_making_again_gives_the_same_samples_and_index(self, tmp_path):
-        synthetic.make_suite(tmp_path)
-        for ours, theirs in zip(load_index(tmp_path), load_index(SHIPPED), strict=True):
-            assert (ours.id, ours.metadata) == (theirs.id, theirs.metadata)
+        recipes = synthetic.shipped_recipes()
+        shipped = {entry.id: entry for entry in load_index(SHIPPED)}
+        assert list(shipped) == [recipe.id for recipe in recipes]
+        synthetic.make_suite(tmp_path, recipes[::4])
+        for ours in load_index(tmp_path):
+            theirs = shipped[ours.id]
+            assert ours.metadata == theirs.metadata
             made, motion = load_motion(ours), load_motion(theirs)
             assert np.array_equal(made.acceleration, motion.acceleration)
             assert not motion.acceleration[:100].any()
-            speed, place = velocity(motion), displacement(motion)
+            speed = velocity(motion)
+            place = np.cumsum(speed)
             assert abs(speed[-1]) < 1e-4 * np.abs(speed).max()
             assert abs(place[-1]) < 5e-3 * np.abs(place).max()
 

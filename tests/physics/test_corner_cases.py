@@ -7,33 +7,21 @@ import numpy as np
 import pytest
 
 from archbench import facts
-from archbench.closed_forms import Rocking
 from archbench.corner_cases import HELD, case_names, load_case, resolved, run_case
+from archbench.exact import Rocking, largest_load, least_friction
 from archbench.facts import FACTS, Run
 from archbench.measures import path_energy_gain
 from archbench.scene import Scene, load_scene
 from archbench.settings import Setting, default_setting
 from archbench.solve import arch_of, motion_of, solve
-from archbench.statics import largest_load, least_friction
 from archfrag.simulate import onset
 
 OURS = ("time_stepping", "event_driven", "auto")
-# What a method does not hold at its default tolerance.
-FALL_SHORT = {
-    ("zeno_rocking_to_rest", "time_stepping"):
-        "an impact in the steps of rtol 1e-3 takes 0.3 % too much speed",
-    ("thrust_at_a_corner", "time_stepping"):
-        "the onset of a motion that is hardly one, within its first steps",
-    ("sampling_of_the_record", "event_driven"):
-        "ends at its work bound where a record has 100 times the samples",
-}  # fmt: skip
 
 
 @pytest.mark.parametrize("method", OURS)
 @pytest.mark.parametrize("name", case_names())
-def test_ours_holds(name, method, request):
-    if (name, method) in FALL_SHORT:
-        request.applymarker(pytest.mark.xfail(reason=FALL_SHORT[name, method], strict=True))
+def test_ours_holds(name, method):
     rows = run_case(load_case(name), method)
     broken = [row for row in rows if row["result"] != HELD]
     assert not broken, "\n".join(f"{row['variant']}: {row['broke']}" for row in broken)
@@ -43,9 +31,9 @@ class TestFiles:
     @pytest.mark.parametrize("name", case_names())
     def test_facts_are_known_and_every_run_expects_some_or_is_judged_by_laws(self, name):
         case = load_case(name)
-        assert case.title
+        assert case.scene.title
+        assert case.scene.source
         assert case.why
-        assert case.source
         for variant, scene, expect in case.runs():
             assert set(expect) <= {*FACTS, "refused"}, variant
             assert scene.polygons()

@@ -89,7 +89,7 @@ def step_on(model, state, work, path, pushes, step, moved_by):
     move_faces(model, state.position, work.rotated, work.face, work.tangent)
     state.clock[Clock.STEP] = step
     for i in range(pushes.size):
-        kick = Kick(pushes[i], 0.0, step)
+        kick = Kick(pushes[i], 0.0, step, 0.0)
         pose_step(model, state, work, kick, step)
         solved, compliant = solve_anyhow(model, state, work, path)
         if compliant or not solved:

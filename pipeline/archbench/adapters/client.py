@@ -13,15 +13,11 @@ from typing import Any
 from archbench.adapters.drive import Outcome
 from archbench.scene import Scene
 
-NAMES = ("archfrag", "mujoco", "pymunk", "lmgc90", "siconos", "pinocchio", "kamino")
-# The same solvers with other settings that are worth a line of their own.
-VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
-    "mujoco_corners": ("mujoco", {"contacts": "corners"}),
-    "lmgc90_unlocked": ("lmgc90", {"locked": []}),
-}
-_WORKER = Path(__file__).parent / "worker.py"
-# Some compile when they start [s].
-_START_LIMIT = 900.0
+# MuJoCo with contact points at corners, which is more accurate than its own between hulls.
+NAMES = ("mujoco_corners", "pymunk", "lmgc90", "siconos", "pinocchio", "kamino")
+MODULE = "archbench.adapters.{}_adapter"
+_START_LIMIT = 900.0  # some compile when they start [s]
+_THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 
 
 class SolverMissing(Exception):
@@ -33,94 +29,45 @@ class SolverFailed(Exception):
 
 
 class OtherSolver:
-    """A solver, ready for requests; started again after a run that ended its process.
+    """One of `NAMES`, ready for requests; started again after a run that ended its process.
 
-    Parameters
-    ----------
-    name : str
-        One of `NAMES` or `VARIANTS`. It is looked for in this interpreter, or in that of the
-        environment variable ``ARCHFRAG_<NAME>_PYTHON``.
-    limit : float
-        Longest that a run may take [s].
-
-    Attributes
-    ----------
-    version : str
-        As the solver reports it.
-
-    Raises
-    ------
-    ValueError
-        If there is no solver of this name.
-    SolverMissing
-        If it is not installed.
+    It is looked for in this interpreter, or in that of the environment variable
+    ``ARCHFRAG_<NAME>_PYTHON``; `SolverMissing` if it is not installed. `limit` is the longest
+    that a run may take [s], `version` is as the solver reports it.
     """
 
     def __init__(self, name: str, limit: float = 600.0) -> None:
-        if name not in NAMES and name not in VARIANTS:
-            known = ", ".join((*NAMES, *VARIANTS))
-            raise ValueError(f"there is no solver {name!r}; there are {known}")
         self.name, self.limit, self.version = name, limit, ""
-        self.adapter, self.settings = VARIANTS.get(name, (name, {}))
         self.process: subprocess.Popen | None = None
         self._start()
 
-    def _start(self) -> None:
+    def _start(self) -> subprocess.Popen:
         reasons = []
-        for python in _interpreters(self.adapter):
-            threads = dict.fromkeys(
-                ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
-            )
+        for python in _interpreters(self.name):
+            worker = [python, str(Path(__file__).with_name("worker.py"))]
             self.process = subprocess.Popen(
-                [python, str(_WORKER), self.adapter],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                env={**os.environ, **threads},
-                text=True,
-            )
-            reply = self._read(_START_LIMIT)
-            if "ready" in reply:
+                [*worker, MODULE.format(self.name)], stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE, env={**os.environ, **_THREADS}, text=True,
+            )  # fmt: skip
+            reply = _read(self.process, _START_LIMIT)
+            if "version" in reply:
                 self.version = reply["version"]
-                return
+                return self.process
             self.close()
-            reasons.append(str(reply.get("missing") or reply.get("error")))
+            reasons.append(str(reply["error"]))
         raise SolverMissing("; ".join(reasons))
 
-    def _read(self, limit: float) -> dict[str, Any]:
-        process = self.process
-        assert process is not None
-        assert process.stdout is not None
-        ready, _, _ = select.select([process.stdout], [], [], limit)
-        if not ready:
-            return {"error": f"no answer in {limit:g} s"}
-        line = process.stdout.readline()
-        return json.loads(line) if line else {"error": f"process ended ({process.wait()})"}
-
-    def run(
-        self, scene: Scene, dt: float, settings: dict[str, Any] | None = None, **options: Any
-    ) -> Outcome:
-        """Run a scene with step `dt` [s]; `options` as `drive.drive` takes them.
-
-        Raises
-        ------
-        SolverFailed
-        """
-        if self.process is None:
-            self._start()
-        assert self.process is not None
-        assert self.process.stdin is not None
-        request = {
-            "scene": scene.to_dict(),
-            "dt": dt,
-            "settings": {**self.settings, **(settings or {})},
-            "options": options,
-        }
+    def run(self, scene: Scene, dt: float, history: bool = False) -> Outcome:
+        """Run a scene with step `dt` [s]; `SolverFailed` if there is no outcome."""
+        process = self.process or self._start()
+        assert process.stdin is not None
+        request = {"scene": scene.to_dict(), "dt": dt, "history": history}
         try:
-            self.process.stdin.write(json.dumps(request) + "\n")
-            self.process.stdin.flush()
-            reply = self._read(self.limit)
+            process.stdin.write(json.dumps(request) + "\n")
+            process.stdin.flush()
+            reply = _read(process, self.limit)
         except BrokenPipeError:
-            reply = {"error": f"process ended ({self.process.wait()})"}
+            reply = {"error": f"process ended ({process.wait()})"}
         if "error" in reply:
             self.close()
             raise SolverFailed(f"{self.name}, {scene.name}, dt {dt:g} s: {reply['error']}")
@@ -130,21 +77,21 @@ class OtherSolver:
         """End the process."""
         if self.process is not None:
             self.process.kill()
-            self.process.wait()
-            for stream in (self.process.stdin, self.process.stdout):
-                if stream is not None:
-                    stream.close()
+            self.process.communicate()
             self.process = None
 
 
-def solver_versions(names: Sequence[str]) -> dict[str, str]:
-    """Version of each solver, or why it cannot be used here.
+def _read(process: subprocess.Popen, limit: float) -> dict[str, Any]:
+    assert process.stdout is not None
+    ready, _, _ = select.select([process.stdout], [], [], limit)
+    if not ready:
+        return {"error": f"no answer in {limit:g} s"}
+    line = process.stdout.readline()
+    return json.loads(line) if line else {"error": f"process ended ({process.wait()})"}
 
-    Parameters
-    ----------
-    names : sequence of str
-        Of `NAMES` or `VARIANTS`.
-    """
+
+def solver_versions(names: Sequence[str]) -> dict[str, str]:
+    """Version of each solver, or "not installed: " and why it cannot be used here."""
     found = {}
     for name in names:
         try:

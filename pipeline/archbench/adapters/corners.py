@@ -1,26 +1,18 @@
 """Contact points of a chain: each corner behind a joint against the face of the body before it."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from archbench.scene import Scene
-
-Array = NDArray[np.float64]
+from archbench.scene import Array, Scene
 
 
 class Corners:
     """Two contact points at each joint, for solvers that are given theirs.
 
-    Attributes
-    ----------
-    joint, before, after : (n_contact,) ndarray of int
-        Joint, and the bodies on both sides of it; the ground is the body after the last.
-    place : (n_body + 1, 2) ndarray
-        Centroids at rest, of the ground the origin [m]; positions `q` count from there.
-    normal : (n_contact, 2) ndarray
-        Of the face of the body before, at rest.
-    arm_before, arm_after : (n_contact, 2) ndarray
-        Corner from either centroid, at rest [m].
+    `joint`, `before`, `after` are (n_contact,): the joint, and the bodies on both sides of it; the
+    ground is the body after the last. `columns` (n_contact, 6) are those of both bodies in a
+    matrix by (n_body + 1) times 3 positions. `place` (n_body + 1, 2) are centroids at rest, of the
+    ground the origin; `normal` is that of the face of the body before, at rest, `arm_before` and
+    `arm_after` reach from either centroid to the corner, (n_contact, 2) each [m].
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -39,24 +31,18 @@ class Corners:
         self.place = np.vstack([centroid, np.zeros(2)])
         self.before = np.where(self.joint > 0, self.joint - 1, count)
         self.after = np.where(self.joint < count, self.joint, count)
+        both = np.column_stack([self.before, self.after])
+        self.columns = (3 * both[:, :, None] + np.arange(3)).reshape(-1, 6)
         self.normal = normal[self.joint]
         self.arm_before = corner - self.place[self.before]
         self.arm_after = corner - self.place[self.after]
 
     def linearise(self, q: Array) -> tuple[Array, Array]:
-        """Gap and slip of each contact, and their derivatives.
+        """Gap and slip of each contact [m] at positions `q`, and their derivatives.
 
-        Parameters
-        ----------
-        q : (n_body, 3) ndarray
-            Displacements and rotations from rest [m], [rad].
-
-        Returns
-        -------
-        value : (n_contact, 2) ndarray [m]
-            Along the normal of the body before, and across it (anticlockwise).
-        matrix : (n_contact, 2, 6) ndarray
-            By the positions of the body before, then of the body after.
+        Positions (n_body, 3) are displacements and rotations from rest [m], [rad]; values
+        (n_contact, 2) are along the normal of the body before, and across it (anticlockwise);
+        derivatives (n_contact, 2, 6) by the body before, then by the body after.
         """
         q = np.vstack([q, np.zeros(3)])
         rotation = np.exp(1j * q[:, 2])
@@ -71,8 +57,6 @@ class Corners:
         value = np.empty((len(apart), 2))
         for row, e in enumerate((normal, 1j * normal)):
             value[:, row] = (e.conj() * apart).real
-            matrix[:, row, 0], matrix[:, row, 1] = -e.real, -e.imag
-            matrix[:, row, 2] = -(reach.conj() * e).imag
-            matrix[:, row, 3], matrix[:, row, 4] = e.real, e.imag
-            matrix[:, row, 5] = (arm_after.conj() * e).imag
+            spin = -(reach.conj() * e).imag, (arm_after.conj() * e).imag
+            matrix[:, row] = np.column_stack([-e.real, -e.imag, spin[0], e.real, e.imag, spin[1]])
         return value, matrix

@@ -1,29 +1,25 @@
-"""Newton's Kamino: rigid bodies in single precision, contacts by proximal ADMM, on the CPU."""
+"""Newton's Kamino: rigid bodies in single precision, contacts by proximal ADMM, on the CPU.
+
+Tsounis, Grandia and Bächer, arXiv:2504.19771.
+"""
 
 from importlib.metadata import version
-from typing import Any
 
 import newton
 import numpy as np
 import warp as wp
 from newton.solvers import SolverKamino
-from numpy.typing import NDArray
 
 from archbench.adapters.corners import Corners
-from archbench.scene import STANDARD_GRAVITY, Scene, load_scene
+from archbench.scene import STANDARD_GRAVITY, Array, Scene, load_scene
 
-# Tsounis, Grandia and Bächer, arXiv:2504.19771. Tighter tolerances are below what single
-# precision reaches; the mean mass is one, so that they are velocities [m/s]. Warm starts with the
-# last impulses unscaled, or a penalty of one, need twice the iterations.
 VERSION = f"newton {version('newton')}, warp {version('warp-lang')}"
-SETTINGS: dict[str, Any] = {
-    "tolerance": 1e-5,  # [m/s]
-    "iterations": 200,
-    "penalty": 0.3,
-    "warm": 0.9,
-    "recovery": 0.01,  # fraction of an overlap that a step removes
-    "depth": 1.0,  # [m]
-}
+# Tighter is below what single precision reaches; the mean mass is one, so that it is [m/s].
+TOLERANCE, ITERATIONS = 1e-5, 200
+# Warm starts with the last impulses unscaled, or a penalty of one, need twice the iterations.
+PENALTY, WARM = 0.3, 0.9
+RECOVERY = 0.01  # fraction of an overlap that a step removes
+HALF_DEPTH = 0.5  # [m]
 
 
 class KaminoStepper:
@@ -33,24 +29,20 @@ class KaminoStepper:
     a corner may close within a step.
     """
 
-    def __init__(self, scene: Scene, dt: float, settings: dict[str, Any]) -> None:
+    def __init__(self, scene: Scene, dt: float) -> None:
         bodies, (shift, velocity) = scene.bodies(), scene.initial_state()
-        self.dt, self.half, self.unconverged = dt, 0.5 * settings["depth"], 0
-        self.corners = Corners(scene)
-        self.start = bodies.centroid
+        self.dt, self.unconverged = dt, 0
+        self.corners, self.start = Corners(scene), bodies.centroid
         builder = newton.ModelBuilder(up_axis=newton.Axis.Z)
         SolverKamino.register_custom_attributes(builder)
         # Shapes only give contacts their bodies and their friction.
         shape = newton.ModelBuilder.ShapeConfig(density=0.0, mu=scene.finite_friction)
         mean = bodies.mass.mean()
-        for i, centroid in enumerate(bodies.centroid + shift[:, :2]):
-            place = wp.vec3(centroid[0], 0.0, centroid[1])
+        for i, (x, z) in enumerate(bodies.centroid + shift[:, :2]):
             rotation = wp.quat_from_axis_angle(wp.vec3(0.0, -1.0, 0.0), float(shift[i, 2]))
+            place = wp.transform(wp.vec3(x, 0.0, z), rotation)
             inertia = wp.mat33(np.diag([bodies.inertia[i] / mean] * 3))
-            mass = bodies.mass[i] / mean
-            body = builder.add_body(
-                xform=wp.transform(place, rotation), mass=mass, inertia=inertia
-            )
+            body = builder.add_body(xform=place, mass=bodies.mass[i] / mean, inertia=inertia)
             builder.add_shape_sphere(body, radius=1e-3, cfg=shape)
         builder.add_shape_sphere(-1, radius=1e-3, cfg=shape)
         self.model = builder.finalize(device="cpu")
@@ -59,13 +51,13 @@ class KaminoStepper:
         self.points.rigid_contact_shape0.assign(np.tile(self.corners.before, 2))
         self.points.rigid_contact_shape1.assign(np.tile(self.corners.after, 2))
         self.points.rigid_contact_count.fill_(count)
-        self.solver = SolverKamino(self.model, _config(self.model, settings))
+        self.solver = SolverKamino(self.model, _config(self.model))
         self.state, self.next = self.model.state(), self.model.state()
         moving = np.zeros((len(velocity), 6))
         moving[:, [0, 2, 4]] = velocity * [1.0, 1.0, -1.0]
         self.state.body_qd.assign(moving)
 
-    def _positions(self) -> NDArray:
+    def _positions(self) -> Array:
         pose = self.state.body_q.numpy().astype(float)
         rotation = -2.0 * np.arctan2(pose[:, 4], pose[:, 6])
         return np.column_stack([pose[:, [0, 2]] - self.start, rotation])
@@ -82,18 +74,14 @@ class KaminoStepper:
         reach = centre[after] + rotation[after] * corner - centre[before]
         foot = reach / rotation[before] - gap[:, 0] * normal
         for array, plane, depth in (
-            (self.points.rigid_contact_point0, foot, self.half),
-            (self.points.rigid_contact_point1, corner, self.half),
+            (self.points.rigid_contact_point0, foot, HALF_DEPTH),
+            (self.points.rigid_contact_point1, corner, HALF_DEPTH),
             (self.points.rigid_contact_normal, rotation[before] * normal, 0.0),
         ):
-            sides = [
-                np.column_stack([plane.real, np.full(len(plane), y), plane.imag])
-                for y in (depth, -depth)
-            ]
-            array.assign(np.vstack(sides))
+            x, z = np.tile(plane.real, 2), np.tile(plane.imag, 2)
+            array.assign(np.column_stack([x, np.repeat([depth, -depth], len(plane)), z]))
 
-    def advance(self, ground_acceleration: NDArray) -> None:
-        """Take as many steps as there are values [m/s2], each with its value held."""
+    def advance(self, ground_acceleration: Array) -> None:
         for value in ground_acceleration.tolist():
             self.model.set_gravity((-value, 0.0, -STANDARD_GRAVITY))
             self._place_contacts()
@@ -101,24 +89,23 @@ class KaminoStepper:
             self.state, self.next = self.next, self.state
             self.unconverged += int(not self.solver.status.numpy()["converged"][0])
 
-    def centroids(self) -> NDArray:
+    def centroids(self) -> Array:
         return self.start + self._positions()[:, :2]
 
 
-def _config(model: newton.Model, settings: dict[str, Any]) -> SolverKamino.Config:
+def _config(model: newton.Model) -> SolverKamino.Config:
     config = SolverKamino.Config.from_model(model)
-    admm, tolerance = config.padmm, settings["tolerance"]
-    admm.primal_tolerance = admm.dual_tolerance = admm.compl_tolerance = tolerance
-    admm.max_iterations = settings["iterations"]
-    admm.rho_0, admm.warmstart_scale = settings["penalty"], settings["warm"]
-    config.constraints.gamma, config.constraints.delta = settings["recovery"], 0.0
+    admm = config.padmm
+    admm.primal_tolerance = admm.dual_tolerance = admm.compl_tolerance = TOLERANCE
+    admm.max_iterations, admm.rho_0, admm.warmstart_scale = ITERATIONS, PENALTY, WARM
+    config.constraints.gamma, config.constraints.delta = RECOVERY, 0.0
     config.dynamics.cull_speculative_contacts = False
     return config
 
 
 def prepare() -> None:
     """Have Warp compile the kernels: a minute once, later they are loaded."""
-    KaminoStepper(load_scene("block_sine"), 1e-3, SETTINGS).advance(np.zeros(1))
+    KaminoStepper(load_scene("block_sine"), 1e-3).advance(np.zeros(1))
 
 
 build = KaminoStepper

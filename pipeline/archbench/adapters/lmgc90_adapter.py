@@ -5,22 +5,15 @@ from typing import Any
 
 import numpy as np
 from compas_lmgc90.solver import Solver
-from numpy.typing import NDArray
 
-from archbench.scene import STANDARD_GRAVITY, Scene
+from archbench.scene import STANDARD_GRAVITY, Array, Scene
 
-# Locking the motion out of the plane, which symmetry forbids anyway, halves the sweeps at 7
-# voussoirs; a thin arch (depth 0.3 m) needs ten times as many.
 VERSION = f"compas_lmgc90 {version('compas_lmgc90')}"
-SETTINGS: dict[str, Any] = {
-    "law": "IQS_CLB",
-    "alert": 0.02,  # [m]
-    "theta": 0.5,
-    "depth": 1.0,  # [m]
-    "locked": ["Vy"],
-}
-# The wrapper's own, which it does not let anybody set.
-_GRAVITY = 9.81
+LAW, ALERT, THETA = "IQS_CLB", 0.02, 0.5  # alert distance [m]
+# A thin arch (depth 0.3 m) needs ten times the sweeps; locking the motion out of the plane, which
+# symmetry forbids anyway, halves them at 7 voussoirs.
+DEPTH, LOCKED = 1.0, ("Vy",)  # [m]
+_GRAVITY = 9.81  # the wrapper's own, which it does not let anybody set
 _FACES = [[3, 2, 1, 0], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]
 
 
@@ -29,30 +22,21 @@ class Lmgc90Stepper:
 
     unconverged = None
 
-    def __init__(self, scene: Scene, dt: float, settings: dict[str, Any]) -> None:
+    def __init__(self, scene: Scene, dt: float) -> None:
         if scene.initial is not None:
             raise ValueError("compas_lmgc90 starts from rest; the scene has an initial state")
-        density = scene.chain.get("density", 2000.0)
-        solver = Solver(dt=dt, theta=settings["theta"], density=density)
+        solver = Solver(dt=dt, theta=THETA, density=scene.chain.get("density", 2000.0))
         outlines = scene.polygons()
-        self.count = len(outlines)
-        self.start = scene.bodies().centroid
-        half = 0.5 * settings["depth"]
+        self.count, self.start = len(outlines), scene.bodies().centroid
+        depths = (0.5 * DEPTH, -0.5 * DEPTH)
         shapes = [*outlines, *scene.supports()]
-        solver.geometry_from_v_f(
-            [
-                {
-                    "vertices": [[float(x), y, float(z)] for y in (half, -half) for x, z in shape],
-                    "faces": _FACES,
-                }
-                for shape in shapes
-            ]
-        )
+        vertices = [[[x, y, z] for y in depths for x, z in shape.tolist()] for shape in shapes]
+        solver.geometry_from_v_f([{"vertices": each, "faces": _FACES} for each in vertices])
         for support in range(self.count, len(shapes)):
             for component in ("Vx", "Vy", "Vz", "Rx", "Ry", "Rz"):
                 solver.apply_velocity(support, component, 0.0)
         acceleration = scene.step_means(dt)
-        mass = scene.bodies().mass / scene.chain.get("depth", 1.0) * settings["depth"]
+        mass = scene.bodies().mass / scene.chain.get("depth", 1.0) * DEPTH
         # theta 1/2 takes the mean of the forces at both ends of a step: a table with two points
         # inside each step holds the step's mean.
         time = dt * np.arange(len(acceleration))
@@ -63,25 +47,22 @@ class Lmgc90Stepper:
             lift = np.zeros((1, 6))
             lift[0, 0], lift[0, 4] = mass[body] * (_GRAVITY - STANDARD_GRAVITY), 1.0
             solver.apply_force(body, "Fz", lift)
-            for component in settings["locked"]:
+            for component in LOCKED:
                 solver.apply_velocity(body, component, 0.0)
-        solver.contact_law(settings["law"], scene.finite_friction, alert=settings["alert"])
+        solver.contact_law(LAW, scene.finite_friction, alert=ALERT)
         solver.preprocess()
-        self.solver = solver
-        self.core = solver.lmgc90
+        self.solver, self.core = solver, solver.lmgc90
         self.result = self.core.get_initial_state()
         self.origin = self._positions(self.result.bodies)
 
-    def _positions(self, bodies: Any) -> NDArray:
+    def _positions(self, bodies: Any) -> Array:
         return np.array([bodies[i] for i in range(self.count)])[:, [0, 2]]
 
-    def advance(self, ground_acceleration: NDArray) -> None:
-        """Take as many steps as there are values [m/s2], each with its value held."""
-        compute = self.core.compute_one_step
+    def advance(self, ground_acceleration: Array) -> None:
         for _ in range(len(ground_acceleration)):
-            self.result = compute()
+            self.result = self.core.compute_one_step()
 
-    def centroids(self) -> NDArray:
+    def centroids(self) -> Array:
         return self.start + self._positions(self.result.bodies) - self.origin
 
 

@@ -1,27 +1,19 @@
-"""Pinocchio: semi-implicit Euler steps, contacts by its alternating directions (ADMM)."""
+"""Pinocchio: semi-implicit Euler steps, contacts by its alternating directions (ADMM).
 
-from typing import Any
+Carpentier, Le Lidec and Montaut, "From compliant to rigid contact simulation" (RSS 2024).
+"""
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
 from archbench.adapters.corners import Corners
-from archbench.scene import STANDARD_GRAVITY, Scene
+from archbench.scene import STANDARD_GRAVITY, Array, Scene
 
-# Carpentier, Le Lidec and Montaut, "From compliant to rigid contact simulation" (RSS 2024).
-# Impulses are counted in mean masses, so that both tolerances are velocities [m/s].
 VERSION = f"pinocchio {pin.__version__}"
-SETTINGS: dict[str, Any] = {
-    "tolerance": 1e-8,  # [m/s]
-    "iterations": 2000,
-    "update_rule": "LINEAR",
-    "proximal": 1e-6,
-    "tau": 0.9,
-    "warm": True,
-    "sparse_from": 12,  # voussoirs; a sparse matrix is slower below, twice as fast at 27
-}
+TOLERANCE, ITERATIONS = 1e-8, 2000  # [m/s]: impulses are counted in mean masses
+PROXIMAL, TAU = 1e-6, 0.9
+SPARSE_FROM = 12  # voussoirs; a sparse matrix is slower below, twice as fast at 27
 
 
 class PinocchioStepper:
@@ -31,11 +23,10 @@ class PinocchioStepper:
     there is at the start (Carpentier et al., section II), and friction acts where it closes.
     """
 
-    def __init__(self, scene: Scene, dt: float, settings: dict[str, Any]) -> None:
+    def __init__(self, scene: Scene, dt: float) -> None:
         bodies = scene.bodies()
-        self.dt, self.start, self.warm = dt, bodies.centroid, settings["warm"]
+        self.dt, self.start, self.unconverged = dt, bodies.centroid, 0
         self.q, self.velocity = scene.initial_state()
-        self.unconverged = 0
         mass = bodies.mass / bodies.mass.mean()
         self.inverse = 1.0 / np.column_stack([mass, mass, bodies.inertia / bodies.mass.mean()])
         self.corners = Corners(scene)
@@ -46,23 +37,17 @@ class PinocchioStepper:
             contact.setFriction(scene.finite_friction)
             self.models.append(pin.ConstraintModel(contact))
             self.datas.append(self.models[-1].createData())
-        self.sparse = len(self.q) >= settings["sparse_from"]
-        self.settings = _solver_settings(settings)
-        self.solver = pin.ADMMConstraintSolver(3 * count)
-        self.result = pin.ADMMSolverResult()
+        self.settings = _solver_settings()
+        self.solver, self.result = pin.ADMMConstraintSolver(3 * count), pin.ADMMSolverResult()
         # Six columns for each contact, those of the ground at the end.
-        both = np.column_stack([self.corners.before, self.corners.after])
-        self.columns = (3 * both[:, :, None] + np.arange(3)).reshape(count, 1, 6)
         self.rows = 3 * np.arange(count)[:, None, None] + np.array([[2], [0]])
 
-    def advance(self, ground_acceleration: NDArray) -> None:
-        """Take as many steps as there are values [m/s2], each with its value held."""
-        dt, result = self.dt, self.result
+    def advance(self, ground_acceleration: Array) -> None:
+        dt, result, inverse = self.dt, self.result, self.inverse.ravel()
         jacobian = np.zeros((3 * self.count, 3 * len(self.q) + 3))
-        inverse = self.inverse.ravel()
         for value in ground_acceleration.tolist():
             gap, matrix = self.corners.linearise(self.q)
-            jacobian[self.rows, self.columns] = matrix
+            jacobian[self.rows, self.corners.columns[:, None]] = matrix
             moving = jacobian[:, :-3]
             free = (self.velocity - dt * np.array([value, STANDARD_GRAVITY, 0.0])).ravel()
             velocity = moving @ free
@@ -71,34 +56,32 @@ class PinocchioStepper:
             # Nothing moves out of the plane; a unit there keeps the matrix from being singular.
             across = np.arange(1, len(delassus), 3)
             delassus[across, across] = 1.0
-            if self.warm and result.isValid():
+            if result.isValid():
                 result.setConstraintImpulseGuess(result.retrieveConstraintImpulses())
-            operator = (
-                pin.DelassusOperatorSparse(csc_matrix(delassus))
-                if self.sparse
-                else pin.DelassusOperatorDense(delassus)
-            )
-            converged = self.solver.solve(
+            if len(self.q) >= SPARSE_FROM:
+                operator = pin.DelassusOperatorSparse(csc_matrix(delassus))
+            else:
+                operator = pin.DelassusOperatorDense(delassus)
+            self.unconverged += not self.solver.solve(
                 operator, velocity, self.models, self.datas, self.settings, result
             )
-            self.unconverged += not converged
             impulse = result.retrieveConstraintImpulses()
             self.velocity = (free + inverse * (impulse @ moving)).reshape(-1, 3)
             self.q = self.q + dt * self.velocity
 
-    def centroids(self) -> NDArray:
+    def centroids(self) -> Array:
         return self.start + self.q[:, :2]
 
 
-def _solver_settings(settings: dict[str, Any]) -> pin.ADMMSolverSettings:
+def _solver_settings() -> pin.ADMMSolverSettings:
     chosen = pin.ADMMSolverSettings()
-    chosen.max_iterations = settings["iterations"]
+    chosen.max_iterations = ITERATIONS
     for kind in ("feasibility", "complementarity"):
-        setattr(chosen, f"absolute_{kind}_tol", settings["tolerance"])
+        setattr(chosen, f"absolute_{kind}_tol", TOLERANCE)
         setattr(chosen, f"relative_{kind}_tol", 0.0)
-    chosen.admm_update_rule = getattr(pin.ADMMUpdateRule, settings["update_rule"])
-    chosen.mu_prox, chosen.tau = settings["proximal"], settings["tau"]
-    chosen.warmstart_rho_with_previous_result = settings["warm"]
+    chosen.admm_update_rule = pin.ADMMUpdateRule.LINEAR
+    chosen.mu_prox, chosen.tau = PROXIMAL, TAU
+    chosen.warmstart_rho_with_previous_result = True
     return chosen
 
 

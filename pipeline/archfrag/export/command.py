@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -109,7 +109,8 @@ def export_study(study: Study, formats: Sequence[str], folder: Path | None = Non
             tables = (
                 *known,
                 runs_table(cube),
-                *(facts_table(cube, d) for d in ("record", "arch")),
+                facts_table(cube, "record"),
+                facts_table(cube, "arch"),
             )
             made.files += _write_tables(curves, tables, made.folder, name)
     made.notes = [*notes, *curves.cautions, *_notes(curves, wanted)]
@@ -126,13 +127,9 @@ def study_curves(
     """
     levels = cube["intensity"].values
     made = Made(
-        study=study.id,
-        title=study.title,
-        version=archfrag.__version__,
-        commit=commit(),
-        cube_commit=str(cube.attrs.get("archfrag_commit", "unknown")),
-        cube_sha256=sha256_of(study.folder / CUBE),
-    )
+        study.id, study.title, archfrag.__version__, commit(),
+        str(cube.attrs.get("archfrag_commit", "unknown")), sha256_of(study.folder / CUBE),
+    )  # fmt: skip
     states, notes = _limit_states(answers)
     curves = CurveSet(
         {arch: states.get(arch, {}) | {"collapse": a.curve} for arch, a in answers.items()},
@@ -154,28 +151,26 @@ def _limit_states(
         }
         for arch, answer in answers.items()
     }
-    needed = [arch for arch, a in answers.items() if isinstance(a.curve, Fragility)]
+    # Medians of the next severer state, by arch with a curve of collapse.
+    after = {arch: a.curve.theta for arch, a in answers.items() if isinstance(a.curve, Fragility)}
     kept: list[str] = []
     notes = []
     for name in reversed(list(dict.fromkeys(state for each in own.values() for state in each))):
         if name == "collapse":
             continue
-        after = [own[arch][kept[0]] if kept else answers[arch].curve for arch in needed]
-        curves = [own[arch].get(name, "") for arch in needed]
-        if any(isinstance(curve, str) for curve in curves):
+        curves = {arch: own[arch].get(name, "") for arch in after}
+        medians = {arch: fit.theta for arch, fit in curves.items() if isinstance(fit, Fragility)}
+        if len(medians) < len(after):
             notes.append(f"limit state {name!r} is left out: not every arch has a curve of it")
-        elif any(_theta(mild) > _theta(worse) for mild, worse in zip(curves, after)):
+        elif any(median > after[arch] for arch, median in medians.items()):
             notes.append(
                 f"limit state {name!r} is left out: its median is above that of a severer one"
             )
         else:
             kept.insert(0, name)
+            after = medians
     none = "there is no curve of this limit state"
     return {arch: {k: own[arch].get(k, none) for k in kept} for arch in answers}, notes
-
-
-def _theta(curve: Fragility | str) -> float:
-    return np.nan if isinstance(curve, str) else curve.theta
 
 
 def _unit(study: Study, cube: xr.Dataset) -> Unit:
@@ -187,7 +182,7 @@ def _write_tables(
     curves: CurveSet, tables: Sequence[Table], folder: Path, name: str
 ) -> list[tuple[str, Path]]:
     """Tables as CSV, with a JSON file that describes their columns; or as Parquet."""
-    facts = {"made": curves.made.facts, "left_out": curves.left_out}
+    facts = {"made": asdict(curves.made), "left_out": curves.left_out}
     paths = [folder / f"{curves.made.study}-{table.name}.{name}" for table in tables]
     for table, path in zip(tables, paths):
         if name == "csv":
@@ -196,13 +191,9 @@ def _write_tables(
             write_parquet(table, path, facts)
     if name == "csv":
         paths.append(folder / f"{curves.made.study}-tables.json")
-        write_text(paths[-1], _described(tables, facts))
+        content = facts | {"tables": {table.name: column_facts(table) for table in tables}}
+        write_text(paths[-1], json.dumps(content, indent=1, ensure_ascii=False) + "\n")
     return [(name, path) for path in paths]
-
-
-def _described(tables: Sequence[Table], facts: dict[str, Any]) -> str:
-    content = facts | {"tables": {table.name: column_facts(table) for table in tables}}
-    return json.dumps(content, indent=1, ensure_ascii=False) + "\n"
 
 
 def _notes(curves: CurveSet, formats: Sequence[str]) -> list[str]:

@@ -1,16 +1,14 @@
 """What is exported: the curves of several arches and limit states, and how they were made."""
 
-import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
-from archfrag.errors import FitError, InputError
+from archfrag.errors import FitError
 from archfrag.fragility.fit import Fragility
 
-_NAME = re.compile(r"[A-Za-z0-9_-]{1,75}")
 _NOTED = 1e-3  # probability from which a crossing of two curves is worth a caution
 
 
@@ -20,31 +18,19 @@ class Made:
 
     study: str
     title: str
-    version: str  # of the archfrag that wrote the export
-    commit: str  # of the archfrag that wrote the export
-    cube_commit: str  # of the archfrag that made the cube
+    archfrag: str  # version that wrote the export
+    archfrag_commit: str  # and its commit
+    cube_archfrag_commit: str  # of the archfrag that made the cube
     cube_sha256: str
-
-    @property
-    def facts(self) -> dict[str, str]:
-        """For formats that have a place for names and values."""
-        return {
-            "study": self.study,
-            "title": self.title,
-            "archfrag": self.version,
-            "archfrag_commit": self.commit,
-            "cube_archfrag_commit": self.cube_commit,
-            "cube_sha256": self.cube_sha256,
-        }
 
     @property
     def text(self) -> str:
         """For formats that have a place for text; without characters that XML forbids."""
         title = "".join(c if c.isprintable() else " " for c in self.title).rstrip(".")
         return (
-            f"{title}. Study {self.study}, exported by archfrag {self.version} (commit "
-            f"{self.commit}) from the cube with SHA-256 {self.cube_sha256} (commit "
-            f"{self.cube_commit})."
+            f"{title}. Study {self.study}, exported by archfrag {self.archfrag} (commit "
+            f"{self.archfrag_commit}) from the cube with SHA-256 {self.cube_sha256} (commit "
+            f"{self.cube_archfrag_commit})."
         )
 
 
@@ -58,30 +44,6 @@ class CurveSet:
     measure: str  # intensity measure, as `archfrag.motions.measures.parse_measure` reads it
     levels: tuple[float, float]  # lowest and highest intensity that was simulated [SI]
     made: Made
-
-    def __post_init__(self) -> None:
-        if not self.curves:
-            raise InputError("there is no arch to export")
-        first = self.limit_states
-        if not first:
-            raise InputError("there is no limit state to export")
-        for name in first:
-            if not _NAME.fullmatch(name):
-                raise InputError(
-                    f"limit state {name!r}: a name has 1 to 75 letters, digits, _ or - only"
-                )
-        for arch, states in self.curves.items():
-            if tuple(states) != first:
-                raise InputError(
-                    f"arch {arch!r} has the limit states {', '.join(states)}, not "
-                    f"{', '.join(first)} as the first arch"
-                )
-            for mild, severe in pairwise(self._found(arch)):
-                if states[mild].theta > states[severe].theta:  # type: ignore[union-attr]
-                    raise InputError(
-                        f"arch {arch!r}: limit state {severe!r} has a lower median than "
-                        f"{mild!r}; limit states go from the mildest to the severest"
-                    )
 
     @property
     def limit_states(self) -> tuple[str, ...]:
@@ -97,28 +59,35 @@ class CurveSet:
     @property
     def complete(self) -> dict[str, dict[str, Fragility]]:
         """Arches that have a curve at every limit state."""
-        return {
-            arch: found
-            for arch, states in self.curves.items()
-            if len(found := {s: f for s, f in states.items() if isinstance(f, Fragility)})
-            == len(states)
-        }
+        found = {arch: _known(states) for arch, states in self.curves.items()}
+        return {arch: fits for arch, fits in found.items() if len(fits) == len(self.limit_states)}
 
     @property
     def left_out(self) -> dict[str, str]:
         """By arch, why it lacks a curve."""
-        return {
-            arch: "; ".join(
+        why = {
+            arch: [
                 f"{state}: {found}" for state, found in states.items() if isinstance(found, str)
-            )
+            ]
             for arch, states in self.curves.items()
-            if arch not in self.complete
         }
+        return {arch: "; ".join(reasons) for arch, reasons in why.items() if reasons}
 
     @property
     def cautions(self) -> list[str]:
         """Where the curve of a severer limit state lies above that of a milder one."""
-        return [message for arch in self.curves for message in self._crossings(arch)]
+        found = []
+        for arch, states in self.curves.items():
+            for (mild, one), (severe, other) in pairwise(_known(states).items()):
+                ends = [f.theta * np.exp(s * 4.0 * f.beta) for f in (one, other) for s in (-1, 1)]
+                im = np.geomspace(min(ends), max(ends), 400)
+                above = float((other.probability(im) - one.probability(im)).max())
+                if above > _NOTED:
+                    found.append(
+                        f"arch {arch!r}: the curve of {severe!r} lies above that of {mild!r} by "
+                        f"up to {above:.2g}; their difference is no probability there"
+                    )
+        return found
 
     def require_curves(self, receiver: str) -> dict[str, dict[str, Fragility]]:
         """`complete`, for a format that holds nothing but curves."""
@@ -127,23 +96,6 @@ class CurveSet:
             raise FitError(f"there is no curve to export for {receiver}: {reasons}")
         return self.complete
 
-    def _found(self, arch: str) -> list[str]:
-        return [s for s, f in self.curves[arch].items() if isinstance(f, Fragility)]
 
-    def _crossings(self, arch: str) -> Iterator[str]:
-        for mild, severe in pairwise(self._found(arch)):
-            one, other = self.curves[arch][mild], self.curves[arch][severe]
-            assert isinstance(one, Fragility)
-            assert isinstance(other, Fragility)
-            ends = [
-                each.theta * np.exp(sign * 4.0 * each.beta)
-                for each in (one, other)
-                for sign in (-1, 1)
-            ]
-            im = np.geomspace(min(ends), max(ends), 400)
-            above = other.probability(im) - one.probability(im)
-            if above.max() > _NOTED:
-                yield (
-                    f"arch {arch!r}: the curve of {severe!r} lies above that of {mild!r} by up "
-                    f"to {above.max():.2g}; their difference is no probability there"
-                )
+def _known(states: Mapping[str, Fragility | str]) -> dict[str, Fragility]:
+    return {state: found for state, found in states.items() if isinstance(found, Fragility)}

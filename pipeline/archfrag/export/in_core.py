@@ -43,7 +43,7 @@ def in_core_sets(curves: CurveSet) -> dict[str, str]:
         ]  # fmt: skip
         content = {
             "description": f"Masonry arch {arch}. {curves.made.text}{note}",
-            "creator": f"archfrag {curves.made.version}",
+            "creator": f"archfrag {curves.made.archfrag}",
             "demandTypes": [demand.name],
             "demandUnits": [demand.unit],
             "resultType": "Limit State",

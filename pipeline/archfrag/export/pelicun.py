@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import re
+from dataclasses import asdict
 from itertools import chain
 
 from archfrag.errors import InputError
@@ -42,9 +43,9 @@ def pelicun_description(curves: CurveSet) -> str:
         "_GeneralInformation": {
             "ShortName": curves.made.study,
             "Description": curves.made.text + (f" Note: {note}." if note else ""),
-            "Version": curves.made.version,
+            "Version": curves.made.archfrag,
             "ComponentGroups": ["Masonry arches"],
-            "archfrag": curves.made.facts,
+            "archfrag": asdict(curves.made),
             "LeftOut": curves.left_out,
         }
     }

@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from archfrag.export.curve_set import CurveSet
 from archfrag.export.tables import Described, Table
@@ -25,6 +24,13 @@ class Unit(NamedTuple):
     factor: float
 
 
+_LABELS = {
+    "arch": Described("name of the arch"),
+    "limit_state": Described("limit state; states go from the mildest to the severest"),
+    "measure": Described("intensity measure"),
+}
+
+
 def curve_tables(
     curves: CurveSet, answers: Mapping[str, Answer], unit: Unit
 ) -> tuple[Table, Table]:
@@ -34,20 +40,28 @@ def curve_tables(
     covariance of the fit.
     """
     levels = np.linspace(0.0, 1.05 * curves.levels[1], _POINTS)
+    confidence = next(iter(answers.values())).confidence
     points, parameters = [], []
     for arch, states in curves.curves.items():
         for state, fit in states.items():
             if not isinstance(fit, Fragility):
                 continue
             labels = {"arch": arch, "limit_state": state, "measure": curves.measure}
-            lower, upper = _band(fit, answers[arch], state, levels)
+            known = answers[arch]
+            if state != "collapse":
+                band = confidence_band(fit, levels, confidence)
+                known = Answer(
+                    fit, fit, theta_interval(fit, confidence), beta_interval(fit, confidence),
+                    levels.tolist(), band.lower.tolist(), band.upper.tolist(), confidence,
+                    _COVARIANCE,
+                )  # fmt: skip
+            lower, upper = (np.interp(levels, known.im, end) for end in (known.lower, known.upper))
             values = {
                 "im": levels * unit.factor, "unit": unit.given, "intensity": levels,
                 "probability": fit.probability(levels), "lower": lower, "upper": upper,
             }  # fmt: skip
             points.append(pd.DataFrame(labels | values))
-            parameters.append(labels | _parameters(fit, answers[arch], state, unit))
-    confidence = next(iter(answers.values())).confidence
+            parameters.append(labels | _parameters(fit, known, unit))
     about, stated = _point_columns(unit, confidence), _parameter_columns(unit, confidence)
     return (
         Table("curves", about, points or [pd.DataFrame(columns=list(about))]),
@@ -55,43 +69,19 @@ def curve_tables(
     )
 
 
-def _band(
-    fit: Fragility, answer: Answer, state: str, im: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Band of a curve."""
-    if state == "collapse":
-        ends = (np.interp(im, answer.im, side) for side in (answer.lower, answer.upper))
-        lower, upper = ends
-        return lower, upper
-    band = confidence_band(fit, im, answer.confidence)
-    return band.lower, band.upper
-
-
-def _parameters(fit: Fragility, answer: Answer, state: str, unit: Unit) -> dict[str, object]:
-    theta, beta = answer.theta, answer.beta
-    if state != "collapse":
-        theta = theta_interval(fit, answer.confidence)
-        beta = beta_interval(fit, answer.confidence)
-    known = answer.likelihood if state == "collapse" else fit
-    likelihood = (np.nan, np.nan) if isinstance(known, str) else (known.theta, known.beta)
+def _parameters(fit: Fragility, known: Answer, unit: Unit) -> dict[str, object]:
+    likeliest = known.likelihood if isinstance(known.likelihood, Fragility) else None
     return {
-        "theta": fit.theta * unit.factor, "theta_lower": theta[0] * unit.factor,
-        "theta_upper": theta[1] * unit.factor, "unit": unit.given, "theta_si": fit.theta,
-        "beta": fit.beta, "beta_lower": beta[0], "beta_upper": beta[1],
-        "theta_maximum_likelihood": likelihood[0] * unit.factor,
-        "beta_maximum_likelihood": likelihood[1],
+        "theta": fit.theta * unit.factor, "theta_lower": known.theta[0] * unit.factor,
+        "theta_upper": known.theta[1] * unit.factor, "unit": unit.given, "theta_si": fit.theta,
+        "beta": fit.beta, "beta_lower": known.beta[0], "beta_upper": known.beta[1],
+        "theta_maximum_likelihood": likeliest.theta * unit.factor if likeliest else np.nan,
+        "beta_maximum_likelihood": likeliest.beta if likeliest else np.nan,
         "standard_error_ln_theta": fit.standard_errors[0],
         "standard_error_beta": fit.standard_errors[1],
         "correlation_ln_theta_beta": fit.correlation, "runs": fit.n_total, "kind": fit.kind,
-        "band": answer.method if state == "collapse" else _COVARIANCE,
+        "band": known.method,
     }  # fmt: skip
-
-
-_LABELS = {
-    "arch": Described("name of the arch"),
-    "limit_state": Described("limit state; states go from the mildest to the severest"),
-    "measure": Described("intensity measure"),
-}
 
 
 def _point_columns(unit: Unit, confidence: float) -> dict[str, Described]:

@@ -52,36 +52,16 @@ def confidence_band(fit: Fragility, im: ArrayLike, confidence: float = 0.9) -> B
 
 
 def capacity_band(fit: Fragility, im: ArrayLike, confidence: float = 0.9) -> Band:
-    """Pointwise band of a curve fitted to capacities, by Student's t.
+    """Pointwise band of a curve of `fit_ida` or `fit_brackets`, by Student's t; rises with `im`.
 
     The band of ln IM at the quantile z of capacity is m + z s -+ t sqrt(g C g) with g = (1, z),
     which for complete capacities is m + z s -+ t s sqrt(1 / n + z^2 / (2 (n - 1))) and t has
     n - 1 degrees of freedom. It is inverted to probabilities at given intensities. Assumes that
     capacities are lognormal and independent. For censored ones the degrees of freedom are those
     that the variance of beta is worth, beta^2 / (2 var beta) (Satterthwaite 1946, Biometrics
-    Bulletin 2), less one for the median, and beta is raised as by n / (n - 1).
+    Bulletin 2), less one for the median, and beta is raised as by n / (n - 1). From 0 to 1
+    everywhere if the sample is too small to bound beta.
 
-    Parameters
-    ----------
-    fit : Fragility
-        From `fit_ida` or `fit_brackets`.
-    im : array_like
-        Intensities, any shape, unit of ``fit.theta``, >= 0.
-    confidence : float
-        Two-sided, between 0 and 1.
-
-    Returns
-    -------
-    Band
-        Rising with `im`; from 0 to 1 everywhere if the sample is too small to bound beta.
-
-    Raises
-    ------
-    InputError
-        If an argument cannot be, or `fit` does not come from capacities.
-
-    Examples
-    --------
     >>> import archfrag as af
     >>> from archfrag.fragility.bands import capacity_band
     >>> band = capacity_band(af.fit_ida([0.5, 0.6, 0.7, 0.8, 0.9, 1.3]), 0.8, 0.8)
@@ -154,14 +134,10 @@ def _freedom(fit: Fragility) -> tuple[float, float]:
 
 
 def record_bootstrap_band(
-    verdict: ArrayLike,
-    levels: ArrayLike,
-    im: ArrayLike,
-    resampling: Resampling,
-    *,
-    groups: ArrayLike | None = None,
-) -> Band:
-    """Pointwise band where the same records serve at all levels.
+    verdict: ArrayLike, levels: ArrayLike, im: ArrayLike, resampling: Resampling,
+    *, groups: ArrayLike | None = None,
+) -> Band:  # fmt: skip
+    """Pointwise band where the same records serve at all levels, arguments as of `gather_runs`.
 
     A record that fells the arch at one level tends to fell it at the next, so the runs of a
     study are not independent as the binomial likelihood takes them to be, and the band from its
@@ -174,25 +150,6 @@ def record_bootstrap_band(
     It is too narrow for a small number of records or events; it is a check that assumes no family
     of curves between records, not what is quoted (`archfrag.fragility.quoted.quoted_band`).
 
-    Parameters
-    ----------
-    verdict : array_like of int, (n_record, n_level)
-        Codes of `archfrag.fragility.counts.Verdict`.
-    levels : array_like, (n_level,)
-        Intensity of each level, > 0.
-    im : array_like
-        Intensities at which the band is wanted, any shape, unit of `levels`, >= 0.
-    resampling : Resampling
-    groups : array_like, (n_record,), optional
-        Event of each record; every record is its own if left out.
-
-    Raises
-    ------
-    InputError
-        If an argument cannot be.
-
-    Examples
-    --------
     >>> from archfrag.fragility.bands import record_bootstrap_band
     >>> from archfrag.fragility.runs import Resampling
     >>> verdict = [[0, 1, 1], [0, 0, 1], [0, 0, 1], [1, 0, 1], [0, 1, 1]]

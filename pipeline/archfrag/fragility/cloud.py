@@ -35,14 +35,10 @@ class CloudCurve:
 
     kind: str  #: "logistic" or "modified"
     parameters: dict[str, float]  #: of the line of collapse and of that of the response, by name
-    points: tuple[float, float, float]  #: intensities at Phi(-1), 1/2 and Phi(1)
     theta: float
     beta: float
     theta_interval: tuple[float, float]  #: quantiles over the resamples
     beta_interval: tuple[float, float]
-    n_runs: int
-    n_collapsed: int
-    n_degenerate: int  #: resamples that determine no curve; left out of the intervals
     confidence: float  #: two-sided, of the intervals
     notes: tuple[str, ...]  #: what a reader must know of this fit
 
@@ -110,7 +106,7 @@ def cloud_binary(
             "records"
         )
     draws = np.stack([lines.intercept, lines.slope], axis=1)
-    return _curve("logistic", draws, lines.degenerate, fell, resampling)
+    return _curve("logistic", draws, lines.degenerate, resampling)
 
 
 def cloud_modified(
@@ -132,16 +128,12 @@ def cloud_modified(
 
     Parameters
     ----------
-    im : array_like, (n_run,)
-        Intensity of each record, any unit, > 0.
+    im, collapsed, resampling, event
+        As of `cloud_binary`.
     response : array_like, (n_run,)
         Peak response, any unit, > 0; any value where the run collapsed.
-    collapsed : array_like of bool, (n_run,)
     limit : float
         Response at which the limit state begins, > 0.
-    resampling : Resampling
-    event : array_like, (n_run,), optional
-        Earthquake of each record; records of one event are resampled together.
 
     Raises
     ------
@@ -188,7 +180,7 @@ def cloud_modified(
     columns = [lines.intercept, lines.slope, mean_y - slope * mean_x, slope, deviation]
     draws = np.stack([*columns, np.full_like(slope, np.log(limit))], axis=1)
     lost = ~np.isfinite(draws).all(axis=1) | ~(slope > 0.0) | ~(deviation > 0.0)
-    return _curve("modified", draws, lost, fell, resampling, _notes(lines, fell))
+    return _curve("modified", draws, lost, resampling, _notes(lines, fell))
 
 
 def _notes(lines: Lines, fell: BoolArray) -> tuple[str, ...]:
@@ -223,7 +215,7 @@ def _checked(im: ArrayLike, collapsed: ArrayLike) -> tuple[FloatArray, BoolArray
 
 
 def _curve(
-    kind: str, draws: FloatArray, lost: BoolArray, fell: BoolArray, resampling: Resampling,
+    kind: str, draws: FloatArray, lost: BoolArray, resampling: Resampling,
     notes: tuple[str, ...] = (),
 ) -> CloudCurve:  # fmt: skip
     """The first row of `draws` is the estimate, the others are resamples, some of them lost."""
@@ -235,19 +227,14 @@ def _curve(
         betas = 0.5 * (points[:, 2] - points[:, 0])
     drawn = np.stack([points[1:, 1], np.nan_to_num(betas[1:], nan=np.inf)])
     theta, beta = np.quantile(drawn, resampling.tails, axis=1, method="inverted_cdf").T
-    low, middle, high = (float(point) for point in np.exp(points[0]))
     names = _COLLAPSE_LINE + (_RESPONSE_LINE if kind == "modified" else ())
     return CloudCurve(
         kind=kind,
         parameters={name: float(value) for name, value in zip(names, draws[0], strict=True)},
-        points=(low, middle, high),
-        theta=middle,
+        theta=float(np.exp(points[0, 1])),
         beta=float(betas[0]),
         theta_interval=(float(np.exp(theta[0])), float(np.exp(theta[1]))),
         beta_interval=(float(beta[0]), float(beta[1])),
-        n_runs=fell.size,
-        n_collapsed=int(np.count_nonzero(fell)),
-        n_degenerate=int(np.count_nonzero(lost[1:])),
         confidence=resampling.confidence,
         notes=notes,
     )

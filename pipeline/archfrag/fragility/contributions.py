@@ -44,10 +44,7 @@ class Deaggregation:
     counts: IntArray  #: (n_category, n_level), collapses
     collapsed: IntArray  #: (n_level,), all collapses
     n: IntArray  #: (n_level,), runs that collapsed or stood
-    fraction: FloatArray  #: (n_category, n_level), of the collapses of a level [1]; nan if none
-    lower: FloatArray  #: (n_category, n_level), interval of `fraction`
-    upper: FloatArray
-    overall: FloatArray  #: (n_category,), of the collapses of all levels together
+    overall: FloatArray  #: (n_category,), of the collapses of all levels together [1]; nan if none
     overall_lower: FloatArray
     overall_upper: FloatArray
     n_effective: float  #: independent collapses that the interval of `overall` supposes
@@ -67,23 +64,21 @@ def deaggregate(
 ) -> Deaggregation:
     """Divide the collapses at each level by category.
 
-    At one level every record is run once: the runs are taken to be independent, and each fraction
-    has Wilson's score interval (Wilson 1927, J. Am. Stat. Assoc. 22, 209-212). Over all levels
-    the same records collapse again and again, most often by one mechanism. The interval of the
-    overall fractions therefore counts no more than ``(sum m)^2 / sum m^2`` collapses, where m are
+    Over all levels the same records collapse again and again, most often by one mechanism. The
+    interval of the overall fractions, Wilson's score interval (Wilson 1927, J. Am. Stat. Assoc.
+    22, 209-212), therefore counts no more than ``(sum m)^2 / sum m^2`` collapses, where m are
     the numbers of collapses of the records (Kish 1965, *Survey Sampling*, sections 5.4 and
     11.7): what remains if all collapses of a record are alike.
 
     Parameters
     ----------
     verdict : array_like of int, (n_record, n_level)
-        Codes of `archfrag.fragility.counts.Verdict`; unfinished runs and solver failures count
-        as neither.
+        Codes of `archfrag.fragility.counts.Verdict`; others than standing and collapsed count as
+        neither.
     category : array_like of int, (n_record, n_level)
         For each run that collapsed the position of its category in `categories`; any other
         number elsewhere.
     categories : sequence of str
-        Names.
     confidence : float
         Two-sided, between 0 and 1.
 
@@ -103,26 +98,19 @@ def deaggregate(
     >>> found = deaggregate(verdict, mode, ["hinging", "sliding"])
     >>> found.counts.tolist(), found.overall.tolist()
     ([[1, 2], [0, 1]], [0.75, 0.25])
-    >>> [round(float(end), 3) for end in (found.lower[1, 1], found.upper[1, 1])]
-    [0.078, 0.746]
     """
     counted = count_verdicts(verdict)
     fell = np.asarray(verdict) == Verdict.COLLAPSED
     names = tuple(categories)
-    masks = _by_category(fell, category, len(names))
-    counts, collapsed = masks.sum(axis=1), counted.collapsed
-    lower, upper = wilson(counts, np.broadcast_to(collapsed, counts.shape), confidence)
+    counts = _by_category(fell, category, len(names)).sum(axis=1)
     of_record = fell.sum(axis=1).astype(float)
     total = float(of_record.sum())
     effective = total**2 / float(of_record @ of_record) if total else 0.0
-    with np.errstate(invalid="ignore"):
-        fraction = counts / np.where(collapsed > 0, collapsed, np.nan)
-        overall = counts.sum(axis=1) / (total or np.nan)
+    overall = counts.sum(axis=1) / (total or np.nan)
     low, high = wilson(overall * effective, np.full(len(names), effective), confidence)
     return Deaggregation(
-        names, counts, collapsed, counted.n, fraction, lower, upper, overall, low, high,
-        effective, confidence,
-    )  # fmt: skip
+        names, counts, counted.collapsed, counted.n, overall, low, high, effective, confidence
+    )
 
 
 def contributions(

@@ -17,7 +17,6 @@ class TwoFidelity:
     beta: float
     standard_errors: tuple[float, float]  #: of ln theta and beta, by the jackknife
     bias: tuple[float, float]  #: of ln theta and beta before correction, by the jackknife
-    coefficient: float  #: regression coefficient of the expensive setting on the cheap one
     correlation: float  #: of the ln capacities by both settings, over the records with both
     n_fine: int  #: records with the expensive setting
     n_coarse: int  #: and with the cheap one
@@ -69,8 +68,8 @@ def estimate_two_fidelity(coarse: ArrayLike, fine: ArrayLike) -> TwoFidelity:
     x, y = _checked(coarse, fine)
     both = ~np.isnan(y)
     m = int(np.count_nonzero(both))
-    estimates, coefficients = _estimates(x, y, _leaving_one_out(both))
-    values, coefficient = estimates[0], coefficients[0]
+    estimates = _estimates(x, y, _leaving_one_out(both))
+    values = estimates[0]
     square_error, bias = np.zeros(2), np.zeros(2)
     for without in (estimates[1:][both], estimates[1:][~both]):
         if len(without) < 2:
@@ -90,7 +89,6 @@ def estimate_two_fidelity(coarse: ArrayLike, fine: ArrayLike) -> TwoFidelity:
         beta=float(beta),
         standard_errors=(float(errors[0]), float(errors[1])),
         bias=(float(bias[0]), float(bias[1])),
-        coefficient=float(coefficient),
         correlation=float(np.corrcoef(x[both], y[both])[0, 1]),
         n_fine=m,
         n_coarse=x.size,
@@ -115,8 +113,8 @@ def _leaving_one_out(both: BoolArray) -> FloatArray:
     return weight
 
 
-def _estimates(x: FloatArray, y: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """ln theta and beta for each row of weights, (n_row, 2), and the coefficients."""
+def _estimates(x: FloatArray, y: FloatArray, weight: FloatArray) -> FloatArray:
+    """ln theta and beta for each row of weights, (n_row, 2)."""
     both = ~np.isnan(y)
     x0 = x.mean()
     x, y = x - x0, np.where(both, y - x0, 0.0)
@@ -128,7 +126,7 @@ def _estimates(x: FloatArray, y: FloatArray, weight: FloatArray) -> tuple[FloatA
     c = (some @ (x * y) / m - mean_x * mean_y) / var_x
     square = var_y + c * c * (var_all - var_x)
     log_theta = x0 + mean_y + c * (mean_all - mean_x)
-    return np.stack([log_theta, np.sqrt(np.maximum(square, 0.0))], axis=1), c
+    return np.stack([log_theta, np.sqrt(np.maximum(square, 0.0))], axis=1)
 
 
 def _checked(coarse: ArrayLike, fine: ArrayLike) -> tuple[FloatArray, FloatArray]:

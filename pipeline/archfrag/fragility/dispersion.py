@@ -10,15 +10,13 @@ and tolerances of a run bring, and the second beta_model^2. What records do to s
 to others (the interaction) belongs to the first.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import ndtri
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.curve import FloatArray, positive, tails
+from archfrag.fragility.curve import positive
 
 
 @dataclass(frozen=True)
@@ -198,68 +196,3 @@ def _dispersion(
         errors.append(float(np.sqrt(variance) / (2.0 * parts[-1])) if square > 0.0 else np.nan)
     found = theta, parts[0], parts[1], float(numerical), (errors[0], errors[1])
     return Dispersion(*found, *sizes, tuple(notes))
-
-
-@dataclass(frozen=True)
-class Sensitivity:
-    """Spearman's rank correlation of a parameter with theta over the arches of a class."""
-
-    parameter: str
-    correlation: float  #: nan if either does not vary
-    lower: float  #: interval of it; nan with fewer than 5 arches
-    upper: float
-    n_arch: int  #: arches with both numbers
-
-
-def sensitivities(
-    theta: ArrayLike, parameters: Mapping[str, ArrayLike], confidence: float = 0.9
-) -> list[Sensitivity]:
-    """Rank correlation of theta with each parameter, the strongest first.
-
-    Parameters
-    ----------
-    theta : (n_arch,) array_like
-        Medians, or any other measure of capacity; nan: unknown.
-    parameters : mapping of str to (n_arch,) array_like
-        nan: the arch has no such parameter.
-    confidence : float
-        Of the interval: Fisher's z with the variance (1 + rho²/2)/(n - 3) (Bonett and Wright,
-        Psychometrika 65, 2000), for independent arches.
-
-    Raises
-    ------
-    InputError
-        If an array has another length than `theta`.
-
-    Examples
-    --------
-    >>> from archfrag.fragility.dispersion import sensitivities
-    >>> found = sensitivities([1.0, 1.1, 1.3, 1.2, 1.5], {"thickness": [1, 2, 3, 4, 5]})
-    >>> round(found[0].correlation, 3)
-    0.9
-    """
-    theta, quantile = np.asarray(theta, dtype=float), float(ndtri(tails(confidence)[1]))
-    found = [_sensitivity(name, theta, values, quantile) for name, values in parameters.items()]
-    return sorted(found, key=lambda s: -np.nan_to_num(abs(s.correlation), nan=-1.0))
-
-
-def _sensitivity(name: str, theta: FloatArray, values: ArrayLike, quantile: float) -> Sensitivity:
-    from scipy.stats import spearmanr  # slow to import, and seldom needed
-
-    parameter = np.asarray(values, dtype=float)
-    if parameter.shape != theta.shape:
-        raise InputError(
-            f"parameter {name} has shape {parameter.shape}; it must be {theta.shape} as theta"
-        )
-    known = np.isfinite(theta) & np.isfinite(parameter)
-    x, y, n = theta[known], parameter[known], int(known.sum())
-    if n < 2 or np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
-        return Sensitivity(name, np.nan, np.nan, np.nan, n)
-    rho = float(np.clip(spearmanr(x, y).statistic, -1.0, 1.0))
-    if n < 5:
-        return Sensitivity(name, rho, np.nan, np.nan, n)
-    if abs(rho) > 1.0 - 1e-12:
-        return Sensitivity(name, rho, rho, rho, n)
-    half = quantile * np.sqrt((1.0 + 0.5 * rho**2) / (n - 3))
-    lower, upper = np.tanh(np.arctanh(rho) + np.array([-half, half]))
-    return Sensitivity(name, rho, float(lower), float(upper), n)

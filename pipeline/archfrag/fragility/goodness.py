@@ -24,7 +24,6 @@ class FitTest:
     #: Correlation of ln capacity between two runs of a record that was supposed in the draws: 1
     #: where no verdicts contradict each other; nan where each record serves once.
     record_correlation: float
-    n_resamples: int  #: draws that had a curve
 
     @property
     def message(self) -> str:
@@ -89,7 +88,7 @@ def check_lognormal(runs: Runs, resampling: Resampling) -> FitTest:
     fits = binomial_lines(x, drawn, np.broadcast_to(n, drawn.shape))
     values = _deviances(fits, drawn, np.broadcast_to(n, drawn.shape))[~fits.degenerate]
     p_value = (1.0 + np.count_nonzero(values >= deviance)) / (1.0 + values.size)
-    return FitTest(float(deviance), float(p_value), float(correlation), values.size)
+    return FitTest(float(deviance), float(p_value), float(correlation))
 
 
 def _deviances(lines: Lines, collapses: FloatArray, n: FloatArray) -> FloatArray:

@@ -36,7 +36,6 @@ class LimitStates:
 
     states: tuple[LimitState, ...]
     common_beta: bool  #: whether the curves have one beta, because they would have crossed
-    n_contradictions: int  #: states given as not exceeded though a more severe one was
     message: str
 
 
@@ -77,13 +76,11 @@ def fit_limit_states(
     >>> falls = [[0, 0, 1, 1], [0, 0, 0, 1], [1, 0, 0, 1]]
     >>> exceeded = [[list(cell) for cell in zip(*rows)] for rows in zip(rocks, falls)]
     >>> found = fit_limit_states(exceeded, [0.1, 0.2, 0.3, 0.4], ["motion", "collapse"])
-    >>> found.n_contradictions
-    0
     >>> [state.fit.theta < 0.3 for state in found.states]
     [True, True]
     """
     codes, intensity, labels, texts = _checked(exceeded, im, names, meanings)
-    nested, contradictions = nest_exceedance(codes)
+    nested = nest_exceedance(codes)
     flat = nested.reshape(-1, nested.shape[-1])
     levels, column = np.unique(intensity.ravel(), return_inverse=True)
     states = [_single(levels, column, flat[:, i], labels[i], texts[i]) for i in range(len(labels))]
@@ -100,20 +97,18 @@ def fit_limit_states(
             f"Fitted one by one, the curves of {crossing} cross within the levels that were "
             f"run; all have one beta of {fits[0].beta:.3g} instead."
         )
-    return LimitStates(tuple(states), bool(crossing), contradictions, message)
+    return LimitStates(tuple(states), bool(crossing), message)
 
 
-def nest_exceedance(exceeded: ArrayLike) -> tuple[IntArray, int]:
+def nest_exceedance(codes: IntArray) -> IntArray:
     """Exceedance (..., n_state) in which each state is exceeded if a more severe one is.
 
     1, 0, and -1 for not decided; a state that is not decided is 0 where a less severe one is not
-    exceeded. And the number of states given as not exceeded though a more severe one was.
+    exceeded.
     """
-    codes = np.asarray(exceeded)
     yes = np.flip(np.logical_or.accumulate(np.flip(codes == 1, axis=-1), axis=-1), axis=-1)
     no = np.logical_or.accumulate((codes == 0) & ~yes, axis=-1)
-    nested = np.where(yes, 1, np.where(no, 0, -1)).astype(np.int64)
-    return nested, int(np.count_nonzero((codes == 0) & yes))
+    return np.where(yes, 1, np.where(no, 0, -1)).astype(np.int64)
 
 
 def _single(

@@ -9,11 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import erfcx, expit, log_ndtr, ndtri
 
-from archfrag.errors import InputError
 from archfrag.fragility.curve import BoolArray, FloatArray, IntArray
 
 Terms = tuple[FloatArray, FloatArray, FloatArray]
-LINKS = ("probit", "logistic")
 LOG_ROOT_TWO_PI = 0.5 * np.log(2.0 * np.pi)
 _STEEP, _CERTAIN = 1e6, 40.0
 _ROUNDS, _HALVINGS, _CLOSE = 200, 60, 1e-11
@@ -93,10 +91,9 @@ def binomial_lines(
     """Likeliest lines of weighted counts 0 <= collapses <= n, (n_fit, n_point), which need not be
     integers, at x, (n_point,) or (n_fit, n_point).
 
-    The loss is convex for both links (Pratt 1981, J. Am. Stat. Assoc. 76).
+    `link` is "probit" or "logistic"; the loss is convex for both (Pratt 1981, J. Am. Stat. Assoc.
+    76).
     """
-    if link not in LINKS:
-        raise InputError(f"link is {link!r}; it is one of {', '.join(LINKS)}")
     k, n = np.atleast_2d(collapses), np.atleast_2d(n)
     x = np.broadcast_to(x, k.shape)
     intercept, slope, degenerate = _without_maximum(x, k, n, link)

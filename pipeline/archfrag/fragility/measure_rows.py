@@ -212,40 +212,30 @@ def _score(
 
 
 class Compared(ABC):
-    """Runs of one arch in all measures; a measure not known for all records has fewer.
+    """Runs of one arch in all measures."""
 
-    `log_value` is (n_measure, n_record), `exponent` (n_measure,), `times`, how often each resample
-    draws each record, (n_draw, n_record).
-    """
-
-    def __init__(
-        self, used: BoolArray, log_value: FloatArray, exponent: FloatArray, times: FloatArray
-    ) -> None:
-        self.log_value, self.exponent, self.times = log_value, exponent, times
-        self.used = used & np.isfinite(log_value)
+    none: str  #: why a measure has no curve
+    keep: BoolArray  #: (n_record,), records with a decided run
+    n_bracketed: int
+    exponent: FloatArray  #: (n_measure,)
 
     def rows(self, names: tuple[str, ...], covariates: FloatArray) -> list[MeasureRow]:
-        """One row per measure; measures that the same records know are fitted together."""
-        rows: dict[int, MeasureRow] = {}
-        patterns, pattern = np.unique(self.used, axis=0, return_inverse=True)
-        for i, keep in enumerate(patterns):
-            members = np.flatnonzero(pattern.ravel() == i)
-            fits, n_bracketed = self.fit(members, keep, covariates[:, keep])
-            for j, member in enumerate(members.tolist()):
-                one = MeasureFits(*(part[j] for part in fits))
-                rows[member] = self._row(names[member], member, one, n_bracketed)
-        return [rows[member] for member in sorted(rows)]
+        """One row per measure."""
+        fits = self.fit(covariates[:, self.keep])
+        return [
+            self._row(name, float(self.exponent[i]), MeasureFits(*(part[i] for part in fits)))
+            for i, name in enumerate(names)
+        ]
 
-    def _row(self, name: str, member: int, fit: MeasureFits, n_bracketed: int) -> MeasureRow:
-        exponent, beta = float(self.exponent[member]), float(fit.beta)
-        known = fit.p_values[np.isfinite(fit.p_values)]
-        none = "" if np.isfinite(beta) else self.why_none(member)
+    def _row(self, name: str, exponent: float, fit: MeasureFits) -> MeasureRow:
+        beta, known = float(fit.beta), fit.p_values[np.isfinite(fit.p_values)]
+        none = "" if np.isfinite(beta) else self.none
         return MeasureRow(
             measure=name,
             theta=float(np.exp(fit.log_theta)),
             beta=beta,
-            efficiency=beta / exponent if exponent > 0.0 else np.nan,
-            practicality=1.0 / exponent if exponent > 0.0 else np.nan,
+            efficiency=beta / exponent,
+            practicality=1.0 / exponent,
             proficiency=beta,
             slope_magnitude=float(fit.slopes[0]),
             p_magnitude=float(fit.p_values[0]),
@@ -253,20 +243,14 @@ class Compared(ABC):
             p_distance=float(fit.p_values[1]),
             sufficient=bool(np.all(known >= SIGNIFICANCE)) if known.size and not none else None,
             log_likelihood=float(fit.log_likelihood),
-            n_records=int(np.count_nonzero(self.used[member])),
-            n_bracketed=n_bracketed,
+            n_records=int(np.count_nonzero(self.keep)),
+            n_bracketed=self.n_bracketed,
             none=none,
         )
 
     @abstractmethod
-    def fit(
-        self, members: IntArray, keep: BoolArray, covariates: FloatArray
-    ) -> tuple[MeasureFits, int]:
-        """Fits of some measures from the records to keep, and the number of bracketed ones."""
-
-    @abstractmethod
-    def why_none(self, member: int) -> str:
-        """Why a measure has no curve."""
+    def fit(self, covariates: FloatArray) -> MeasureFits:
+        """Fits of all measures."""
 
     @abstractmethod
     def merit(self, row: MeasureRow) -> float:
@@ -278,72 +262,64 @@ class Compared(ABC):
 
 
 class GridRuns(Compared):
-    """Capacities of records, as brackets of their scale factors."""
+    """Capacities of records, as brackets of their scale factors.
+
+    `log_value` is (n_measure, n_record), `times`, how often each resample draws each record,
+    (n_draw, n_record).
+    """
+
+    none = "fewer than two records with different capacities in this measure"
 
     def __init__(
         self, found: Brackets, log_value: FloatArray, exponent: FloatArray, times: FloatArray
     ) -> None:
-        super().__init__(found.decided > 0, log_value, exponent, times)
-        self.found = found
+        self.keep, self.exponent = found.decided > 0, exponent
+        self.n_bracketed = int(np.count_nonzero(found.bracketed & self.keep))
+        self.known = log_capacities(found.rows(self.keep), log_value[:, self.keep], exponent)
+        self.times = times[:, self.keep]
 
-    def _capacities(self, members: IntArray | list[int], keep: BoolArray) -> LogCapacities:
-        log_value = self.log_value[members][:, keep]
-        return log_capacities(self.found.rows(keep), log_value, self.exponent[members])
-
-    def fit(
-        self, members: IntArray, keep: BoolArray, covariates: FloatArray
-    ) -> tuple[MeasureFits, int]:
-        if np.count_nonzero(keep) < 2:
-            one, two = np.full(len(members), np.nan), np.full((len(members), 2), np.nan)
-            return MeasureFits(one, one, one, two, two), 0
-        fits = fit_capacities(self._capacities(members, keep), covariates)
-        fits.beta[self.exponent[members] <= 0.0] = np.nan
-        fits.log_theta[self.exponent[members] <= 0.0] = np.nan
-        return fits, int(np.count_nonzero(self.found.bracketed & keep))
-
-    def why_none(self, member: int) -> str:
-        if self.exponent[member] <= 0.0:
-            return "scaling does not change this measure, so a grid has no capacity in it"
-        return "fewer than two records with different capacities in this measure"
+    def fit(self, covariates: FloatArray) -> MeasureFits:
+        if np.count_nonzero(self.keep) < 2:
+            one = np.full(self.exponent.shape, np.nan)
+            two = np.full((one.size, 2), np.nan)
+            return MeasureFits(one, one, one, two, two)
+        return fit_capacities(self.known, covariates)
 
     def merit(self, row: MeasureRow) -> float:
         return -row.efficiency
 
     def better_by(self, best: int, own: int) -> FloatArray:
-        keep = self.used[best] & self.used[own]
-        times = self.times[:, keep]
-        betas = [weighted_normal(self._capacities([i], keep), times)[1] for i in (best, own)]
+        ratios = []
+        for i in (own, best):
+            one = LogCapacities(*(part[[i]] for part in self.known))
+            ratios.append(weighted_normal(one, self.times)[1] / self.exponent[i])
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.log(betas[1] / self.exponent[own]) - np.log(betas[0] / self.exponent[best])
+            return np.log(ratios[0]) - np.log(ratios[1])
 
 
 class ScatteredRuns(Compared):
-    """Verdicts of runs at levels of their own, one a record."""
+    """Verdicts of runs at levels of their own, one a record; arrays as of `GridRuns`."""
+
+    none = "collapses and standing runs give no rising probit line in this measure"
+    n_bracketed = 0
 
     def __init__(
-        self, codes: IntArray, log_factor: FloatArray, log_value: FloatArray,
-        exponent: FloatArray, times: FloatArray,
-    ) -> None:  # fmt: skip
-        decided = (codes == Verdict.STANDING) | (codes == Verdict.COLLAPSED)
-        super().__init__(decided, log_value, exponent, times)
-        self.fell = (codes == Verdict.COLLAPSED).astype(float)
-        self.log_im = log_value + exponent[:, None] * log_factor
+        self, codes: IntArray, log_im: FloatArray, exponent: FloatArray, times: FloatArray
+    ) -> None:
+        self.keep = (codes == Verdict.STANDING) | (codes == Verdict.COLLAPSED)
+        self.fell = (codes[self.keep] == Verdict.COLLAPSED).astype(float)
+        self.log_im, self.times = log_im[:, self.keep], times[:, self.keep]
+        self.exponent = exponent
 
-    def fit(
-        self, members: IntArray, keep: BoolArray, covariates: FloatArray
-    ) -> tuple[MeasureFits, int]:
-        return fit_verdicts(self.log_im[members][:, keep], self.fell[keep], covariates), 0
-
-    def why_none(self, member: int) -> str:
-        return "collapses and standing runs give no rising probit line in this measure"
+    def fit(self, covariates: FloatArray) -> MeasureFits:
+        return fit_verdicts(self.log_im, self.fell, covariates)
 
     def merit(self, row: MeasureRow) -> float:
         return row.log_likelihood
 
     def better_by(self, best: int, own: int) -> FloatArray:
-        keep = self.used[best] & self.used[own]
-        x, fell = self.log_im[[best, own]][:, keep], self.fell[keep]
+        x, fell = self.log_im[[best, own]], self.fell
         lines = binomial_lines(x, np.broadcast_to(fell, x.shape), np.ones(x.shape))
         z = lines.intercept[:, None] + lines.slope[:, None] * x
         gains = log_ndtr(np.where(fell == 1.0, z, -z))
-        return self.times[:, keep] @ (gains[0] - gains[1])
+        return self.times @ (gains[0] - gains[1])

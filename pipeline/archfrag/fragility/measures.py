@@ -12,7 +12,13 @@ from numpy.typing import ArrayLike
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.brackets import find_brackets
 from archfrag.fragility.curve import FloatArray, IntArray, positive
-from archfrag.fragility.measure_rows import SIGNIFICANCE, GridRuns, MeasureRow, ScatteredRuns
+from archfrag.fragility.measure_rows import (
+    SIGNIFICANCE,
+    Compared,
+    GridRuns,
+    MeasureRow,
+    ScatteredRuns,
+)
 from archfrag.fragility.runs import Resampling, event_groups
 
 __all__ = ["MeasureRow", "MeasureTable", "Motions", "compare_measures"]
@@ -23,9 +29,8 @@ class Motions:
     """What is known of the unscaled motions of a study."""
 
     measures: tuple[str, ...]  #: names, (n_measure,)
-    value: ArrayLike  #: (n_record, n_measure), > 0; nan where a measure is not known
-    #: (n_measure,), power of the scale factor in each measure: 1 for PGA, 2 for Arias intensity, 0
-    #: for a duration.
+    value: ArrayLike  #: (n_record, n_measure), > 0
+    #: (n_measure,), > 0: power of the scale factor in each measure, 2 for Arias intensity.
     exponent: ArrayLike
     magnitude: ArrayLike | None = None  #: (n_record,), of the earthquake; nan where not known
     distance: ArrayLike | None = None  #: (n_record,), from it, any unit, > 0; likewise
@@ -38,9 +43,8 @@ class MeasureTable:
 
     rows: tuple[MeasureRow, ...]  #: in the order of the measures given
     own: str  #: the study's measure
-    #: Of the sufficient measures with a curve for all records (of all such measures if none is
-    #: sufficient) the most efficient one: least `efficiency` for grids, greatest `log_likelihood`
-    #: for scattered runs.
+    #: Of the sufficient measures with a curve (of all if none is sufficient) the most efficient
+    #: one: least `efficiency` for grids, greatest `log_likelihood` for scattered runs.
     best: str
     #: Probability that the best is no better than the study's own, times the number of measures it
     #: was chosen from; 1 if it is the study's own. From the bootstrap of records: of the ratio of
@@ -107,26 +111,19 @@ def compare_measures(
     ('PGV', True)
     """
     codes, factors, log_value, exponent = _checked(verdict, factor, motions, own)
-    covariates = _covariates(motions, len(codes))
     group = event_groups(motions.event, len(codes))
     times = resampling.multiplicities(int(group.max()) + 1).astype(float)[:, group]
-    compared: ScatteredRuns | GridRuns
+    compared: Compared = GridRuns(find_brackets(codes, factors), log_value, exponent, times)
     if codes.shape[1] == 1:
-        log_factor = np.log(factors[:, 0])
-        compared = ScatteredRuns(codes[:, 0], log_factor, log_value, exponent, times)
-    else:
-        compared = GridRuns(find_brackets(codes, factors), log_value, exponent, times)
-    rows = compared.rows(motions.measures, covariates)
+        log_im = log_value + exponent[:, None] * np.log(factors[:, 0])
+        compared = ScatteredRuns(codes[:, 0], log_im, exponent, times)
+    rows = compared.rows(motions.measures, _covariates(motions, len(codes)))
     return _table(tuple(rows), own, compared)
 
 
-def _table(
-    rows: tuple[MeasureRow, ...], own: str, compared: GridRuns | ScatteredRuns
-) -> MeasureTable:
+def _table(rows: tuple[MeasureRow, ...], own: str, compared: Compared) -> MeasureTable:
     names = [row.measure for row in rows]
-    most = max(row.n_records for row in rows)
-    known = [row for row in rows if not row.none and row.n_records == most]
-    known = [row for row in known if np.isfinite(compared.merit(row))]
+    known = [row for row in rows if not row.none and np.isfinite(compared.merit(row))]
     if not known:
         raise FitError("no measure has a curve from these runs: " + rows[names.index(own)].none)
     chosen = [row for row in known if row.sufficient is not False] or known
@@ -176,8 +173,8 @@ def _checked(
         raise InputError(
             f"verdict has shape {codes.shape}, factor {factors.shape}; (n_record, n_level) each"
         )
-    value = positive(motions.value, "value", unknown=True)
-    exponent = np.asarray(motions.exponent, dtype=float)
+    value = positive(motions.value, "value")
+    exponent = positive(motions.exponent, "exponent")
     names = list(motions.measures)
     if value.shape != (len(codes), len(names)) or exponent.shape != (len(names),):
         raise InputError(
@@ -186,8 +183,6 @@ def _checked(
         )
     if own not in names:
         raise InputError(f"own is {own!r}, which is none of {', '.join(names)}")
-    if not np.all(exponent >= 0.0):
-        raise InputError("exponent holds a negative number; powers of the factor are 0 or more")
     return codes, factors, np.log(value.T), exponent
 
 

@@ -29,21 +29,13 @@ _ONE_SIGMA = np.array([0.15865525393145707, 0.8413447460685429])
 
 @dataclass(frozen=True)
 class Posterior:
-    """What is known of a curve after the runs.
+    """What is known of a curve after the runs."""
 
-    Attributes
-    ----------
-    fragility : Fragility
-        Of kind ``"posterior"``: medians of theta and beta; the covariance of (ln theta, beta)
-        is from half the width of their central 68 %, as their tails are not normal; the
-        log-likelihood is that of the medians, without binomial coefficients.
-    grid : LineGrid
-        Distribution of the probit line in (ln im - centre) / width.
-    centre, width : float
-    """
-
+    #: Of kind ``"posterior"``: medians of theta and beta; the covariance of (ln theta, beta) is
+    #: from half the width of their central 68 %, as their tails are not normal; the log-likelihood
+    #: is that of the medians, without binomial coefficients.
     fragility: Fragility
-    grid: LineGrid
+    grid: LineGrid  #: distribution of the probit line in (ln im - centre) / width
     centre: float
     width: float
 
@@ -60,21 +52,14 @@ class Posterior:
 
     def band(self, im: ArrayLike, confidence: float = 0.9) -> Band:
         """Central credible interval of the probability of collapse at each `im`, >= 0."""
-        lower, upper = self._probabilities(im, np.array(tails(confidence)))
-        return Band(lower, upper, confidence)
-
-    def probability(self, im: ArrayLike) -> FloatArray:
-        """Median of the probability of collapse at each `im`, >= 0, same shape."""
-        return self._probabilities(im, _HALF)[0]
-
-    def _probabilities(self, im: ArrayLike, level: FloatArray) -> FloatArray:
         logs = log_intensity(im)
         x = (np.atleast_1d(logs).ravel() - self.centre) / self.width
         inside = np.isfinite(x)
-        found = np.zeros((level.size, x.size))
+        found = np.zeros((2, x.size))
         found[:, np.isposinf(x)] = 1.0
-        found[:, inside] = ndtr(self.grid.probits(x[inside], level))
-        return found.reshape(level.size, *logs.shape)
+        found[:, inside] = ndtr(self.grid.probits(x[inside], np.array(tails(confidence))))
+        lower, upper = found.reshape(2, *logs.shape)
+        return Band(lower, upper, confidence)
 
 
 def fit_posterior(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Posterior:

@@ -108,12 +108,17 @@ def change_of_step(model, state, work, step, previous):
 
 @inlined
 def record_step(model, state, work, step, previous, where):
-    """Works of a solved step, before its velocities are taken over."""
+    """Works of a solved step, before its velocities are taken over.
+
+    Where velocities have run ahead to an impact, what weight and height leave belongs to it.
+    """
     relative_velocity(state.position, state.velocity, work.pivot, work.earlier)
     part = previous / (previous + step)
     friction, impact, balance_error, before, hits = contact_works(state, work, part)
     lift = 0.25 * model.gravity * _lift(model, state, work)
-    balance_error += (step - previous) * lift
+    change, ahead = (step - previous) * lift, hits & (previous < step)
+    impact += select(ahead, change, 0.0)
+    balance_error += select(ahead, 0.0, change)
     before = select(hits, -state.energy[Energy.BALANCE_ERROR], before - part * previous * lift)
     record_work(friction, impact, balance_error, before, where, state.energy)
 

@@ -64,7 +64,7 @@ class Clock(IntEnum):
     """Entries of ``State.clock``."""
 
     TIME = 0  # of the positions [s]
-    PREVIOUS = 1  # size of the last step; velocities lie half of it back [s]
+    PREVIOUS = 1  # twice the time by which velocities lie back; mostly the last step [s]
     STEP = 2  # size of the next step [s]
     IMPACT = 3  # when the next impact is expected [s]
     FASTEST = 4  # largest speed of any body, rotation times joint length included [m/s]

@@ -57,7 +57,7 @@ def steps_of_tolerance(rtol: float, n_body: int) -> tuple[float, float]:
 
     After impacts the error of time stepping is of first order in the steps at impacts, between
     them of second order in the others. The bodies of long chains collide so often that short steps
-    at impacts would be all there are; equal steps, eight times as long, are as accurate there.
+    at impacts would be all there are; equal steps, five times as long, are as accurate there.
 
     Parameters
     ----------
@@ -67,19 +67,20 @@ def steps_of_tolerance(rtol: float, n_body: int) -> tuple[float, float]:
     Returns
     -------
     impact, largest : float
-        Over the root of the shortest joint's length over gravity [1]: 0.25 and 4 ms for joints of
+        Over the root of the shortest joint's length over gravity [1]: 0.4 and 4 ms for joints of
         1.5 m at the default tolerance, 2 ms both for more than `RARE_IMPACTS` bodies.
 
     Examples
     --------
     >>> from archfrag.methods.registry import steps_of_tolerance
     >>> [round(steps_of_tolerance(rtol, 7)[0], 6) for rtol in (1e-1, 1e-2, 1e-3, 1e-4, 1e-9)]
-    [0.010143, 0.002548, 0.00064, 0.000161, 2.6e-05]
+    [0.016229, 0.004077, 0.001024, 0.000257, 4.1e-05]
     """
     scale = rtol / 1e-3
-    impact = 0.5 * OWN_STEP * min(max(scale**0.6, 0.04), 32.0)
+    impact = OWN_STEP * min(max(scale**0.6, 0.04), 32.0)
     if n_body > RARE_IMPACTS:
-        return 8.0 * impact, 8.0 * impact
+        return 4.0 * impact, 4.0 * impact
+    impact *= 0.8
     return impact, max(8.0 * OWN_STEP * min(max(scale**0.4, 0.1), 4.0), impact)
 
 

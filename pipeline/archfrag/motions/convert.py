@@ -5,21 +5,19 @@ the steps between. Text holds all digits of the samples, miniSEED 64-bit numbers
 digits of its columns.
 """
 
-import hashlib
 import re
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from obspy import Stream, Trace
 
 from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing
 from archfrag.motions.channels import Channel, Options, read_channels
-from archfrag.motions.index import index_table, write_index
+from archfrag.motions.index import index_table, sha256, write_index
 from archfrag.motions.plausible import accept_or_refuse, accepted_words, doubtful_motion
 from archfrag.motions.read import record_name
 from archfrag.motions.units import unit_factor
@@ -30,12 +28,6 @@ _AT2_COLUMNS = 5
 _HEADER = ("date", "magnitude", "epicentral_km", "vs30_mps", "station", "azimuth")
 _LONGEST_LINE = 1000
 _ISO = re.compile(r"(\d{4})-(\d{1,2})-(\d{1,2})")
-
-
-class _Source(NamedTuple):
-    path: Path
-    sha256: str
-    channels: Sequence[Channel]
 
 
 def convert_record(
@@ -87,72 +79,50 @@ def convert_record(
     >>> float(af.read_motion(written).acceleration[0].round(6))
     0.980665
     """
-    if form not in SUFFIXES:
-        raise InputError(f"format {form!r} is none that is written: {', '.join(SUFFIXES)}")
-    if unit not in UNITS:
-        raise InputError(f"unit {unit!r} is none that is written: {', '.join(UNITS)}")
-    file = Path(path)
-    options = options or Options()
+    for word, value, allowed in (("format", form, SUFFIXES), ("unit", unit, UNITS)):
+        if value not in allowed:
+            raise InputError(f"{word} {value!r} is none that is written: {', '.join(allowed)}")
+    file, options = Path(path), options or Options()
     options = options._replace(accept=accepted_words(options.accept, str(file)))
     channels, entry = read_channels(file, options)
-    allowed = (*options.accept, *(entry.accept if entry else ()))
+    accept = (*options.accept, *(entry.accept if entry else ()))
     for channel in channels:
         doubts = doubtful_motion(channel.code, channel.samples, channel.dt, channel.unit_in_file)
-        accept_or_refuse(file, allowed, doubts)
-    source = _Source(file, _sha256(file), channels)
-    return _write_all(source, Path(folder), (form, unit), allowed)
-
-
-def _write_all(
-    source: _Source, place: Path, how: tuple[str, str], allowed: tuple[str, ...]
-) -> list[Path]:
-    form, unit = how
-    groups = [source.channels] if form == "mseed" else [[channel] for channel in source.channels]
-    name = record_name(source.path)
-    make_folder(place)
+        accept_or_refuse(file, accept, doubts)
+    place = make_folder(Path(folder))
     rows: dict[str, dict[str, Any]] = dict(index_table(place))
     written: list[Path] = []
+    groups = [channels] if form == "mseed" else [[channel] for channel in channels]
     for group in groups:
         code = "" if len(groups) == 1 else f".{_plain(group[0].code) or len(written) + 1}"
-        target = place / f"{name}{code}{SUFFIXES[form]}"
-        if target.resolve() == source.path.resolve() or target in written:
+        target = place / f"{record_name(file)}{code}{SUFFIXES[form]}"
+        if target.resolve() == file.resolve() or target in written:
             raise InputError(f"{target}: is the source or written twice; name another folder")
-        if target.stem in rows and rows[target.stem].get("source") != source.path.name:
-            raise InputError(
-                f"{target}: the index there has it from elsewhere; name another folder"
-            )
-        _write(target, group, source, form, unit)
+        if rows.get(target.stem, {}).get("source", file.name) != file.name:
+            elsewhere = "the index there has it from elsewhere"
+            raise InputError(f"{target}: {elsewhere}; name another folder")
+        with replacing(target) as part:
+            _WRITERS[form](part, group, unit, file)
         written.append(target)
         if not all(channel.vertical for channel in group):
-            row = _row(target, group, source, unit) | {"accept": " ".join(allowed)}
-            rows[row["id"]] = row
+            rows[target.stem] = _row(target, group, unit, file) | {"accept": " ".join(accept)}
     write_index(place, rows.values())
     return written
 
 
-def _write(target: Path, group: Sequence[Channel], source: _Source, form: str, unit: str) -> None:
-    with replacing(target) as part:
-        if form == "mseed":
-            _write_miniseed(part, group, unit)
-            return
-        channel = group[0]
-        values = channel.samples / unit_factor(unit, str(target))
-        text = _at2_text if form == "at2" else _column_text
-        part.write_text(text(channel, values, source, unit), encoding="ascii")
-
-
-def _row(target: Path, group: Sequence[Channel], source: _Source, unit: str) -> dict[str, Any]:
+def _row(target: Path, group: Sequence[Channel], unit: str, source: Path) -> dict[str, Any]:
     first = group[0]
     return {
-        "id": target.stem, "file": target.name, "sha256": _sha256(target),
+        "id": target.stem, "file": target.name, "sha256": sha256(target.read_bytes()),
         "event": _facts(first)["event"],
         **{key: first.record[key] for key in _HEADER if key in first.record},
         "dt_s": first.dt, "unit": unit, "channels": " ".join(channel.code for channel in group),
-        "source": source.path.name, "source_sha256": source.sha256, "steps": " ".join(first.log),
+        "source": source.name, "source_sha256": sha256(source.read_bytes()),
+        "steps": " ".join(first.log),
     }  # fmt: skip
 
 
-def _write_miniseed(part: Path, group: Sequence[Channel], unit: str) -> None:
+def _write_miniseed(part: Path, group: Sequence[Channel], unit: str, _: Path) -> None:
     factor, stream = unit_factor(unit, str(part)), Stream()
     names = ("network", "station", "location", "channel")
     for codes, channel in zip(_seed_codes(group), group, strict=True):
@@ -175,16 +145,12 @@ def _seed_codes(group: Sequence[Channel]) -> list[tuple[str, str, str, str]]:
     held = all(re.fullmatch(r"[A-Z0-9]{0,2}:[A-Z0-9]{1,3}", f"{o[2]}:{o[3]}") for o in own)
     if held and len(set(own)) == len(own):
         return own
-    instruments = list(dict.fromkeys(channel.group for channel in group))
-    horizontals = dict.fromkeys(instruments, 0)
-    codes = []
+    horizontals = {channel.group: 0 for channel in group}
+    instruments, codes = list(horizontals), []
     for (network, station, _, _), channel in zip(own, group, strict=True):
         place = f"{instruments.index(channel.group):02d}" if len(instruments) > 1 else ""
-        if channel.vertical:
-            code = "HNZ"
-        else:
-            horizontals[channel.group] += 1
-            code = f"HN{horizontals[channel.group]}"
+        horizontals[channel.group] += not channel.vertical
+        code = "HNZ" if channel.vertical else f"HN{horizontals[channel.group]}"
         codes.append((network, station, place, code))
     if len(set(codes)) < len(codes) or max(horizontals.values()) > 9 or len(instruments) > 99:
         raise InputError(
@@ -193,10 +159,10 @@ def _seed_codes(group: Sequence[Channel]) -> list[tuple[str, str, str, str]]:
     return codes
 
 
-def _at2_text(channel: Channel, values: NDArray[np.float64], source: _Source, unit: str) -> str:
-    facts = _facts(channel)
-    found = _ISO.match(facts["date"])
-    date = f"{found[2]}/{found[3]}/{found[1]}" if found else facts["date"]
+def _write_at2(part: Path, group: Sequence[Channel], unit: str, source: Path) -> None:
+    channel, facts = group[0], _facts(group[0])
+    values = channel.samples / unit_factor(unit, str(part))
+    date = _ISO.sub(r"\2/\3/\1", facts["date"], count=1)
     words = [facts["event"] or "unknown event", date, facts["station"] or "unknown station"]
     names = [word.replace(",", " ") for word in (*words, channel.code) if word]
     header = [
@@ -207,48 +173,45 @@ def _at2_text(channel: Channel, values: NDArray[np.float64], source: _Source, un
     ]
     starts = range(0, values.size, _AT2_COLUMNS)
     rows = ("".join(f"{v:15.7E}" for v in values[i : i + _AT2_COLUMNS]) for i in starts)
-    return "\n".join((*header, *rows)) + "\n"
+    part.write_text("\n".join((*header, *rows)) + "\n", encoding="ascii")
 
 
-def _column_text(channel: Channel, values: NDArray[np.float64], source: _Source, unit: str) -> str:
-    facts = _facts(channel)
-    names = ("event", "date", "station")
+def _write_columns(part: Path, group: Sequence[Channel], unit: str, source: Path) -> None:
+    channel, facts = group[0], _facts(group[0])
+    values = channel.samples / unit_factor(unit, str(part))
     header = [
         f"two columns: time [s], acceleration [{unit}]",
         _made(source),
-        *(f"{name}: {facts[name]}" for name in names if facts[name]),
+        *(f"{name}: {facts[name]}" for name in ("event", "date", "station") if facts[name]),
         f"component: {channel.code}; dt = {channel.dt!r} s; {values.size} samples",
         *(f"step: {step}" for step in channel.log),
     ]
     lines = (f"# {_line(text)}" for text in header)
     time = np.arange(values.size) * channel.dt
     rows = (f"{t:.10g} {v!r}" for t, v in zip(time.tolist(), values.tolist(), strict=True))
-    return "\n".join((*lines, *rows)) + "\n"
+    part.write_text("\n".join((*lines, *rows)) + "\n", encoding="ascii")
+
+
+_WRITERS = {"mseed": _write_miniseed, "at2": _write_at2, "text": _write_columns}
 
 
 def _facts(channel: Channel) -> dict[str, str]:
-    stats = channel.trace.stats
-    record = stats.get("record") or stats.get("at2") or {}
+    stats, record = channel.trace.stats, channel.record
     date = record.get("date") or (str(stats.starttime.date) if stats.starttime.timestamp else "")
-    return {
-        "event": str(record.get("event", "")),
-        "date": str(date),
-        "station": str(record.get("station") or stats.station),
-    }
+    found = {"event": record.get("event", ""), "date": date,
+             "station": record.get("station") or stats.station}  # fmt: skip
+    return {key: str(value) for key, value in found.items()}
 
 
-def _made(source: _Source) -> str:
-    return f"archfrag {version('archfrag')} from {source.path.name}, sha256 {source.sha256[:16]}"
+def _made(source: Path) -> str:
+    digest = sha256(source.read_bytes())[:16]
+    return f"archfrag {version('archfrag')} from {source.name}, sha256 {digest}"
 
 
 def _line(text: str) -> str:
     """One line of ASCII."""
     plain = " ".join(text.split()).encode("ascii", "backslashreplace").decode()
     return plain if len(plain) <= _LONGEST_LINE else plain[: _LONGEST_LINE - 3] + "..."
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _plain(code: str) -> str:

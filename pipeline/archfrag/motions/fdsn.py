@@ -10,7 +10,6 @@ import time
 import urllib.error
 import urllib.request
 import warnings
-from collections.abc import Callable
 from http.client import HTTPException
 from typing import Any, NamedTuple
 
@@ -22,7 +21,11 @@ from obspy.core.event import Event
 from archfrag.errors import InputError
 
 _PIECE = 2**16
-_NOTHING = (204, 404)
+_NOTHING = dict.fromkeys((204, 404), ("no data", "holds nothing that was asked for"))
+_MEANING = _NOTHING | {
+    413: ("too large", "more was asked for than the service gives at once"),
+    **dict.fromkeys((401, 403), ("unusable", "the data are not open to all")),
+}
 
 
 class Limits(NamedTuple):
@@ -51,10 +54,8 @@ class Service(Client):
     def __init__(self, name: str, limits: Limits) -> None:
         addressed = name.lower().startswith(("http://", "https://"))
         if name.upper() not in URL_MAPPINGS and not addressed:
-            raise InputError(
-                f"{name!r} is no data service that is known; allowed are an address "
-                f"(https://...) and {', '.join(sorted(URL_MAPPINGS))}"
-            )
+            known = f"an address (https://...) and {', '.join(sorted(URL_MAPPINGS))}"
+            raise InputError(f"{name!r} is no data service that is known; allowed are {known}")
         self.label, self._limits = name, limits
         try:
             with warnings.catch_warnings():
@@ -62,10 +63,6 @@ class Service(Client):
                 super().__init__(name, timeout=limits.seconds, _discover_services=False)
         except ValueError:
             raise InputError(f"{name!r} is not the address of a data service") from None
-
-    def _download(self, url: str, *_: Any, **__: Any) -> io.BytesIO:
-        request = urllib.request.Request(url, headers=self.request_headers)
-        return io.BytesIO(_answer(self._url_opener.open, request, self._limits))
 
     def event(self, id: str) -> tuple[bytes, Event]:
         """QuakeML of an identifier, and its event."""
@@ -91,80 +88,68 @@ class Service(Client):
         """An answer; what is not of that language or declares entities is refused."""
         body = io.BytesIO()
         getattr(self, method)(filename=body, **query)
-        text = body.getvalue()
+        text, place = body.getvalue(), f"{self.label}: {what}"
         if b"<!DOCTYPE" in text or b"\0" in text[:64]:
-            raise Refusal("unusable", f"{self.label}: {what} is not plain {language}")
+            raise Refusal("unusable", f"{place} is not plain {language}")
         body.seek(0)
         read = read_events if language == "QuakeML" else read_inventory
         try:
             return text, read(body, format=language.upper())
         except Exception as error:
             reason = [*str(error).strip().splitlines(), type(error).__name__][0]
-            place = f"{self.label}: {what}"
             raise Refusal("unusable", f"{place} is not {language} ({reason})") from None
 
+    def _download(self, url: str, *_: Any, **__: Any) -> io.BytesIO:
+        """Body of an answer with status 200, where obspy's client downloads one."""
+        place, seconds = url.split("/query")[0], self._limits.seconds
+        request = urllib.request.Request(url, headers=self.request_headers)
+        late = Refusal("timeout", f"{place}: no complete answer within {seconds:g} s")
+        end = time.monotonic() + seconds
+        try:
+            with self._url_opener.open(request, timeout=seconds) as response:
+                status, body = response.status, self._body(response, place, end, late)
+        except urllib.error.HTTPError as error:
+            with error:
+                raise _refused(place, error) from None
+        except (OSError, HTTPException) as error:
+            reason = getattr(error, "reason", error)
+            if isinstance(reason, TimeoutError):
+                raise late from None
+            words = getattr(reason, "strerror", None) or str(reason) or type(reason).__name__
+            raise Refusal("service", f"{place}: the service cannot be reached ({words})") from None
+        if status in _NOTHING or not body:
+            raise Refusal("no data", f"{place}: {_NOTHING[404][1]}")
+        return io.BytesIO(body)
 
-def _answer(
-    open_url: Callable[..., Any], request: urllib.request.Request, limits: Limits
-) -> bytes:
-    """Body of an answer with status 200."""
-    place = request.full_url.split("/query")[0]
-    end = time.monotonic() + limits.seconds
-    try:
-        with open_url(request, timeout=limits.seconds) as response:
-            status, body = response.status, _body(response, place, end, limits)
-    except urllib.error.HTTPError as error:
-        with error:
-            raise _refused(place, error) from None
-    except (OSError, HTTPException) as error:
-        reason = getattr(error, "reason", error)
-        if isinstance(reason, TimeoutError):
-            raise _late(place, limits) from None
-        reason = getattr(reason, "strerror", None) or str(reason) or type(reason).__name__
-        raise Refusal("service", f"{place}: the service cannot be reached ({reason})") from None
-    if status in _NOTHING or not body:
-        raise Refusal("no data", f"{place}: holds nothing that was asked for")
-    return body
-
-
-def _body(response: Any, place: str, end: float, limits: Limits) -> bytes:
-    most = int(limits.megabytes * 1e6)
-    announced = int(response.headers.get("Content-Length") or 0)
-    body = bytearray()
-    while len(body) <= most and announced <= most:
-        if time.monotonic() > end:
-            raise _late(place, limits)
-        piece = response.read1(_PIECE)
-        body += piece
-        if not piece and len(body) < announced:
-            reason = f"the answer broke off after {len(body)} of {announced} bytes"
-            raise Refusal("service", f"{place}: {reason}")
-        if not piece:
-            return bytes(body)
-    reason = f"the answer is larger than the {limits.megabytes:g} MB allowed"
-    raise Refusal("too large", f"{place}: {reason}")
-
-
-def _late(place: str, limits: Limits) -> Refusal:
-    return Refusal("timeout", f"{place}: no complete answer within {limits.seconds:g} s")
+    def _body(self, response: Any, place: str, end: float, late: Refusal) -> bytes:
+        most = int(self._limits.megabytes * 1e6)
+        announced = int(response.headers.get("Content-Length") or 0)
+        body = bytearray()
+        while len(body) <= most and announced <= most:
+            if time.monotonic() > end:
+                raise late
+            piece = response.read1(_PIECE)
+            body += piece
+            if not piece and len(body) < announced:
+                reason = f"the answer broke off after {len(body)} of {announced} bytes"
+                raise Refusal("service", f"{place}: {reason}")
+            if not piece:
+                return bytes(body)
+        reason = f"the answer is larger than the {self._limits.megabytes:g} MB allowed"
+        raise Refusal("too large", f"{place}: {reason}")
 
 
 def _refused(place: str, error: urllib.error.HTTPError) -> Refusal:
     """What a status means, with the first words of the service's own text."""
-    code = error.code
     try:
         text = " ".join(error.read1(500).decode("utf-8", "replace").split())
     except (OSError, HTTPException):
         text = ""
     text = ("" if text.startswith("<") else text[:120]) or str(error.reason or "")
-    detail = f" ({text})" if text else ""
-    kind, reason = "unusable", f"the service refuses the request, error {code}{detail}"
-    if code in _NOTHING:
-        kind, reason = "no data", "holds nothing that was asked for"
-    elif code == 413:
-        kind, reason = "too large", "more was asked for than the service gives at once"
-    elif code in (401, 403):
-        reason = f"the data are not open to all{detail}"
-    elif code == 429 or code >= 500:
-        kind, reason = "service", f"the service answers with error {code}{detail}"
-    return Refusal(kind, f"{place}: {reason}")
+    passing = error.code == 429 or error.code >= 500
+    kind, reason = _MEANING.get(error.code) or (
+        ("service", f"the service answers with error {error.code}") if passing
+        else ("unusable", f"the service refuses the request, error {error.code}")
+    )  # fmt: skip
+    detail = f" ({text})" if text and kind in ("service", "unusable") else ""
+    return Refusal(kind, f"{place}: {reason}{detail}")

@@ -6,11 +6,10 @@ finds them. A station that is complete is in the index and is not asked for agai
 """
 
 import contextlib
-import hashlib
 import re
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,7 +23,7 @@ from obspy.geodetics import gps2dist_azimuth, kilometers2degrees
 from archfrag.errors import InputError, RecordError
 from archfrag.files import cannot_write, make_folder, replacing
 from archfrag.motions.fdsn import Limits, Refusal, Service
-from archfrag.motions.index import index_table, write_index
+from archfrag.motions.index import index_table, sha256, write_index
 from archfrag.motions.read import read_motions
 
 MOST_FAILURES = 3  # one after the other, after which a service is left alone
@@ -111,7 +110,7 @@ class _Site(NamedTuple):
 class _Quake(NamedTuple):
     id: str
     origin: Origin
-    window: tuple[Any, Any]
+    window: dict[str, Any]  # in the words of a query
     facts: dict[str, Any]
 
 
@@ -169,12 +168,10 @@ class _Fetching:
         return self.result
 
     def _event(self, id: str) -> None:
-        try:
+        with _named(f"event {id}"):
             content, event = self.catalogue.event(id)
             quake = self._quake(id, event)
             sites = self._sites(quake)
-        except Refusal as refusal:
-            raise Refusal(refusal.kind, f"event {id}: {refusal}") from None
         place = make_folder(self.folder / folder_name(id))
         with replacing(place / "event.xml") as part:
             part.write_bytes(content)
@@ -213,7 +210,8 @@ class _Fetching:
             "magnitude_type": (preferred.magnitude_type or "") if preferred else "",
             "window_s": f"-{self.request.before:g} {self.request.after:g}",
         }  # fmt: skip
-        window = origin.time - self.request.before, origin.time + self.request.after
+        window = {"starttime": origin.time - self.request.before,
+                  "endtime": origin.time + self.request.after}  # fmt: skip
         return _Quake(id, origin, window, facts)
 
     def _sites(self, quake: _Quake) -> list[_Site]:
@@ -224,7 +222,7 @@ class _Fetching:
             latitude=quake.origin.latitude, longitude=quake.origin.longitude,
             # Degrees of a sphere; the distance on the ellipsoid decides.
             maxradius=kilometers2degrees(1.01 * self.request.radius),
-            starttime=quake.window[0], endtime=quake.window[1],
+            **quake.window,
         )[1]  # fmt: skip
         sites = _located(inventory, quake.origin)
         near = [site for site in sites if site.epicentral_km <= self.request.radius]
@@ -242,12 +240,10 @@ class _Fetching:
             if same.items() <= row.items() and self._complete(row):
                 self.result.kept.append(row["id"])
                 return
-        try:
+        with _named(label):
             wanted, waveforms = self._waveforms(quake, site)
             what = f"the responses of {site.name}"
             responses, _ = self.archive.stations(what, level="response", **wanted)
-        except Refusal as refusal:
-            raise Refusal(refusal.kind, f"{label}: {refusal}") from None
         channel = f"{wanted['location'].replace('--', '')}.{wanted['channel'][:2]}"
         name = f"{place.name}_{site.name}.{channel}"
         stored = self._store(place, name, site, waveforms, responses)
@@ -268,7 +264,7 @@ class _Fetching:
         path = self.folder / row["file"]
         with contextlib.suppress(OSError):
             there = path.with_name(f"{row['station']}.xml").is_file()
-            return there and _sha256(path.read_bytes()) == row["sha256"]
+            return there and sha256(path.read_bytes()) == row["sha256"]
         return False
 
     def _waveforms(self, quake: _Quake, site: _Site) -> tuple[dict[str, Any], bytes]:
@@ -277,10 +273,9 @@ class _Fetching:
         for kind in self.request.channels:
             places = {c.location_code for c in site.station if c.code.startswith(kind[:2])}
             for location in sorted(places):
-                wanted = {
+                wanted = quake.window | {
                     "network": site.network, "station": site.station.code,
                     "location": location or "--", "channel": f"{kind[:2]}?",
-                    "starttime": quake.window[0], "endtime": quake.window[1],
                 }  # fmt: skip
                 try:
                     return wanted, self.archive.waveforms(**wanted)
@@ -308,16 +303,25 @@ class _Fetching:
         verticals = dict.fromkeys(m.metadata["vertical_component"] for m in motions)
         codes = [*(motion.metadata["component"] for motion in motions), *verticals]
         return {
-            "file": f"{place.name}/{name}.mseed", "sha256": _sha256(waveforms),
+            "file": f"{place.name}/{name}.mseed", "sha256": sha256(waveforms),
             "dt_s": motions[0].dt, "channels": " ".join(filter(None, codes)),
             "start_time": motions[0].metadata.get("start_time", ""),
         }  # fmt: skip
 
 
+@contextlib.contextmanager
+def _named(what: str) -> Iterator[None]:
+    """Put what it is about before the message of a refusal."""
+    try:
+        yield
+    except Refusal as refusal:
+        raise Refusal(refusal.kind, f"{what}: {refusal}") from None
+
+
 def folder_name(id: str) -> str:
     """Name of a folder for an event: its identifier, where that may be the name of a file."""
     plain = re.sub(r"[^A-Za-z0-9_-]+", "-", id).strip("-")[:60]
-    return plain if plain == id else f"{plain}-{_sha256(id.encode())[:6]}"
+    return plain if plain == id else f"{plain}-{sha256(id.encode())[:6]}"
 
 
 def _located(inventory: Inventory, origin: Origin) -> list[_Site]:
@@ -333,7 +337,3 @@ def _located(inventory: Inventory, origin: Origin) -> list[_Site]:
             metres = gps2dist_azimuth(*map(float, ends))[0]
             sites[name] = _Site(name, network.code, station, metres / 1000.0)
     return sorted(sites.values(), key=lambda site: (site.epicentral_km, site.name))
-
-
-def _sha256(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()

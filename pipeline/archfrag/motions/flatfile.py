@@ -1,9 +1,6 @@
 """Measures of many records as one table, with the columns of an NGA flatfile."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from functools import partial
-from itertools import islice
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +17,6 @@ PERIODS = (
     0.01, 0.02, 0.03, 0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0,
     4.0, 5.0, 7.5, 10.0,
 )  # fmt: skip
-_BATCH = 64  # motions
 # Column, measure, and what a value in its unit is in SI.
 _MEASURES = (
     ("PGA_g", "PGA", STANDARD_GRAVITY), ("PGV_cms", "PGV", 0.01), ("PGD_cm", "PGD", 0.01),
@@ -28,7 +24,6 @@ _MEASURES = (
     ("D5_75_s", "D5_75", 1.0), ("D5_95_s", "D5_95", 1.0), ("HI_cm", "HI", 0.01),
     ("ASI_gs", "ASI", STANDARD_GRAVITY),
 )  # fmt: skip
-_ROTATED = (("PGA_g", "PGA", STANDARD_GRAVITY), ("PGV_cms", "PGV", 0.01))
 _FACTS = {
     "file": ("file",), "event": ("event",), "station": ("station",),
     "magnitude": ("Mw", "magnitude"), "distance_km": ("distance_km", "epicentral_km"),
@@ -44,7 +39,7 @@ def period_column(period: float) -> str:
 
 
 def measure_records(
-    motions: Iterable[Motion], periods: Sequence[float] = PERIODS, workers: int = 1
+    motions: Iterable[Motion], periods: Sequence[float] = PERIODS
 ) -> "pd.DataFrame":
     """Measure records, one row each.
 
@@ -54,8 +49,6 @@ def measure_records(
         Taken one after the other, so that not all need to be in memory.
     periods : sequence of float [s]
         Of Sa, 5 % damping; each with no more than three decimals.
-    workers : int
-        Processes that measure; with more than one a script needs a ``__main__`` guard.
 
     Returns
     -------
@@ -89,9 +82,7 @@ def measure_records(
             f"periods {list(periods)} must differ in their first three decimals: a flatfile names "
             "its columns by them"
         )
-    row = partial(_row, periods=tuple(periods))
-    rows = map(row, motions) if workers == 1 else _by_processes(row, motions, workers)
-    return _typed(pd.DataFrame(list(rows)))
+    return _typed(pd.DataFrame([_row(motion, periods) for motion in motions]))
 
 
 def write_flatfile(path: str | Path, table: "pd.DataFrame") -> None:
@@ -131,26 +122,16 @@ def read_flatfile(path: str | Path) -> "pd.DataFrame":
         raise InputError(f"{path}: {error}") from None
 
 
-def _by_processes(
-    row: Callable[[Motion], dict[str, Any]], motions: Iterable[Motion], workers: int
-) -> Iterator[dict[str, Any]]:
-    """Rows in the order of the motions, made by processes, a batch of motions at a time."""
-    waiting = iter(motions)
-    with ProcessPoolExecutor(workers) as pool:
-        while batch := list(islice(waiting, _BATCH * workers)):
-            yield from pool.map(row, batch, chunksize=_BATCH // 4)
-
-
 def _row(motion: Motion, periods: Sequence[float]) -> dict[str, Any]:
     wanted = list(_MEASURES)
     spectrum = [(period_column(t), f"Sa({t!r})", STANDARD_GRAVITY) for t in map(float, periods)]
     wanted[3:3] = spectrum
     if motion.across is not None:
-        for kind in ("RotD50", "RotD100"):
-            wanted += [
-                (f"{kind}_{column}", f"{kind}({name})", unit)
-                for column, name, unit in (*_ROTATED, *spectrum)
-            ]
+        wanted += [
+            (f"{kind}_{column}", f"{kind}({name})", unit)
+            for kind in ("RotD50", "RotD100")
+            for column, name, unit in (*_MEASURES[:2], *spectrum)
+        ]
     values = measure_all(motion, [name for _, name, _ in wanted])
     row: dict[str, Any] = {"record": motion.id}
     for column, keys in _FACTS.items():
@@ -167,13 +148,11 @@ def _typed(table: "pd.DataFrame") -> "pd.DataFrame":
 
     from archfrag.motions.selection.candidates import TRUTH
 
-    for column in table.columns:
-        name = str(column)
-        if name == "pulse":
-            words = table[column].map(lambda word: TRUTH.get(str(word).lower()))
-            table[column] = words.astype("boolean")
-        elif name in _TEXTS:
-            table[column] = table[column].astype("string")
-        elif name in _NUMBERS:
-            table[column] = pd.to_numeric(table[column])
+    if "pulse" in table:
+        words = table["pulse"].map(lambda word: TRUTH.get(str(word).lower()))
+        table["pulse"] = words.astype("boolean")
+    texts = table.columns.intersection(list(_TEXTS))
+    table[texts] = table[texts].astype("string")
+    for column in table.columns.intersection(list(_NUMBERS)):
+        table[column] = pd.to_numeric(table[column])
     return table

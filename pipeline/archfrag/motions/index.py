@@ -25,8 +25,11 @@ COLUMNS = (
 )  # fmt: skip
 _NEEDED = ("id", "file", "unit")
 _FILLED = ("id", "file")
-_NUMBERS = ("Mw", "distance_km", "Vs30_mps", "dt_s")
-_SEEDS = ("seed", "event_seed", "site_seed")
+_NUMBERS = {
+    **dict.fromkeys(("Mw", "distance_km", "Vs30_mps", "dt_s"), float),
+    **dict.fromkeys(("seed", "event_seed", "site_seed"), int),
+}
+_APART = (*_NEEDED, "sha256", "accept", "accepted", "columns")
 
 
 @dataclass(frozen=True)
@@ -124,7 +127,10 @@ def find_entry(path: str | Path) -> IndexEntry | None:
 @lru_cache(maxsize=4)
 def _by_path(index: Path, changed: int, size: int) -> dict[Path, IndexEntry]:
     """Rows by their files: asked for each file of a folder, and thousands lie in one."""
-    if not _is_index(index):
+    try:
+        if not set(_NEEDED) <= set(_table(index)[0]):
+            return {}
+    except RecordError:
         return {}
     return {entry.path.resolve(): entry for entry in reversed(load_index(index))}
 
@@ -157,28 +163,25 @@ def write_index(folder: str | Path, rows: Iterable[Mapping[str, Any]]) -> Path:
     return path
 
 
+def sha256(content: bytes) -> str:
+    """SHA-256 of a content in hexadecimal."""
+    return hashlib.sha256(content).hexdigest()
+
+
 def check_sha256(entry: IndexEntry) -> None:
     """Raise RecordError unless the file of a row has the sha256 that the row lists (if any)."""
     if not entry.sha256:
         return
     try:
-        digest = hashlib.sha256(entry.path.read_bytes()).hexdigest()
+        digest = sha256(entry.path.read_bytes())
     except OSError as error:
-        raise RecordError(
-            f"{entry.path}: listed in the index but cannot be read ({error.strerror})"
-        ) from None
+        lost = f"listed in the index but cannot be read ({error.strerror})"
+        raise RecordError(f"{entry.path}: {lost}") from None
     if not digest.startswith(entry.sha256.lower()):
         raise RecordError(
             f"{entry.path}: sha256 is {digest[:16]}…, the index lists {entry.sha256[:16]}…; the "
             "file has changed since it was listed"
         )
-
-
-def _is_index(path: Path) -> bool:
-    try:
-        return set(_NEEDED) <= set(_table(path)[0])
-    except RecordError:
-        return False
 
 
 def _entry(row: dict[str, str], source: Path, line: int) -> IndexEntry:
@@ -189,35 +192,23 @@ def _entry(row: dict[str, str], source: Path, line: int) -> IndexEntry:
             raise RecordError(f"{place}: {column} is empty")
     if values["unit"]:
         unit_factor(values["unit"], place)
-    metadata: dict[str, Any] = {
-        key: value
-        for key, value in values.items()
-        if key not in (*_NEEDED, "sha256", *_NUMBERS, *_SEEDS, "accept", "accepted", "columns")
-    }
-    for column in (*_NUMBERS, *_SEEDS):
+    metadata: dict[str, Any] = {k: value for k, value in values.items() if k not in _APART}
+    for column, kind in _NUMBERS.items():
         if column in values:
-            metadata[column] = _number(values[column], int if column in _SEEDS else float,
-                                       f"{place}: {column}")  # fmt: skip
+            metadata[column] = _number(values[column], kind, f"{place}: {column}")
+    columns = None
+    if values.get("columns"):
+        from archfrag.motions.formats.columns import parse_columns
+
+        try:
+            columns = parse_columns(values["columns"])
+        except InputError as error:
+            raise RecordError(f"{place}: {error}") from None
     return IndexEntry(
-        id=values["id"],
-        path=source.parent / values["file"],
-        unit=values["unit"],
-        sha256=values.get("sha256", ""),
-        metadata=metadata,
+        id=values["id"], path=source.parent / values["file"], unit=values["unit"],
+        sha256=values.get("sha256", ""), metadata=metadata, columns=columns,
         accept=accepted_words(values.get("accept", "").split(), place),
-        columns=_columns(values.get("columns", ""), place),
-    )
-
-
-def _columns(text: str, place: str) -> "Columns | None":
-    if not text:
-        return None
-    from archfrag.motions.formats.columns import parse_columns
-
-    try:
-        return parse_columns(text)
-    except InputError as error:
-        raise RecordError(f"{place}: {error}") from None
+    )  # fmt: skip
 
 
 def _number(text: str, kind: type, place: str) -> float | int | None:

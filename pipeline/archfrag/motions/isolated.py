@@ -24,6 +24,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
+from archfrag.errors import WorkerError
 from archfrag.motions.formats.waveform import IN_C, Content, Unreadable, read_as, recognise
 
 if TYPE_CHECKING:
@@ -75,16 +76,14 @@ class Reader:
         return self._process.pid if self._process and self._process.poll() is None else None
 
     def _ask(self, path: str, formats: tuple[str, ...]) -> tuple[str | None, dict[str, Any]]:
-        process = self._started()
+        process, name = self._started(), None
         request = {"path": os.path.abspath(path), "name": path, "formats": formats}
-        name = None
         try:
-            _send(_pipe(process.stdin), request | {"seconds": self.computing_time})
-            answers = _pipe(process.stdout)
-            name = _receive(answers)["format"]
-            answer = {} if name is None else _receive(answers)
+            _send(process.stdin, request | {"seconds": self.computing_time})
+            name = _receive(process.stdout)["format"]
+            answer = {} if name is None else _receive(process.stdout)
             headers = answer.get("traces", [])
-            return name, answer | {"traces": [_take_trace(answers, entry) for entry in headers]}
+            return name, answer | {"traces": [_take_trace(process.stdout, h) for h in headers]}
         except (EOFError, BrokenPipeError, json.JSONDecodeError, UnicodeDecodeError):
             task = f"reading it as {name}" if name else "recognising its format"
             raise Unreadable(f"{path}: {task} {self._ending(process)}") from None
@@ -96,19 +95,16 @@ class Reader:
         command = [sys.executable, "-c", _START, *sys.path]
         # Threads of numerical libraries would reserve much of the address space allowed.
         environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+        pipe = subprocess.PIPE
         try:
-            self._process = process = subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment
-            )
-            _send(_pipe(process.stdin), {"memory": self.memory})
-            _receive(_pipe(process.stdout))
+            process = subprocess.Popen(command, env=environment, stdin=pipe, stdout=pipe)
+            self._process = process
+            _send(process.stdin, {"memory": self.memory})
+            _receive(process.stdout)
         except (OSError, EOFError) as error:
-            from archfrag.errors import WorkerError
-
             reason = getattr(error, "strerror", None) or "it ended at once"
-            raise WorkerError(
-                f"{sys.executable}: the process that reads record files does not start ({reason})"
-            ) from None
+            lost = "the process that reads record files does not start"
+            raise WorkerError(f"{sys.executable}: {lost} ({reason})") from None
         return process
 
     def _ending(self, process: "subprocess.Popen[bytes]") -> str:
@@ -123,20 +119,23 @@ class Reader:
 
     def stop(self) -> None:
         """End the process, if there is one."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+        self._leave()
+
+    def _leave(self) -> None:
+        """Close the pipes; in a fork of this process that is all: it is not its to wait for."""
         process, self._process = self._process, None
-        if process is None:
-            return
-        process.kill()
-        process.wait()
-        _close(process)
+        for pipe in filter(None, (process.stdin, process.stdout) if process else ()):
+            with contextlib.suppress(BrokenPipeError):
+                pipe.close()
 
     def _forget(self) -> None:
-        """In a fork of this process: leave the reading process to the one that started it."""
-        process, self._process = self._process, None
         self._lock = threading.Lock()
-        if process is not None:
-            process.returncode = 0  # not ours to wait for
-            _close(process)
+        if self._process is not None:
+            self._process.returncode = 0
+        self._leave()
 
 
 def serve() -> None:
@@ -173,8 +172,7 @@ def _listen(requests: IO[bytes], queue: "SimpleQueue[bytes]") -> None:
 
 
 def _answer(answers: IO[bytes], request: dict[str, Any]) -> None:
-    path, shown = request["path"], request["name"]
-    formats = request["formats"]
+    path, shown, formats = (request[key] for key in ("path", "name", "formats"))
     name = formats[0] if len(formats) == 1 else recognise(path, formats)
     _send(answers, {"format": name})
     if name is None:
@@ -203,7 +201,7 @@ def _header(trace: "Trace") -> dict[str, Any]:
     return header | ({"record": dict(stats.record)} if "record" in stats else {})
 
 
-def _take_trace(answers: IO[bytes], header: dict[str, Any]) -> "Trace":
+def _take_trace(answers: Any, header: dict[str, Any]) -> "Trace":
     from obspy import Trace, UTCDateTime
     from obspy.core import AttribDict
 
@@ -217,24 +215,13 @@ def _take_trace(answers: IO[bytes], header: dict[str, Any]) -> "Trace":
     return Trace(np.frombuffer(data, dtype=np.float64), header=stats)
 
 
-def _close(process: "subprocess.Popen[bytes]") -> None:
-    for pipe in (process.stdin, process.stdout):
-        with contextlib.suppress(BrokenPipeError):
-            _pipe(pipe).close()
-
-
-def _send(pipe: IO[bytes], message: dict[str, Any]) -> None:
+def _send(pipe: Any, message: dict[str, Any]) -> None:
     pipe.write(json.dumps(message).encode() + b"\n")
     pipe.flush()
 
 
-def _receive(pipe: IO[bytes]) -> dict[str, Any]:
+def _receive(pipe: Any) -> dict[str, Any]:
     line = pipe.readline()
     if not line.endswith(b"\n"):
         raise EOFError
     return json.loads(line)
-
-
-def _pipe(stream: IO[bytes] | None) -> IO[bytes]:
-    assert stream is not None
-    return stream

@@ -11,15 +11,15 @@ Thun et al. 1988). Damping 5 %; trapezoid rule, steps of 0.02 and 0.01 s. RotD50
 percentiles over 180 directions of the horizontal plane, Boore (2010), BSSA 100(4).
 """
 
-import difflib
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from archfrag.errors import InputError
+from archfrag.errors import InputError, RecordError
 from archfrag.motions.integrals import (
     arias,
     cav,
@@ -34,8 +34,8 @@ from archfrag.motions.process import velocity
 from archfrag.motions.spectra import peaks_by_angle, response_spectrum, rotated_spectrum
 
 __all__ = [
-    "Measure", "arias", "cav", "cav_standardised", "fiv3", "measure", "measure_all",
-    "measure_unit", "parse_measure", "pga", "pgd", "pgv", "scaling_exponent",
+    "Measure", "arias", "cav", "cav_standardised", "factor_of", "fiv3", "measure", "measure_all",
+    "measure_unit", "parse_measure", "pga", "pgd", "pgv", "scale_factor", "scaling_exponent",
     "significant_duration", "spectral_acceleration",
 ]  # fmt: skip
 
@@ -54,10 +54,6 @@ _ALLOWED = (
 )
 # Integrals of a spectrum over these periods [s].
 _INTEGRALS = {"HI": np.linspace(0.1, 2.5, 121), "ASI": np.linspace(0.1, 0.5, 41)}
-_SIMPLE = {
-    "PGV": pgv, "PGD": pgd, "Arias": arias, "CAV": cav, "CAVstd": cav_standardised,
-    "D5_95": significant_duration,
-}  # fmt: skip
 
 
 class Measure(NamedTuple):
@@ -104,9 +100,7 @@ def parse_measure(name: str) -> Measure:
         return Measure(text, (), _PLAIN[text])
     found = _WITH_PERIODS.fullmatch(text)
     if not found:
-        raise InputError(
-            f"unknown intensity measure {name!r}{_hint(text)}; allowed are {_ALLOWED}"
-        )
+        raise InputError(f"unknown intensity measure {name!r}; allowed are {_ALLOWED}")
     kind = _SPELLINGS.get(found.group(1), found.group(1))
     try:
         periods = tuple(float(part) for part in found.group(2).split(","))
@@ -114,9 +108,8 @@ def parse_measure(name: str) -> Measure:
         periods = ()
     count, unit = _OF_PERIODS[kind]
     if len(periods) != count or not all(np.isfinite(p) and p > 0.0 for p in periods):
-        raise InputError(
-            f"intensity measure {name!r} needs {count} period(s) in seconds, each above 0"
-        )
+        needed = f"{count} period(s) in seconds, each above 0"
+        raise InputError(f"intensity measure {name!r} needs {needed}")
     if kind == "AvgSA" and periods[0] >= periods[1]:
         raise InputError(f"intensity measure {name!r} needs its shorter period first")
     return Measure(kind, periods, unit)
@@ -198,13 +191,65 @@ def spectral_acceleration(
     return response_spectrum(motion.acceleration, motion.dt, periods, damping)
 
 
+def scale_factor(motion: Motion, measure_name: str, level: float) -> float:
+    """Factor by which the acceleration must be multiplied to reach a level.
+
+    Parameters
+    ----------
+    motion : Motion
+    measure_name : str
+        See `parse_measure`. Arias intensity grows with the square of
+        the factor; a duration does not change with it and is refused.
+    level : float
+        Wanted value in the SI unit of the measure, above 0.
+
+    Raises
+    ------
+    InputError
+        If the level is not a positive number or the measure does not change with scaling.
+    RecordError
+        If the record has no motion to scale.
+    """
+    exponent = scaling_exponent(measure_name)
+    if not exponent:
+        raise InputError(
+            f"intensity measure {measure_name!r} does not change when a record is scaled, or "
+            "by no power of the factor; use PGA, PGV, PGD, Arias, CAV, HI, ASI, Sa(T), "
+            "AvgSA(T1,T2) or FIV3(T)"
+        )
+    if not (np.isfinite(level) and level > 0.0):
+        unit = parse_measure(measure_name).unit
+        raise InputError(f"level {level} {unit} of {measure_name} must be a number above 0")
+    return factor_of(motion, measure_name, measure(motion, measure_name), level)
+
+
+def factor_of(motion: Motion, measure_name: str, value: float, level: float) -> float:
+    """As `scale_factor` of a motion whose value in the measure is known.
+
+    Raises
+    ------
+    RecordError
+        If the value is 0.
+    """
+    if value == 0.0:
+        raise RecordError(
+            f"{motion.id or 'motion'}: {measure_name} of the record is 0, so no factor can bring "
+            f"it to {level:g}"
+        )
+    return float((level / value) ** (1.0 / scaling_exponent(measure_name)))
+
+
+_SIMPLE: dict[str, Callable[..., float]] = {
+    "PGA": pga, "PGV": pgv, "PGD": pgd, "Arias": arias, "CAV": cav, "CAVstd": cav_standardised,
+    "D5_75": partial(significant_duration, end=0.75), "D5_95": significant_duration, "FIV3": fiv3,
+}  # fmt: skip
+
+
 def _rotated(motion: Motion, found: Measure) -> float:
     """RotD50 or RotD100 of PGA, PGV or Sa as `found` states."""
     if motion.across is None:
-        raise InputError(
-            f"{motion.id or 'motion'}: {found.rotated} needs two horizontal components, and there "
-            "is one"
-        )
+        needed = f"{found.rotated} needs two horizontal components, and there is one"
+        raise InputError(f"{motion.id or 'motion'}: {needed}")
     pair = (motion.acceleration, motion.across)
     if found.kind == "Sa":
         peaks = rotated_spectrum(pair, motion.dt, found.periods)[0]
@@ -227,26 +272,10 @@ def _spectral_periods(found: Measure) -> tuple[float, ...]:
 
 def _value(motion: Motion, found: Measure, spectrum: dict[float, float]) -> float:
     at = np.array([spectrum[period] for period in _spectral_periods(found)])
-    if found.kind == "Sa":
-        return float(at[0])
-    if found.kind == "AvgSA":
-        return _geometric_mean(at)
+    if found.kind in ("Sa", "AvgSA"):
+        return float(at[0] if at.size == 1 else np.exp(np.log(at).mean())) if at.all() else 0.0
     if found.kind in _INTEGRALS:
         periods = _INTEGRALS[found.kind]
         velocities = at * periods / (2.0 * np.pi) if found.kind == "HI" else at
         return float(np.trapezoid(velocities, periods))
-    if found.kind == "FIV3":
-        return fiv3(motion, found.periods[0])
-    if found.kind == "D5_75":
-        return significant_duration(motion, 0.05, 0.75)
-    return pga(motion) if found.kind == "PGA" else _SIMPLE[found.kind](motion)
-
-
-def _geometric_mean(values: NDArray[np.float64]) -> float:
-    return float(np.exp(np.log(values).mean())) if values.all() else 0.0
-
-
-def _hint(text: str) -> str:
-    close = difflib.get_close_matches(text.upper(), [key.upper() for key in _PLAIN], 1)
-    meant = [key for key in _PLAIN if key.upper() in close]
-    return f" (did you mean {meant[0]}?)" if meant else ""
+    return _SIMPLE[found.kind](motion, *found.periods)

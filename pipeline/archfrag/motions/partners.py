@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from functools import lru_cache
 from pathlib import Path
@@ -59,8 +59,8 @@ def sibling(path: Path, names: Sequence[str], vertical: bool) -> Path | None:
     >>> str(sibling(Path("ELC180.AT2"), ["ELC180.AT2", "ELC-UP.AT2", "TAF-UP.AT2"], True))
     'ELC-UP.AT2'
     """
-    table = _by_frame(tuple(names))[0 if vertical else 1]
-    for frame in _frames(path.name)[1]:
+    table = _by_frame(tuple(names), VERTICAL if vertical else HORIZONTAL)
+    for frame in _frames(path.name, HORIZONTAL):
         found = [name for name in table.get(frame, ()) if name != path.name]
         if found:
             return path.with_name(found[0])
@@ -74,7 +74,7 @@ def vertical_files(paths: Sequence[Path]) -> set[Path]:
         folders.setdefault(path.parent, []).append(path.name)
     found: set[Path] = set()
     for folder, names in folders.items():
-        verticals, horizontals = _by_frame(tuple(names))
+        verticals, horizontals = (_by_frame(tuple(names), c) for c in (VERTICAL, HORIZONTAL))
         for frame in verticals.keys() & horizontals.keys():
             found.update(folder / name for name in verticals[frame])
     return found
@@ -123,29 +123,23 @@ def _family(motion: Motion) -> str:
 
 
 @lru_cache(maxsize=8192)
-def _frames(name: str) -> tuple[tuple[_Frame, ...], tuple[_Frame, ...]]:
-    """What stands before and after a code of a vertical and of a horizontal component.
-
-    The shortest codes come first, so that what surrounds them is the longest.
-    """
-    return tuple(_matching(name, VERTICAL)), tuple(_matching(name, HORIZONTAL))
-
-
-def _matching(name: str, code: re.Pattern[str]) -> Iterator[_Frame]:
-    for length in range(1, min(_LONGEST_CODE, len(name)) + 1):
-        for start in range(len(name) - length, -1, -1):
-            if code.fullmatch(name, start, start + length):
-                yield name[:start].lower(), name[start + length :].lower()
+def _frames(name: str, code: re.Pattern[str]) -> list[_Frame]:
+    """What stands before and after a code of a component, the shortest codes first."""
+    return [
+        (name[:start].lower(), name[start + length :].lower())
+        for length in range(1, min(_LONGEST_CODE, len(name)) + 1)
+        for start in range(len(name) - length, -1, -1)
+        if code.fullmatch(name, start, start + length)
+    ]
 
 
-@lru_cache(maxsize=16)
-def _by_frame(names: tuple[str, ...]) -> tuple[dict[_Frame, list[str]], dict[_Frame, list[str]]]:
-    tables: tuple[dict[_Frame, list[str]], dict[_Frame, list[str]]] = ({}, {})
+@lru_cache(maxsize=32)
+def _by_frame(names: tuple[str, ...], code: re.Pattern[str]) -> dict[_Frame, list[str]]:
+    table: dict[_Frame, list[str]] = {}
     for name in sorted(names):
-        for table, frames in zip(tables, _frames(name)):
-            for frame in frames:
-                table.setdefault(frame, []).append(name)
-    return tables
+        for frame in _frames(name, code):
+            table.setdefault(frame, []).append(name)
+    return table
 
 
 def folder_names(folder: Path) -> list[str]:

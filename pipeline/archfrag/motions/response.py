@@ -38,22 +38,31 @@ def remove_response(
     RecordError
         If there is no StationXML, or it does not describe a channel of the record.
     """
-    metadata = motion.metadata
     found: Inventory | None = None
     changed: dict[str, NDArray[np.float64]] = {}
-    for key, name in (
-        ("acceleration", "trace"), ("vertical", "vertical_trace"), ("across", "trace_across")
-    ):  # fmt: skip
-        samples = getattr(motion, key)
+    names = ("trace", "vertical_trace", "trace_across")
+    for (key, samples), name in zip(motion.components.items(), names):
         if samples is None:
             continue
-        trace = _trace(motion, samples, str(metadata.get(name, "")))
+        trace = _trace(motion, samples, str(motion.metadata.get(name, "")))
         found = found or find_inventory(Path(record), trace, inventory)
         if found is None:
             raise RecordError(
                 f"{record}: has no StationXML by which to remove its response; give `inventory`"
             )
-        changed[key] = _removed(trace, found, Path(record), water_level, band)
+        try:
+            trace.data *= found.get_response(
+                trace.id, trace.stats.starttime
+            ).instrument_sensitivity.value
+            trace.remove_response(
+                found, output="ACC", water_level=water_level, pre_filt=band, zero_mean=False,
+                taper=False,
+            )  # fmt: skip
+        except Exception as error:
+            reason = [*str(error).splitlines(), type(error).__name__][0]
+            failed = f"the response of channel {trace.id} cannot be removed"
+            raise RecordError(f"{record}: {failed} ({reason})") from None
+        changed[key] = np.asarray(trace.data, dtype=np.float64)
     kept = "" if band is None else f", {', '.join(f'{corner:g}' for corner in band)} Hz"
     done = f"Response removed by StationXML (obspy, water level {water_level:g} dB{kept})."
     return motion._replaced(**changed, log=(*motion.log, done))
@@ -64,22 +73,3 @@ def _trace(motion: Motion, samples: NDArray[np.float64], name: str) -> Trace:
     header = dict(zip(("network", "station", "location", "channel"), parts))
     start = UTCDateTime(str(motion.metadata.get("start_time", 0)))
     return Trace(samples.copy(), header={**header, "delta": motion.dt, "starttime": start})
-
-
-def _removed(
-    trace: Trace, inventory: Inventory, record: Path, water_level: float,
-    band: tuple[float, float, float, float] | None,
-) -> NDArray[np.float64]:  # fmt: skip
-    try:
-        response = inventory.get_response(trace.id, trace.stats.starttime)
-        trace.data *= response.instrument_sensitivity.value
-        trace.remove_response(
-            inventory, output="ACC", water_level=water_level, pre_filt=band, zero_mean=False,
-            taper=False,
-        )  # fmt: skip
-    except Exception as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise RecordError(
-            f"{record}: the response of channel {trace.id} cannot be removed ({reason})"
-        ) from None
-    return np.asarray(trace.data, dtype=np.float64)

@@ -75,19 +75,15 @@ def rotate(motion: Motion, azimuth: float | None = None, angle: float | None = N
         for direction in (along, along + 0.5 * np.pi)
     )
     labels: dict[str, str | float] = {
-        "component": f"{wanted:g}",
-        "component_across": f"{wanted + 90.0:g}",
-    }
+        "component": f"{wanted:g}", "component_across": f"{wanted + 90.0:g}",
+    }  # fmt: skip
     words = f"by {wanted:g} degrees from {codes[0]} towards {codes[1]}"
     if azimuth is not None:
         labels |= {"azimuth": wanted % 360.0, "azimuth_across": (wanted + 90.0) % 360.0}
         words = f"to azimuth {azimuth:g} degrees (from {own[0]:g} and {own[1]:g})"
-    return motion._replaced(
-        acceleration=first,
-        across=second,
-        metadata={**motion.metadata, **labels},
-        log=(*motion.log, f"Horizontal components {' and '.join(codes)} rotated {words}."),
-    )
+    log = (*motion.log, f"Horizontal components {' and '.join(codes)} rotated {words}.")
+    about = {**motion.metadata, **labels}
+    return motion._replaced(acceleration=first, across=second, metadata=about, log=log)
 
 
 def _azimuths(motion: Motion, codes: list[str]) -> tuple[float, float]:

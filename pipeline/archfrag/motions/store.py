@@ -37,9 +37,8 @@ def save_motions(path: str | Path, motions: Sequence[Motion]) -> None:
         try:
             table.append(json.dumps(entry, allow_nan=True, sort_keys=True))
         except (TypeError, ValueError) as error:
-            raise InputError(
-                f"{motion.id or f'motion {number}'}: metadata cannot be stored as JSON ({error})"
-            ) from None
+            name = motion.id or f"motion {number}"
+            raise InputError(f"{name}: metadata cannot be stored as JSON ({error})") from None
     text = json.dumps({"format": FORMAT, "motions": table})
     arrays["table"] = np.frombuffer(text.encode(), dtype=np.uint8)
     with replacing(Path(path), lasting=False) as part, open(part, "wb") as file:
@@ -59,25 +58,17 @@ def load_motions(path: str | Path) -> list[Motion]:
             header = json.loads(archive["table"].tobytes().decode())
             if header["format"] != FORMAT:
                 raise ValueError(f"format {header['format']!r}")
-            return [
-                _motion(archive, number, json.loads(text))
-                for number, text in enumerate(header["motions"])
-            ]
+            motions = []
+            for number, entry in enumerate(map(json.loads, header["motions"])):
+                name = f"vertical_{number}"
+                vertical = archive[name] if name in archive.files else None
+                motion = Motion._owning(archive[f"horizontal_{number}"], entry["dt"], vertical)
+                about = {key: entry[key] for key in ("id", "metadata", "log")}
+                motions.append(motion._replaced(**about))
+            return motions
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file of motions") from None
     except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
         raise InputError(
             f"{path}: not a file of motions written by archfrag, or damaged ({error})"
         ) from None
-
-
-def _motion(archive: np.lib.npyio.NpzFile, number: int, entry: dict) -> Motion:
-    vertical = f"vertical_{number}"
-    return Motion._owning(
-        archive[f"horizontal_{number}"],
-        entry["dt"],
-        archive[vertical] if vertical in archive.files else None,
-        entry["id"],
-        entry["metadata"],
-        tuple(entry["log"]),
-    )

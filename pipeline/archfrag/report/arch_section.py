@@ -36,7 +36,7 @@ def arch_section(
     answer = inputs.answers[name]
     counts = {kind: int(number.sum()) for kind, number in asdict(results.counts).items()}
     wall = None if inputs.timings is None else inputs.timings.get(name)
-    groups = mechanism_figures.groupings(results, arch.n_joint, inputs.confidence)
+    groups = mechanism_figures.groupings(results, inputs.confidence)
     return {
         "id": f"arch{place}",
         "name": name,
@@ -54,7 +54,6 @@ def arch_section(
         "onset": [arch_figure.onset_text(limit) for limit in (onset.plus, onset.minus)],
         "stands": onset.stands,
         "geometry": tables.geometry(arch.parameters),
-        "collapses": figures.collapses(results, arch.n_joint),
         "fractions": mechanism_figures.fractions(groups, results),
         "fractions_table": mechanism_figures.fractions_table(groups, results),
         "n_effective": f"{groups[0].n_effective:.1f}",
@@ -62,9 +61,7 @@ def arch_section(
         "cloud": _cloud(answer, results.scale),
         "limit_states": _limit_states(answer, results),
         "measures": _measures(answer, name),
-        "ran": mechanism_figures.what_ran(results),
         "ran_table": mechanism_figures.ran_table(results),
-        "numerics": figures.numerics(results),
         "quality": tables.quality(results, wall),
     }
 

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.fragility.curve import Fragility
-from archfrag.fragility.dispersion import sensitivities
 from archfrag.report import curve_figures as curves
 from archfrag.report import picture as look
 from archfrag.report import tables
@@ -49,7 +48,6 @@ def class_section(inputs: ReportInputs, name: str, number: int, scale: Scale) ->
         "dispersion": split.get("message") or split.get("none", ""),
         "dispersion_table": _dispersion(split),
         "panels": theta_panels(members, differences, name, scale),
-        "ranks": _ranks(members, differences),
     }
 
 
@@ -99,21 +97,6 @@ def _differences(cube: "xr.Dataset", own: NDArray[np.bool_]) -> dict[str, NDArra
 
 def _thetas(members: Sequence[Answer]) -> FloatArray:
     return np.array([np.nan if isinstance(a.curve, str) else a.curve.theta for a in members])
-
-
-def _ranks(members: Sequence[Answer], differences: Mapping[str, NDArray]) -> Table | None:
-    """Rank correlation of theta with each number that the arches differ by."""
-    numbers = {name: values for name, values in differences.items() if values.dtype.kind == "f"}
-    confidence = members[0].confidence
-    rows = []
-    for each in sensitivities(_thetas(members), numbers, confidence):
-        middle, low, high = (
-            tables.signed(f"{value:+.2f}") if np.isfinite(value) else "–"
-            for value in (each.correlation, each.lower, each.upper)
-        )
-        rows.append([each.parameter, middle, f"{low} to {high}", str(each.n_arch)])
-    heads = ["parameter", "rank correlation with θ", tables.percent_of(confidence), "arches"]
-    return Table(heads, rows) if rows else None
 
 
 def theta_panels(

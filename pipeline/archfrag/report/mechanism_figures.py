@@ -5,11 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from archfrag.fragility.contributions import Deaggregation, deaggregate
+from archfrag.fragility.counts import Verdict
 from archfrag.mechanics.status import CollapseMode, Model
 from archfrag.report import picture as look
 from archfrag.report.figures import MODE_LOOK
 from archfrag.report.picture import LINE, FloatArray, Picture
-from archfrag.report.plot import Box, Entry, Panel, Sheet, picture
+from archfrag.report.plot import Entry, Panel, Sheet, picture
 from archfrag.report.summary import ArchResults
 from archfrag.report.tables import Table
 from archfrag.simulation.mechanism import MODEL_WORDS
@@ -29,21 +30,14 @@ MODEL_LOOK = {
     Model.MEGA_VOUSSOIRS: Entry(MODEL_WORDS[Model.MEGA_VOUSSOIRS], look.GREEN, "dots"),
     Model.ALL_VOUSSOIRS: Entry(MODEL_WORDS[Model.ALL_VOUSSOIRS], look.PURPLE, "slash"),
 }
-# What is counted in a second of motion: its name, and how it is shown.
-_RATES = {
-    "impacts": Entry("impacts", look.VERMILION, "dot"),
-    "events": Entry("events", look.BLUE, "square"),
-    "switches": Entry("switches", look.ORANGE, "ring"),
-    "general": Entry("general", look.GREEN, "square"),
-}
 
 
-def groupings(results: ArchResults, n_joint: int, confidence: float) -> list[Deaggregation]:
+def groupings(results: ArchResults, confidence: float) -> list[Deaggregation]:
     """Collapses by mode, by the joint that was lost, and by the joints that had closed by then."""
-    fell = results.collapses_by_joint(n_joint).sum(axis=(1, 2))
+    lost = results["collapse_joint"]
+    fell = np.bincount(np.maximum(lost[results.verdict == Verdict.COLLAPSED], 0), minlength=1)
     order = np.argsort(-fell, kind="stable")
     own = np.sort(order[: np.count_nonzero(fell)][:_MOST_JOINTS])
-    lost = results["collapse_joint"]
     joint = np.full(lost.shape, own.size)
     for place, number in enumerate(own):
         joint[lost == number] = place
@@ -89,7 +83,7 @@ def fractions(groups: Sequence[Deaggregation], results: ArchResults) -> Picture 
         caption="Each column is the observed fraction of collapses at a level, among the runs "
         "that collapsed or stood, split by how the joint that lost all contact had been moving, "
         "by which joint that was, and by how many joints had closed with an impact since the "
-        "start of the run.",
+        "start of the run. Joint 0 is the left springing, or the base of a free-standing chain.",
     )
 
 
@@ -118,30 +112,10 @@ def _parts(group: Deaggregation) -> list[tuple[Entry, FloatArray]]:
     return found
 
 
-def what_ran(results: ArchResults) -> Picture:
-    """Fraction of simulated time of each model, and events in a second of motion, by level."""
-
-    def draw(width: float) -> Sheet:
-        sheet = Sheet(width)
-        boxes, sheet.height = sheet.panes(2, 20.0, 150.0, gap=26.0)
-        _model_fractions(sheet, boxes[0], results)
-        _rates(sheet, boxes[1], results)
-        return sheet
-
-    return picture(
-        draw,
-        alternative=f"Fractions of simulated time of {results.arch} by model of the ladder, and "
-        "numbers of events in a second of motion, by level",
-        caption="Simulated time that each model of the ladder had; and means over the time in "
-        "motion, where what did not occur is not drawn. Impacts are joints that closed; an event "
-        "is an instant that was located; a hand-over is where events came too thick to be located "
-        "one by one; general are contact problems that the two levels left to the general solver.",
-    )
-
-
 def ran_table(results: ArchResults) -> Table:
     """Simulated time of each model, and totals of events and contact problems."""
-    time, moving = results["model_time"], _moving(results).sum()
+    time = results["model_time"]
+    moving = time.sum() - time[..., results.models.index("rest")].sum()
     total = max(float(time.sum()), np.finfo(float).tiny)
     rows = {}
     for i, model in enumerate(results.models):
@@ -164,54 +138,3 @@ def ran_table(results: ArchResults) -> Table:
     rows["of these, with more than one round"] = f"{again:,}{part}"
     rows["contact problems left to the general solver"] = f"{results['general'].sum():,}"
     return Table(["figure", "value"], list(rows.items()))
-
-
-def _model_fractions(sheet: Sheet, box: Box, results: ArchResults) -> None:
-    time = results["model_time"].sum(axis=0)
-    total = np.maximum(time.sum(axis=1), np.finfo(float).tiny)
-    panel = Panel(sheet, box, (-0.5, results.levels.size - 0.5), (0.0, 100.0))
-    panel.axis_y([0.0, 25.0, 50.0, 75.0, 100.0], "simulated time [%]")
-    parts = [
-        (MODEL_LOOK[Model[model.upper()]], 100.0 * time[:, i] / total)
-        for i, model in enumerate(results.models)
-        if time[:, i].any()
-    ]
-    panel.stack(parts)
-    _key(panel, [entry for entry, _ in parts])
-    panel.level_axis(results.levels, results.scale.label)
-
-
-def _rates(sheet: Sheet, box: Box, results: ArchResults) -> None:
-    moving = _moving(results).sum(axis=0)
-    shown = []
-    for name, entry in _RATES.items():
-        rate = results[name].sum(axis=0) / np.where(moving > 0.0, moving, np.nan)
-        rate[~(rate > 0.0)] = np.nan
-        if np.isfinite(rate).any():
-            shown.append((entry, rate))
-    panel = Panel(sheet, box, (-0.5, results.levels.size - 0.5), (0.1, 1.0), log_y=True)
-    if shown:
-        logs = np.log10([rate for _, rate in shown])
-        low, high = np.floor(np.nanmin(logs)), np.ceil(np.nanmax(logs) + 1e-9)
-        panel.y = float(10.0**low), float(10.0**high)
-        panel.axis_y(look.log_ticks(*panel.y, (1.0,)), "in a second of motion")
-        for (_, colour, mark), rate in shown:
-            panel.line(np.arange(rate.size), rate, colour, 1.0)
-            panel.dots(np.arange(rate.size), rate, colour, mark, 2.6)
-        _key(panel, [entry for entry, _ in shown])
-    else:
-        panel.centred("no events")
-    panel.level_axis(results.levels, results.scale.label)
-
-
-def _key(panel: Panel, entries: list[Entry]) -> None:
-    """Legend over a panel."""
-    left, top, right, _ = panel.box
-    rows = panel.sheet.legend_rows(entries, right - left)
-    panel.sheet.legend(left, top - rows * LINE - 6.0, entries, right - left)
-
-
-def _moving(results: ArchResults) -> FloatArray:
-    """Simulated time in motion of each run [s]."""
-    time = results["model_time"]
-    return time.sum(axis=2) - time[..., results.models.index("rest")]

@@ -117,11 +117,6 @@ def even_ticks(low: float, high: float, most: int = 6) -> FloatArray:
     return np.asarray(ticks + 0.0, dtype=float)  # no -0
 
 
-def integer_ticks(high: float) -> FloatArray:
-    """Integers from 0 to high, about five."""
-    return np.unique(np.round(even_ticks(0.0, max(high, 1.0), 5)))
-
-
 def log_ticks(low: float, high: float, subs: Sequence[float] = (1.0, 2.0, 5.0)) -> FloatArray:
     """1, 2, 5 in each decade from low to high."""
     decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)

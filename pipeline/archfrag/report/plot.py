@@ -252,19 +252,13 @@ class Panel:
         )
         self.sheet.fill(d, colour, mark)
 
-    def stack(
-        self, parts: Sequence[tuple[Entry, FloatArray]], half: float = 0.42, across: bool = False
-    ) -> None:
-        """Columns at 0, 1, 2, ... of parts (n_column,) over each other; or rows, `across`."""
+    def stack(self, parts: Sequence[tuple[Entry, FloatArray]]) -> None:
+        """Columns at 0, 1, 2, ... of parts (n_column,) over each other."""
         base = np.zeros(len(parts[0][1]) if parts else 0)
         for (_, colour, mark), part in parts:
             here = np.flatnonzero(part)
-            if here.size:
-                low, high = base[here], base[here] + part[here]
-                first, last = here - half, here + half
-                if across:
-                    first, last, low, high = low, high, first, last
-                self.boxes(first, last, low, high, colour, mark)
+            low, high = base[here], base[here] + part[here]
+            self.boxes(here - 0.42, here + 0.42, low, high, colour, mark)
             base = base + part
 
     def axis_x(
@@ -316,11 +310,6 @@ class Panel:
     def heading(self, words: str) -> None:
         """A title over the left end."""
         self.sheet.text(self.box[0], self.box[1] - 6.0, words, "b")
-
-    def centred(self, words: str) -> None:
-        """Words in place of data."""
-        left, top, right, bottom = self.box
-        self.sheet.text(0.5 * (left + right), 0.5 * (top + bottom), words, "m q")
 
 
 def _labels(ticks: ArrayLike, labels: Sequence[str] | None) -> Sequence[str]:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from archfrag.errors import InputError
 from archfrag.fragility.brackets import Brackets, fill_verdicts, find_brackets
 from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
-from archfrag.mechanics.status import CollapseMode
 from archfrag.report.picture import FloatArray, digits
 from archfrag.study.config import LEVEL_UNITS
 
@@ -125,16 +124,6 @@ class ArchResults:
     def level_text(self, level: int) -> str:
         """A level with its unit."""
         return f"{digits(self.levels[level])} {self.scale.unit}"
-
-    def collapses_by_joint(self, n_joint: int) -> IntArray:
-        """Collapses by joint, mode and level, (n_joint, n_mode, n_level)."""
-        table = np.zeros((n_joint, len(CollapseMode), self.levels.size), dtype=np.int64)
-        record, level = np.nonzero(self.verdict == Verdict.COLLAPSED)
-        joint = self["collapse_joint"][record, level]
-        mode = self["collapse_mode"][record, level]
-        known = (joint >= 0) & (joint < n_joint)
-        np.add.at(table, (joint[known], mode[known], level[known]), 1)
-        return table
 
 
 def reading_scale(cube: "xr.Dataset", measure: str) -> Scale:

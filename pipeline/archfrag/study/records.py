@@ -225,8 +225,7 @@ def _all_motions(study: Study) -> Iterator[tuple[Path | str, "Motion"]]:
 
 def measured(motion: "Motion", study: Study) -> tuple[float, dict[str, float]]:
     """Factor that brings a motion to 1 in the study's measure, and its value in all measures."""
-    from archfrag.motions.measures import measure_all
-    from archfrag.motions.scale import factor_of
+    from archfrag.motions.measures import factor_of, measure_all
 
     own = study.intensity.measure
     values = measure_all(motion, dict.fromkeys((own, *COMPARED)))

@@ -117,7 +117,7 @@ def pose_corners(case, corners):
     model, state, work = case.model, case.state, case.work
     if state.clock[Clock.PREVIOUS] == 0.0:
         _go_to_middle(model, state, work)
-    kick = due_kick(case.grounds, state.clock)
+    kick = due_kick(case.grounds, state.clock, 0.0)
     free_fall(model, state, work, kick)
     place_contacts(model, state.slip, work.face, work.tangent, work)
     for j in range(state.slip.size):

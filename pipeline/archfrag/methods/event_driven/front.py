@@ -33,6 +33,8 @@ from archfrag.methods.time_stepping.service import Results, new_results
 
 # Tolerances above this are met by the method of order 3: what only grazes a joint needs order 5.
 COARSE = 1e-3
+# Steps that end with a sample of the ground motion, and what events and errors add to them.
+STEPS_PER_SAMPLE = 4
 # Less energy than this, over weight times length, is rounding.
 ROUNDING = 1e-12
 
@@ -48,6 +50,7 @@ def new_run(chain: Chain, ground: GroundMotion, options: Options, rest: tuple) -
     scales = Scales(length, speed, resolved, per_weight, float(options.tolerance))
     scheme = THIRD_ORDER if options.tolerance > COARSE else FIFTH_ORDER
     laws, step = new_laws(n_joint), float(options.time_step)
+    most_steps = int(options.max_steps) + STEPS_PER_SAMPLE * ground.horizontal.size
     return Run(
         model=model,
         state=new_state(model),
@@ -62,8 +65,8 @@ def new_run(chain: Chain, ground: GroundMotion, options: Options, rest: tuple) -
         grounds=joined_grounds([ground]),
         steps=Steps(step, step, 1.0),
         path=new_path(model),
-        limits=limits_of(model, options, rest),
-        most_steps=int(options.max_steps),
+        limits=limits_of(model, options, rest)._replace(first_steps=float(most_steps)),
+        most_steps=most_steps,
         crowding=float(options.crowding),
     )
 

@@ -102,7 +102,7 @@ def pose_springs(case, springs):
     archfrag.methods.time_stepping.motion.Kick
     """
     model, state, work = case.model, case.state, case.work
-    kick = due_kick(case.grounds, state.clock)
+    kick = due_kick(case.grounds, state.clock, 0.0)
     press_joints(model, state, work, springs, state.clock[Clock.PREVIOUS])
     half = 0.5 * kick.span * springs.mass_rate
     lost = 0.0

@@ -5,7 +5,12 @@ at which it closes and the acceleration that the problem gives determine when it
 step is made again so that it ends one and a half of the shortest steps before. These follow
 until the impact is over: velocities lie half a step from the positions, an impact extends over
 two steps, and between unequal ones it would change the velocities of another instant and so make
-or lose energy. Then steps grow again. Where shortest and largest steps are equal none is refused.
+or lose energy. Then steps grow again.
+
+What acts until the impact acts on the mechanism before it (`due_kick`): divided at the middle of
+a step it would act on the one after it, which takes the acceleration times a step or two too much
+speed. Impacts that follow each other closely are taken as they come. Where shortest and largest
+steps are equal none is refused.
 """
 
 import math
@@ -17,6 +22,7 @@ from archfrag.mechanics.contact.placing import MINUS, PLUS, corner_offset
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.numbers import larger, select, smaller, some
 from archfrag.mechanics.status import Count
+from archfrag.methods.time_stepping.step import QUIET
 
 # A step this much longer than the shortest is not worth refusing.
 NEARLY = 1.05
@@ -76,7 +82,7 @@ def time_to_impact(state, work, ahead):
                 coasting = _gap(j, k, work.next_face, work.next_tangent, state, work)
                 rate = (coasting - now) * per_step
                 end = opening_rate(j, k, work) * step
-                bend = 2.0 * (end - coasting) * per_step / (step + previous)
+                bend = 2.0 * (end - coasting) * per_step / (step + larger(previous, 0.0))
                 slope = rate + 0.5 * bend * previous
                 root = larger(slope * slope - 2.0 * bend * now, 0.0)
                 below = math.sqrt(root) - slope
@@ -110,14 +116,23 @@ def next_step(state, steps, where, until):
     hits = False
     for j in range(state.impact.shape[0]):
         hits = hits | (state.impact[j] > 0.0)
-    grown = smaller(steps.growth * clock[Clock.PREVIOUS], steps.largest)
-    grown = select(hits, larger(clock[Clock.PREVIOUS], steps.impact), grown)
+    grown = smaller(steps.growth * clock[Clock.STEP], steps.largest)
+    grown = select(hits, larger(clock[Clock.STEP], steps.impact), grown)
     due = larger(ahead - LEAD * steps.impact, steps.impact)
     waits = (ahead > -LATE * steps.impact) & (due < grown)
     step = select(waits, due, grown)
     left = until - clock[Clock.TIME]
     step = select((left > 0.0) & (left < step), left, step)
     clock[Clock.STEP] = select(where, step, clock[Clock.STEP])
+
+
+@inlined
+def lone_impacts(state, steps):
+    """The shortest step where no impact has been for some steps, else none [s]."""
+    latest = -QUIET
+    for j in range(state.impact.shape[0]):
+        latest = larger(latest, state.impact[j])
+    return select(latest > -QUIET, 0.0, steps.impact)
 
 
 @inlined

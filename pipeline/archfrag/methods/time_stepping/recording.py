@@ -92,7 +92,7 @@ def write_if_due(model, state, work, kick, output):
     clock = state.clock
     if output.frames.time.size == 0 or clock[Clock.TIME] < output.due[0]:
         return
-    part = clock[Clock.PREVIOUS] / (clock[Clock.PREVIOUS] + clock[Clock.STEP])
+    part = max(0.5 * clock[Clock.PREVIOUS] / kick.span, 0.0)
     write_frame(model, state, work, part, kick.span, output)
     output.due[0] = clock[Clock.TIME] + output.interval
 

@@ -28,7 +28,13 @@ from archfrag.mechanics.numbers import (
     some,
 )
 from archfrag.mechanics.status import Count, Energy
-from archfrag.methods.time_stepping.at_impacts import LEAD, locates, next_step, shorten
+from archfrag.methods.time_stepping.at_impacts import (
+    LEAD,
+    locates,
+    lone_impacts,
+    next_step,
+    shorten,
+)
 from archfrag.methods.time_stepping.motion import due_kick, end_of_motion
 from archfrag.methods.time_stepping.recording import log_change
 from archfrag.methods.time_stepping.rest import rest_until_onset, start_moving, write_rest
@@ -54,9 +60,9 @@ from archfrag.methods.time_stepping.waits import (
     UNSOLVED,
 )
 
-# Work that a run may take: so many of the shortest steps for as long as it lasts, and some to
-# begin with. Steps need one or several linear problems each; so many on average mean no advance.
-MOST_STEPS, FIRST_STEPS, ROUNDS_PER_STEP = 2.0, 1000.0, 16.0
+# Work that a run may take: so many of the shortest steps for as long as it lasts. Steps need one
+# or several linear problems each; so many on average mean no advance.
+MOST_STEPS, ROUNDS_PER_STEP = 2.0, 16.0
 
 
 @kernel
@@ -70,7 +76,7 @@ def try_step(model, grounds, state, work, steps, live):
         Where the step can be made, and where modes are not reconciled in the shortest step.
     """
     step = state.clock[Clock.STEP]
-    kick = due_kick(grounds, state.clock)
+    kick = due_kick(grounds, state.clock, lone_impacts(state, steps))
     pose_step(model, state, work, kick, step)
     looks = (locates(state, steps, live), step, LEAD * steps.impact)
     solved, refused, made = solve_contact(model, state.position, work, live, looks, FOR_STEPS)
@@ -98,7 +104,7 @@ def code_after(state, steps, limits, until, outcome):
     code = select(broken, float(BROKEN), code)
     over = clock[Clock.TIME] >= until
     code = select((code <= PAUSE) & over, float(AT_END), code)
-    most = FIRST_STEPS + until * (MOST_STEPS / steps.impact)
+    most = limits.first_steps + until * (MOST_STEPS / steps.impact)
     spent = (count[Count.STEPS] >= most) | (count[Count.ITERATIONS] >= ROUNDS_PER_STEP * most)
     return select((code <= PAUSE) & spent, float(EXHAUSTED), code)
 

@@ -23,7 +23,7 @@ from archfrag.mechanics.model import Clock
 from archfrag.mechanics.residual import state_residual
 from archfrag.mechanics.status import Cause, Count, Energy, Loss, Peak, Status
 from archfrag.mechanics.status import Model as Rung
-from archfrag.methods.time_stepping.at_impacts import next_step
+from archfrag.methods.time_stepping.at_impacts import lone_impacts, next_step
 from archfrag.methods.time_stepping.motion import due_kick, end_of_motion, end_rest, kick_between
 from archfrag.methods.time_stepping.recording import (
     dominant_change,
@@ -70,6 +70,7 @@ class Limits(NamedTuple):
     still: float  # speed below which the chain may be at rest [m/s]
     rest_plus: float  # range of rest of the chain in its own geometry [g]; nan: not known
     rest_minus: float
+    first_steps: float = 1000.0  # allowed beyond those for as long as a run lasts
 
 
 @kernel
@@ -96,7 +97,7 @@ def measure_state(model, state, work):
 def serve_unsolved(model, grounds, state, work, path, steps, limits, output):
     """Make a step whose modes are not reconciled, or halve it; returns the code."""
     clock = state.clock
-    kick = due_kick(grounds, clock)
+    kick = due_kick(grounds, clock, lone_impacts(state, steps))
     pose_step(model, state, work, kick, clock[Clock.STEP])
     solved, compliant = solve_anyhow(model, state, work, path)
     if solved:
@@ -171,7 +172,7 @@ def synchronise(model, grounds, state, work, path):
     """
     clock = state.clock
     previous = clock[Clock.PREVIOUS]
-    if previous == 0.0:
+    if previous <= 0.0:
         return True
     time = clock[Clock.TIME]
     kick = kick_between(grounds, clock, time - 0.5 * previous, time)

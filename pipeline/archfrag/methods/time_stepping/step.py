@@ -34,6 +34,8 @@ REACH = 5.0
 SWING = 4.0
 # Steps for which work at a new contact counts as that of an impact.
 IMPACT_STEPS = 2.0
+# So many steps after an impact the next one is apart from it.
+QUIET = 2.0
 # Steps between looks for overlaps.
 OVERLAP_INTERVAL = 8.0
 HINGING, SLIDING = float(CollapseMode.HINGING), float(CollapseMode.SLIDING)
@@ -215,19 +217,26 @@ def make_step(model, state, work, kick, where, loss_limit):
     """Take solved velocities and the positions that they reach over; as `accept_step`."""
     clock, count = state.clock, state.count
     step, previous = clock[Clock.STEP], clock[Clock.PREVIOUS]
-    take_velocities(model, state, work, kick, where)
+    lift = 0.0
     for i in range(1, state.position.shape[0] - 1):
+        lift += model.mass[i] * (work.solved[i, 1] - state.velocity[i, 1])
         for c in range(3):
-            moved = state.position[i, c] + step * state.velocity[i, c]
+            later = kick.early * (work.solved[i, c] - state.velocity[i, c])
+            moved = state.position[i, c] + step * (work.solved[i, c] - later)
             state.position[i, c] = select(where, moved, state.position[i, c])
+    state.energy[Energy.BALANCE_ERROR] -= select(
+        where, kick.early * step * model.gravity * lift, 0.0
+    )
+    take_velocities(model, state, work, kick, where)
     for j in range(state.slip.shape[0]):
-        state.impact[j] = select(where, larger(state.impact[j] - 1.0, 0.0), state.impact[j])
+        state.impact[j] = select(where, larger(state.impact[j] - 1.0, -QUIET), state.impact[j])
     move_faces(model, state.position, work.rotated, work.face, work.tangent)
     fallen = follow_joints(model, state, work, where, loss_limit)
     broken = record_motion(model, state, where)
     clock[Clock.TIME] = select(where, clock[Clock.TIME] + step, clock[Clock.TIME])
     clock[Clock.MOVING] += select(where, step, 0.0)
-    clock[Clock.PREVIOUS] = select(where, step, previous)
+    behind = previous + 2.0 * (step - kick.span)
+    clock[Clock.PREVIOUS] = select(where, behind, previous)
     clock[Clock.SPAN] = select(where, kick.span, clock[Clock.SPAN])
     count[Count.STEPS] += flag(where)
     eighth = count[Count.STEPS] * (1.0 / OVERLAP_INTERVAL)
@@ -259,5 +268,7 @@ def accept_step(model, state, work, kick, where, loss_limit):
     """
     clock = state.clock
     count_changes(state, work, where)
-    record_step(model, state, work, clock[Clock.STEP], clock[Clock.PREVIOUS], where)
+    lag = larger(clock[Clock.PREVIOUS], 0.0)
+    ahead = 2.0 * (kick.span - clock[Clock.PREVIOUS]) + lag
+    record_step(model, state, work, ahead, lag, where)
     return make_step(model, state, work, kick, where, loss_limit)

@@ -77,9 +77,7 @@ def read_smc(source: Source, **_: Any) -> Stream:
     if level is None or "ACCEL" not in head[0].upper():
         raise text.needs(0, "an accelerogram (type 1 or 2)")
     integers, reals = (_smc_numbers(text, kind) for kind in _NUMBERS)
-    first = _END
-    while first < len(text) and text.lines[first].lstrip().startswith("|"):
-        first += 1
+    first = text.first(_END, lambda line: not line.lstrip().startswith("|"))
     count = facts.checked_count(f"{integers[16]:.0f}", text.place(_TEXT + 2))
     values = text.numbers(first, None, count, 10)
     record = _smc_record(head, integers, reals)
@@ -87,7 +85,6 @@ def read_smc(source: Source, **_: Any) -> Stream:
         values = values[:count]
         record["log"] = (f"Row beyond the {count} numbers that the header counts left out.",)
     record |= {"level": level, "unit": "cm/s2", "announced": count, "held": values.size}
-    record["header"] = "\n".join(line.rstrip() for line in head)
     paired = reals[1] == reals[0]
     peaks = [abs(value) for value in (reals[29], reals[31]) if value != reals[0]]
     if peaks:
@@ -106,10 +103,8 @@ def _smc_numbers(text: Text, kind: str) -> NDArray[np.float64]:
     place, height, count, width = _NUMBERS[kind]
     values = text.numbers(place, place + height, count, width)
     if values.size != count:
-        raise RecordError(
-            f"{text.place(place)}: {count} {kind} numbers are needed in the header, there are "
-            f"{values.size}"
-        )
+        needed = f"{count} {kind} numbers are needed in the header"
+        raise RecordError(f"{text.place(place)}: {needed}, there are {values.size}")
     return values
 
 
@@ -149,11 +144,10 @@ def _smc_record(
 
 
 def _start(integers: NDArray[np.float64]) -> UTCDateTime | None:
-    null, year, day, hour, minute, second = integers[:6]
-    if null in (year, day, hour, minute) or not (0 <= hour < 24 and 0 <= minute < 60):
+    year, day, hour, minute, second = integers[1:6]
+    if not (0 <= hour < 24 and 0 <= minute < 60):
         return None
-    second = second if second != null and 0 <= second < 60 else 0.0
-    return facts.time_of(year, day - 1, hour, minute, second)
+    return facts.time_of(year, day - 1, hour, minute, second if 0 <= second < 60 else 0.0)
 
 
 def is_geonet(source: Source) -> bool:
@@ -180,10 +174,8 @@ def read_geonet(source: Source, **_: Any) -> Stream:
 def _geonet_trace(text: Text, first: int, end: int) -> Trace:
     place, data = text.place(first), first + _HEADER_LINES
     if end <= data:
-        raise RecordError(
-            f"{place}: a component has {_HEADER_LINES} header lines and then samples; this one "
-            f"ends after {end - first} line(s)"
-        )
+        needed = f"a component has {_HEADER_LINES} header lines and then samples"
+        raise RecordError(f"{place}: {needed}; this one ends after {end - first} line(s)")
     head = "\n".join(text.lines[first : first + _TEXT_LINES])
     field = {key: facts.search(pattern, head) for key, pattern in _FIELDS.items()}
     component = field["component"]
@@ -191,8 +183,12 @@ def _geonet_trace(text: Text, first: int, end: int) -> Trace:
     announced = facts.checked_count(field["count"], f"{place}: Number of points")
     samples = _geonet_samples(text, data, end, integers, component)
     unit = facts.acceleration_unit(field["unit"] or field["unit_of_factor"], place)
-    if field["factor"]:
-        samples = samples * _factor(field["factor"], place)
+    if text_of_factor := field["factor"]:
+        factor = facts.number_or_none(text_of_factor)
+        if not factor:
+            wrong = f"readings in units of {text_of_factor!r}"
+            raise RecordError(f"{place}: {wrong}; a number but 0 is needed")
+        samples = samples * factor
     raw = text.lines[first].lstrip()[:2].lower() == "un"
     record = facts.known(
         unit=unit,
@@ -208,7 +204,6 @@ def _geonet_trace(text: Text, first: int, end: int) -> Trace:
         **_degrees(r"^\s*Epicentre +" + _PLACE, head, "event"),
         station=field["site"],
         **_degrees(r"^\s*Site +\S+ +" + _PLACE, head, "station"),
-        header=text.plain(first, data),
     )  # fmt: skip
     facts.judge_peak(record, field["peak"], samples, unit)
     step = facts.positive_step(facts.number_of(field["interval"]), f"{place}: interval")
@@ -221,10 +216,8 @@ def _geonet_samples(
 ) -> NDArray[np.float64]:
     """Accelerations of a block; those of a raw volume may be fewer or more than announced."""
     if integers.size != 10 * _INTEGER_LINES:
-        raise RecordError(
-            f"{text.name}: the lines before line {first + 1} must have {10 * _INTEGER_LINES} "
-            f"integers, channel {component} has {integers.size}"
-        )
+        needed = f"the lines before line {first + 1} must have {10 * _INTEGER_LINES} integers"
+        raise RecordError(f"{text.name}: {needed}, channel {component} has {integers.size}")
     counts = integers[33:36].astype(int)
     values = text.numbers(first, end, int(counts.sum()), _WIDTH)
     if counts[1:].any() and values.size != counts.sum():
@@ -234,14 +227,6 @@ def _geonet_samples(
             "numbers"
         )
     return values[: counts[0]] if counts[1:].any() else values
-
-
-def _factor(text: str, place: str) -> float:
-    """What raw readings are multiplied by."""
-    factor = facts.number_or_none(text)
-    if not factor:
-        raise RecordError(f"{place}: readings in units of {text!r}; a number but 0 is needed")
-    return factor
 
 
 def _degrees(pattern: str, text: str, kind: str) -> dict[str, float]:

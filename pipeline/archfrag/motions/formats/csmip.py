@@ -64,11 +64,10 @@ _PEAK = {
     "processed": re.compile(r"PEAK ACCELERATION\s*=\s*([-+.\d]+)\s*([A-Z/]+)", re.IGNORECASE),
 }
 _UNITS = (
-    (re.compile(r"\bG\s*/\s*10\b", re.IGNORECASE), "g", 0.1),
-    (re.compile(r"\bCM/S(?:EC)?(?:/S(?:EC)?|2|/S2)", re.IGNORECASE), "cm/s2", 1.0),
-    (re.compile(r"\bMM/S(?:EC)?(?:/S(?:EC)?|2|/S2)", re.IGNORECASE), "mm/s2", 1.0),
-    (re.compile(r"(?:UNITS:?|IN|AND|OF|IS)\s+G\b", re.IGNORECASE), "g", 1.0),
-)
+    (r"\b(G)\s*/\s*10\b", "g", 0.1), (r"\b(CM)/S(?:EC)?(?:/S(?:EC)?|2|/S2)", "cm/s2", 1.0),
+    (r"\b(MM)/S(?:EC)?(?:/S(?:EC)?|2|/S2)", "mm/s2", 1.0),
+    (r"(?:UNITS:?|IN|AND|OF|IS)\s+(G)\b", "g", 1.0),
+)  # fmt: skip
 _LINES = {"raw": (13, 14), "processed": (25, 20)}  # of text; of integers and reals
 _LOOK = 12  # lines beyond them in which the section may begin
 _WIDTH, _PAIR_WIDTH = 10, 7
@@ -151,12 +150,9 @@ def _cosmos_channel(text: Text, place: int) -> tuple[Trace | None, int, str]:
         facts.judge_peak(record, f"{head.reals[63]:.4E}", samples, unit)
     length = head.real(62)
     if length and abs(announced * step - length) > max(2.0 * step, 0.01 * length):
-        facts.add_fault(
-            record,
-            f"the header states a length of {length:g} s, {announced} samples at {step:g} s last "
-            f"{announced * step:g} s",
-        )
-    if end >= len(text) or not END_OF_DATA.match(text.lines[end]):
+        last = f"{announced} samples at {step:g} s last {announced * step:g} s"
+        facts.add_fault(record, f"the header states a length of {length:g} s, {last}")
+    if not any(map(END_OF_DATA.match, text.lines[end : end + 1])):
         facts.add_fault(record, _CUT_OFF)
     start = facts.utc_time(head.text[7]) if len(head.text) > 7 else None
     return facts.trace_of(samples, step, record, codes=codes, start=start), end, all_text
@@ -170,12 +166,8 @@ def _cosmos_header(text: Text, place: int) -> _Header:
     reals, at = _header_numbers(text, at, "real")
     comments: list[str] = []
     if at < len(text) and re.match(r"(?i)\s*\d+\s+Comment line\(s\) follow", text.lines[at]):
-        first = at + 1
-        at = next(
-            (i for i in range(first, len(text)) if not text.lines[i].lstrip().startswith("|")),
-            len(text),
-        )
-        comments = text.head(first, at)
+        end = text.first(at + 1, lambda line: not line.lstrip().startswith("|"))
+        comments, at = text.head(at + 1, end), end
     if not any(map(_SECTION.match, text.head(at, at + 1))):
         raise text.needs(at, "the line with the number of points and their units")
     return _Header(text.head(place, place + count), integers, reals, comments, at)
@@ -189,26 +181,20 @@ def _header_numbers(text: Text, at: int, kind: str) -> tuple[NDArray[np.float64]
         raise text.needs(at, f"a line of how many {kind}-header values follow on how many lines")
     count, height = map(int, found.groups())
     low, high = _HEADER_NUMBERS
+    announced = f"{text.place(at)}: {count} {kind}-header values on {height} lines"
     if not (low <= count <= high and height <= _LARGEST_HEADER):
-        raise RecordError(
-            f"{text.place(at)}: {count} {kind}-header values on {height} lines; {low} to {high} "
-            f"on up to {_LARGEST_HEADER} can be read"
-        )
+        allowed = f"{low} to {high} on up to {_LARGEST_HEADER}"
+        raise RecordError(f"{announced}; {allowed} can be read")
     values = text.numbers(at + 1, at + 1 + height, count, format_width(line))
     if values.size < low:
-        raise RecordError(
-            f"{text.place(at)}: {count} {kind}-header values are announced, there are "
-            f"{values.size}"
-        )
+        raise RecordError(f"{announced} are announced, there are {values.size}")
     return values, at + 1 + height
 
 
 def _g_per_count(head: _Header) -> float | None:
     """By the recorder's least count [µV], the sensor's sensitivity [V/g] and the gain."""
-    least, sensitivity, gain = map(head.real, (21, 41, 46))
-    if not (least and sensitivity) or least <= 0.0 or sensitivity <= 0.0:
-        return None
-    return 1e-6 * least / (sensitivity * (gain if gain and gain > 0.0 else 1.0))
+    least, sensitivity, gain = (max(head.real(index) or 0.0, 0.0) for index in (21, 41, 46))
+    return 1e-6 * least / (sensitivity * (gain or 1.0)) if least and sensitivity else None
 
 
 def _cosmos_record(head: _Header) -> tuple[dict[str, Any], tuple[str, str, str]]:
@@ -225,7 +211,6 @@ def _cosmos_record(head: _Header) -> tuple[dict[str, Any], tuple[str, str, str]]
         magnitude=facts.magnitude(text[2]) or head.real(12) or head.real(14),
         station=re.sub(r"^\S+\s{2,}|^\S+\s+(?=\S)", "", owner).strip(),
         channel=number,
-        header="\n".join(line.rstrip() for line in (*head.text, *head.comments)),
         **{name: head.real(index) for name, index in _REALS.items()},
     )
     direction = facts.direction(bearing)
@@ -271,17 +256,13 @@ def _dmg_channel(text: Text, place: int) -> tuple[Trace, int, str]:
     samples, step, stated, data_end = _dmg_data(text, place, level)
     shift = 0 if level == "raw" else 1
     record, code, position = _dmg_record(lines[shift:])
-    record |= {"level": level, **stated, "header": "\n".join(lines)}
+    record |= {"level": level, **stated}
     peak = next(filter(None, map(_PEAK[level].search, lines)), None)
     if peak and _unit_of(f"in {peak.group(2)}")[0] == stated["unit"]:
         facts.judge_peak(record, peak.group(1), samples, stated["unit"])
-    end = next(
-        (i for i in range(data_end, len(text))
-         if END_OF_DATA.match(text.lines[i]) or _TITLE.match(text.lines[i])), len(text),
-    )  # fmt: skip
-    if end == len(text) or not END_OF_DATA.match(text.lines[end]):
+    end = text.first(data_end, lambda line: END_OF_DATA.match(line) or _TITLE.match(line))
+    if not any(map(END_OF_DATA.match, text.lines[end : end + 1])):
         facts.add_fault(record, _CUT_OFF)
-    _compare_places(record, text.lines[place + len(lines) : data_end])
     start = facts.utc_time(lines[3 + shift])
     trace = facts.trace_of(samples, step, record, codes=("", code, position), start=start)
     return trace, end, "\n".join(lines)
@@ -293,9 +274,8 @@ def _dmg_data(text: Text, place: int, level: str) -> _Data:
     window = range(begin, min(begin + rows + _LOOK, len(text)))
     section = next((i for i in window if _POINTS.match(text.lines[i])), None)
     if section is None and level == "processed":
-        raise RecordError(
-            f"{text.place(place)}: no line with the points of acceleration follows the header"
-        )
+        lacking = "no line with the points of acceleration follows the header"
+        raise RecordError(f"{text.place(place)}: {lacking}")
     if section is None:
         return _pairs(text, place, begin + rows)
     where, (line,) = text.place(section), text.head(section, section + 1)
@@ -335,7 +315,7 @@ def _pairs(text: Text, place: int, first: int) -> _Data:
 
 
 def _unit_of(text: str) -> tuple[str, float]:
-    found = ((unit, scale) for pattern, unit, scale in _UNITS if pattern.search(text))
+    found = ((unit, scale) for pattern, unit, scale in _UNITS if facts.search(pattern, text))
     return next(found, ("", 1.0))
 
 
@@ -358,19 +338,3 @@ def _dmg_record(text: list[str]) -> tuple[dict[str, Any], str, str]:
     )
     code = facts.search(r"STATION\s+(?:NO|ID)\.\s*(\w+)(?=\s)", text[4])
     return record | facts.direction(bearing), code, " ".join(position.split())
-
-
-def _compare_places(record: dict[str, Any], lines: list[str]) -> None:
-    """Later headers give the station among their reals, too."""
-    try:
-        reals = [float(lines[10][i : i + 10]) for i in range(40, 60, 10)]
-        stated = [record["station_latitude"], record["station_longitude"]]
-    except (IndexError, ValueError, KeyError):
-        return
-    for word, text, real in zip(("latitude", "longitude"), stated, reals):
-        if real not in (0.0, -999.0) and abs(real) <= 360.0 and abs(text - real) > 0.01:
-            facts.add_fault(
-                record,
-                f"{word} of the station is {text:g} in the text of the header and {real:g} among "
-                "its numbers",
-            )

@@ -65,12 +65,11 @@ def utc_time(text: str) -> UTCDateTime | None:
     if not date or clock is None:
         return None
     hour, minute, second = clock.groups()
+    seconds = 3600 * int(hour) + 60 * int(minute) + float((second or "").rstrip(".") or 0)
     try:
-        midnight = UTCDateTime(date)
-        seconds = 3600 * int(hour) + 60 * int(minute) + float((second or "").rstrip(".") or 0)
+        return UTCDateTime(date) + seconds if seconds < 86400 else None
     except (ValueError, TypeError, OverflowError):
         return None
-    return midnight + seconds if seconds < 86400 else None
 
 
 def time_of(year: float, days: float, *clock: float) -> UTCDateTime | None:
@@ -91,13 +90,11 @@ def magnitude(text: str) -> float | None:
 def place(text: str, kind: str) -> dict[str, float]:
     """Latitude and longitude in a text such as ``34.2N, 118.5W`` or ``34.2 -118.5`` [degrees]."""
     if found := _PLACE.search(text.upper()):
-        latitude = float(found.group(1)) * (1 if found.group(2) == "N" else -1)
-        longitude = float(found.group(3)) * (1 if found.group(4) == "E" else -1)
+        latitude = float(found[1]) * (1 if found[2] == "N" else -1)
+        longitude = float(found[3]) * (1 if found[4] == "E" else -1)
     elif found := _SIGNED_PLACE.search(text):
-        latitude, longitude = float(found.group(1)), float(found.group(2))
-    else:
-        return {}
-    if abs(latitude) > 90 or abs(longitude) > 360:
+        latitude, longitude = float(found[1]), float(found[2])
+    if found is None or abs(latitude) > 90 or abs(longitude) > 360:
         return {}
     return {f"{kind}_latitude": latitude, f"{kind}_longitude": longitude}
 
@@ -164,11 +161,10 @@ def judge_peak(
     nearest = min(found, key=lambda value: abs(value - peak))
     off = abs(nearest - peak) - rounding
     if off > _PEAK_WITHIN * peak:
-        add_fault(
-            record,
-            f"the header states a peak of {peak:g} {unit}, the samples have {nearest:.4g} {unit}",
-            "doubts" if off > _PEAK_DOUBTFUL * peak else "faults",
+        text = (
+            f"the header states a peak of {peak:g} {unit}, the samples have {nearest:.4g} {unit}"
         )
+        add_fault(record, text, "doubts" if off > _PEAK_DOUBTFUL * peak else "faults")
 
 
 def add_fault(record: Any, fault: str, kind: str = "faults") -> None:
@@ -179,14 +175,12 @@ def add_fault(record: Any, fault: str, kind: str = "faults") -> None:
 def stream_of(traces: list[Trace]) -> Stream:
     """The traces as a stream, those of one code with their channel numbers as locations."""
     ids = [trace.id for trace in traces]
-    for number, trace in enumerate(traces, start=1):
-        if ids.count(trace.id) > 1:
-            own = trace.stats.record.get("channel", number)
-            trace.stats.location = f"{trace.stats.location}{own}"
     seen: set[str] = set()
     for number, trace in enumerate(traces, start=1):
+        if ids.count(ids[number - 1]) > 1:
+            trace.stats.location += str(trace.stats.record.get("channel", number))
         if trace.id in seen:
-            trace.stats.location = f"{trace.stats.location}-{number}"
+            trace.stats.location += f"-{number}"
         seen.add(trace.id)
     return Stream(traces)
 

@@ -15,7 +15,6 @@ is left that could be applied twice; counts of K-NET have it in ``stats.calib``.
 """
 
 import re
-from collections.abc import Sequence
 from typing import Any
 
 from obspy import Stream, UTCDateTime
@@ -33,6 +32,7 @@ _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][-+]?\d+)?)"
 _NPTS, _DT = rf"NPTS\s*=\s*{_NUMBER}", rf"\bDT\s*=\s*{_NUMBER}"
 _TRAILING = rf"^\s*{_NUMBER}\s+{_NUMBER}\s+NPTS\s*,\s*DT"
 _KEY = re.compile(r"\s*([A-Za-z][\w/^().-]*)\s*:(.*)")
+_RESORCE_KEY = re.compile(r"([^:]+?)\s*:(.*)")
 _DAY = re.compile(r"(\d{4})[-/]?(\d\d)[-/]?(\d\d)")
 _DAY_FIRST = re.compile(r"(\d\d)/(\d\d)/(\d{4})")  # AFAD
 _SERIES = re.compile(r"\s*(\w+) time series in (.+)", re.IGNORECASE)
@@ -46,6 +46,13 @@ _DYNA_NUMBERS = {
     "station_latitude": ("STATION_LATITUDE_DEGREE",),
     "station_longitude": ("STATION_LONGITUDE_DEGREE",), "vs30_mps": ("VS30_M/S", "VS30_MS"),
     "epicentral_km": ("EPICENTRAL_DISTANCE_KM",),
+}  # fmt: skip
+# Keys of RESORCE in those of DYNA.
+_RESORCE = {
+    "TIME INCREMENT (S)": "SAMPLING_INTERVAL_S", "NUMBER OF DATA": "NDATA",
+    "ORIENTATION": "COMPONENT", "EVENT DATE & TIME": "EVENT_DATE_YYYYMMDD",
+    "FILTER CUT-OFF FREQUENCY (HZ)": "LOW_CUT_FREQUENCY_HZ", "PGA (M/S/S)": "PGA_M/S/S",
+    "STATION CODE / NAME": "STATION_CODE",
 }  # fmt: skip
 
 
@@ -67,10 +74,8 @@ def read_at2(source: Source, **_: Any) -> Stream:
     if text.lines[-1] == "":
         text.lines.pop()
     if len(text) <= _AT2_LINES:
-        raise RecordError(
-            f"{text.name}: an AT2 file has {_AT2_LINES} header lines and then samples; this one "
-            f"ends after {len(text)} line(s)"
-        )
+        needed = f"an AT2 file has {_AT2_LINES} header lines and then samples"
+        raise RecordError(f"{text.name}: {needed}; this one ends after {len(text)} line(s)")
     header = [line.strip() for line in text.head(0, _AT2_LINES)]
     if "ACCELERATION" not in header[2].upper():
         raise text.needs(2, "an acceleration")
@@ -79,11 +84,8 @@ def read_at2(source: Source, **_: Any) -> Stream:
     if not (count and step):
         raise text.needs(3, "a line with the number of samples (NPTS) and the time step (DT)")
     stated, where = facts.number_of(count), text.place(3)
-    record = _at2_names(header[1]) | {
-        "unit": unit,
-        "announced": facts.checked_count(f"{stated:.0f}" if stated % 1 == 0 else count, where),
-        "header": "\n".join(header),
-    }
+    announced = facts.checked_count(f"{stated:.0f}" if stated % 1 == 0 else count, where)
+    record = _at2_names(header[1]) | {"unit": unit, "announced": announced}
     step_s = facts.positive_step(facts.number_of(step), where)
     return Stream([facts.trace_of(text.numbers(_AT2_LINES), step_s, record)])
 
@@ -112,47 +114,13 @@ def is_dyna(source: Source) -> bool:
     """Whether the first line names an event and a later one the time step or the samples."""
     lines = head_lines(source)
     keys = {match.group(1) for match in map(_KEY.match, lines) if match}
-    named = re.match(r"EVENT_(NAME|ID)\s*:", lines[0]) if lines else None
-    return named is not None and not keys.isdisjoint(("SAMPLING_INTERVAL_S", "NDATA"))
+    first = re.match(r"EVENT_(NAME|ID)\s*:", lines[0]) if lines else None
+    return first is not None and not keys.isdisjoint(("SAMPLING_INTERVAL_S", "NDATA"))
 
 
 def read_dyna(source: Source, **_: Any) -> Stream:
     """Read an acceleration record of ESM, ITACA or AFAD."""
     text = Text(source)
-    header, places = _dyna_header(text)
-    kind = header.get("DATA_TYPE", "")
-    if kind and kind.upper() != "ACCELERATION":
-        raise RecordError(f"{places['DATA_TYPE']}: an acceleration is needed, this is {kind!r}")
-    for key in ("UNITS", "SAMPLING_INTERVAL_S", "NDATA"):
-        if not header.get(key):
-            raise RecordError(f"{places.get(key, text.name)}: the header gives no {key}")
-    unit = facts.acceleration_unit(header["UNITS"], places["UNITS"])
-    step = facts.number_of(header["SAMPLING_INTERVAL_S"])
-    step = facts.positive_step(step, places["SAMPLING_INTERVAL_S"])
-    samples = text.numbers(len(header))
-    component = header.get("STREAM") or header.get("COMPONENT") or ""
-    codes = (header.get("NETWORK", ""), header.get("STATION_CODE", ""), header.get("LOCATION", ""))
-    cuts = (header.get("LOW_CUT_FREQUENCY_HZ"), header.get("HIGH_CUT_FREQUENCY_HZ"))
-    raw = "NOT REMOVED" in header.get("BASELINE_CORRECTION", "").upper()
-    day = _DAY.fullmatch(header.get("EVENT_DATE_YYYYMMDD", ""))
-    record = facts.known(
-        unit=unit,
-        level="processed" if any(map(facts.number_or_none, cuts)) else "raw" if raw else "",
-        announced=facts.checked_count(header["NDATA"], places["NDATA"]),
-        **_direction(component, component[-1:] if len(component) == 3 else component),
-        header=text.plain(0, len(header)),
-        event=header.get("EVENT_NAME") or header.get("EVENT_ID"),
-        date="-".join(day.groups()) if day else None,
-        station=header.get("STATION_CODE"),
-        **{name: _first_number(header, keys) for name, keys in _DYNA_NUMBERS.items()},
-    )
-    facts.judge_peak(record, header.get(f"PGA_{header['UNITS'].upper()}", ""), samples, unit)
-    start = _first_sample(header.get("DATE_TIME_FIRST_SAMPLE_YYYYMMDD_HHMMSS", ""))
-    return Stream([facts.trace_of(samples, step, record, codes=codes, start=start)])
-
-
-def _dyna_header(text: Text) -> tuple[dict[str, str], dict[str, str]]:
-    """Values by key, and where each stands."""
     header: dict[str, str] = {}
     places: dict[str, str] = {}
     for number, line in enumerate(text.lines):
@@ -162,43 +130,9 @@ def _dyna_header(text: Text) -> tuple[dict[str, str], dict[str, str]]:
         key, place = match.group(1).upper(), text.place(number)
         if key in header:
             raise RecordError(f"{place}: {key} is there a second time")
-        header[key], places[key] = _readable(match.group(2)), place
-    return header, places
-
-
-def _readable(text: str) -> str:
-    """A value, whose names may be in UTF-8."""
-    try:
-        return text.encode("latin-1").decode("utf-8").strip()
-    except UnicodeDecodeError:
-        return text.strip()
-
-
-def _first_number(header: dict[str, str], keys: Sequence[str]) -> float | None:
-    values = (facts.number_or_none(header.get(key)) for key in keys)
-    return next((value for value in values if value is not None), None)
-
-
-def _direction(component: str, letter: str) -> dict[str, Any]:
-    return {
-        "component": component,
-        "vertical": letter.upper() in _VERTICALS if letter else None,
-        "azimuth": AZIMUTHS.get(letter.upper()),
-    }
-
-
-def _first_sample(text: str) -> UTCDateTime | None:
-    """Time such as ``20010203_040510.250`` or, of AFAD, ``03/02/2001 04:05:10.250``."""
-    text = _DAY_FIRST.sub(r"\3\2\1", text, count=1)
-    found = re.match(_DAY.pattern + r"[_ T](\d\d):?(\d\d):?(\d\d(?:\.\d+)?)", text)
-    if found is None:
-        return None
-    year, month, day = map(int, found.groups()[:3])
-    hour, minute, second = map(float, found.groups()[3:])
-    try:
-        return UTCDateTime(year, month, day) + 3600.0 * hour + 60.0 * minute + second
-    except ValueError:
-        return None
+        header[key], places[key] = _readable(match.group(2)), f"{place}, {key}"
+    codes = (header.get("NETWORK", ""), header.get("STATION_CODE", ""), header.get("LOCATION", ""))
+    return _keyed(text, header, places, len(header), codes)
 
 
 def is_resorce(source: Source) -> bool:
@@ -215,33 +149,79 @@ def read_resorce(source: Source, **_: Any) -> Stream:
     series, match = next(found, (0, None))
     if match is None:
         raise RecordError(f"{text.name}: no line names the time series and its unit")
-    quantity, unit_text = match.groups()
-    if not quantity.lower().startswith("accel"):
-        raise RecordError(f"{text.place(series)}: an acceleration is needed, this is {quantity!r}")
-    unit = facts.acceleration_unit(unit_text, text.place(series))
-    pairs = (line.partition(":") for line in text.lines[:series] if ":" in line)
-    header = {key.strip().lower(): value.strip() for key, _, value in pairs}
-    step = facts.number_of(header.get("time increment (s)"))
-    step = facts.positive_step(step, f"{text.name}, Time Increment")
-    count = facts.checked_count(header.get("number of data", ""), f"{text.name}, Number of Data")
-    samples = text.numbers(series + 1)
-    station = header.get("station code / name", "").partition("/")
-    code, name = station[0].strip(), station[2].strip()
-    component = header.get("orientation", "")
-    day = _DAY.match(header.get("event date & time", ""))
-    cuts = header.get("filter cut-off frequency (hz)", "").split("-")
+    header: dict[str, str] = dict(zip(("DATA_TYPE", "UNITS"), (match[1], match[2])))
+    places = dict.fromkeys(header, text.place(series))
+    for number, line in enumerate(text.lines[:series]):
+        pair = _RESORCE_KEY.match(line)
+        if pair and (key := _RESORCE.get(pair.group(1).upper())):
+            header[key] = pair.group(2).strip()
+            places[key] = f"{text.place(number)}, {pair.group(1)}"
+    code, name = map(str.strip, header.get("STATION_CODE", "").partition("/")[::2])
+    header["STATION_CODE"] = name or code
+    return _keyed(text, header, places, series + 1, ("", code, ""))
+
+
+def _keyed(
+    text: Text, header: dict[str, str], places: dict[str, str], first: int,
+    codes: tuple[str, str, str],
+) -> Stream:  # fmt: skip
+    """The record of a header in DYNA's keys, its samples from line `first` on."""
+    kind = header.get("DATA_TYPE", "")
+    if kind and not kind.upper().startswith("ACCEL"):
+        raise RecordError(f"{places['DATA_TYPE']}: an acceleration is needed, this is {kind!r}")
+    for key in ("UNITS", "SAMPLING_INTERVAL_S", "NDATA"):
+        if not header.get(key):
+            raise RecordError(f"{places.get(key, text.name)}: the header gives no {key}")
+    unit = facts.acceleration_unit(header["UNITS"], places["UNITS"])
+    step = facts.number_of(header["SAMPLING_INTERVAL_S"])
+    step = facts.positive_step(step, places["SAMPLING_INTERVAL_S"])
+    samples = text.numbers(first)
+    component = header.get("STREAM") or header.get("COMPONENT") or ""
+    letter = (component[-1:] if len(component) == 3 else component).upper()
+    cuts = (header.get(f"{end}_CUT_FREQUENCY_HZ", "") for end in ("LOW", "HIGH"))
+    raw = "NOT REMOVED" in header.get("BASELINE_CORRECTION", "").upper()
+    day = _DAY.match(header.get("EVENT_DATE_YYYYMMDD", ""))
+    numbers = {
+        name: next(filter(None, (facts.number_or_none(header.get(key)) for key in keys)), None)
+        for name, keys in _DYNA_NUMBERS.items()
+    }
     record = facts.known(
         unit=unit,
-        level="processed" if any(map(facts.number_or_none, cuts)) else "",
-        announced=count,
-        **_direction(component, component),
+        level="processed" if re.search("[1-9]", "".join(cuts)) else "raw" if raw else "",
+        announced=facts.checked_count(header["NDATA"], places["NDATA"]),
+        component=component,
+        vertical=letter in _VERTICALS if letter else None,
+        azimuth=AZIMUTHS.get(letter),
+        event=header.get("EVENT_NAME") or header.get("EVENT_ID"),
         date="-".join(day.groups()) if day else None,
-        station=name or code,
-        header=text.plain(0, series + 1),
+        station=header.get("STATION_CODE"),
+        **numbers,
     )
-    peak = header.get(f"pga ({unit_text.strip().lower()})", "")
-    facts.judge_peak(record, peak, samples, unit)
-    return Stream([facts.trace_of(samples, step, record, codes=("", code, ""))])
+    facts.judge_peak(record, header.get(f"PGA_{header['UNITS'].upper()}", ""), samples, unit)
+    start = _first_sample(header.get("DATE_TIME_FIRST_SAMPLE_YYYYMMDD_HHMMSS", ""))
+    return Stream([facts.trace_of(samples, step, record, codes=codes, start=start)])
+
+
+def _readable(text: str) -> str:
+    """A value, whose names may be in UTF-8."""
+    try:
+        return text.encode("latin-1").decode("utf-8").strip()
+    except UnicodeDecodeError:
+        return text.strip()
+
+
+def _first_sample(text: str) -> UTCDateTime | None:
+    """Time such as ``20010203_040510.250`` or, of AFAD, ``03/02/2001 04:05:10.250``."""
+    text = _DAY_FIRST.sub(r"\3\2\1", text, count=1)
+    found = re.match(_DAY.pattern + r"[_ T](\d\d):?(\d\d):?(\d\d(?:\.\d+)?)", text)
+    if found is None:
+        return None
+    year, month, day = map(int, found.groups()[:3])
+    hour, minute, second = map(float, found.groups()[3:])
+    try:
+        return UTCDateTime(year, month, day) + 3600.0 * hour + 60.0 * minute + second
+    except ValueError:
+        return None
 
 
 def read_knet(source: Source, **_: Any) -> Stream:

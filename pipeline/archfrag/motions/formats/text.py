@@ -53,15 +53,10 @@ class Text:
         """Lines of a header, none longer than any has."""
         return [line[:_WIDEST] for line in self.lines[first:last]]
 
-    def plain(self, first: int, last: int) -> str:
-        """Lines of a header as one text, without blanks at their ends."""
-        return "\n".join(line.rstrip() for line in self.lines[first:last])
-
     def needs(self, index: int, what: str) -> RecordError:
         """The refusal of a line that is something else than what is needed."""
-        shown = (
-            repr(self.lines[index].strip()[:60]) if index < len(self) else "the end of the file"
-        )
+        held = [repr(line.strip()[:60]) for line in self.lines[index : index + 1]]
+        shown = (*held, "the end of the file")[0]
         return RecordError(f"{self.place(index)}: {what} is needed here, this is {shown}")
 
     def numbers(
@@ -73,13 +68,14 @@ class Text:
 
     def next_line(self, index: int) -> int:
         """The first line from one on that is neither empty nor an end of data."""
-        return self._first(index, lambda s: s.strip(" \t\x1a") and not END_OF_DATA.match(s))
+        return self.first(index, lambda s: s.strip(" \t\x1a") and not END_OF_DATA.match(s))
 
     def end_of_numbers(self, index: int) -> int:
         """The first line from one on that holds words."""
-        return self._first(index, _NO_NUMBERS.search)
+        return self.first(index, _NO_NUMBERS.search)
 
-    def _first(self, index: int, test: Callable[[str], object]) -> int:
+    def first(self, index: int, test: Callable[[str], object]) -> int:
+        """The first line from one on that passes a test; the number of lines without one."""
         return next((i for i in range(index, len(self)) if test(self.lines[i])), len(self))
 
 

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,6 +11,7 @@ from archfrag.errors import RecordError
 
 TRUTH = {"true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}
 _SPECTRAL = re.compile(r"T(\d+(?:\.\d+)?)S")
+_SAME = 1e-6  # difference of ln T of periods that are the same
 _WIDEST = 2.0  # ratio of neighbouring periods between which ln Sa is interpolated
 Range = tuple[float | None, float | None]
 
@@ -59,16 +59,16 @@ def screen(
     for column, limits in ranges.items():
         if limits is None:
             continue
-        low, high = (-np.inf if limits[0] is None else limits[0],
-                     np.inf if limits[1] is None else limits[1])  # fmt: skip
+        low, high = (end if limit is None else limit
+                     for limit, end in zip(limits, (-np.inf, np.inf)))  # fmt: skip
         if not low <= high:
             raise RecordError(f"{column} from {low:g} to {high:g} is upside down")
         values = numbers(kept, column)
         kept = kept[(values >= low) & (values <= high)]
         story.append(f"{column} from {low:g} to {high:g} leaves {len(kept)}")
     if pulse is not None:
-        _need(kept, ("pulse",))
-        kept = kept[[_truth(value) is pulse for value in kept["pulse"]]]
+        truth = column_of(kept, "pulse").map(lambda value: TRUTH.get(str(value).strip().lower()))
+        kept = kept[[value is pulse for value in truth]]
         story.append(f"pulse = {str(pulse).lower()} leaves {len(kept)}")
     if kept.empty:
         raise RecordError(f"{name_of(table)}: no record is left; {', '.join(story)}")
@@ -77,17 +77,13 @@ def screen(
 
 def sorted_candidates(table: pd.DataFrame) -> pd.DataFrame:
     """The rows in the order of their ids, so that a selection does not hang on that of a file."""
-    _need(table, ("record",))
+    ids = column_of(table, "record").astype(str)
     if table.empty:
         raise RecordError(f"{name_of(table)}: has no record")
-    ids = table["record"].astype(str)
     if ids.duplicated().any():
-        raise RecordError(
-            f"{name_of(table)}: record {ids[ids.duplicated()].iloc[0]!r} is there twice"
-        )
-    ordered = table.iloc[np.argsort(ids.to_numpy(dtype=str))].reset_index(drop=True)
-    ordered.attrs = dict(table.attrs)
-    return ordered
+        twice = ids[ids.duplicated()].iloc[0]
+        raise RecordError(f"{name_of(table)}: record {twice!r} is there twice")
+    return table.iloc[np.argsort(ids.to_numpy(dtype=str))].reset_index(drop=True)
 
 
 def spectra(table: pd.DataFrame, periods: ArrayLike) -> NDArray[np.float64]:
@@ -96,55 +92,49 @@ def spectra(table: pd.DataFrame, periods: ArrayLike) -> NDArray[np.float64]:
     Linear in ln T between columns ``T0.100S`` (g) that are at most a factor 2 apart; nan where a
     value is missing or not positive (-999 in NGA flatfiles).
     """
-    found = _columns(table)
-    if not found:
+    have, names = _columns(table)
+    if not names:
         raise RecordError(f"{name_of(table)}: has no column of Sa, such as T0.100S in g")
-    have = np.array([period for period, _ in found])
     wanted = np.atleast_1d(np.asarray(periods, dtype=np.float64))
     outside = wanted[(wanted < have[0] * (1.0 - 1e-6)) | (wanted > have[-1] * (1.0 + 1e-6))]
     if outside.size:
+        given = f"has Sa from {have[0]:g} to {have[-1]:g} s"
+        raise RecordError(f"{name_of(table)}: {given}, the target asks for {outside[0]:g} s")
+    place = np.interp(np.log(wanted), np.log(have), np.arange(have.size))
+    near, before = np.rint(place).astype(int), np.maximum(np.ceil(place).astype(int) - 1, 0)
+    same, after = np.abs(np.log(have[near] / wanted)) < _SAME, np.ceil(place).astype(int)
+    apart = ~same & (have[after] / have[before] > _WIDEST * (1.0 + 1e-6))
+    if apart.any():
+        first = int(apart.argmax())
         raise RecordError(
-            f"{name_of(table)}: has Sa from {have[0]:g} to {have[-1]:g} s, and the target asks "
-            f"for {outside[0]:g} s"
+            f"{name_of(table)}: has no Sa between {have[before[first]]:g} and "
+            f"{have[after[first]]:g} s, too far apart to interpolate the target's "
+            f"{wanted[first]:g} s"
         )
-    ln_sa = np.column_stack([numbers(table, column) for _, column in found])
+    ln_sa = np.column_stack([numbers(table, name) for name in names])
     with np.errstate(invalid="ignore", divide="ignore"):
         ln_sa = np.log(np.where(ln_sa > 0.0, ln_sa, np.nan))
-    result = np.empty((len(table), wanted.size))
-    for column, period in enumerate(wanted):
-        same = np.flatnonzero(np.abs(np.log(have / period)) < 1e-6)
-        if same.size:
-            result[:, column] = ln_sa[:, same[0]]
-            continue
-        after = int(np.searchsorted(have, period))
-        if have[after] / have[after - 1] > _WIDEST * (1.0 + 1e-6):
-            raise RecordError(
-                f"{name_of(table)}: has no Sa between {have[after - 1]:g} and {have[after]:g} s, "
-                f"too far apart to interpolate the target's {period:g} s"
-            )
-        part = np.log(period / have[after - 1]) / np.log(have[after] / have[after - 1])
-        result[:, column] = (1.0 - part) * ln_sa[:, after - 1] + part * ln_sa[:, after]
-    return result
+    part = place - before
+    between = (1.0 - part) * ln_sa[:, before] + part * ln_sa[:, after]
+    return np.where(same, ln_sa[:, near], between)
 
 
 def is_column(table: pd.DataFrame, period: float) -> bool:
     """Whether a flatfile has Sa at a period itself, so that it need not be interpolated."""
-    return any(abs(np.log(have / period)) < 1e-6 for have, _ in _columns(table))
+    return bool((np.abs(np.log(_columns(table)[0] / period)) < _SAME).any())
 
 
 def groups(table: pd.DataFrame, columns: Iterable[str]) -> NDArray[np.int64]:
     """A number for each row, the same where all these columns agree; one alone if any is empty."""
     known = table.reindex(columns=list(columns)).astype("string").fillna("")
-    filled = [(known[column].str.strip() != "").to_numpy(bool) for column in known]
-    full = np.all(filled, axis=0)
+    full = (known.apply(lambda column: column.str.strip()) != "").all(axis=1).to_numpy(bool)
     same = known.groupby(list(known.columns), sort=False).ngroup()
     return np.unique(np.where(full, same, -1 - np.arange(len(table))), return_inverse=True)[1]
 
 
 def numbers(table: pd.DataFrame, column: str) -> NDArray[np.float64]:
     """A column as numbers; nan where it is empty. RecordError if it is missing or holds text."""
-    _need(table, (column,))
-    values = table[column]
+    values = column_of(table, column)
     converted = pd.to_numeric(values, errors="coerce")
     wrong = values[converted.isna() & values.notna() & (values.astype(str).str.strip() != "")]
     if len(wrong):
@@ -152,23 +142,20 @@ def numbers(table: pd.DataFrame, column: str) -> NDArray[np.float64]:
     return converted.to_numpy(dtype=np.float64)
 
 
+def column_of(table: pd.DataFrame, column: str) -> pd.Series:
+    """A column; RecordError if it is missing."""
+    if column not in table.columns:
+        raise RecordError(f"{name_of(table)}: column {column!r} is missing")
+    return table[column]
+
+
 def name_of(table: pd.DataFrame) -> str:
     """What messages call a flatfile: its ``attrs["source"]`` where it has one."""
     return str(table.attrs.get("source", "the flatfile"))
 
 
-def _columns(table: pd.DataFrame) -> list[tuple[float, str]]:
-    """Periods [s] and names of the columns of Sa, with rising periods."""
+def _columns(table: pd.DataFrame) -> tuple[NDArray[np.float64], list[str]]:
+    """Rising periods [s] and the names of their columns of Sa."""
     names = [str(column) for column in table.columns]
-    return sorted((float(m[1]), name) for name in names if (m := _SPECTRAL.fullmatch(name)))
-
-
-def _need(table: pd.DataFrame, columns: Iterable[str]) -> None:
-    for column in columns:
-        if column not in table.columns:
-            raise RecordError(f"{name_of(table)}: column {column!r} is missing")
-
-
-def _truth(value: Any) -> bool | None:
-    """True, False or None for what a CSV may hold of a bool."""
-    return TRUTH.get(str(value).strip().lower())
+    found = sorted((float(m[1]), name) for name in names if (m := _SPECTRAL.fullmatch(name)))
+    return np.array([period for period, _ in found]), [name for _, name in found]

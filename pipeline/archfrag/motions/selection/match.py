@@ -34,16 +34,18 @@ class Limits:
         return free
 
 
-def deviation(target: Target, mean: Array, sd: Array, weights: tuple[float, float]) -> Array:
-    """Weighted squared errors of mean and sd of ln Sa, (..., n_period), summed over periods."""
-    return weights[0] * ((mean - target.ln_mean) ** 2).sum(-1) + weights[1] * (
-        (sd - target.sd) ** 2
-    ).sum(-1)
+def deviation(target: Target, mean: Array, sd: Array) -> Array:
+    """Weighted squared errors of mean and sd of ln Sa, (..., n_period), summed over periods.
+
+    That of the sd counts twice, or a tenth for a target that is a mean only, whose scatter is
+    kept small.
+    """
+    weight = 2.0 if target.sd.any() else 0.1
+    errors = (mean - target.ln_mean) ** 2, (sd - target.sd) ** 2
+    return errors[0].sum(-1) + weight * errors[1].sum(-1)
 
 
-def simulate(
-    target: Target, count: int, rng: np.random.Generator, weights: tuple[float, float]
-) -> Array:
+def simulate(target: Target, count: int, rng: np.random.Generator) -> Array:
     """Sets of spectra ln Sa drawn from the target, shape (``STARTS``, count, n_period).
 
     Of ``TRIALS`` sets those whose mean and scatter are nearest to the target's, nearest first.
@@ -54,7 +56,7 @@ def simulate(
     root = (vectors * np.sqrt(np.clip(values, 0.0, None))) @ vectors.T
     drawn = target.ln_mean + rng.standard_normal((TRIALS, count, values.size)) @ root
     sd = drawn.std(axis=1, ddof=1) if count > 1 else np.zeros_like(drawn[:, 0])
-    return drawn[np.argsort(deviation(target, drawn.mean(axis=1), sd, weights))[:STARTS]]
+    return drawn[np.argsort(deviation(target, drawn.mean(axis=1), sd))[:STARTS]]
 
 
 def factors(ln_sa: Array, target: Target, wanted: Array, limit: float) -> Array:
@@ -80,31 +82,29 @@ def _match(ln_sa: Array, target: Target, simulated: Array, limits: Limits) -> ND
 
 
 def best_set(
-    ln_sa: Array, target: Target, simulated: Array, limits: Limits, weights: tuple[float, float]
-) -> tuple[NDArray[np.int64], Array, Array]:
+    ln_sa: Array, target: Target, simulated: Array, limits: Limits
+) -> tuple[NDArray[np.int64], Array]:
     """Match and improve from each start, keep the set nearest to the target.
 
-    Returns the rows of `ln_sa` (n_record, n_period) chosen, ln of their factors, and the simulated
-    spectra of that start.
+    Returns the rows of `ln_sa` (n_record, n_period) chosen and ln of their factors.
     """
     found = []
     for start in simulated:
         chosen = _match(ln_sa, target, start, limits)
-        chosen = _improve(ln_sa, target, start, chosen, limits, weights)
+        chosen = _improve(ln_sa, target, start, chosen, limits)
         ln_factor = np.array([
             factors(ln_sa[[record]], target, start[place], limits.ln_scale)[0]
             for place, record in enumerate(chosen)
         ])  # fmt: skip
         scaled = ln_sa[chosen] + ln_factor[:, None]
         sd = scaled.std(axis=0, ddof=1) if len(chosen) > 1 else target.sd
-        worth = float(deviation(target, scaled.mean(axis=0), sd, weights))
-        found.append((worth, chosen, ln_factor, start))
+        worth = float(deviation(target, scaled.mean(axis=0), sd))
+        found.append((worth, chosen, ln_factor))
     return min(found, key=lambda each: each[0])[1:]
 
 
 def _improve(
     ln_sa: Array, target: Target, simulated: Array, chosen: NDArray[np.int64], limits: Limits,
-    weights: tuple[float, float],
 ) -> NDArray[np.int64]:  # fmt: skip
     """Replace one record after the other by whichever makes the set nearest to the target.
 
@@ -128,7 +128,7 @@ def _improve(
             mean = (others.sum(axis=0) + candidates) / count
             squares = (others**2).sum(axis=0) + candidates**2
             sd = np.sqrt(np.clip(squares - count * mean**2, 0.0, None) / (count - 1))
-            worth = deviation(target, mean + target.ln_mean, sd, weights)
+            worth = deviation(target, mean + target.ln_mean, sd)
             worth[~limits.allowed(np.delete(chosen, place), len(ln_sa))] = np.inf
             best = int(worth.argmin())
             if worth[best] < worth[chosen[place]]:

@@ -34,6 +34,8 @@ _WORDS = {
 class Rupture:
     """An earthquake and a site, as ground-motion models for active shallow crust want them.
 
+    Its top is its closest point, as deep as Chiou and Youngs (2014) expect for the magnitude.
+
     Attributes
     ----------
     magnitude : float
@@ -46,16 +48,8 @@ class Rupture:
         ``SS`` strike-slip, ``RS`` reverse, ``NS`` normal.
     dip : float [degrees]
         Of the fault. The site is on the footwall's side.
-    joyner_boore_km : float, optional [km]
-        Closest distance to the rupture's projection on the surface; as if the top of the
-        rupture were its closest point where not given.
-    top_km : float, optional [km]
-        Depth to the top of the rupture; as Chiou and Youngs (2014) expect it for the magnitude
-        where not given, but at most `distance_km`.
     region : str, optional
         A region that the model knows (``italy``, ``japan``); its own default where not given.
-    weight : float
-        Of this rupture among several: its contribution to the hazard (deaggregation).
     """
 
     magnitude: float
@@ -63,17 +57,14 @@ class Rupture:
     vs30_mps: float
     mechanism: str = "SS"
     dip: float = 90.0
-    joyner_boore_km: float | None = None
-    top_km: float | None = None
     region: str | None = None
-    weight: float = 1.0
 
     def __post_init__(self) -> None:
         if self.mechanism not in MECHANISMS:
             raise InputError(
                 f"mechanism {self.mechanism!r} of a rupture must be one of {', '.join(MECHANISMS)}"
             )
-        for name in ("magnitude", "distance_km", "vs30_mps", "weight"):
+        for name in ("magnitude", "distance_km", "vs30_mps"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0.0):
                 raise InputError(f"{name} = {value} of a rupture must be a number above 0")
@@ -147,14 +138,10 @@ def predict(rupture: Rupture, model: str, periods: ArrayLike) -> Prediction:
 def _keys(rupture: Rupture) -> dict[str, Any]:
     """What pygmm calls the facts of a rupture."""
     # Chiou and Youngs (2014), Eqs 4 and 5: mean depth to the top, reverse or other faults.
-    if rupture.mechanism == "RS":
-        root = max(2.704 - 1.226 * max(rupture.magnitude - 5.849, 0.0), 0.0)
-    else:
-        root = max(2.673 - 1.136 * max(rupture.magnitude - 4.970, 0.0), 0.0)
-    top = min(root**2, rupture.distance_km) if rupture.top_km is None else rupture.top_km
-    surface = rupture.joyner_boore_km
-    if surface is None:
-        surface = float(np.sqrt(max(rupture.distance_km**2 - top**2, 0.0)))
+    a, b, c = (2.704, 1.226, 5.849) if rupture.mechanism == "RS" else (2.673, 1.136, 4.970)
+    root = max(a - b * max(rupture.magnitude - c, 0.0), 0.0)
+    top = min(root**2, rupture.distance_km)
+    surface = float(np.sqrt(rupture.distance_km**2 - top**2))
     keys = {
         "mag": rupture.magnitude, "dist_rup": rupture.distance_km, "dist_jb": surface,
         "dist_x": -surface, "v_s30": rupture.vs30_mps, "dip": rupture.dip,
@@ -165,9 +152,7 @@ def _keys(rupture: Rupture) -> dict[str, Any]:
 
 
 def _beyond(kind: Any, keys: dict[str, Any], model: str) -> Iterator[str]:
-    for parameter in kind.PARAMS:
-        if parameter.name not in keys:
-            continue
+    for parameter in (each for each in kind.PARAMS if each.name in keys):
         value = keys[parameter.name]
         word, unit = _WORDS.get(parameter.name, (parameter.name, ""))
         options = getattr(parameter, "options", None)
@@ -175,27 +160,18 @@ def _beyond(kind: Any, keys: dict[str, Any], model: str) -> Iterator[str]:
             raise InputError(
                 f"{word} {value!r} is none of the model {model}, which has {', '.join(options)}"
             )
-        low, high = getattr(parameter, "min", None), getattr(parameter, "max", None)
-        if low is not None and value < low:
-            yield f"{model} is recommended for {word} from {low:g}{unit}, not {value:g}{unit}"
-        if high is not None and value > high:
-            yield f"{model} is recommended for {word} up to {high:g}{unit}, not {value:g}{unit}"
+        for name, side, sign in (("min", "from", 1.0), ("max", "up to", -1.0)):
+            limit = getattr(parameter, name, None)
+            if limit is not None and sign * value < sign * limit:
+                recommended = f"recommended for {word} {side} {limit:g}{unit}"
+                yield f"{model} is {recommended}, not {value:g}{unit}"
 
 
 def correlation(first: ArrayLike, second: ArrayLike) -> NDArray[np.float64]:
     """Correlation of ln Sa at two periods, about the median of a ground-motion model.
 
-    With T the shorter and U the longer period,
-
-    C1 = 1 - cos(pi/2 - 0.366 ln(U / max(T, 0.109)))
-    C2 = 1 - 0.105 (1 - 1 / (1 + exp(100 U - 5))) (U - T) / (U - 0.0099) if U < 0.2, else 0
-    C3 = C2 if U < 0.109, else C1
-    C4 = C1 + 0.5 (sqrt(C3) - C3) (1 + cos(pi T / 0.109))
-
-    and the correlation is C2 if U < 0.109, C1 if T > 0.109, min(C2, C4) if U < 0.2, else C4.
-
     Baker and Jayaram (2008), Correlation of spectral acceleration values from NGA ground motion
-    models, Earthquake Spectra 24(1), 299-317.
+    models, Earthquake Spectra 24(1), 299-317, as pygmm computes it.
 
     Parameters
     ----------
@@ -217,20 +193,14 @@ def correlation(first: ArrayLike, second: ArrayLike) -> NDArray[np.float64]:
     >>> float(correlation(0.5, 1.0).round(2)), float(correlation(0.05, 1.0).round(2))
     (0.75, 0.42)
     """
-    one, other = (np.asarray(periods, dtype=np.float64) for periods in (first, second))
-    for values in (one, other):
+    from pygmm.baker_jayaram_2008 import calc_correls  # half a second
+
+    both = [np.asarray(periods, dtype=np.float64) for periods in (first, second)]
+    for values in both:
         outside = values[~((values >= SHORTEST) & (values <= LONGEST))]
         if outside.size:
             raise InputError(
                 f"period {outside.flat[0]:g} s is outside {SHORTEST:g} to {LONGEST:g} s, for "
                 "which the correlations of Baker and Jayaram (2008) were fitted"
             )
-    short, long = np.minimum(one, other), np.maximum(one, other)
-    c1 = 1.0 - np.cos(0.5 * np.pi - 0.366 * np.log(long / np.maximum(short, 0.109)))
-    growth = 1.0 - 1.0 / (1.0 + np.exp(100.0 * np.minimum(long, 0.2) - 5.0))
-    c2 = np.where(long < 0.2, 1.0 - 0.105 * growth * (long - short) / (long - 0.0099), 0.0)
-    c3 = np.where(long < 0.109, c2, c1)
-    c4 = c1 + 0.5 * (np.sqrt(c3) - c3) * (1.0 + np.cos(np.pi * short / 0.109))
-    return np.select(
-        [long < 0.109, short > 0.109, long < 0.2], [c2, c1, np.minimum(c2, c4)], default=c4
-    )
+    return np.asarray(calc_correls(*both), dtype=np.float64)

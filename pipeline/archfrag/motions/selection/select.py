@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from archfrag.errors import InputError, RecordError
 from archfrag.files import replacing
 from archfrag.motions.selection.candidates import (
+    column_of,
     groups,
     is_column,
     name_of,
@@ -48,8 +49,6 @@ class Selection:
     target : Target
     ln_sa : numpy.ndarray, shape (count, n_period)
         ln Sa [g] of the records times their factors, at the target's periods.
-    simulated : numpy.ndarray, shape (count, n_period)
-        ln Sa [g] of the spectra drawn from the target that the selection started from.
     seed : int
     candidates : int
         Records that could have been selected.
@@ -58,7 +57,6 @@ class Selection:
     table: pd.DataFrame
     target: Target
     ln_sa: NDArray[np.float64]
-    simulated: NDArray[np.float64]
     seed: int
     candidates: int
 
@@ -84,6 +82,7 @@ class Selection:
     def cautions(self) -> tuple[str, ...]:
         """What whoever uses the selection should know."""
         found, given = list(self.target.notes), self.target.conditioning
+        count = len(self.table)
         if given is not None and not is_column(self.table, given):
             found.append(
                 f"Sa({given:g}) of the records is interpolated, which makes their scatter at "
@@ -97,22 +96,21 @@ class Selection:
                     f"{100.0 * error[worst]:+.0f} % (at {self.target.periods[worst]:g} s); take "
                     "more candidates or other limits"
                 )
-        scale = self.table["scale"].to_numpy(dtype=np.float64)
-        large = np.maximum(scale, 1.0 / scale)
+        factors = self.table.set_index("record")["scale"].astype(float)
+        large = factors.where(factors >= 1.0, 1.0 / factors)
         if (large > LARGE_SCALE).any():
             found.append(
-                f"{(large > LARGE_SCALE).sum()} of {len(large)} records are scaled by more than "
+                f"{(large > LARGE_SCALE).sum()} of {count} records are scaled by more than "
                 f"{LARGE_SCALE:g} or less than 1/{LARGE_SCALE:g}, up to a factor of "
-                f"{large.max():.3g} ({self.table['record'].iloc[int(large.argmax())]})"
+                f"{large.max():.3g} ({large.idxmax()})"
             )
-        events = self.table["event"].dropna() if "event" in self.table else ()
-        named = Counter(str(event) for event in events if str(event).strip()).most_common(1)
-        for event, most in named:
-            if most > max(0.25 * len(self.table), 1):
-                found.append(
-                    f"{most} of {len(self.table)} records are of one event ({event}); "
-                    "`per_event` limits them"
-                )
+        events = self.table.get("event", pd.Series(dtype=str)).dropna().astype(str)
+        most = events[events.str.strip() != ""].value_counts()
+        if most.max() > max(0.25 * count, 1):
+            found.append(
+                f"{most.max()} of {count} records are of one event ({most.idxmax()}); "
+                "`per_event` limits them"
+            )
         return tuple(found)
 
     def facts(self) -> dict[str, Any]:
@@ -151,8 +149,7 @@ class Selection:
             If the file cannot be written.
         """
         place = Path(path).resolve()
-        if "file" not in self.table.columns:
-            raise RecordError(f"{name_of(self.table)}: column 'file' is missing")
+        column_of(self.table, "file")
         columns = {new: self.table[old] for old, new in _INDEX.items() if old in self.table}
         rows = pd.DataFrame(columns)
         files = [Path(folder, str(name)).resolve() for name in rows["file"]]
@@ -160,7 +157,10 @@ class Selection:
         if "unit" not in rows:
             rows["unit"] = ""
         rows["scale"] = [f"{factor:.9g}" for factor in self.table["scale"]]
-        rows["selection"] = f"seed {self.seed}, {_describe(self.target)}"
+        kind = "spectrum" if self.target.sd.any() else "mean spectrum"
+        if (given := self.target.given) is not None:
+            kind = f"Sa({self.target.conditioning:g}) = {self.target.median[given]:.6g} g"
+        rows["selection"] = f"seed {self.seed}, {kind}"
         with replacing(place) as part:
             rows.to_csv(part, index=False, lineterminator="\n")
 
@@ -179,7 +179,6 @@ def select_records(
     *,
     max_scale: float = 4.0,
     per_event: int | None = None,
-    weights: tuple[float, float] | None = None,
 ) -> Selection:
     """Select records whose scaled spectra are distributed as the target's.
 
@@ -206,9 +205,6 @@ def select_records(
         No factor is above it or below its inverse.
     per_event : int, optional
         Most records of one event.
-    weights : (float, float), optional
-        Of the squared errors of mean and standard deviation of ln Sa: 1 and 2 where not given,
-        1 and 0.1 for a target that is a mean only, of which the scatter is kept small.
 
     Returns
     -------
@@ -237,17 +233,20 @@ def select_records(
     >>> selected.median.round(1), selected.sd.round(1)
     (array([0.6, 0.2]), array([0.5, 0.6]))
     """
-    if weights is None:
-        weights = (1.0, 2.0) if target.sd.any() else (1.0, 0.1)
-    _check(count, seed, max_scale, per_event, weights)
+    for name, value, least in (
+        ("count", count, 1), ("seed", seed, 0), ("max_scale", max_scale, 1),
+        ("per_event", 1 if per_event is None else per_event, 1),
+    ):  # fmt: skip
+        if not value >= least:
+            raise InputError(f"{name} = {value} must be at least {least}")
     records, ln_sa, limits = _candidates(table, target, count, max_scale, per_event)
-    start = simulate(target, count, np.random.default_rng(seed), weights)
-    chosen, ln_factor, simulated = best_set(ln_sa, target, start, limits, weights)
+    start = simulate(target, count, np.random.default_rng(seed))
+    chosen, ln_factor = best_set(ln_sa, target, start, limits)
     order = np.argsort(chosen)
     selected = records.iloc[chosen[order]].reset_index(drop=True)
     selected["scale"] = np.exp(ln_factor[order])
     scaled = (ln_sa[chosen] + ln_factor[:, None])[order]
-    return Selection(selected, target, scaled, simulated, seed, len(records))
+    return Selection(selected, target, scaled, seed, len(records))
 
 
 def _candidates(
@@ -270,10 +269,7 @@ def _candidates(
     rules, most = [(recording, 1)], len(set(recording))
     story += f"; {most} are different recordings"
     if per_event is not None:
-        if "event" not in records:
-            raise RecordError(
-                f"{name_of(table)}: column 'event' is missing, by which `per_event` limits"
-            )
+        column_of(records, "event")
         event = groups(records, ("event",))
         rules.append((event, per_event))
         of_event = Counter(dict(set(zip(recording, event))).values())
@@ -284,22 +280,3 @@ def _candidates(
             f"{name_of(table)}: {count} records are wanted and {most} may be selected; {story}"
         )
     return records, ln_sa, Limits(limit, tuple(rules))
-
-
-def _check(
-    count: int, seed: int, max_scale: float, per_event: int | None, weights: tuple[float, float]
-) -> None:
-    for name, value, least in (
-        ("count", count, 1), ("seed", seed, 0), ("max_scale", max_scale, 1),
-        ("per_event", 1 if per_event is None else per_event, 1),
-    ):  # fmt: skip
-        if not value >= least:
-            raise InputError(f"{name} = {value} must be at least {least}")
-    if not (np.isfinite(weights).all() and min(weights) >= 0.0 and max(weights) > 0.0):
-        raise InputError(f"weights {weights} must be numbers from 0 on, one of them above 0")
-
-
-def _describe(target: Target) -> str:
-    if target.given is None:
-        return "spectrum" if target.sd.any() else "mean spectrum"
-    return f"Sa({target.conditioning:g}) = {target.median[target.given]:.6g} g"

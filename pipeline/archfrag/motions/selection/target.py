@@ -1,11 +1,10 @@
 """What the spectra of selected records shall be distributed as."""
 
-import csv
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError
@@ -58,37 +57,34 @@ class Target:
 
 
 def conditional_spectrum(
-    ruptures: Rupture | Sequence[Rupture],
+    rupture: Rupture,
     level: float,
     conditioning: float,
     periods: ArrayLike = PERIODS,
-    models: Mapping[str, float] | Sequence[str] = ("CY14",),
+    model: str = "CY14",
 ) -> Target:
     """Mean and covariance of ln Sa, given Sa at one period.
 
-    For one rupture and model, with median exp(mu), standard deviation sigma and correlation rho,
-    and epsilon = (ln level - mu*) / sigma* at the conditioning period T*:
+    With median exp(mu), standard deviation sigma and correlation rho, and epsilon =
+    (ln level - mu*) / sigma* at the conditioning period T*:
 
     mean_i = mu_i + rho_i* epsilon sigma_i
     covariance_ij = sigma_i sigma_j (rho_ij - rho_i* rho_j*)
 
     Baker (2011), J. Struct. Eng. 137(3); Jayaram, Lin and Baker (2011), Earthquake Spectra
-    27(3), 797-815. Several ruptures and models are mixed by their weights: the mean is the mean
-    of means, the covariance the mean of covariances and the covariance of means; Lin, Harmsen,
-    Baker and Luco (2013), BSSA 103(2A), 1103-1116, whose exact form this is where the weights
-    are those given Sa(T*) (deaggregation by rupture and model).
+    27(3), 797-815.
 
     Parameters
     ----------
-    ruptures : Rupture or sequence of Rupture
+    rupture : Rupture
     level : float [g]
         Sa at the conditioning period.
     conditioning : float [s]
         T*; added to the periods if it is none of them.
     periods : array_like, shape (n_period,) [s]
         Twenty from 0.05 to 5 s where not given.
-    models : mapping or sequence of str
-        Ground-motion models with their weights, or their names, weighted equally; see `predict`.
+    model : str
+        Ground-motion model, see `predict`.
 
     Returns
     -------
@@ -108,31 +104,19 @@ def conditional_spectrum(
     >>> target.median.round(2), target.sd.round(2)
     (array([0.72, 0.63, 0.4 , 0.15]), array([0.54, 0.43, 0.  , 0.46]))
     """
-    if not (np.isfinite(level) and level > 0.0):
-        raise InputError(f"level = {level} g of Sa({conditioning} s) must be a number above 0")
-    if not (np.isfinite(conditioning) and conditioning > 0.0):
-        raise InputError(f"conditioning period {conditioning} s must be a number above 0")
+    for name, value in ((f"level = {level} g of Sa({conditioning} s)", level),
+                        (f"conditioning period {conditioning} s", conditioning)):  # fmt: skip
+        if not (np.isfinite(value) and value > 0.0):
+            raise InputError(f"{name} must be a number above 0")
     grid = _with_period(_rising(periods, "periods"), conditioning)
     known = int(np.abs(np.log(grid / conditioning)).argmin())
     rho = correlation(grid[:, None], grid)
-    means, covariances, weights, notes = [], [], [], dict[str, None]()
-    for rupture in (ruptures,) if isinstance(ruptures, Rupture) else tuple(ruptures):
-        for model, weight in _weighted(models).items():
-            median, sd, cautions = predict(rupture, model, grid)
-            epsilon = (np.log(level) - median[known]) / sd[known]
-            means.append(median + rho[known] * epsilon * sd)
-            covariances.append(np.outer(sd, sd) * (rho - np.outer(rho[known], rho[known])))
-            weights.append(rupture.weight * weight)
-            notes |= dict.fromkeys(cautions)
-    if not weights:
-        raise InputError("a conditional spectrum needs at least one rupture and one model")
-    fraction = np.array(weights) / np.sum(weights)
-    mean = fraction @ np.array(means)
-    apart = np.array(means) - mean
-    covariance = np.tensordot(fraction, covariances, 1) + (fraction[:, None] * apart).T @ apart
+    median, sd, notes = predict(rupture, model, grid)
+    mean = median + rho[known] * (np.log(level) - median[known]) / sd[known] * sd
+    covariance = np.outer(sd, sd) * (rho - np.outer(rho[known], rho[known]))
     covariance[known, :] = covariance[:, known] = 0.0
     mean[known] = np.log(level)
-    return Target(grid, mean, covariance, float(conditioning), tuple(notes))
+    return Target(grid, mean, covariance, float(conditioning), notes)
 
 
 def spectrum_target(
@@ -205,48 +189,26 @@ def read_target(path: str | Path) -> Target:
     1.0
     """
     try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file)
-            rows, columns = list(reader), [name for name in reader.fieldnames or () if name]
+        rows = pd.read_csv(path, encoding="utf-8-sig", skipinitialspace=True)
     except OSError as error:
         raise InputError(f"{path}: the target cannot be read ({error.strerror})") from None
-    except (UnicodeDecodeError, csv.Error) as error:
+    except ValueError as error:
         raise InputError(f"{path}: the target is not a table in CSV ({error})") from None
     for name in ("period_s", "Sa_g"):
-        if name not in columns:
-            raise InputError(
-                f"{path}: column {name!r} is missing; a target has period_s, Sa_g and, for its "
-                "scatter, sd"
-            )
-    if not rows:
+        if name not in rows:
+            has = "a target has period_s, Sa_g and, for its scatter, sd"
+            raise InputError(f"{path}: column {name!r} is missing; {has}")
+    if rows.empty:
         raise InputError(f"{path}: the target has no rows")
-    table = [
-        np.array(
-            [_number(row[name], f"{path}, line {n}: {name}") for n, row in enumerate(rows, 2)]
-        )
-        for name in ("period_s", "Sa_g", "sd")
-        if name in columns
-    ]
-    return spectrum_target(table[0], table[1], table[2] if len(table) > 2 else None, str(path))
-
-
-def _number(text: str | None, place: str) -> float:
-    try:
-        value = float(text or "")
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
-        raise InputError(f"{place} = {text!r} is not a finite number")
-    return value
-
-
-def _weighted(models: Mapping[str, float] | Sequence[str]) -> dict[str, float]:
-    names = [models] if isinstance(models, str) else models
-    weights = dict(names) if isinstance(names, Mapping) else dict.fromkeys(names, 1.0)
-    for model, weight in weights.items():
-        if not (np.isfinite(weight) and weight > 0.0):
-            raise InputError(f"weight {weight} of model {model} must be a number above 0")
-    return weights
+    table: dict[str, NDArray[np.float64]] = {}
+    for name in ("period_s", "Sa_g", "sd"):
+        if name in rows:
+            table[name] = pd.to_numeric(rows[name], errors="coerce").to_numpy(dtype=np.float64)
+            wrong = np.flatnonzero(~np.isfinite(table[name]))
+            if wrong.size:
+                where = f"{path}, line {wrong[0] + 2}: {name}"
+                raise InputError(f"{where} = {rows[name][wrong[0]]!r} is not a finite number")
+    return spectrum_target(table["period_s"], table["Sa_g"], table.get("sd"), str(path))
 
 
 def _rising(periods: ArrayLike, name: str) -> NDArray[np.float64]:

@@ -1,6 +1,5 @@
 """Suites of synthetic motions: earthquakes, their records, and the seeds of all of them."""
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +8,7 @@ import numpy as np
 
 from archfrag.errors import InputError
 from archfrag.files import make_folder, replacing
-from archfrag.motions.index import COLUMNS, write_index
+from archfrag.motions.index import COLUMNS, sha256, write_index
 from archfrag.motions.motion import Motion
 from archfrag.motions.synthetic.motion import Options, Seeds, make_motion
 
@@ -113,30 +112,24 @@ def plan_motions(plan: Plan) -> list[Recipe]:
         raise InputError(f"{count} motions are more than {SPACING}, the seeds of one suite")
     first = plan.seed * SPACING
     generator = np.random.Generator(np.random.PCG64(_DRAWN + plan.seed))
-    magnitudes = _values(plan.magnitude, plan.drawn_magnitude, plan.events, generator)
+    magnitudes = np.resize(plan.magnitude, plan.events)
+    if plan.drawn_magnitude:
+        low, high = plan.magnitude
+        magnitudes = generator.uniform(low, high, plan.events).round(6)
+    distances = np.resize(plan.distance, count)
     if plan.drawn_distance:
-        ends = np.log(np.maximum(plan.distance, 1e-3)).tolist()
-        distances = np.exp(_values(ends, True, count, generator)).round(2).tolist()
-    else:
-        distances = _values(plan.distance, False, count, generator)
+        low, high = np.log(np.maximum(plan.distance, 1e-3)).tolist()
+        distances = np.exp(generator.uniform(low, high, count).round(6)).round(2)
     pulses = generator.uniform(size=count) < plan.pulses
     recipes = []
-    for number in range(count):
+    for number, (distance, pulse) in enumerate(zip(distances.tolist(), pulses.tolist())):
         event, record = divmod(number, plan.records_per_event)
         site = number if plan.sites is None else number % plan.sites
-        name = f"e{event + 1}-r{record + 1}"
         seeds = Seeds(first + number, first + event, first + site)
-        options = Options(vs30=plan.vs30, vertical=plan.vertical, pulse=bool(pulses[number]))
-        recipes.append(Recipe(name, magnitudes[event], distances[number], seeds, options))
+        options = Options(vs30=plan.vs30, vertical=plan.vertical, pulse=pulse)
+        name, magnitude = f"e{event + 1}-r{record + 1}", float(magnitudes[event])
+        recipes.append(Recipe(name, magnitude, float(distance), seeds, options))
     return recipes
-
-
-def _values(
-    given: Sequence[float], drawn: bool, count: int, generator: np.random.Generator
-) -> list[float]:
-    if drawn:
-        return generator.uniform(given[0], given[1], count).round(6).tolist()
-    return [float(given[number % len(given)]) for number in range(count)]
 
 
 def shipped_recipes() -> list[Recipe]:
@@ -181,7 +174,7 @@ def make_suite(out_dir: str | Path, recipes: Sequence[Recipe] | None = None) -> 
         _write_miniseed(path, motion, f"S{number % 10000:04d}")  # five characters at most
         known = {key: value for key, value in motion.metadata.items() if key in COLUMNS}
         made = {"component": COMPONENT, "dt_s": motion.dt, "unit": "m/s2", "terms": TERMS}
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        digest = sha256(path.read_bytes())
         row = {"id": recipe.id, "file": f"{FOLDER}/{path.name}", "sha256": digest, **made}
         rows.append(known | row | ({"pulse": recipe.options.pulse} if pulses else {}))
     write_index(folder, rows)
