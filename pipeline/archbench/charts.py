@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import matplotlib
 import numpy as np
@@ -21,7 +21,8 @@ from archbench.speed import kept_errors
 
 INK, GREY, PALE = "#1f2933", "#7b8794", "#d3dae2"
 WIDTH = 7.4  # [inch]
-_COLUMNS = 3
+DASHES = (0, (5, 3))
+COST = "CPU seconds of a run"
 
 
 class Style(NamedTuple):
@@ -42,8 +43,7 @@ STYLES = {
     "four_link": Style("four-link", INK, "P"),
     "gauss_seidel": Style("Gauss–Seidel", "#CC79A7", "X"),
     "quadratic_programme": Style("quadratic programme", "#56B4E9", "p"),
-    "mujoco": Style("MuJoCo", "#8c6d31", "<", ":"),
-    "mujoco_corners": Style("MuJoCo, corners", "#8c6d31", ">", ":"),
+    "mujoco_corners": Style("MuJoCo", "#8c6d31", ">", ":"),
     "pymunk": Style("pymunk", "#637939", "v", ":"),
     "lmgc90": Style("LMGC90", "#843c39", "*", ":"),
     "siconos": Style("Siconos", "#7b4173", "h", ":"),
@@ -64,7 +64,10 @@ KINDS = {
     "does not apply": ("–", "white", GREY),
     "right": ("", "#bfe3d5", INK),
 }
-RESULTS = {"held": "#bfe3d5", "broke": "#D55E00", "failed": INK, "does not apply": "#eef1f4"}
+RESULTS = {
+    "held": ("", "#bfe3d5", INK), "broke": ("×", "#D55E00", "white"),
+    "failed": ("×", INK, "white"), "does not apply": ("", "#eef1f4", INK),
+}  # fmt: skip
 
 
 def style_of(name: str) -> Style:
@@ -72,8 +75,8 @@ def style_of(name: str) -> Style:
     return STYLES.get(name, Style(name, GREY, ".", ":"))
 
 
-def new_figure(height: float) -> Figure:
-    """An empty figure of the page's width in the common style."""
+def _panels(height: float, rows: int = 1, across: int = 1, used: int = 1) -> tuple[Figure, list]:
+    """A figure of the page's width and its axes; those beyond `used` are empty."""
     matplotlib.rcParams.update({
         "font.size": 8.5, "axes.titlesize": 8.5, "axes.titleweight": "bold",
         "axes.titlelocation": "left", "axes.spines.top": False, "axes.spines.right": False,
@@ -81,10 +84,19 @@ def new_figure(height: float) -> Figure:
         "legend.fontsize": 8.0, "grid.color": PALE, "grid.linewidth": 0.5,
         "svg.fonttype": "none", "svg.hashsalt": "archbench",
     })  # fmt: skip
-    return Figure(figsize=(WIDTH, height), layout="constrained")
+    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    axes = figure.subplots(rows, across, squeeze=False).flatten().tolist()
+    for each in axes[used:]:
+        each.set_axis_off()
+    return figure, axes[:used]
 
 
-def _log(axes: Axes, both: bool = True) -> None:
+def _decade(value: float, _: int) -> str:
+    return f"{value:g}" if 1e-3 < value < 1e4 else f"1e{round(np.log10(value))}"
+
+
+def _log(axes: Axes, x: str, y: str, title: str = "", both: bool = True) -> None:
+    axes.set(xscale="log", xlabel=x, ylabel=y, title=title, **({"yscale": "log"} if both else {}))
     for axis in (axes.xaxis, axes.yaxis) if both else (axes.xaxis,):
         axis.set_major_locator(LogLocator(10.0, numticks=5))
         axis.set_minor_locator(NullLocator())
@@ -93,24 +105,14 @@ def _log(axes: Axes, both: bool = True) -> None:
     axes.grid(True)
 
 
-def _decade(value: float, _: int) -> str:
-    return f"{value:g}" if 1e-3 < value < 1e4 else f"1e{round(np.log10(value))}"
-
-
 def _legend(figure: Figure, methods: Iterable[str], floor: bool = True) -> None:
     handles = [
         Line2D([], [], color=colour, marker=marker, linestyle=stroke, lw=1.0, ms=4.0, label=label)
         for label, colour, marker, stroke in map(style_of, methods)
     ]
     if floor:
-        marks: dict[str, Any] = {
-            "color": GREY,
-            "marker": "o",
-            "mfc": "white",
-            "lw": 0.0,
-            "ms": 4.0,
-        }
-        handles.append(Line2D([], [], label="at most", **marks))
+        handles.append(Line2D([], [], color=GREY, marker="o", mfc="white", lw=0.0, ms=4.0,
+                              label="at most"))  # fmt: skip
     figure.legend(handles=handles, loc="outside upper left", ncols=5, handlelength=2.0)
 
 
@@ -131,24 +133,19 @@ def cost_chart(points: pd.DataFrame, quantity: str) -> Figure | None:
     shown = points[(points["quantity"] == quantity) & points["drawn"].astype(bool)]
     if shown.empty:
         return None
-    scenes = list(dict.fromkeys(shown["scene"]))
-    rows = math.ceil(len(scenes) / _COLUMNS)
-    figure = new_figure(0.9 + 1.75 * rows)
-    grid = figure.subplots(rows, _COLUMNS, squeeze=False)
-    methods = _ordered(shown["method"])
-    for axes, scene in zip(grid.flat, scenes, strict=False):
+    scenes, methods = list(dict.fromkeys(shown["scene"])), _ordered(shown["method"])
+    rows = math.ceil(len(scenes) / 3)
+    figure, panels = _panels(0.9 + 1.75 * rows, rows, 3, len(scenes))
+    for axes, scene in zip(panels, scenes, strict=True):
         frame = shown[shown["scene"] == scene]
         for method in methods:
             part = frame[frame["method"] == method]
             error = np.maximum(part["error"], part["floor"])
             _marked(axes, error, part["seconds"], part["at_floor"].astype(bool), style_of(method))
         axes.axvline(float(frame["floor"].min()), color=GREY, lw=0.7, zorder=1)
-        axes.set(xscale="log", yscale="log", title=scene)
-        _log(axes)
-    for axes in grid.flat[len(scenes) :]:
-        axes.set_axis_off()
+        _log(axes, "", "", scene)
     figure.supxlabel(QUANTITIES[quantity], fontsize=8.5)
-    figure.supylabel("CPU seconds of a run", fontsize=8.5)
+    figure.supylabel(COST, fontsize=8.5)
     _legend(figure, methods)
     return figure
 
@@ -157,59 +154,50 @@ def overview_chart(points: pd.DataFrame, quantity: str = "amplitude") -> Figure:
     """Cost against error over all scenes: medians of each setting that most of them have."""
     kept = kept_errors(points)
     kept = kept[kept["quantity"] == quantity]
-    figure = new_figure(3.6)
-    axes = figure.subplots()
+    figure, (axes,) = _panels(3.6)
     methods = _ordered(kept["method"])
     for method in methods:
         group = kept[kept["method"] == method].groupby("value", sort=False)
-        table = group[["kept", "seconds", "at_floor"]].agg(
-            {"kept": "median", "seconds": "median", "at_floor": "all"}
-        )
+        table = group.agg({"kept": "median", "seconds": "median", "at_floor": "all"})
         table = table[group.size() * 2 > kept["scene"].nunique()]
         _marked(axes, table["kept"], table["seconds"], table["at_floor"], style_of(method))
-    axes.set(xscale="log", yscale="log", xlabel=QUANTITIES[quantity],
-             ylabel="CPU seconds of a run", title="Medians over scenes")  # fmt: skip
-    _log(axes)
+    _log(axes, QUANTITIES[quantity], COST, "Medians over scenes")
     _legend(figure, methods)
     return figure
 
 
 def fragility_chart(curves: pd.DataFrame) -> Figure:
     """Difference of theta and beta from the reference against cost; bars: all repetitions."""
-    figure = new_figure(3.9)
-    panels = figure.subplots(1, 2, sharex=True)
+    figure, panels = _panels(3.9, 1, 2, 2)
     methods = _ordered(curves["method"])
     for axes, name in zip(panels, ("theta", "beta"), strict=True):
-        known, sampling = (
-            100.0 * float(curves[f"{name}_{kind}"].iloc[0]) for kind in ("known_to", "sampling")
-        )
+        first = 100.0 * curves[[f"{name}_known_to", f"{name}_sampling"]].iloc[0]
+        known, sampling = first.tolist()
         for method in methods:
-            style = style_of(method)
             group = curves[curves["method"] == method].sort_values("seconds")
-            middle, low, high = (
-                100.0 * group[f"{name}_{kind}"] for kind in ("difference", "low", "high")
-            )
+            columns = [f"{name}_{kind}" for kind in ("difference", "low", "high")]
+            middle, low, high = (100.0 * group[column] for column in columns)
+            style = style_of(method)
             axes.vlines(group["seconds"], low, high, color=style.colour, lw=1.5, alpha=0.5)
             _marked(axes, group["seconds"], middle, [False] * len(group), style)
         axes.axhspan(-known, known, color=PALE, alpha=0.7, lw=0.0)
         for sign in (-1.0, 1.0):
-            axes.axhline(sign * sampling, color=INK, ls=(0, (5, 3)), lw=0.8)
+            axes.axhline(sign * sampling, color=INK, ls=DASHES, lw=0.8)
         axes.annotate("standard error of the sample of records", (1.0, sampling), (0, 3),
                       fontsize=7.0, xycoords=("axes fraction", "data"),
                       textcoords="offset points", ha="right")  # fmt: skip
-        axes.set_xscale("log")
+        title = f"{name} less the reference's (%)"
+        _log(axes, "CPU seconds of one study", "", title, both=False)
         axes.set_yscale("symlog", linthresh=20.0)
-        axes.set(title=f"{name} less the reference's (%)", xlabel="CPU seconds of one study")
-        _log(axes, both=False)
-        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.yaxis.set_major_formatter("{x:g}")
+    panels[1].sharex(panels[0])
     _legend(figure, methods, floor=False)
     return figure
 
 
 def growth_chart(runs: pd.DataFrame, exponents: pd.DataFrame) -> Figure:
     """CPU seconds for a second of motion against the number of voussoirs."""
-    figure = new_figure(3.4)
-    axes = figure.subplots()
+    figure, (axes,) = _panels(3.4)
     known = exponents.set_index("method")
     for method in _ordered(exponents["method"]):
         label, colour, marker, stroke = style_of(method)
@@ -217,14 +205,21 @@ def growth_chart(runs: pd.DataFrame, exponents: pd.DataFrame) -> Figure:
         half = 0.5 * (row["high"] - row["low"])
         axes.plot(cost.index, cost, marker=marker, color=colour, ls=stroke, ms=4.5, lw=1.0,
                   label=f"{label}: n^{row['exponent']:.2f} ± {half:.2f}")  # fmt: skip
-    axes.axhline(1.0, color=INK, ls=(0, (5, 3)), lw=0.9)
-    axes.set(xscale="log", yscale="log", xlabel="voussoirs",
-             ylabel="CPU seconds for a second of motion")  # fmt: skip
-    _log(axes)
+    axes.axhline(1.0, color=INK, ls=DASHES, lw=0.9)
+    _log(axes, "voussoirs", "CPU seconds for a second of motion")
     numbers = sorted(runs["voussoirs"].dropna().unique())
     axes.set_xticks(numbers, [f"{number:g}" for number in numbers])
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
+
+
+def _cells(axes: Axes, places: Iterable[tuple[int, int]], cells: Iterable) -> None:
+    """Squares of (letter, fill, ink) at places; axes without ticks and spines."""
+    for (x, y), (letter, fill, ink) in zip(places, cells, strict=True):
+        axes.add_patch(Rectangle((x - 0.47, y - 0.45), 0.94, 0.9, fc=fill, ec=PALE, lw=0.3))
+        axes.text(x, y, letter, ha="center", va="center", fontsize=7.0, color=ink)
+    axes.tick_params(length=0.0)
+    axes.spines[:].set_visible(False)
 
 
 def stability_map(cells: pd.DataFrame) -> Figure:
@@ -232,25 +227,17 @@ def stability_map(cells: pd.DataFrame) -> Figure:
     methods, rows = _ordered(cells["method"]), list(dict.fromkeys(cells["row"]))
     across = min(4, len(methods))
     down = math.ceil(len(methods) / across)
-    figure = new_figure(0.6 + down * (0.8 + 0.22 * len(rows)))
-    panels = figure.subplots(down, across, squeeze=False)
-    for axes, method in zip(panels.flat, methods, strict=False):
+    figure, panels = _panels(0.6 + down * (0.8 + 0.22 * len(rows)), down, across, len(methods))
+    for axes, method in zip(panels, methods, strict=True):
         own = cells[cells["method"] == method]
         values = sorted(set(own["value"]), reverse=True)
-        for _, cell in own.iterrows():
-            x, y = values.index(cell["value"]), rows.index(cell["row"])
-            letter, fill, ink = KINDS[cell["kind"]]
-            axes.add_patch(Rectangle((x - 0.47, y - 0.45), 0.94, 0.9, fc=fill, ec=PALE, lw=0.3))
-            axes.text(x, y, letter, ha="center", va="center", fontsize=7.0, color=ink)
+        places = zip(map(values.index, own["value"]), map(rows.index, own["row"]), strict=True)
+        _cells(axes, places, own["kind"].map(KINDS))
         axes.set_xticks(range(len(values)), [f"{value:.0e}".replace("e-0", "e-")
                         .replace("e+00", "") for value in values], fontsize=6.5)  # fmt: skip
         axes.set_yticks(range(len(rows)), [f"{row:g}" for row in rows], fontsize=7.0)
         axes.set(xlim=(-0.6, len(values) - 0.4), ylim=(-0.6, len(rows) - 0.4),
                  title=style_of(method).label, xlabel=own["parameter"].iloc[0])  # fmt: skip
-        axes.tick_params(length=0.0)
-        axes.spines[:].set_visible(False)
-    for axes in panels.flat[len(methods) :]:
-        axes.set_axis_off()
     figure.supylabel(cells["axis"].iloc[0], fontsize=8.5)
     counts = cells["kind"].value_counts()
     handles = [Patch(fc=fill, ec=PALE, label=f"{letter} {kind} ({counts[kind]})".strip())
@@ -261,25 +248,21 @@ def stability_map(cells: pd.DataFrame) -> Figure:
 
 def corner_chart(runs: pd.DataFrame) -> Figure:
     """Corner cases and their variants by method."""
-    methods = _ordered(runs["method"])
-    lines = list(dict.fromkeys(zip(runs["case"], runs["variant"].fillna(""), strict=True)))
-    figure = new_figure(1.3 + 0.19 * len(lines))
-    axes = figure.subplots()
-    for _, row in runs.fillna({"variant": ""}).iterrows():
-        x, y = methods.index(row["method"]), lines.index((row["case"], row["variant"]))
-        colour = RESULTS[row["result"]]
-        axes.add_patch(Rectangle((x - 0.46, y - 0.44), 0.92, 0.88, fc=colour, lw=0.0))
-        if row["result"] in ("broke", "failed"):
-            axes.text(x, y, "×", ha="center", va="center", color="white", fontsize=8.0)
+    methods, variants = _ordered(runs["method"]), runs["variant"].fillna("")
+    keys = list(zip(runs["case"], variants, strict=True))
+    lines = list(dict.fromkeys(keys))
+    figure, (axes,) = _panels(1.3 + 0.19 * len(lines))
+    _cells(
+        axes,
+        zip(map(methods.index, runs["method"]), map(lines.index, keys), strict=True),
+        runs["result"].map(RESULTS),
+    )
     axes.set(xlim=(-0.5, len(methods) - 0.5), ylim=(len(lines) - 0.5, -0.5))
-    axes.set_xticks(range(len(methods)), [style_of(m).label for m in methods], rotation=30.0,
-                    ha="left")  # fmt: skip
+    labels = [style_of(method).label for method in methods]
+    axes.set_xticks(range(len(methods)), labels, rotation=30.0, ha="left")
     axes.xaxis.tick_top()
-    names = [": ".join(part for part in (case.replace("_", " "), variant) if part)
-             for case, variant in lines]  # fmt: skip
+    names = [": ".join(filter(None, (case.replace("_", " "), variant))) for case, variant in lines]
     axes.set_yticks(range(len(lines)), names)
-    axes.tick_params(length=0.0)
-    axes.spines[:].set_visible(False)
-    handles = [Patch(color=colour, label=kind) for kind, colour in RESULTS.items()]
+    handles = [Patch(color=colour, label=kind) for kind, (_, colour, _) in RESULTS.items()]
     figure.legend(handles=handles, loc="outside lower left", ncols=len(handles))
     return figure

@@ -12,13 +12,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from archbench.closed_forms import Rocking
+from archbench.exact import Rocking, least_friction
 from archbench.facts import Run, judge_run
 from archbench.runner import Bench, Row
 from archbench.scene import STANDARD_GRAVITY, Scene
 from archbench.settings import default_setting
 from archbench.solve import arch_of, solve, with_motion
-from archbench.statics import least_friction
 from archfrag.errors import ArchfragError
 from archfrag.mechanics.status import Status
 from archfrag.motions.read import read_motion

@@ -13,21 +13,20 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import yaml
 
-from archbench.runner import Bench
+from archbench.runner import Bench, Row
+from archbench.scene import STANDARD_GRAVITY
 from archfrag.errors import ArchfragError
 
 REPEATS = {True: 2, False: 8}
 DISTURBANCE = 1e-5
-GRAVITY = 9.80665
 LIMIT = 600.0
-MAGNITUDES, DISTANCES_KM = (5.5, 6.0, 6.5, 7.0, 7.5), (5.0, 10.0, 20.0, 35.0, 70.0)
+SYNTHETIC = {"magnitude": [5.5, 6.0, 6.5, 7.0, 7.5], "distance_km": [5.0, 10.0, 20.0, 35.0, 70.0]}
 # Design, and how many synthetic motions it draws anew; 0: the shipped ones.
-DESIGNS: dict[str, tuple[dict[str, Any], int]] = {
+DESIGNS: dict[str, tuple[Row, int]] = {
     "stripes": ({"kind": "stripes"}, 0),
     "ida": ({"kind": "ida"}, 0),
     "two_stage": ({"kind": "two_stage"}, 0),
@@ -37,62 +36,48 @@ DESIGNS: dict[str, tuple[dict[str, Any], int]] = {
 QUICK = ("stripes", "ida")
 
 
-def run_design(name: str, repeat: int, records: Path) -> dict[str, Any]:
+def run_design(name: str, repeat: int, records: Path) -> Row:
     """Runs, theta [g], beta, their 90 % intervals and the time of one study.
 
-    Raises
-    ------
-    ArchfragError
-        If the study fails, with its own message.
+    ArchfragError if the study fails, with its own message.
     """
     design, events = DESIGNS[name]
-    larger = 1.0 + DISTURBANCE * repeat
     study = yaml.safe_load((records.parent / "configs" / "shipped.yaml").read_text("utf-8"))
-    study |= {"design": {**design, **({} if design["kind"] == "stripes" else {"seed": repeat})}}
-    study["motions"] = {"index": str(records / "index.csv")}
-    if events:
-        study["motions"] = {"synthetic": {
-            "events": events, "magnitude": list(MAGNITUDES),
-            "distance_km": list(DISTANCES_KM), "seed": repeat,
-        }}  # fmt: skip
+    seed = {} if design["kind"] == "stripes" else {"seed": repeat}
+    synthetic = {"synthetic": {"events": events, **SYNTHETIC, "seed": repeat}}
+    study["design"] = {**design, **seed}
+    study["motions"] = synthetic if events else {"index": str(records / "index.csv")}
     levels = study["intensity"]["levels"]
-    study["intensity"]["levels"] = {**levels, "start": larger * levels["start"],
-                                    "stop": larger * levels["stop"]}  # fmt: skip
+    for end in ("start", "stop"):
+        levels[end] *= 1.0 + DISTURBANCE * repeat
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "study.yaml"
         path.write_text(yaml.safe_dump({**study, "output": "out"}), encoding="utf-8")
         program = str(Path(sys.executable).with_name("archfrag"))
+        command = [program, "run", str(path), "--cores", "1", "--quiet"]
         began = time.perf_counter()
-        done = subprocess.run(
-            [program, "run", str(path), "--cores", "1", "--quiet"],
-            cwd=folder,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
         seconds = time.perf_counter() - began
         if done.returncode:
             raise ArchfragError(f"design {name}: {done.stderr.strip()[-500:]}")
         fits = json.loads((Path(folder) / "out" / "fits.json").read_text("utf-8"))
     (found,) = fits["arches"].values()
     (counted,) = fits["design"]["arches"].values()
+    theta = [each / STANDARD_GRAVITY for each in (found["curve"]["theta"], *found["theta"])]
     return {
         "design": name, "repeat": repeat,
         **{key: counted.get(key, 0) for key in ("runs", "coarse_runs")},
-        "theta_g": found["curve"]["theta"] / GRAVITY, "beta": found["curve"]["beta"],
-        "theta_low": found["theta"][0] / GRAVITY, "theta_high": found["theta"][1] / GRAVITY,
-        "beta_low": found["beta"][0], "beta_high": found["beta"][1], "seconds": seconds,
+        "theta_g": theta[0], "beta": found["curve"]["beta"], "theta_low": theta[1],
+        "theta_high": theta[2], "beta_low": found["beta"][0], "beta_high": found["beta"][1],
+        "seconds": seconds,
     }  # fmt: skip
 
 
 def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     """Every study, and means and standard deviations by design."""
-    names = QUICK if bench.quick else tuple(DESIGNS)
-    tasks: dict[tuple, tuple] = {
-        (name, repeat): (name, repeat, bench.records)
-        for name in names
-        for repeat in range(REPEATS[bench.quick])
-    }
+    tasks = {(name, repeat): (name, repeat, bench.records)
+             for name in (QUICK if bench.quick else DESIGNS)
+             for repeat in range(REPEATS[bench.quick])}  # fmt: skip
     found = bench.run("designs", run_design, tasks, LIMIT)
     studies = pd.DataFrame([each for each in found.values() if not isinstance(each, str)])
     groups = studies.drop(columns="repeat").groupby("design", sort=False)

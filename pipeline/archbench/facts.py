@@ -9,11 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from archbench.closed_forms import Rocking, rest_limits, slip_under_rectangle
+from archbench.exact import Rocking, largest_load, rest_limits, slip_under_rectangle
 from archbench.measures import energy_gain, overlap, path_energy_gain
 from archbench.scene import Array, Scene
 from archbench.solve import arch_of, motion_of
-from archbench.statics import largest_load
 from archfrag.mechanics.status import Status
 from archfrag.simulate import onset
 from archfrag.simulation.response import Response

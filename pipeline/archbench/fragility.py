@@ -10,18 +10,17 @@ the contact problem in common, with settings that differ a little.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from archbench.runner import Bench
-from archbench.scene import Scene, load_scene
+from archbench.runner import Bench, Row
+from archbench.scene import Array, Scene, load_scene
 from archbench.settings import Setting
 from archbench.solve import solve, solve_many, with_motion
 from archfrag.errors import ArchfragError, FitError
@@ -29,8 +28,6 @@ from archfrag.fragility.fit import fit_stripes
 from archfrag.motions.index import load_index
 from archfrag.motions.read import load_motion, read_motion
 from archfrag.simulation.checks import available_methods
-
-Array = NDArray[np.float64]
 
 REPEATS = 8
 DISTURBANCE = 1e-5
@@ -59,6 +56,25 @@ FALL = 4.0  # after a record, for what has lost contact to move two thicknesses 
 RESAMPLES, SEED = 200, 20250101
 
 
+class Study(NamedTuple):
+    """A study made: its role "reference" or "setting", its CPU seconds, and outcomes 1, 0 or None.
+
+    Outcomes are (n_record, n_level), as lists.
+    """
+
+    role: str
+    setting: Setting
+    repeat: int
+    outcomes: list
+    seconds: float
+
+    @property
+    def counts(self) -> Array:
+        """Which of its runs collapsed, and which stood, (2, n_record, n_level)."""
+        known = np.array(self.outcomes, float)
+        return np.array([known == 1.0, known == 0.0], float)
+
+
 @lru_cache(maxsize=2)
 def scenes_of(folder: Path, real: bool, quick: bool) -> tuple[list[Scene], list[float]]:
     """A scene for each record, at a peak of 1 g, and the levels [g].
@@ -75,16 +91,13 @@ def scenes_of(folder: Path, real: bool, quick: bool) -> tuple[list[Scene], list[
         levels = np.linspace(0.2, 3.0, 15)
     arch, scenes = load_scene("arch7_pulse"), []
     for motion in motions:
-        duration = math.ceil(motion.dt * motion.acceleration.size + FALL)
-        scene = replace(arch, name=motion.id, duration=float(duration))
-        scenes.append(with_motion(scene, motion, 1.0))
+        duration = float(math.ceil(motion.dt * motion.acceleration.size + FALL))
+        scenes.append(with_motion(replace(arch, name=motion.id, duration=duration), motion, 1.0))
     return scenes, levels[:: 2 if quick else 1].round(12).tolist()
 
 
-def run_study(
-    setting: Setting, repeat: int, folder: Path, real: bool, quick: bool
-) -> dict[str, Any]:
-    """One study: outcomes (1, 0 or None), (n_record, n_level), and its CPU seconds."""
+def run_study(setting: Setting, repeat: int, folder: Path, real: bool, quick: bool) -> Row:
+    """Outcomes and CPU seconds of one study, as of `Study`."""
     scenes, levels = scenes_of(folder, real, quick)
     factors = [level * (1.0 + DISTURBANCE * repeat) for level in levels]
     outcomes, seconds = [], 0.0
@@ -113,103 +126,89 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     """Make the studies."""
     left_out: list[tuple[str, str, float, str]] = []
     tables: dict[str, list[pd.DataFrame]] = {"studies": [], "curves": []}
-    for study, folder in (("shipped", bench.records), ("real", bench.real)):
+    longest = LONGEST[bench.quick]
+    for name, folder in (("shipped", bench.records), ("real", bench.real)):
         if folder is None:
             continue
-        place = (folder, study == "real", bench.quick)
+        place = (folder, name == "real", bench.quick)
         offered = [each for each in COMPARED if each.method in available_methods()]
-        offered += [Setting(name, "dt", step) for name in bench.solvers for step in OTHER_STEPS]
+        offered += [Setting(other, "dt", step) for other in bench.solvers for step in OTHER_STEPS]
+        asked = {(name, bench.quick, *each.columns.values()): (each, *place) for each in offered}
+        costs = bench.run("fragility_costs", predicted_seconds, asked, longest)
         chosen = list(SETTINGS[bench.quick])
-        predicted = bench.run(
-            "fragility_costs", predicted_seconds,
-            {(study, bench.quick, *each.columns.values()): (each, *place) for each in offered},
-            LONGEST[bench.quick],
-        )  # fmt: skip
-        for setting, seconds in zip(offered, predicted.values(), strict=True):
-            if not isinstance(seconds, str) and seconds <= LONGEST[bench.quick]:
+        for setting, seconds in zip(offered, costs.values(), strict=True):
+            if not isinstance(seconds, str) and seconds <= longest:
                 chosen.append(setting)
                 continue
             why = seconds if isinstance(seconds, str) else f"about {seconds:.0f} s of CPU"
-            left_out.append((study, setting.method, setting.value, why))
-        tasks: dict[tuple, tuple] = {}
-        roles: list[tuple[str, Setting, int]] = []
-        for k in range(REPEATS):
+            left_out.append((name, setting.method, setting.value, why))
+        roles = [
+            (role, each, k)
+            for k in range(REPEATS)
             for role, each in (
                 *(("reference", each.finer(1.0 - APART * k)) for each in REFERENCES),
                 *(("setting", each) for each in chosen),
-            ):
-                roles.append((role, each, k))
-                tasks[study, bench.quick, *each.columns.values(), k] = (each, k, *place)
-        found = bench.run("fragility", run_study, tasks, 10.0 * LONGEST[bench.quick])
-        levels = np.array(scenes_of(*place)[1])
-        studies = {
-            (role, each.method, each.value if role == "setting" else 0.0, k): (each, result)
-            for (role, each, k), result in zip(roles, found.values(), strict=True)
-            if not isinstance(result, str)
-        }
-        for name, table in tables_of(studies, levels).items():
-            tables[name].append(table.assign(study=study))
-    return {name: pd.concat(parts) for name, parts in tables.items()} | {
-        "left_out": pd.DataFrame(left_out, columns=["study", "method", "value", "reason"])
-    }
+            )
+        ]
+        tasks = {(name, bench.quick, *each.columns.values(), k): (each, k, *place)
+                 for _, each, k in roles}  # fmt: skip
+        found = bench.run("fragility", run_study, tasks, 10.0 * longest)
+        studies = [Study(*role, **result)
+                   for role, result in zip(roles, found.values(), strict=True)
+                   if not isinstance(result, str)]  # fmt: skip
+        for part, table in tables_of(studies, np.array(scenes_of(*place)[1])).items():
+            tables[part].append(table.assign(study=name))
+    left = pd.DataFrame(left_out, columns=["study", "method", "value", "reason"])
+    return {part: pd.concat(found) for part, found in tables.items()} | {"left_out": left}
 
 
-Studies = Mapping[tuple[str, str, float, int], tuple[Setting, dict[str, Any]]]
-
-
-def tables_of(studies: Studies, levels: Array) -> dict[str, pd.DataFrame]:
+def tables_of(studies: Sequence[Study], levels: Array) -> dict[str, pd.DataFrame]:
     """Tables `studies` and `curves`."""
-    groups: dict[tuple[str, str, float], list[tuple[Setting, dict[str, Any]]]] = {}
-    for (role, method, value, _), entry in studies.items():
-        groups.setdefault((role, method, value), []).append(entry)
-    pooled = {key[1]: _counts(group) for key, group in groups.items() if key[0] == "reference"}
-    collapsed, stood = (np.sum(each, axis=0) for each in zip(*pooled.values(), strict=True))
-    centre = np.array(curve_of(levels, collapsed, stood))
-    alone = [
-        [curve_of(levels, *_counts([entry])) for entry in group]
-        for key, group in groups.items() if key[0] == "reference"
-    ]  # fmt: skip
-    known = known_to([curve_of(levels, *each) for each in pooled.values()], alone)
-    sampling = _sampling(levels, collapsed, stood)
+    groups: dict[tuple[str, str, float], list[Study]] = {}
+    for each in studies:
+        value = each.setting.value if each.role == "setting" else 0.0
+        groups.setdefault((each.role, each.setting.method, value), []).append(each)
+    fits = {key: np.array([curve_of(levels, each.counts) for each in group])
+            for key, group in groups.items()}  # fmt: skip
+    totals = {key: np.sum([each.counts for each in group], axis=0)
+              for key, group in groups.items()}  # fmt: skip
+    references = [key for key in groups if key[0] == "reference"]
+    pooled = np.sum([totals[key] for key in references], axis=0)
+    centre = np.array(curve_of(levels, pooled))
+    known = known_to(
+        [curve_of(levels, totals[key]) for key in references], [fits[key] for key in references]
+    )
+    records = pooled.shape[1]
+    drawn = np.random.default_rng(SEED).integers(0, records, (RESAMPLES, records))
+    # Standard errors of ln theta and beta from these records being a sample.
+    sampling = np.nanstd([curve_of(levels, pooled[:, each]) for each in drawn], axis=0, ddof=1)
     rows, curves = [], []
-    for (role, _, _), group in groups.items():
-        found = np.array([curve_of(levels, *_counts([entry])) for entry in group])
-        setting = group[0][0]
-        seconds = [result["seconds"] for _, result in group]
-        for k, (theta, each) in enumerate(zip(np.exp(found[:, 0]), group, strict=True)):
-            rows.append({**each[0].columns, "role": role, "repeat": k, "theta": theta,
-                         "beta": found[k, 1], "seconds": seconds[k]})  # fmt: skip
-        counts = _counts(group)
-        if role == "setting":
-            away = (found - centre) / (1.0, centre[1])
-            row: dict[str, Any] = {
-                **setting.columns, "runs": counts[0].size, "repeats": len(group),
-                "theta": float(np.exp(found[:, 0].mean())), "beta": float(found[:, 1].mean()),
+    for key, group in groups.items():
+        found, seconds = fits[key], [each.seconds for each in group]
+        for each, (theta, beta) in zip(group, found, strict=True):
+            own = {"role": each.role, "repeat": each.repeat, "theta": np.exp(theta), "beta": beta}
+            rows.append({**each.setting.columns, **own, "seconds": each.seconds})
+        if key[0] == "reference":
+            continue
+        row: Row = {
+            **group[0].setting.columns, "runs": totals[key][0].size, "repeats": len(group),
+            "theta": float(np.exp(found[:, 0].mean())), "beta": float(found[:, 1].mean()),
+        }  # fmt: skip
+        for j, (name, scale) in enumerate((("theta", 1.0), ("beta", centre[1]))):
+            own = (found[:, j] - centre[j]) / scale
+            row |= {
+                f"{name}_difference": own.mean(), f"{name}_low": own.min(),
+                f"{name}_high": own.max(), f"{name}_scatter": own.std(ddof=1),
+                f"{name}_known_to": known[j] / scale, f"{name}_sampling": sampling[j] / scale,
             }  # fmt: skip
-            for name, own, scale, j in (("theta", away[:, 0], 1.0, 0),
-                                        ("beta", away[:, 1], centre[1], 1)):  # fmt: skip
-                row |= {
-                    f"{name}_difference": own.mean(), f"{name}_low": own.min(),
-                    f"{name}_high": own.max(), f"{name}_scatter": own.std(ddof=1),
-                    f"{name}_known_to": known[j] / scale, f"{name}_sampling": sampling[j] / scale,
-                }  # fmt: skip
-            failures = len(group) * counts[0].size - int(np.sum(counts))
-            curves.append({**row, "failures": failures, "seconds": float(np.median(seconds))})
-    return {
-        "studies": pd.DataFrame(rows),
-        "curves": pd.DataFrame(curves),
-    }
+        failures = len(group) * totals[key][0].size - int(np.sum(totals[key]))
+        curves.append({**row, "failures": failures, "seconds": float(np.median(seconds))})
+    return {"studies": pd.DataFrame(rows), "curves": pd.DataFrame(curves)}
 
 
-def _counts(group: Sequence[tuple[Setting, dict[str, Any]]]) -> tuple[Array, Array]:
-    """Studies of each run that collapsed and that stood, (n_record, n_level) each."""
-    outcomes = np.array([result["outcomes"] for _, result in group], float)
-    return np.sum(outcomes == 1.0, axis=0), np.sum(outcomes == 0.0, axis=0)
-
-
-def curve_of(levels: Array, collapsed: Array, stood: Array) -> tuple[float, float]:
-    """ln theta and beta of counts by record and level; nan if there is no curve."""
-    fell, held = collapsed.sum(axis=0), stood.sum(axis=0)
+def curve_of(levels: Array, counts: Array) -> tuple[float, float]:
+    """ln theta and beta of what collapsed and stood by record and level; nan without a curve."""
+    fell, held = counts.sum(axis=1)
     try:
         fit = fit_stripes(levels, fell, fell + held)
     except FitError:
@@ -217,14 +216,7 @@ def curve_of(levels: Array, collapsed: Array, stood: Array) -> tuple[float, floa
     return float(np.log(fit.theta)), fit.beta
 
 
-def _sampling(levels: Array, collapsed: Array, stood: Array) -> Array:
-    """Standard errors of ln theta and beta from these records being a sample: a bootstrap."""
-    drawn = np.random.default_rng(SEED).integers(0, len(collapsed), (RESAMPLES, len(collapsed)))
-    found = [curve_of(levels, collapsed[each], stood[each]) for each in drawn]
-    return np.asarray(np.nanstd(found, axis=0, ddof=1))
-
-
-def known_to(together: Sequence[Sequence[float]], alone: Sequence[Sequence]) -> Array:
+def known_to(together: Sequence[Sequence[float]], alone: Sequence[Any]) -> Array:
     """Error of the reference's ln theta and beta.
 
     Half of the distance between its two methods; or, if that is larger, the standard error of its

@@ -1,7 +1,8 @@
-"""How the cost of a simulated second of motion grows with the number of voussoirs.
+"""Growth: of the cost with the number of voussoirs, and of a difference in the ground's motion.
 
-The pulse of the scene `arch7_pulse` on the same arch cut into more and more equal voussoirs, from
-the start to a fixed instant; every method at its defaults.
+Cost: the pulse of the scene `arch7_pulse` on the same arch cut into more and more equal voussoirs,
+from the start to a fixed instant; every method at its defaults. A difference of 1e-9 of the
+motion: how long a run can be predicted.
 """
 
 from __future__ import annotations
@@ -11,30 +12,35 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
+from scipy import stats
 
-from archbench.horizon import slope_interval
+from archbench.quantities import lengths, positions_at
 from archbench.runner import Bench, Row
-from archbench.scene import load_scene
+from archbench.scene import Array, Scene, load_scene
 from archbench.settings import COLUMNS, Setting, default_setting
-from archbench.solve import solve
+from archbench.solve import Solution, solve
 from archfrag.errors import ArchfragError
 from archfrag.simulation.checks import available_methods
 
 NUMBERS = {True: (7, 10, 14, 20, 27, 38, 54), False: (7, 10, 14, 20, 27, 38, 54, 81, 108)}
 REPEATS, SECONDS = 5, 1.5
 STEP = 1e-3  # of other solvers
-# A run that by the last two would take longer is not begun [s of CPU].
-LONGEST = {True: 2.0, False: 10.0}
+# A run that by the last one and this power would take longer is not begun [s of CPU].
+LONGEST, POWER = {True: 2.0, False: 10.0}, 2.5
+DIFFERENCE = 1e-9  # relative, of the ground's motion
+REACHED = 1e-2  # of the thickness: the end of prediction
+CONFIDENCE = 0.9
+FITTED = 24
 RUNS = [*COLUMNS, "voussoirs", "repeat", "seconds", "moving_seconds", "steps", "status"]
 
 
 def costs_of(setting: Setting, quick: bool) -> list[Row]:
     """Timed runs of one method; numbers that would take too long are left out with the reason."""
     rows: list[Row] = []
-    seen: list[tuple[int, float]] = []
+    last, seconds = 1, 0.0
     pulse = replace(load_scene("arch7_pulse"), duration=SECONDS)
     for number in NUMBERS[quick]:
-        expected = expected_seconds(seen, number)
+        expected = seconds * (number / last) ** POWER
         base = {**setting.columns, "voussoirs": number}
         if expected > LONGEST[quick]:
             rows.append({**base, "status": f"not run: about {expected:.0f} s of CPU"})
@@ -48,22 +54,12 @@ def costs_of(setting: Setting, quick: bool) -> list[Row]:
             if not math.isfinite(run.seconds):
                 return [*rows, {**base, "status": run.status}]
             if repeat < 0:
-                seen.append((number, run.seconds))
+                last, seconds = number, run.seconds
                 continue
             at_rest = run.response.model_time["rest"] if run.response else 0.0
             own = (repeat, run.seconds, run.end_time - at_rest, run.steps, run.status)
             rows.append(base | dict(zip(RUNS[-5:], own, strict=True)))
     return rows
-
-
-def expected_seconds(seen: list[tuple[int, float]], number: int) -> float:
-    """CPU time by the last two numbers of voussoirs and their times [s]; 0 if there are none."""
-    if not seen:
-        return 0.0
-    power, (last, seconds) = 2.0, seen[-1]
-    if len(seen) > 1 and min(seconds, seen[-2][1]) > 0.0:
-        power = max(1.0, math.log(seconds / seen[-2][1]) / math.log(last / seen[-2][0]))
-    return seconds * (number / last) ** power
 
 
 def measure(bench: Bench) -> dict[str, pd.DataFrame]:
@@ -99,3 +95,43 @@ def exponents_table(runs: pd.DataFrame) -> pd.DataFrame:
             "seconds_at_last": cost.iloc[-1],
         })  # fmt: skip
     return pd.DataFrame(rows)
+
+
+def slope_interval(x: Array, y: Array) -> tuple[float, float, float]:
+    """Least-squares slope and its interval at 90 % (Student's t); nan if points are missing."""
+    if np.unique(x).size < 2:
+        return math.nan, math.nan, math.nan
+    fit = stats.linregress(x, y)
+    half = math.nan
+    if x.size > 2:
+        half = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, x.size - 2) * fit.stderr)
+    return float(fit.slope), float(fit.slope - half), float(fit.slope + half)
+
+
+def growth_of(time: Array, distance: Array, thickness: float, onset: float) -> dict[str, float]:
+    """Largest Lyapunov exponent over the motion, and when prediction ends."""
+    with np.errstate(divide="ignore"):
+        logarithm = np.mean(np.log(distance / thickness), axis=0)
+    above = np.flatnonzero(logarithm >= math.log(REACHED))
+    horizon = float(time[above[0]]) if above.size else math.inf
+    used = np.flatnonzero(np.isfinite(logarithm) & (time > onset) & (time <= horizon))
+    # A step of the ground's motion at the onset is no growth: the first tenth is left out.
+    used = used[used.size // 10 :]
+    fit = (math.nan,) * 3
+    if used.size >= 3:
+        picked = used[np.unique(np.linspace(0, used.size - 1, FITTED).astype(int))]
+        fit = slope_interval(time[picked], logarithm[picked])
+    return dict(zip(("exponent", "low", "high", "horizon"), (*fit, horizon), strict=True))
+
+
+def measure_growth(
+    scene: Scene, setting: Setting, base: Solution, onset: float, end: float, pairs: int
+) -> dict[str, float]:
+    """`growth_of` runs beside a run, with the ground's motion scaled by 1 plus or minus 1e-9."""
+    time = base.frames.time[base.frames.time <= end]
+    middle, rows = positions_at(base.frames, time), []
+    for k in range(pairs):
+        factor = (1.0 if k % 2 == 0 else -1.0) * (1 + k // 2)
+        beside = solve(scene, setting, history=True, scale=1.0 + factor * DIFFERENCE)
+        rows.append(lengths(positions_at(beside.frames, time) - middle).max(axis=1) / abs(factor))
+    return growth_of(time, np.array(rows), scene.thickness, onset)

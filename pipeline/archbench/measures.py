@@ -11,34 +11,28 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
-from archbench.scene import means_between
+from archbench.scene import Array, means_between
 from archfrag.arch import Arch
 from archfrag.motions.motion import Motion
 
-Array = NDArray[np.float64]
-
-# Intervals between frames that a gain of energy lasts, if it is one.
-LASTING = 4
+LASTING = 4  # intervals between frames that a gain of energy lasts, if it is one
 
 
 def joint_faces(arch: Arch, displacement: Array, rotation: Array) -> tuple[Array, Array]:
     """Corners of the faces before and after every joint."""
-    chain = arch.chain
+    chain, n_body = arch.chain, arch.n_voussoir
     cos, sin = np.cos(rotation), np.sin(rotation)
     matrix = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
     place = (chain.centroid + displacement)[:, :, None]
-    n_body, n_joint = arch.n_voussoir, arch.n_joint
-    before = np.empty((len(rotation), n_joint, 2, 2))
-    after = np.empty_like(before)
-    before[:, 0] = chain.face_before[0]
-    after[:, n_body:] = chain.face_after[n_body:]
-    own = chain.face_before[1:]
-    before[:, 1:] = place[:, : n_joint - 1] + np.einsum(
-        "tbij,bcj->tbci", matrix[:, : n_joint - 1], own
-    )
-    after[:, :n_body] = place + np.einsum("tbij,bcj->tbci", matrix, chain.face_after[:n_body])
+    shape = (len(rotation), arch.n_joint, 2, 2)
+    before = np.broadcast_to(chain.face_before, shape).copy()
+    after = np.broadcast_to(chain.face_after, shape).copy()
+    for faces, first in ((before, 1), (after, 0)):
+        own = faces[0, first : n_body + first]
+        count = len(own)
+        rotated = np.einsum("tbij,bcj->tbci", matrix[:, :count], own)
+        faces[:, first : n_body + first] = place[:, :count] + rotated
     return before, after
 
 
@@ -49,17 +43,6 @@ def overlap_depth(before: Array, after: Array) -> Array:
     or the same with faces exchanged where that is less: a vertex that has sunk into a face, and
     the edge of a wedge where one body is rotated into the other about a corner. At most the width
     in which the faces face each other, across which the bodies may part as well.
-
-    Examples
-    --------
-    Faces of 1 m, the later one rotated by 0.01 into the earlier about the common intrados corner:
-
-    >>> import numpy as np
-    >>> from archbench.measures import overlap_depth
-    >>> before = np.array([[0.0, 0.0], [0.0, 1.0]])
-    >>> after = np.array([[0.0, 0.0], [-np.sin(0.01), np.cos(0.01)]])
-    >>> float(overlap_depth(before, after).round(6))
-    0.01
     """
     least = np.full(before.shape[:-2], np.inf)
     for face, other, sense in ((before, after, 1.0), (after, before, -1.0)):
@@ -80,63 +63,14 @@ def overlap_depth(before: Array, after: Array) -> Array:
 
 def overlaps(arch: Arch, displacement: Array, rotation: Array) -> Array:
     """`overlap_depth` of all joints over the shorter of their faces, (n_time, n_joint) [1]."""
-    return overlap_depth(*joint_faces(arch, displacement, rotation)) / _lengths(arch)
+    faces = np.stack([arch.chain.face_before, arch.chain.face_after])
+    shorter = np.linalg.norm(faces[:, :, 1] - faces[:, :, 0], axis=2).min(axis=0)
+    return overlap_depth(*joint_faces(arch, displacement, rotation)) / shorter
 
 
 def overlap(arch: Arch, displacement: Array, rotation: Array) -> float:
     """Deepest overlap of neighbours at any joint and instant, over the joint's length [1]."""
     return float(overlaps(arch, displacement, rotation).max(initial=0.0))
-
-
-def _lengths(arch: Arch) -> Array:
-    """Shorter face of each joint, (n_joint,) [m]."""
-    faces = np.stack([arch.chain.face_before, arch.chain.face_after])
-    return np.linalg.norm(faces[:, :, 1] - faces[:, :, 0], axis=2).min(axis=0)
-
-
-def largest_jump(
-    arch: Arch,
-    time: Array,
-    displacement: Array,
-    rotation: Array,
-    velocity: Array,
-    angular_velocity: Array,
-) -> float:
-    """Largest displacement between frames that the velocities at both do not explain.
-
-    A body that moves by a law is displaced by the interval times a velocity between the two, an
-    impact in the interval included; what is beyond that was moved by the method. Rotations count
-    at the face corner that is farthest from the centroid.
-    """
-    chain = arch.chain
-    arm = np.linalg.norm(chain.face_after[: arch.n_voussoir], axis=2).max(axis=1)
-    moved = np.diff(np.concatenate([displacement, (arm * rotation)[..., None]], axis=2), axis=0)
-    speed = np.concatenate([velocity, (arm * angular_velocity)[..., None]], axis=2)
-    span = np.diff(time)[:, None, None]
-    first, last = speed[:-1] * span, speed[1:] * span
-    change = last - first
-    square = np.sum(change**2, axis=2)
-    part = np.sum((moved - first) * change, axis=2) / np.where(square == 0.0, np.inf, square)
-    nearest = first + np.clip(part, 0.0, 1.0)[..., None] * change
-    beyond = np.linalg.norm(moved - nearest, axis=2)
-    return float(beyond.max(initial=0.0) / _lengths(arch).min())
-
-
-def late_energy_gain(
-    arch: Arch,
-    end: float,
-    time: Array,
-    displacement: Array,
-    velocity: Array,
-    angular_velocity: Array,
-) -> float:
-    """Largest rise of kinetic and potential energy once the ground is still.
-
-    As `energy_gain`, without the ground's work, which frames could make inexact.
-    """
-    kinetic = _kinetic(arch.chain, velocity, angular_velocity)
-    potential = arch.chain.gravity * displacement[:, :, 1] @ arch.chain.mass
-    return _largest_rise((kinetic + potential)[time >= end], kinetic)
 
 
 def energy_gain(
@@ -153,10 +87,8 @@ def energy_gain(
     times ground acceleration, integrated over the displacement between frames. Contacts can only
     take energy, so that what rises was made by the method.
     """
-    chain = arch.chain
-    kinetic = _kinetic(chain, velocity, angular_velocity)
-    surplus = kinetic + _surplus_of_place(chain, motion, time, displacement)
-    return _largest_rise(surplus, kinetic)
+    kinetic = _kinetic(arch.chain, velocity, angular_velocity)
+    return _largest_rise(kinetic + _surplus_of_place(arch, motion, time, displacement), kinetic)
 
 
 def path_energy_gain(
@@ -177,7 +109,7 @@ def path_energy_gain(
     span = np.diff(time)
     velocity = np.diff(displacement, axis=0) / span[:, None, None]
     kinetic = _kinetic(arch.chain, velocity, np.diff(rotation, axis=0) / span[:, None])
-    place = _surplus_of_place(arch.chain, motion, time, displacement)
+    place = _surplus_of_place(arch, motion, time, displacement)
     surplus = kinetic + 0.5 * (place[1:] + place[:-1])
     bridged = _over(np.min, _over(np.max, surplus))
     return _largest_rise(_over(np.max, _over(np.min, bridged)), _over(np.min, kinetic))
@@ -192,17 +124,15 @@ def _kinetic(chain, velocity: Array, angular_velocity: Array) -> Array:
     return kinetic + 0.5 * angular_velocity**2 @ chain.inertia
 
 
-def _surplus_of_place(chain, motion: Motion, time: Array, displacement: Array) -> Array:
+def _surplus_of_place(arch: Arch, motion: Motion, time: Array, displacement: Array) -> Array:
     """Potential energy less the work of the ground [J]."""
-    potential = chain.gravity * displacement[:, :, 1] @ chain.mass
-    work = np.zeros(time.size)
-    components = [(0, motion.acceleration)]
-    if motion.vertical is not None:
-        components.append((1, motion.vertical))
-    for axis, acceleration in components:
-        path = displacement[:, :, axis] @ chain.mass
-        work[1:] -= np.cumsum(means_between(time, acceleration, motion.dt) * np.diff(path))
-    return potential - work
+    path = np.einsum("tbi,b->ti", displacement, arch.chain.mass)
+    surplus = arch.chain.gravity * path[:, 1]
+    for axis, acceleration in enumerate((motion.acceleration, motion.vertical)):
+        if acceleration is not None:
+            means = means_between(time, acceleration, motion.dt)
+            surplus[1:] += np.cumsum(means * np.diff(path[:, axis]))
+    return np.asarray(surplus)
 
 
 def _largest_rise(surplus: Array, kinetic: Array) -> float:

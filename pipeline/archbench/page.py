@@ -26,7 +26,6 @@ PARTS = {
     "designs": "Designs of a study",
 }
 LINES = 10
-_NUMBER = "{:.3g}".format
 
 
 def summary_table(levels: pd.DataFrame) -> pd.DataFrame:
@@ -61,37 +60,35 @@ def figures_of(part: str, tables: dict[str, pd.DataFrame]) -> Iterator[tuple[str
 def svg_of(figure: Figure) -> str:
     """A figure as inline SVG."""
     buffer = io.StringIO()
-    figure.savefig(
-        buffer, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type"))
-    )
+    nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    figure.savefig(buffer, format="svg", metadata=nothing)
     return re.sub(r"^.*?(?=<svg )", "", buffer.getvalue(), flags=re.DOTALL)
+
+
+def _html(table: pd.DataFrame) -> str:
+    return table.to_html(index=False, na_rep="", float_format="{:.3g}".format, border=0)
 
 
 def write_page(folder: Path) -> Path:
     """Write `index.html` and the charts as SVG files from all tables of a folder."""
     tables = {part: load_tables(folder, part) for part in PARTS}
-    tables = {part: found for part, found in tables.items() if found}
     sections = []
     for part, found in tables.items():
-        drawn = []
-        for name, figure in figures_of(part, found):
-            svg = svg_of(figure)
-            with replacing(folder / f"{name}.svg") as temporary:
-                temporary.write_text(svg, encoding="utf-8")
-            drawn.append((name, svg))
-        small = {
-            name: table.to_html(index=False, na_rep="", float_format=_NUMBER, border=0)
-            for name, table in found.items()
-            if len(table) <= 60
-        }
+        if not found:
+            continue
+        drawn = {name: svg_of(figure) for name, figure in figures_of(part, found)}
+        for name, svg in drawn.items():
+            _write(folder / f"{name}.svg", svg)
+        small = {name: _html(table) for name, table in found.items() if len(table) <= 60}
         about = (folder / f"{part}_about.json").read_text(encoding="utf-8")
-        sections.append((PARTS[part], drawn, small, about))
-    summary = ""
-    if "speed" in tables:
-        levels = tables["speed"]["levels"]
-        summary = summary_table(levels).to_html(index=False, border=0, float_format=_NUMBER)
+        sections.append((PARTS[part], list(drawn.items()), small, about))
+    summary = _html(summary_table(tables["speed"]["levels"])) if tables["speed"] else ""
     template = Path(__file__).with_name("page.html.j2").read_text(encoding="utf-8")
     page = jinja2.Environment(autoescape=False).from_string(template)
-    with replacing(folder / "index.html") as temporary:
-        temporary.write_text(page.render(sections=sections, summary=summary), encoding="utf-8")
+    _write(folder / "index.html", page.render(sections=sections, summary=summary))
     return folder / "index.html"
+
+
+def _write(path: Path, text: str) -> None:
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")

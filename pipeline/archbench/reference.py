@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from archbench.horizon import measure_growth
+from archbench.growth import measure_growth
 from archbench.quantities import (
     TRUE_ZERO,
     Marks,
@@ -27,9 +27,8 @@ from archbench.quantities import (
     positions_at,
 )
 from archbench.scene import Array, Scene
-from archbench.search import least_collapsing, nearest_change
 from archbench.settings import Setting
-from archbench.solve import Frames, Solution, collapses, solve
+from archbench.solve import Frames, Solution, collapses, least_collapsing, nearest_change, solve
 from archfrag.errors import ArchfragError
 
 MARGIN = 10.0  # nothing is drawn below so many times the reference's error

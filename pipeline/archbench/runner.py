@@ -132,7 +132,12 @@ def in_processes(
 
     A process whose task takes longer than `limit` [s] is ended with all that it started.
     """
-    from pebble import ProcessExpired, ProcessPool
+    try:
+        from pebble import ProcessExpired, ProcessPool
+    except ModuleNotFoundError:
+        raise InputError(
+            "archfrag evidence needs the package pebble: pip install -e .[bench]"
+        ) from None
 
     pool = ProcessPool(workers, 0, _prepare_process, (prepare,), get_context("spawn"))
     try:

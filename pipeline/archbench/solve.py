@@ -1,10 +1,10 @@
-"""One scene by one solver at one setting: what came out, and what it cost."""
+"""One scene by one solver at one setting: what came out, what it cost, and where it collapses."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -26,6 +26,7 @@ from archfrag.simulation.response import Response
 
 RUN_LIMIT = 120.0  # longest that a run of another solver may take [s]
 NONE = np.zeros(0)
+Outcome = Callable[[float], bool | None]
 
 
 class Frames(NamedTuple):
@@ -182,3 +183,68 @@ def _other(scene: Scene, setting: Setting, history: bool) -> Solution:
         run.collapsed, "collapsed" if run.collapsed else "ended", run.cpu_seconds,
         run.peak_displacement, run.simulated_seconds, run.steps, bool(run.unconverged), frames,
     )  # fmt: skip
+
+
+class Change(NamedTuple):
+    """Where outcomes change, relative to where they were expected to.
+
+    `offset` has a sign, nan if there is no change within reach or a run gave no outcome, which is
+    `failed`; `width` is that of the bracket that remains.
+    """
+
+    offset: float = math.nan
+    width: float = math.nan
+    failed: bool = False
+
+
+def nearest_change(
+    outcome: Outcome, centre: float, floor: float, reach: float = 0.5, fraction: float = 0.1
+) -> Change:
+    """Distance of the change from standing to collapse that is nearest to `centre`.
+
+    Probes go away from the centre by factors of ten, towards smaller values if it collapses and
+    larger ones if it stands, until outcomes differ; what lies between is bisected on the log
+    scale.
+    """
+    at_centre = outcome(centre)
+    if at_centre is None:
+        return Change(failed=True)
+    side, inner, outer, changed = -1.0 if at_centre else 1.0, 0.0, floor, False
+    while not changed or outer - inner > max(floor, fraction * inner):
+        middle = math.sqrt(inner * outer) if inner > 0.0 else 0.5 * outer
+        probe = middle if changed else outer
+        seen = outcome(centre * (1.0 + side * probe))
+        if seen is None:
+            return Change(failed=True)
+        if changed:
+            inner, outer = (middle, outer) if seen is at_centre else (inner, middle)
+        elif seen is not at_centre:
+            changed = True
+        elif outer >= reach:
+            return Change()
+        else:
+            inner, outer = outer, min(10.0 * outer, reach)
+    return Change(side * 0.5 * (inner + outer), outer - inner)
+
+
+def least_collapsing(
+    outcome: Outcome, low: float, high: float, width: float = 1e-4, grid: int = 12
+) -> float:
+    """First collapse on a grid, because outcomes are not monotone, then bisected.
+
+    Examples
+    --------
+    >>> from archbench.solve import least_collapsing
+    >>> round(least_collapsing(lambda a: a >= 0.7, 0.5, 1.0), 3)
+    0.7
+    """
+    stands, least = low, math.nan
+    for amplitude in np.geomspace(low, high, grid).tolist():
+        if outcome(amplitude):
+            least = amplitude
+            break
+        stands = amplitude
+    while least - stands > width * least:
+        middle = 0.5 * (least + stands)
+        stands, least = (stands, middle) if outcome(middle) else (middle, least)
+    return least

@@ -16,9 +16,8 @@ from archbench.quantities import OF_A_RUN, QUANTITIES, errors_of, observe
 from archbench.reference import MARGIN, Reference, find_reference
 from archbench.runner import Bench, Row
 from archbench.scene import Scene, load_scene, scene_names
-from archbench.search import nearest_change
 from archbench.settings import COLUMNS, Setting, ladders
-from archbench.solve import Solution, collapses, solve, solve_many, with_samples
+from archbench.solve import Solution, collapses, nearest_change, solve, solve_many, with_samples
 from archfrag.errors import ArchfragError
 from archfrag.methods.registry import AUTO, METHODS
 

@@ -10,13 +10,13 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from archbench.exact import largest_load
 from archbench.facts import DEEPEST_OVERLAP, MOST_ENERGY_GAIN, NOTHING, energy_made
 from archbench.measures import overlap
 from archbench.runner import Bench, Row
 from archbench.scene import STANDARD_GRAVITY, Scene, load_scene
 from archbench.settings import Setting
 from archbench.solve import arch_of, solve
-from archbench.statics import largest_load
 from archfrag.errors import ArchfragError
 from archfrag.methods.registry import METHODS
 from archfrag.simulation.checks import available_methods, default_of

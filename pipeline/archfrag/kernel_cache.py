@@ -32,12 +32,7 @@ INHERITED = "ARCHFRAG_KERNEL_CACHE"
 
 
 def kernel_hash() -> str:
-    """Hash of everything that compiled kernels depend on.
-
-    Returns
-    -------
-    str
-        40 hexadecimal digits.
+    """Hash of everything that compiled kernels depend on: 40 hexadecimal digits.
 
     Examples
     --------
@@ -114,13 +109,7 @@ def _temporary() -> Path | None:
 
 
 def _prepared(base: Path, name: str, ours: bool) -> Path:
-    """Folder `name` in `base`, private; `ours` if `base` itself is to be private too.
-
-    Raises
-    ------
-    OSError
-        If it cannot be made or written, or if others can write to it or replace it.
-    """
+    """Folder `name` in `base`, private; `ours` if `base` is to be too; `OSError` if it cannot."""
     if ours:
         _make_private(base)
     base = _kept_from_others(base)
@@ -133,15 +122,11 @@ def _prepared(base: Path, name: str, ours: bool) -> Path:
 
 
 def _kept_from_others(path: Path) -> Path:
-    """A path without symbolic links, after a look at all that is above it.
+    """A path without symbolic links, if nobody else can replace it (else `PermissionError`).
 
     Only root and we may own its directories and links. Others may write to a directory above it
     if it has the sticky bit, as the temporary directory has. Members of a group that may
     write are trusted: where each user has a group of their own, this is the usual umask.
-
-    Raises
-    ------
-    PermissionError
     """
     resolved = Path(os.path.realpath(path))
     for place in (path, *path.parents, resolved, *resolved.parents):
@@ -166,13 +151,7 @@ def _make_folders(path: Path) -> None:
 
 
 def _make_private(folder: Path) -> None:
-    """Make a folder that only we can enter; one that exists has to be ours with all in it.
-
-    Raises
-    ------
-    OSError
-        If it is a link or no directory, or if it or what is in it belongs to someone else.
-    """
+    """Make a folder that only we can enter; one that exists has to be ours with all in it."""
     _make_folders(folder)
     found = os.lstat(folder)
     if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():

@@ -7,48 +7,46 @@ import pandas as pd
 import pytest
 
 from archbench import page
-from archbench.fragility import REFERENCES, run_study, scenes_of, tables_of
+from archbench.fragility import REFERENCES, Study, run_study, scenes_of, tables_of
 from archbench.runner import Bench
 from archbench.settings import Setting
+from archfrag.study.config import load_study
 
 LEVELS = np.linspace(0.2, 3.0, 15)
 ROOT = Path(__file__).parents[2]
+EXACT = {("reference", each): 1.0 for each in REFERENCES}
+COARSE, FINE = Setting("time_stepping", "dt", 8e-3), Setting("auto", "rtol", 1e-3)
 
 
 def made_up(factors, n_record=24, repeats=8, scatter=0.0):
     """Studies of several settings whose capacities differ by a factor."""
     rng = np.random.default_rng(7)
     capacity = np.exp(np.log(1.4) + 0.5 * rng.normal(size=n_record))
-    studies = {}
+    studies = []
     for (role, setting), factor in factors.items():
         for k in range(repeats):
             own = capacity * factor * np.exp(scatter * rng.normal(size=n_record))
             outcomes = (own[:, None] < LEVELS).astype(int).tolist()
-            value = setting.value if role == "setting" else 0.0
-            studies[role, setting.method, value, k] = (
-                setting, {"outcomes": outcomes, "seconds": 3.0}
-            )  # fmt: skip
+            studies.append(Study(role, setting, k, outcomes, 3.0))
     return studies
 
 
-EXACT = {("reference", each): 1.0 for each in REFERENCES}
-COARSE, FINE = Setting("time_stepping", "dt", 8e-3), Setting("auto", "rtol", 1e-3)
+def curves_of(factors, **options):
+    return tables_of(made_up(factors, **options), LEVELS)["curves"].set_index("method")
 
 
 class TestCurvesBesideTheReference:
     def test_a_setting_that_makes_capacities_larger_is_seen_by_as_much(self):
-        studies = made_up({**EXACT, ("setting", COARSE): 1.3, ("setting", FINE): 1.0})
-        curves = tables_of(studies, LEVELS)["curves"].set_index("method")
+        curves = curves_of({**EXACT, ("setting", COARSE): 1.3, ("setting", FINE): 1.0})
         off = curves.loc["time_stepping", "theta_difference"]
         assert off == pytest.approx(np.log(1.3), abs=0.06)
-        assert curves.loc["auto", "theta_difference"] == pytest.approx(0.0, abs=1e-9)
-        assert curves.loc["auto", "theta_scatter"] == pytest.approx(0.0, abs=1e-9)
-        assert curves.loc["auto", "theta_sampling"] > 0.05
-        assert curves.loc["auto", "seconds"] == 3.0
+        row = curves.loc["auto"]
+        assert row[["theta_difference", "theta_scatter"]].tolist() == pytest.approx([0.0, 0.0])
+        assert row["theta_sampling"] > 0.05
+        assert row["seconds"] == 3.0
 
     def test_bars_are_the_scatter_of_repetitions(self):
-        studies = made_up({**EXACT, ("setting", FINE): 1.0}, scatter=0.3)
-        row = tables_of(studies, LEVELS)["curves"].iloc[0]
+        row = curves_of({**EXACT, ("setting", FINE): 1.0}, scatter=0.3).iloc[0]
         assert row["repeats"] == 8
         assert row["theta_low"] < row["theta_difference"] < row["theta_high"]
         assert row["theta_scatter"] > 0.02
@@ -56,19 +54,16 @@ class TestCurvesBesideTheReference:
 
     def test_the_reference_is_no_better_than_its_two_methods_agree(self):
         factors = {("reference", REFERENCES[0]): 1.0, ("reference", REFERENCES[1]): 1.2}
-        studies = made_up({**factors, ("setting", FINE): 1.0})
-        known = tables_of(studies, LEVELS)["curves"].iloc[0]["theta_known_to"]
+        known = curves_of({**factors, ("setting", FINE): 1.0}).iloc[0]["theta_known_to"]
         assert known == pytest.approx(0.5 * np.log(1.2), abs=0.03)
 
     def test_failures_are_neither_collapse_nor_survival(self):
         studies = made_up({**EXACT, ("setting", FINE): 1.0})
-        studies["setting", "auto", 1e-3, 0][1]["outcomes"][0][:3] = [None] * 3
+        studies[-1].outcomes[0][:3] = [None] * 3
         assert tables_of(studies, LEVELS)["curves"].iloc[0]["failures"] == 3
 
 
 def test_a_study_runs_the_main_job_s_records_and_levels():
-    from archfrag.study.config import load_study
-
     job = load_study(ROOT / "configs" / "shipped.yaml")
     scenes, levels = scenes_of(ROOT / "records", False, False)
     assert len(scenes) == 30

@@ -4,24 +4,9 @@ import numpy as np
 import pytest
 
 import archfrag as af
-from archbench.measures import (
-    energy_gain,
-    joint_faces,
-    largest_jump,
-    late_energy_gain,
-    overlap_depth,
-    overlaps,
-)
+from archbench.measures import energy_gain, joint_faces, overlap_depth, overlaps
 
 BLOCK = af.Block(0.2, 1.0, friction=0.8)
-
-
-def rocked(angle):
-    """The block rotated about its right base corner by `angle` (clockwise) [rad]."""
-    centre = BLOCK.chain.centroid[0]
-    corner = np.array([0.1, 0.0])
-    matrix = np.array([[np.cos(-angle), -np.sin(-angle)], [np.sin(-angle), np.cos(-angle)]])
-    return matrix @ (centre - corner) + corner - centre
 
 
 FACE = np.array([[0.0, 0.0], [0.0, 1.0]])  # of the earlier body, which lies at x < 0
@@ -127,34 +112,3 @@ class TestEnergyGain:
         assert energy_gain(BLOCK, motion, time, displacement, velocity, spin) < 1e-12
         still = af.Motion(np.zeros(501), 0.001)
         assert energy_gain(BLOCK, still, time, displacement, velocity, spin) == 1.0
-
-
-class TestAfterwards:
-    """Frames of bodies that are moved by hand."""
-
-    def test_a_jump_is_what_velocities_do_not_explain(self):
-        time = np.linspace(0.0, 1.0, 11)
-        displacement, velocity = np.zeros((2, 11, 1, 2))
-        velocity[:, 0, 0] = np.where(time < 0.55, 0.2, -0.1)
-        displacement[:, 0, 0] = np.where(time < 0.55, 0.2 * time, 0.13 - 0.1 * (time - 0.55))
-        displacement[6:, 0, 0] += 0.2 * 0.55 - 0.13
-        still = np.zeros((11, 1))
-        assert largest_jump(BLOCK, time, displacement, still, velocity, still) < 1e-12
-        displacement[8:, 0, 1] += 3e-4
-        found = largest_jump(BLOCK, time, displacement, still, velocity, still)
-        assert found == pytest.approx(3e-4 / 0.2)
-
-    def test_a_rotation_in_no_time_is_a_jump_of_the_corner(self):
-        time = np.array([0.0, 1.0, 1.0])
-        none, angle = np.zeros((3, 1, 2)), np.array([[0.0], [0.0], [1e-3]])
-        found = largest_jump(BLOCK, time, none, angle, none, np.zeros((3, 1)))
-        assert found == pytest.approx(1e-3 * np.hypot(0.5, 0.1) / 0.2)
-
-    def test_energy_may_only_fall_once_the_ground_is_still(self):
-        time = np.arange(5.0)
-        none, velocity = np.zeros((2, 5, 1, 2))
-        velocity[:, 0, 0] = [1.0, 2.0, 1.0, 0.5, np.sqrt(0.5)]
-        still = np.zeros((5, 1))
-        gain = late_energy_gain(BLOCK, 1.5, time, none, velocity, still)
-        assert gain == pytest.approx(0.25 / 4.0)
-        assert late_energy_gain(BLOCK, 3.5, time, none, velocity, still) == 0.0

@@ -13,7 +13,7 @@ import pytest
 
 from archbench import runner
 from archbench.command import gather
-from archbench.growth import expected_seconds, exponents_table
+from archbench.growth import exponents_table
 from archbench.runner import Bench, in_processes, load_tables
 from archfrag.errors import InputError
 
@@ -87,4 +87,3 @@ def test_exponent_of_a_power_law():
     row = exponents_table(runs).iloc[0]
     assert row["exponent"] == pytest.approx(1.5)
     assert row["low"] <= 1.5 <= row["high"]
-    assert expected_seconds([(10, 1.0), (20, 8.0)], 40) == pytest.approx(64.0)

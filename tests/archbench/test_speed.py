@@ -7,13 +7,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from archbench.horizon import DIFFERENCE, growth_of, slope_interval
+from archbench.growth import DIFFERENCE, growth_of, slope_interval
 from archbench.quantities import errors_of, marks_of, observe, positions_at, resultants_at
 from archbench.reference import MARGIN, Reference, find_reference, limit_of, richardson
 from archbench.scene import load_scene
-from archbench.search import nearest_change
 from archbench.settings import Setting, ladders
-from archbench.solve import arch_of, solve, solve_many, with_samples
+from archbench.solve import arch_of, nearest_change, solve, solve_many, with_samples
 from archbench.speed import POINTS, kept_errors, levels_table, lost_table, points_of
 from archfrag.errors import InputError
 from archfrag.methods.registry import METHODS

@@ -18,7 +18,12 @@ from tests.report import synthetic
 from tests.study.small import small_study
 
 ALL = ("nrml-continuous", "nrml-discrete", "pelicun", "in-core", "csv", "parquet")
-
+FILES = {
+    "fragility-continuous.xml", "fragility-discrete.xml", "in-core-ring.json", "pelicun.csv",
+    "pelicun.json", "tables.json",
+    *(f"{table}.{ending}" for ending in ("csv", "parquet")
+      for table in ("arches", "curves", "parameters", "records", "runs")),
+}  # fmt: skip
 # As a study stores them, [m/s2]: of motion no arch has a curve, residual lies above collapse.
 STATES = [
     {"name": "motion", "curve": {"none": "all runs collapse"}},
@@ -43,84 +48,55 @@ def study(tmp_path, monkeypatch):
     return loaded
 
 
-def call(*arguments):
-    return CliRunner().invoke(main, ["export", *map(str, arguments)])
+def test_all_formats(study, tmp_path):
+    pytest.importorskip("pyarrow")
+    made, folder = export_study(study, ALL, tmp_path / "x"), tmp_path / "x"
+    assert {path.name.removeprefix("small-") for path in folder.iterdir()} == FILES
+    assert sorted(path for _, path in made.files) == sorted(folder.iterdir())
+    assert "collapse: it fell" in made.left_out["slab"]
+    assert made.notes[:2] == [
+        "limit state 'residual' is left out: its median is above that of a severer one",
+        "limit state 'motion' is left out: not every arch has a curve of it",
+    ]
+    stated = pd.read_csv(folder / "small-parameters.csv")
+    assert stated["limit_state"].tolist() == ["contact_lost", "collapse"]
+    assert set(pd.read_csv(folder / "small-runs.csv")["arch"]) == {"ring", "slab"}
+    answer = load_answers(study.folder / "fits.json")["ring"]
+    curves = pd.read_csv(folder / "small-curves.csv").query("limit_state == 'collapse'")
+    for side in ("lower", "upper"):  # the band that the report quotes
+        expected = np.interp(curves["intensity"], answer.im, getattr(answer, side))
+        np.testing.assert_allclose(curves[side], expected, rtol=1e-9, atol=1e-12)
+    before = [path.read_bytes() for _, path in made.files]
+    assert [path.read_bytes() for _, path in export_study(study, ALL, folder).files] == before
 
 
-class TestExportStudy:
-    def test_limit_states_that_all_have_in_order(self, study, tmp_path):
-        made = export_study(study, ["csv", "in-core"], tmp_path / "x")
-        found = pd.read_csv(tmp_path / "x" / "small-parameters.csv")
-        assert found["limit_state"].tolist() == ["contact_lost", "collapse"]
-        assert made.notes[0] == (
-            "limit state 'residual' is left out: its median is above that of a severer one"
-        )
-        assert made.notes[1] == (
-            "limit state 'motion' is left out: not every arch has a curve of it"
-        )
-
-    def test_bands_are_those_that_the_report_quotes(self, study, tmp_path):
-        export_study(study, ["csv"], tmp_path / "x")
-        answer = load_answers(study.folder / "fits.json")["ring"]
-        found = pd.read_csv(tmp_path / "x" / "small-curves.csv").query("limit_state == 'collapse'")
-        for side in ("lower", "upper"):
-            expected = np.interp(found["intensity"], answer.im, getattr(answer, side))
-            np.testing.assert_allclose(found[side], expected, rtol=1e-9, atol=1e-12)
-
-    def test_all_formats(self, study, tmp_path):
-        pytest.importorskip("pyarrow")
-        made = export_study(study, ALL, tmp_path / "x")
-        assert sorted(path.name for path in (tmp_path / "x").iterdir()) == sorted(
-            path.name for _, path in made.files
-        )
-        names = [path.name for name, path in made.files if name not in ("csv", "parquet")]
-        assert names == [
-            "small-fragility-continuous.xml", "small-fragility-discrete.xml",
-            "small-pelicun.csv", "small-pelicun.json", "small-in-core-ring.json",
-        ]  # fmt: skip
-        assert "collapse: it fell" in made.left_out["slab"]
-        tables = [path.name for name, path in made.files if name == "csv"]
-        assert tables == [
-            f"small-{name}" for name in
-            ("curves.csv", "parameters.csv", "runs.csv", "records.csv", "arches.csv",
-             "tables.json")
-        ]  # fmt: skip
-        assert set(pd.read_csv(tmp_path / "x" / "small-runs.csv")["arch"]) == {"ring", "slab"}
-        assert set(pd.read_csv(tmp_path / "x" / "small-curves.csv")["arch"]) == {"ring"}
-
-    def test_writing_again_gives_the_same_bytes(self, study):
-        pytest.importorskip("pyarrow")
-        paths = [path for _, path in export_study(study, ALL).files]
-        before = [path.read_bytes() for path in paths]
-        export_study(study, ALL)
-        assert [path.read_bytes() for path in paths] == before
-
-    def test_no_curve_at_all(self, study):
-        arches = {name: synthetic.none("it fell").to_dict() for name in ("ring", "slab")}
-        (study.folder / "fits.json").write_text(json.dumps({"arches": arches}))
-        with pytest.raises(FitError, match="no curve to export for pelicun: ring: collapse: it"):
-            export_study(study, ["csv", "pelicun"])
-        assert not (study.folder / "export").exists()
-        assert len(export_study(study, ["csv"]).files) == 6
-
-    def test_a_measure_without_a_name_is_refused_before_anything_is_written(self, study):
-        measure = study.intensity.model_copy(update={"measure": "HI", "unit": "m"})
-        with pytest.raises(InputError, match=r"OpenQuake has no name for .* HI"):
-            export_study(study.model_copy(update={"intensity": measure}), ["csv", ALL[0]])
-        assert not (study.folder / "export").exists()
+def test_no_curve_at_all(study):
+    arches = {name: synthetic.none("it fell").to_dict() for name in ("ring", "slab")}
+    (study.folder / "fits.json").write_text(json.dumps({"arches": arches}))
+    with pytest.raises(FitError, match="no curve to export for pelicun: ring: collapse: it"):
+        export_study(study, ["csv", "pelicun"])
+    assert not (study.folder / "export").exists()
+    assert len(export_study(study, ["csv"]).files) == 6
 
 
-class TestCommand:
-    def test_messages_and_json(self, study, tmp_path):
-        path = tmp_path / "small.yaml"
-        result = call(path, "--format", "pelicun", "--format", "pelicun", "--out", tmp_path / "x")
-        assert result.exit_code == 0, result.output
-        assert result.stderr.startswith("archfrag: no curve of slab is exported: contact_lost: ")
-        assert result.stderr.splitlines()[0].endswith("collapse: it fell")
-        assert result.stdout.splitlines() == [
-            f"pelicun: {tmp_path / 'x' / 'small-pelicun.csv'}",
-            f"pelicun: {tmp_path / 'x' / 'small-pelicun.json'}",
-        ]
-        facts = json.loads(call(path, "--format", "in-core", "--json").stdout)
-        assert [each["format"] for each in facts["files"]] == ["in-core"]
-        assert list(facts["left_out"]) == ["slab"]
+def test_a_measure_without_a_name_is_refused_before_anything_is_written(study):
+    measure = study.intensity.model_copy(update={"measure": "HI", "unit": "m"})
+    with pytest.raises(InputError, match=r"OpenQuake has no name for .* HI"):
+        export_study(study.model_copy(update={"intensity": measure}), ["csv", ALL[0]])
+    assert not (study.folder / "export").exists()
+
+
+def test_messages_and_json(study, tmp_path):
+    def call(*arguments):
+        return CliRunner().invoke(main, ["export", str(tmp_path / "small.yaml"), *arguments])
+
+    folder = tmp_path / "x"
+    result = call("--format", "pelicun", "--format", "pelicun", "--out", str(folder))
+    assert result.exit_code == 0, result.output
+    assert result.stderr.startswith("archfrag: no curve of slab is exported: contact_lost: ")
+    assert result.stderr.splitlines()[0].endswith("collapse: it fell")
+    names = "small-pelicun.csv", "small-pelicun.json"
+    assert result.stdout.splitlines() == [f"pelicun: {folder / name}" for name in names]
+    facts = json.loads(call("--format", "in-core", "--json").stdout)
+    assert [each["format"] for each in facts["files"]] == ["in-core"]
+    assert list(facts["left_out"]) == ["slab"]

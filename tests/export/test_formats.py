@@ -115,7 +115,7 @@ class TestNrml:
                 )
                 assert lognormal(float(imls.get("maxIML")) / 100, fit.theta, fit.beta) > 0.9999
 
-    @pytest.mark.parametrize("beta", [0.05, 0.3, 1.0])
+    @pytest.mark.parametrize("beta", [0.05, 1.0])
     def test_levels_hold_the_curve_and_are_close_enough_between(self, beta):
         states = {name: fragility(f, beta) for name, f in zip(STATES, (2.0, 3.0, 4.0))}
         curves = curve_set(**{"ring-7": states})
@@ -137,23 +137,21 @@ class TestNrml:
 
 
 class TestPelicun:
-    def test_rows(self):
+    def test_rows_and_description(self):
         curves = curve_set("Sa(0.5)", tower=NONE)
         rows = list(csv.DictReader(io.StringIO(pelicun_table(curves))))
         assert [row["ID"] for row in rows] == ["ring_7", "wall_2"]
+        fixed = {
+            "Demand-Type": "Spectral Acceleration|0.5", "Demand-Unit": "g", "Demand-Offset": "0",
+            "Demand-Directional": "1", "Incomplete": "0",
+        }  # fmt: skip
         for row, states in zip(rows, curves.complete.values()):
-            assert row["Demand-Type"] == "Spectral Acceleration|0.5"
-            assert row["Demand-Unit"] == "g"
-            assert (row["Demand-Offset"], row["Demand-Directional"], row["Incomplete"]) == (
-                "0", "1", "0",
-            )  # fmt: skip
+            assert row.items() >= fixed.items()
             for number, fit in enumerate(states.values(), start=1):
                 assert row[f"LS{number}-Family"] == "lognormal"
                 assert float(row[f"LS{number}-Theta_0"]) == pytest.approx(fit.theta / G, rel=1e-14)
                 assert float(row[f"LS{number}-Theta_1"]) == fit.beta
-
-    def test_description(self):
-        about = json.loads(pelicun_description(curve_set(tower=NONE)))
+        about = json.loads(pelicun_description(curves))
         assert about["_GeneralInformation"]["archfrag"]["cube_sha256"] == "0" * 64
         assert list(about["_GeneralInformation"]["LeftOut"]) == ["tower"]
         assert about["ring_7"]["LimitStates"]["LS3"]["DS3"]["Description"] == "collapse"

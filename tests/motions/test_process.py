@@ -17,8 +17,9 @@ def pair(**metadata):
 
 
 class TestSteps:
-    def test_detrend_is_that_of_scipy(self):
+    def test_without_its_mean_and_its_line_as_by_scipy(self):
         samples = np.random.default_rng(0).standard_normal(3000) + np.linspace(-3.0, 5.0, 3000)
+        assert abs(process.demean(Motion(samples, 0.01)).acceleration.mean()) < 1e-12
         motion = process.detrend(Motion(samples, 0.01, vertical=-samples))
         assert np.allclose(motion.acceleration, detrend(samples), rtol=0, atol=1e-11)
         assert np.allclose(motion.vertical, -motion.acceleration, rtol=0, atol=1e-11)

@@ -137,9 +137,13 @@ class TestSuite:
         )
 
     def test_making_again_gives_the_same_samples_and_index(self, tmp_path):
-        synthetic.make_suite(tmp_path)
-        for ours, theirs in zip(load_index(tmp_path), load_index(SHIPPED), strict=True):
-            assert (ours.id, ours.metadata) == (theirs.id, theirs.metadata)
+        recipes = synthetic.shipped_recipes()
+        shipped = {entry.id: entry for entry in load_index(SHIPPED)}
+        assert list(shipped) == [recipe.id for recipe in recipes]
+        synthetic.make_suite(tmp_path, recipes[::4])
+        for ours in load_index(tmp_path):
+            theirs = shipped[ours.id]
+            assert ours.metadata == theirs.metadata
             made, motion = load_motion(ours), load_motion(theirs)
             assert np.array_equal(made.acceleration, motion.acceleration)
             assert not motion.acceleration[:100].any()

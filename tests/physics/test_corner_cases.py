@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 
 from archbench import facts
-from archbench.closed_forms import Rocking
 from archbench.corner_cases import HELD, case_names, load_case, resolved, run_case
+from archbench.exact import Rocking, largest_load, least_friction
 from archbench.facts import FACTS, Run
 from archbench.measures import path_energy_gain
 from archbench.scene import Scene, load_scene
 from archbench.settings import Setting, default_setting
 from archbench.solve import arch_of, motion_of, solve
-from archbench.statics import largest_load, least_friction
 from archfrag.simulate import onset
 
 OURS = ("time_stepping", "event_driven", "auto")

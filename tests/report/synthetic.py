@@ -10,7 +10,7 @@ from archfrag.mechanics.status import CollapseMode
 from archfrag.motions.motion import Motion
 from archfrag.report.inputs import ReportInputs
 from archfrag.simulate import Onset
-from archfrag.study.curves import Answer, Runs, answer
+from archfrag.study.curves import Answer, answer, runs_of_cube
 
 GRAVITY = 9.80665
 MODELS = ("rest", "four_hinges", "mega_voussoirs", "all_voussoirs")
@@ -105,11 +105,12 @@ def cube(names=("ring",), items=None, n_level=9, n_joint=8, theta=4.0, beta=0.4,
             "fallbacks": (dims, np.zeros(shape, dtype=np.int32)),
             "scale_factor": (("record", "level"), intensity / peaks[:, None]),
             "intensity": ("level", intensity, {"units": "m s-2", "long_name": "PGA"}),
+            "event": ("record", [""] * len(records)),
             "magnitude": ("record", generator.uniform(5.5, 7.5, len(records))),
             "distance": ("record", generator.uniform(5.0, 60.0, len(records))),
         },
         coords={"arch": list(names), "record": records, "model": list(MODELS)},
-        attrs={"Conventions": "CF-1.11", "loss_limit": "0.5"},
+        attrs={"archfrag_design_kind": "stripes", "Conventions": "CF-1.11", "loss_limit": "0.5"},
     )
 
 
@@ -131,18 +132,7 @@ def inputs(names=("ring",), n_record=6, n_level=9, voussoirs=7, **changes):
 
 def answers_of(data):
     """Answer of each arch, as `archfrag fit` stores it."""
-    design = data.attrs.get("archfrag_design_kind", "stripes")
-    found = {}
-    for name in data["arch"].values.astype(str):
-        one = data.sel(arch=name)
-        verdict = one["verdict"].transpose("record", "level").values.astype(int)
-        rows = (verdict != Verdict.NOT_SIMULATED).any(axis=1)
-        level = one["intensity"].values
-        level = level if level.ndim == 1 else level[rows]
-        found[str(name)] = answer(
-            Runs(name, design, verdict[rows], level, np.ones_like(verdict)[rows]), 0.9
-        )
-    return found
+    return {runs.name: answer(runs, 0.9) for runs in runs_of_cube(data)}
 
 
 def none(why):

@@ -38,17 +38,13 @@ def number(
     """One finite number greater than zero and inside the bounds that are given."""
     space = f" {unit}" if unit else ""
     floor = f"greater than 0{space}" if at_least is None else f"at least {at_least:.9g}{space}"
-    allowed = f"a finite number {floor}"
-    if math.isfinite(below):
-        allowed += f" and less than {below:.9g}{space}"
-    if math.isfinite(at_most):
-        allowed += f" and at most {at_most:.9g}{space}"
-    allowed += f" ({note})" if note else ""
+    less = f" and less than {below:.9g}{space}" if math.isfinite(below) else ""
+    most = f" and at most {at_most:.9g}{space}" if math.isfinite(at_most) else ""
+    allowed = f"a finite number {floor}{less}{most}" + (f" ({note})" if note else "")
     array = _real_array(name, value, allowed)
     if array.ndim != 0:
-        raise GeometryError(
-            f"{name} = {reprlib.repr(value)} is not a single number; it must be {allowed}"
-        )
+        shown = reprlib.repr(value)
+        raise GeometryError(f"{name} = {shown} is not a single number; it must be {allowed}")
     given = float(array)
     above_floor = given > 0.0 if at_least is None else given >= at_least
     if not (math.isfinite(given) and above_floor and given < below and given <= at_most):
@@ -66,24 +62,21 @@ def count(name: str, value: ArrayLike) -> int:
     allowed = "an integer of at least 2 (a single body is a Block)"
     array = _real_array(name, value, allowed)
     if array.ndim != 0 or not np.isfinite(array) or array != np.floor(array):
-        raise GeometryError(
-            f"{name} = {reprlib.repr(value)} is not an integer; it must be {allowed}"
-        )
-    if array < 2:
-        raise GeometryError(f"{name} = {int(array)} makes no arch; it must be {allowed}")
-    if array > MOST_VOUSSOIRS:
-        raise GeometryError(
-            f"{name} = {int(array)} is too many; it must be at most {MOST_VOUSSOIRS}"
-        )
-    return int(array)
+        given = reprlib.repr(value)
+        raise GeometryError(f"{name} = {given} is not an integer; it must be {allowed}")
+    number = int(array)
+    if number < 2:
+        raise GeometryError(f"{name} = {number} makes no arch; it must be {allowed}")
+    if number > MOST_VOUSSOIRS:
+        raise GeometryError(f"{name} = {number} is too many; it must be at most {MOST_VOUSSOIRS}")
+    return number
 
 
 def flag(name: str, value: object) -> bool:
     """True or False and nothing else."""
     if not isinstance(value, bool | np.bool_):
-        raise GeometryError(
-            f"{name} = {reprlib.repr(value)} is not a choice; it must be True or False"
-        )
+        given = reprlib.repr(value)
+        raise GeometryError(f"{name} = {given} is not a choice; it must be True or False")
     return bool(value)
 
 
@@ -119,26 +112,20 @@ def joint_positions(
         "at the right one"
     )
     array = _real_array("joints", value, allowed)
+    finite = np.isfinite(array)
     if array.shape != (voussoirs + 1,):
-        raise GeometryError(
-            f"joints has shape {array.shape} with voussoirs = {voussoirs}; it must be {allowed}"
-        )
-    if not np.all(np.isfinite(array)):
-        place = int(np.argmin(np.isfinite(array)))
-        raise GeometryError(
-            f"joints[{place}] = {array[place]} is not finite; it must be {allowed}"
-        )
-    if abs(array[0]) > 1e-9 * end or abs(array[-1] - end) > 1e-9 * end:
-        raise GeometryError(
-            f"joints run from {array[0]:.9g} to {array[-1]:.9g}; they must be {allowed}"
-        )
-    step = np.diff(array)
-    if not np.all(step > 0.0):
-        place = int(np.argmin(step > 0.0)) + 1
-        raise GeometryError(
-            f"joints[{place}] = {array[place]:.9g} does not exceed the one before it "
-            f"({array[place - 1]:.9g}); they must be {allowed}"
-        )
+        wrong = f" has shape {array.shape} with voussoirs = {voussoirs}"
+    elif not finite.all():
+        wrong = f"[{np.argmin(finite)}] = {array[np.argmin(finite)]} is not finite"
+    elif abs(array[0]) > 1e-9 * end or abs(array[-1] - end) > 1e-9 * end:
+        wrong = f" run from {array[0]:.9g} to {array[-1]:.9g}"
+    elif not np.all(np.diff(array) > 0.0):
+        place = int(np.argmin(np.diff(array) > 0.0)) + 1
+        wrong = f"[{place}] = {array[place]:.9g} does not exceed the one before it"
+    else:
+        wrong = ""
+    if wrong:
+        raise GeometryError(f"joints{wrong}; it must be {allowed}")
     position: NDArray[np.float64] = array - 0.5 * end
     position[0], position[-1] = -0.5 * end, 0.5 * end
     return position

@@ -71,7 +71,7 @@ def check_corners_apart(lines: JointLines) -> None:
     least = _TOLERANCE * float(np.hypot(*np.ptp(every, axis=0)))
     length = np.hypot(*(lines.extrados - lines.intrados).T)
     if np.any(length <= least):
-        joint = int(np.argmax(length <= least))
+        joint = int(np.argmin(length))
         raise GeometryError(
             f"joint {joint} has no length: its intrados and extrados corners coincide at "
             f"{_place(lines.intrados[joint])}; they must be more than {least:.3g} m apart"
@@ -79,7 +79,7 @@ def check_corners_apart(lines: JointLines) -> None:
     for name, side in (("intrados", lines.intrados), ("extrados", lines.extrados)):
         length = np.hypot(*np.diff(side, axis=0).T)
         if np.any(length <= least):
-            joint = int(np.argmax(length <= least))
+            joint = int(np.argmin(length))
             raise GeometryError(
                 f"the {name} corners of joints {joint} and {joint + 1} coincide at "
                 f"{_place(side[joint])}; they must be more than {least:.3g} m apart"
@@ -104,7 +104,7 @@ def travel_sense(lines: JointLines) -> int:
             "ring doubles back there; intrados and extrados must run on along the ring from "
             "joint to joint"
         )
-    _refuse_overlap(quads if sense[0] > 0 else quads[:, ::-1])
+    _refuse_overlap(quads)
     return int(sense[0])
 
 
@@ -138,30 +138,23 @@ def _segments_cross(
 
 
 def _refuse_overlap(quads: NDArray[np.float64]) -> None:
-    """Refuse convex anticlockwise quadrilaterals ``(n, 4, 2)`` of which any two overlap.
+    """Refuse convex quadrilaterals ``(n, 4, 2)`` of which any two overlap.
 
-    Neighbours lie on either side of the line of their joint and cannot. The others are held apart
-    by the line of one of their sides, or they overlap.
+    Neighbours lie on either side of the line of their joint and cannot.
     """
-    low, high = quads.min(axis=1), quads.max(axis=1)
-    near = (low[:, None] < high[None]).all(2) & (low[None] < high[:, None]).all(2)
-    first, second = np.nonzero(np.triu(near, k=2))
-    if first.size == 0:
-        return
-    size = np.ptp(quads.reshape(-1, 2), axis=0).max()
-    depth = np.full(first.size, np.inf)
-    for one, other in ((first, second), (second, first)):
-        corner = quads[one]
-        side = np.roll(corner, -1, axis=1) - corner
-        side /= np.hypot(side[..., 0], side[..., 1])[..., None]
-        reach = quads[other][:, None, :, :] - corner[:, :, None, :]
-        # How far the other body reaches behind each side of this one, at its deepest corner.
-        depth = np.minimum(depth, cross(side[:, :, None, :], reach).max(axis=2).min(axis=1))
-    if np.any(depth > _TOLERANCE * size):
-        pair = int(np.argmax(depth > _TOLERANCE * size))
+    import shapely
+
+    shapes = shapely.polygons(quads)
+    first, second = shapely.STRtree(shapes).query(shapes, predicate="intersects")
+    apart = second > first + 1
+    first, second = first[apart], second[apart]
+    common = shapely.area(shapely.intersection(shapes[first], shapes[second]))
+    overlaps = np.flatnonzero(common > _TOLERANCE * shapely.area(shapes[first]))
+    if overlaps.size:
+        pair = min(overlaps, key=lambda k: (first[k], second[k]))
         raise GeometryError(
-            f"voussoirs {first[pair]} and {second[pair]} overlap by {depth[pair]:.6g} m; the ring "
-            "must not cross itself"
+            f"voussoirs {first[pair]} and {second[pair]} overlap by {common[pair]:.3g} m2; the "
+            "ring must not cross itself"
         )
 
 

@@ -156,17 +156,9 @@ def correlation_factor(
 ) -> FloatArray:
     """Lower triangular factor of a correlation matrix, (n, n), rows and columns as in `names`.
 
-    Parameters
-    ----------
-    names : sequence of str
-    correlation : mapping
-        Of names to mappings of names to coefficients; pairs that are not there have 0.
-
-    Raises
-    ------
-    InputError
-        If a name is unknown or a pair occurs twice, a coefficient is not between -1 and 1, or
-        no distribution has these coefficients together.
+    Pairs that `correlation`, of names to mappings of names to coefficients, does not have are not
+    correlated. `InputError` where a name is unknown or a pair occurs twice, a coefficient is not
+    between -1 and 1, or no distribution has these coefficients together.
     """
     matrix = np.eye(len(names))
     given = set()

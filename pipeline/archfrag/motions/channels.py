@@ -142,16 +142,17 @@ def examine(path: Path, options: Options) -> Examined:
         if held < announced and trace is content.traces[-1] and _breaks_off(content, path):
             trace.data = trace.data[:-1]
             doubts[trace.id] = (*doubts[trace.id], left)
-    listed = ", ".join(f"{channel_code(t)} {n}" for t, n in zip(content.traces, content.held))
-    unequal = f"the channels of the file have unequal numbers of samples ({listed})"
     impossible = any(word is None for found in doubts.values() for word, _ in found)
     traces, gap = (content.traces, "") if impossible else _joined(content.traces)
     rows = list(zip(traces, content.announced, content.held))
     if len(traces) < len(content.traces):
         rows = [(trace, trace.stats.npts, trace.stats.npts) for trace in traces]
     channels = [_channel(*row, doubts[row[0].id], path, options, entry) for row in rows]
-    differ = (unequal,) if len(set(content.held)) > 1 else ()
-    return Examined(content.format, channels, content.messages, differ, gap)
+    unequal: tuple[str, ...] = ()
+    if len(set(content.held)) > 1:
+        listed = ", ".join(f"{channel_code(t)} {n}" for t, n in zip(content.traces, content.held))
+        unequal = (f"the channels of the file have unequal numbers of samples ({listed})",)
+    return Examined(content.format, channels, content.messages, unequal, gap)
 
 
 def file_content(path: Path, columns: Columns | None = None) -> Content:
@@ -184,21 +185,16 @@ def file_content(path: Path, columns: Columns | None = None) -> Content:
 
 def _readable_size(path: Path) -> int:
     check_name(path)
-    for wrong, what in (
-        (not path.exists(), "there is no such file"),
-        (path.is_dir(), "this is a folder; a record is one file"),
-        (not path.is_file(), "this is no regular file"),
+    for right, what in (
+        (path.exists(), "there is no such file"),
+        (not path.is_dir(), "this is a folder; a record is one file"),
+        (path.is_file(), "this is no regular file"),
+        (os.access(path, os.R_OK), "the file cannot be read (Permission denied)"),
+        (path.is_file() and path.stat().st_size, "the file is empty"),
     ):
-        if wrong:
+        if not right:
             raise RecordError(f"{path}: {what}")
-    try:
-        with open(path, "rb") as file:
-            size = file.seek(0, os.SEEK_END)
-    except OSError as error:
-        raise RecordError(f"{path}: the file cannot be read ({error.strerror})") from None
-    if size == 0:
-        raise RecordError(f"{path}: the file is empty")
-    return size
+    return path.stat().st_size
 
 
 def _doubtful_trace(trace: Trace, announced: int, held: int) -> Iterator[Doubt]:

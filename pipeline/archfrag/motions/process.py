@@ -36,10 +36,7 @@ def demean(motion: Motion) -> Motion:
 def detrend(motion: Motion) -> Motion:
     """Subtract from each component the straight line that fits it best (least squares)."""
 
-    def level(a: Samples) -> Samples:
-        return _without(a, _fitted(a, (0, 1)))
-
-    return motion._changed(level, "Linear trend removed.")
+    return motion._changed(lambda a: _without(a, _fitted(a, (0, 1))), "Linear trend removed.")
 
 
 def baseline(motion: Motion, order: int = 2) -> Motion:
@@ -132,10 +129,9 @@ def bandpass(
     corners = [corner for corner in (lowest, highest) if corner is not None]
     rising = all(low < high for low, high in itertools.pairwise((0.0, *corners, nyquist)))
     if not corners or not rising:
-        raise InputError(
-            f"{motion.id or 'motion'}: corners {lowest} and {highest} Hz must satisfy "
-            f"0 < lowest < highest < {nyquist:g} Hz"
-        )
+        allowed = f"0 < lowest < highest < {nyquist:g} Hz"
+        both = f"corners {lowest} and {highest} Hz"
+        raise InputError(f"{motion.id or 'motion'}: {both} must satisfy {allowed}")
     if not 1 <= order <= 10:
         raise InputError(f"bandpass: order {order} must be from 1 to 10")
     kind = "bandpass" if len(corners) == 2 else "lowpass" if lowest is None else "highpass"

@@ -88,17 +88,12 @@ def _most_telling(time: FloatArray, state: FloatArray, most: int) -> np.ndarray:
     return kept
 
 
-@dataclass(frozen=True)
-class _Stage:
-    """Where metres are on the drawing."""
+class _Film:
+    """Key frames of a run on a drawing."""
 
-    left: float
-    top: float
-    scale: float
-
-    @classmethod
-    def of(cls, example: Example, frames: Frames) -> "tuple[_Stage, float]":
-        """The stage that holds the frames, and its height [px]."""
+    def __init__(self, example: Example, frames: Frames, name: str) -> None:
+        self.example, self.frames, self.name = example, frames, name
+        self.centroid = np.asarray(example.arch.chain.centroid, dtype=float)
         points = np.concatenate(example.arch.outlines)
         low, high = points.min(axis=0), points.max(axis=0)
         size = float((high - low).max())
@@ -106,17 +101,89 @@ class _Stage:
         margin = 0.06 * size
         low = np.maximum(np.minimum(low, seen.min(axis=0)), low - 0.3 * size) - margin
         high = np.minimum(np.maximum(high, seen.max(axis=0)), high + 0.3 * size) + margin
-        width, height = high - low
-        scale = min(NARROW / float(width), 300.0 / float(height))
-        left = float(low[0]) - 0.5 * (NARROW / scale - float(width))
-        return cls(left, float(high[1]), scale), scale * float(height)
+        width, height = (high - low).tolist()
+        self.scale = min(NARROW / width, 300.0 / height)
+        self.height = self.scale * height
+        self.left = float(low[0]) - 0.5 * (NARROW / self.scale - width)
+        self.top = float(high[1])
+        self.places = self.at(frames.place)
 
     def at(self, points: FloatArray) -> FloatArray:
         """Pixels of points (..., 2)."""
-        return np.stack(
-            [self.scale * (points[..., 0] - self.left), self.scale * (self.top - points[..., 1])],
-            axis=-1,
+        return self.scale * (points - (self.left, self.top)) * (1.0, -1.0)
+
+    def shapes(self) -> str:
+        """Definitions of the voussoirs about their centroids [px]."""
+        shapes = []
+        for i, outline in enumerate(self.example.arch.outlines):
+            x, y = (self.scale * (np.asarray(outline) - self.centroid[i]) * (1.0, -1.0)).T
+            shapes.append(f'<path id="{self.name}-{i}" d="{trace(x, y)}z"/>')
+        return f"<defs>{''.join(shapes)}</defs>"
+
+    def moving(self) -> str:
+        """Voussoirs with their key frames, the ground's acceleration and a line at the time."""
+        name, frames = self.name, self.frames
+        span = float(frames.time[-1] - frames.time[0])
+        percent = 100.0 * (frames.time - frames.time[0]) / (span + _HOLD)
+        when = [f"{number(p)}%" for p in percent[:-1]] + [f"{number(percent[-1])}%,to"]
+        rules, bodies, ghosts = [], [], []
+        for i, (x, y) in enumerate(self.at(self.centroid)):
+            steps = "".join(
+                f"{p}{{transform:{_transform(self.places[k, i], frames.rotation[k, i], 'css')}}}"
+                for k, p in enumerate(when)
+            )
+            rules.append(f"@keyframes {name}-k{i}{{{steps}}}")
+            rules.append(f"#{name}-b{i}{{animation-name:{name}-k{i}}}")
+            bodies.append(f'<use href="#{name}-{i}" id="{name}-b{i}"/>')
+            there = f"translate({number(x)} {number(y)})"
+            ghosts.append(f'<use href="#{name}-{i}" transform="{there}"/>')
+        strip, travel = self.strip()
+        rules.append(
+            f"@keyframes {name}-t{{{when[-1]}{{transform:translate({travel:.1f}px)}}}}"
+            f"#{name}-line{{animation-name:{name}-t}}"
+            f"#{name}-run *{{animation-duration:{span + _HOLD:.2f}s;animation-timing-function:"
+            "linear;animation-iteration-count:infinite}"
         )
+        return (
+            f"<style>{''.join(rules)}</style>"
+            f'<g id="{name}-rest" fill="none" stroke="{look.GREY}" stroke-width=".7">'
+            f"{''.join(ghosts)}</g>{strip}"
+            f'<g id="{name}-run"><g fill="{STONE}" stroke="{EDGE}">{"".join(bodies)}</g>'
+            f'<path id="{name}-line" d="M12 {number(self.height + 2)}v{number(_STRIP)}" '
+            f'stroke="{look.VERMILION}" stroke-width="1.6"/></g>'
+        )
+
+    def strip(self) -> tuple[str, float]:
+        """The ground's acceleration over the time shown, and the width of its panel [px]."""
+        start, end = float(self.frames.time[0]), float(self.frames.time[-1])
+        time = np.linspace(start, end, _TRACE)
+        values = np.interp(time, *self.example.ground, right=0.0)
+        reach = max(float(np.abs(values).max()), 1e-9)
+        sheet = Sheet(NARROW)
+        box = (12.0, self.height + 2.0, NARROW - 12.0, self.height + 2.0 + _STRIP)
+        panel = Panel(sheet, box, (start, end), (-reach, reach))
+        panel.line(time, values, look.GREY, 0.8)
+        panel.axis_x(look.even_ticks(start, end, 6), "time [s], with the ground acceleration")
+        return "".join(sheet.parts), box[2] - box[0]
+
+    def still(self) -> str:
+        """Four frames up to the largest rotation, two in a row."""
+        sheet, name, rotation = Sheet(NARROW), self.name, self.frames.rotation
+        reach = np.abs(rotation).max(axis=1)
+        for place, part in enumerate((0.0, 0.33, 0.67, 1.0)):
+            k = int(np.argmax(reach >= part * reach.max()))
+            left, top = 0.5 * NARROW * (place % 2), (0.5 * self.height + 20.0) * (place // 2)
+            bodies = "".join(
+                f'<use href="#{name}-{i}" transform="{_transform(at, rotation[k, i], "svg")}"/>'
+                for i, at in enumerate(self.places[k])
+            )
+            sheet.parts.append(
+                f'<g transform="translate({number(left)} {number(top + 14.0)}) scale(.5)" '
+                f'fill="{STONE}" stroke="{EDGE}" stroke-width="1.6"><use href="#{name}-rest"/>'
+                f"{bodies}</g>"
+            )
+            sheet.text(left + 6.0, top + 12.0, f"{self.frames.time[k]:.2f} s", "b")
+        return "".join(sheet.parts)
 
 
 def animation(example: Example, name: str, title: str) -> Picture | None:
@@ -124,108 +191,21 @@ def animation(example: Example, name: str, title: str) -> Picture | None:
     frames = key_frames(example)
     if frames is None:
         return None
-    stage, height = _Stage.of(example, frames)
-    shapes = _shapes(example, stage, name)
+    film = _Film(example, frames, name)
     what = (
         f"{title}: {example.arch.n_voussoir} voussoirs under {example.motion.id}, {example.level}"
     )
-    moving = _moving(example, frames, stage, (name, height))
-    still = _still(frames, stage, name, height)
-    label = escape(what, quote=True)
-    window = f"{frames.time[0]:.2f} to {frames.time[-1]:.2f} s"
+    label, window = escape(what, quote=True), f"{frames.time[0]:.2f} to {frames.time[-1]:.2f} s"
     return Picture(
         f'<div class="motion"><label><input type="checkbox"> pause</label>'
-        f'<svg class="moving" viewBox="0 0 {number(NARROW)} {number(height + _STRIP + 40.0)}" '
-        f'role="img" aria-label="{label}, moving">{shapes}{moving}</svg>'
-        f'<svg class="still" viewBox="0 0 {number(NARROW)} {number(height + 40.0)}" '
-        f'role="img" aria-label="{label}, four frames from {window}">{still}</svg></div>',
+        f'<svg class="moving" viewBox="0 0 {number(NARROW)} {number(film.height + _STRIP + 40.0)}"'
+        f' role="img" aria-label="{label}, moving">{film.shapes()}{film.moving()}</svg>'
+        f'<svg class="still" viewBox="0 0 {number(NARROW)} {number(film.height + 40.0)}" '
+        f'role="img" aria-label="{label}, four frames from {window}">{film.still()}</svg></div>',
         f"{what}, {example.reason}. Motion relative to the ground, true to scale and in real "
         f"time, {window}; {frames.time.size} key frames, linear between them. Outlined: at rest. "
         "Still frames: before the largest rotation.",
     )
-
-
-def _shapes(example: Example, stage: _Stage, name: str) -> str:
-    """Definitions of the voussoirs about their centroids [px]."""
-    centroid = np.asarray(example.arch.chain.centroid, dtype=float)
-    shapes = []
-    for i, outline in enumerate(example.arch.outlines):
-        x, y = (stage.scale * (np.asarray(outline) - centroid[i]) * (1.0, -1.0)).T
-        shapes.append(f'<path id="{name}-{i}" d="{trace(x, y)}z"/>')
-    return f"<defs>{''.join(shapes)}</defs>"
-
-
-def _moving(example: Example, frames: Frames, stage: _Stage, where: tuple[str, float]) -> str:
-    """Voussoirs with their key frames, the ground's acceleration and a line at the time."""
-    name, height = where
-    span = float(frames.time[-1] - frames.time[0])
-    percent = 100.0 * (frames.time - frames.time[0]) / (span + _HOLD)
-    places = stage.at(frames.place)
-    rest = stage.at(np.asarray(example.arch.chain.centroid, dtype=float))
-    rules, bodies, ghosts = [], [], []
-    for i in range(places.shape[1]):
-        steps = [
-            f"{number(p)}%{{transform:{_transform(places[k, i], frames.rotation[k, i], 'css')}}}"
-            for k, p in enumerate(percent)
-        ]
-        last = _transform(places[-1, i], frames.rotation[-1, i], "css")
-        steps[-1] = f"{number(percent[-1])}%,to{{transform:{last}}}"
-        rules.append(f"@keyframes {name}-k{i}{{{''.join(steps)}}}")
-        rules.append(f"#{name}-b{i}{{animation-name:{name}-k{i}}}")
-        bodies.append(f'<use href="#{name}-{i}" id="{name}-b{i}"/>')
-        x, y = number(rest[i, 0]), number(rest[i, 1])
-        ghosts.append(f'<use href="#{name}-{i}" transform="translate({x} {y})"/>')
-    strip, travel = _strip(example, frames, height)
-    rules.append(
-        f"@keyframes {name}-t{{{number(percent[-1])}%,to{{transform:translate({travel:.1f}px)}}}}"
-        f"#{name}-line{{animation-name:{name}-t}}"
-        f"#{name}-run *{{animation-duration:{span + _HOLD:.2f}s;animation-timing-function:linear;"
-        "animation-iteration-count:infinite}"
-    )
-    return (
-        f"<style>{''.join(rules)}</style>"
-        f'<g id="{name}-rest" fill="none" stroke="{look.GREY}" stroke-width=".7">'
-        f"{''.join(ghosts)}</g>{strip}"
-        f'<g id="{name}-run"><g fill="{STONE}" stroke="{EDGE}">{"".join(bodies)}</g>'
-        f'<path id="{name}-line" d="M12 {number(height + 2)}v{number(_STRIP)}" '
-        f'stroke="{look.VERMILION}" stroke-width="1.6"/></g>'
-    )
-
-
-def _strip(example: Example, frames: Frames, height: float) -> tuple[str, float]:
-    """The ground's acceleration over the time shown, and the width of its panel [px]."""
-    start, end = float(frames.time[0]), float(frames.time[-1])
-    time = np.linspace(start, end, _TRACE)
-    values = np.interp(time, *example.ground, right=0.0)
-    reach = max(float(np.abs(values).max()), 1e-9)
-    sheet = Sheet(NARROW)
-    box = (12.0, height + 2.0, NARROW - 12.0, height + 2.0 + _STRIP)
-    panel = Panel(sheet, box, (start, end), (-reach, reach))
-    panel.line(time, values, look.GREY, 0.8)
-    panel.axis_x(look.even_ticks(start, end, 6), "time [s], with the ground acceleration")
-    return "".join(sheet.parts), box[2] - box[0]
-
-
-def _still(frames: Frames, stage: _Stage, name: str, height: float) -> str:
-    """Four frames up to the largest rotation, two in a row."""
-    sheet = Sheet(NARROW)
-    reach = np.abs(frames.rotation).max(axis=1)
-    chosen = [int(np.argmax(reach >= part * reach.max())) for part in (0.0, 0.33, 0.67, 1.0)]
-    places = stage.at(frames.place)
-    for number_, k in enumerate(chosen):
-        left, top = 0.5 * NARROW * (number_ % 2), (0.5 * height + 20.0) * (number_ // 2)
-        bodies = "".join(
-            f'<use href="#{name}-{i}" transform="'
-            f'{_transform(places[k, i], frames.rotation[k, i], "svg")}"/>'
-            for i in range(places.shape[1])
-        )
-        sheet.parts.append(
-            f'<g transform="translate({number(left)} {number(top + 14.0)}) scale(.5)" '
-            f'fill="{STONE}" stroke="{EDGE}" stroke-width="1.6"><use href="#{name}-rest"/>'
-            f"{bodies}</g>"
-        )
-        sheet.text(left + 6.0, top + 12.0, f"{frames.time[k]:.2f} s", "b")
-    return "".join(sheet.parts)
 
 
 def _transform(place: FloatArray, rotation: float, kind: str) -> str:

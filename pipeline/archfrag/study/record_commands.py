@@ -205,7 +205,7 @@ def _target(options: dict[str, Any], measured: Sequence[float]) -> "Target":
         ln_median, sd, _ = predict(rupture, model, [period])
         level = float(np.exp(ln_median[0] + options["epsilon"] * sd[0]))
     near = {min(measured, key=lambda have: abs(math.log(have / t)), default=t) for t in PERIODS}
-    return conditional_spectrum(rupture, level, period, sorted(near), models=(model,))
+    return conditional_spectrum(rupture, level, period, sorted(near), model)
 
 
 def selection_text(selection: "Selection", out: Path) -> str:

@@ -65,12 +65,11 @@ def utc_time(text: str) -> UTCDateTime | None:
     if not date or clock is None:
         return None
     hour, minute, second = clock.groups()
+    seconds = 3600 * int(hour) + 60 * int(minute) + float((second or "").rstrip(".") or 0)
     try:
-        midnight = UTCDateTime(date)
-        seconds = 3600 * int(hour) + 60 * int(minute) + float((second or "").rstrip(".") or 0)
+        return UTCDateTime(date) + seconds if seconds < 86400 else None
     except (ValueError, TypeError, OverflowError):
         return None
-    return midnight + seconds if seconds < 86400 else None
 
 
 def time_of(year: float, days: float, *clock: float) -> UTCDateTime | None:
@@ -91,13 +90,11 @@ def magnitude(text: str) -> float | None:
 def place(text: str, kind: str) -> dict[str, float]:
     """Latitude and longitude in a text such as ``34.2N, 118.5W`` or ``34.2 -118.5`` [degrees]."""
     if found := _PLACE.search(text.upper()):
-        latitude = float(found.group(1)) * (1 if found.group(2) == "N" else -1)
-        longitude = float(found.group(3)) * (1 if found.group(4) == "E" else -1)
+        latitude = float(found[1]) * (1 if found[2] == "N" else -1)
+        longitude = float(found[3]) * (1 if found[4] == "E" else -1)
     elif found := _SIGNED_PLACE.search(text):
-        latitude, longitude = float(found.group(1)), float(found.group(2))
-    else:
-        return {}
-    if abs(latitude) > 90 or abs(longitude) > 360:
+        latitude, longitude = float(found[1]), float(found[2])
+    if found is None or abs(latitude) > 90 or abs(longitude) > 360:
         return {}
     return {f"{kind}_latitude": latitude, f"{kind}_longitude": longitude}
 

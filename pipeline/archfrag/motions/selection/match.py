@@ -83,11 +83,10 @@ def _match(ln_sa: Array, target: Target, simulated: Array, limits: Limits) -> ND
 
 def best_set(
     ln_sa: Array, target: Target, simulated: Array, limits: Limits
-) -> tuple[NDArray[np.int64], Array, Array]:
+) -> tuple[NDArray[np.int64], Array]:
     """Match and improve from each start, keep the set nearest to the target.
 
-    Returns the rows of `ln_sa` (n_record, n_period) chosen, ln of their factors, and the simulated
-    spectra of that start.
+    Returns the rows of `ln_sa` (n_record, n_period) chosen and ln of their factors.
     """
     found = []
     for start in simulated:
@@ -100,7 +99,7 @@ def best_set(
         scaled = ln_sa[chosen] + ln_factor[:, None]
         sd = scaled.std(axis=0, ddof=1) if len(chosen) > 1 else target.sd
         worth = float(deviation(target, scaled.mean(axis=0), sd))
-        found.append((worth, chosen, ln_factor, start))
+        found.append((worth, chosen, ln_factor))
     return min(found, key=lambda each: each[0])[1:]
 
 

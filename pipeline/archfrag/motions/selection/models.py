@@ -34,6 +34,8 @@ _WORDS = {
 class Rupture:
     """An earthquake and a site, as ground-motion models for active shallow crust want them.
 
+    Its top is its closest point, as deep as Chiou and Youngs (2014) expect for the magnitude.
+
     Attributes
     ----------
     magnitude : float
@@ -46,16 +48,8 @@ class Rupture:
         ``SS`` strike-slip, ``RS`` reverse, ``NS`` normal.
     dip : float [degrees]
         Of the fault. The site is on the footwall's side.
-    joyner_boore_km : float, optional [km]
-        Closest distance to the rupture's projection on the surface; as if the top of the
-        rupture were its closest point where not given.
-    top_km : float, optional [km]
-        Depth to the top of the rupture; as Chiou and Youngs (2014) expect it for the magnitude
-        where not given, but at most `distance_km`.
     region : str, optional
         A region that the model knows (``italy``, ``japan``); its own default where not given.
-    weight : float
-        Of this rupture among several: its contribution to the hazard (deaggregation).
     """
 
     magnitude: float
@@ -63,17 +57,14 @@ class Rupture:
     vs30_mps: float
     mechanism: str = "SS"
     dip: float = 90.0
-    joyner_boore_km: float | None = None
-    top_km: float | None = None
     region: str | None = None
-    weight: float = 1.0
 
     def __post_init__(self) -> None:
         if self.mechanism not in MECHANISMS:
             raise InputError(
                 f"mechanism {self.mechanism!r} of a rupture must be one of {', '.join(MECHANISMS)}"
             )
-        for name in ("magnitude", "distance_km", "vs30_mps", "weight"):
+        for name in ("magnitude", "distance_km", "vs30_mps"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0.0):
                 raise InputError(f"{name} = {value} of a rupture must be a number above 0")
@@ -149,10 +140,8 @@ def _keys(rupture: Rupture) -> dict[str, Any]:
     # Chiou and Youngs (2014), Eqs 4 and 5: mean depth to the top, reverse or other faults.
     a, b, c = (2.704, 1.226, 5.849) if rupture.mechanism == "RS" else (2.673, 1.136, 4.970)
     root = max(a - b * max(rupture.magnitude - c, 0.0), 0.0)
-    top = min(root**2, rupture.distance_km) if rupture.top_km is None else rupture.top_km
-    surface = rupture.joyner_boore_km
-    if surface is None:
-        surface = float(np.sqrt(max(rupture.distance_km**2 - top**2, 0.0)))
+    top = min(root**2, rupture.distance_km)
+    surface = float(np.sqrt(rupture.distance_km**2 - top**2))
     keys = {
         "mag": rupture.magnitude, "dist_rup": rupture.distance_km, "dist_jb": surface,
         "dist_x": -surface, "v_s30": rupture.vs30_mps, "dip": rupture.dip,

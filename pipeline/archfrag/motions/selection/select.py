@@ -49,8 +49,6 @@ class Selection:
     target : Target
     ln_sa : numpy.ndarray, shape (count, n_period)
         ln Sa [g] of the records times their factors, at the target's periods.
-    simulated : numpy.ndarray, shape (count, n_period)
-        ln Sa [g] of the spectra drawn from the target that the selection started from.
     seed : int
     candidates : int
         Records that could have been selected.
@@ -59,7 +57,6 @@ class Selection:
     table: pd.DataFrame
     target: Target
     ln_sa: NDArray[np.float64]
-    simulated: NDArray[np.float64]
     seed: int
     candidates: int
 
@@ -244,12 +241,12 @@ def select_records(
             raise InputError(f"{name} = {value} must be at least {least}")
     records, ln_sa, limits = _candidates(table, target, count, max_scale, per_event)
     start = simulate(target, count, np.random.default_rng(seed))
-    chosen, ln_factor, simulated = best_set(ln_sa, target, start, limits)
+    chosen, ln_factor = best_set(ln_sa, target, start, limits)
     order = np.argsort(chosen)
     selected = records.iloc[chosen[order]].reset_index(drop=True)
     selected["scale"] = np.exp(ln_factor[order])
     scaled = (ln_sa[chosen] + ln_factor[:, None])[order]
-    return Selection(selected, target, scaled, simulated, seed, len(records))
+    return Selection(selected, target, scaled, seed, len(records))
 
 
 def _candidates(

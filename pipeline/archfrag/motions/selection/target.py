@@ -1,6 +1,5 @@
 """What the spectra of selected records shall be distributed as."""
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -58,37 +57,34 @@ class Target:
 
 
 def conditional_spectrum(
-    ruptures: Rupture | Sequence[Rupture],
+    rupture: Rupture,
     level: float,
     conditioning: float,
     periods: ArrayLike = PERIODS,
-    models: Mapping[str, float] | Sequence[str] = ("CY14",),
+    model: str = "CY14",
 ) -> Target:
     """Mean and covariance of ln Sa, given Sa at one period.
 
-    For one rupture and model, with median exp(mu), standard deviation sigma and correlation rho,
-    and epsilon = (ln level - mu*) / sigma* at the conditioning period T*:
+    With median exp(mu), standard deviation sigma and correlation rho, and epsilon =
+    (ln level - mu*) / sigma* at the conditioning period T*:
 
     mean_i = mu_i + rho_i* epsilon sigma_i
     covariance_ij = sigma_i sigma_j (rho_ij - rho_i* rho_j*)
 
     Baker (2011), J. Struct. Eng. 137(3); Jayaram, Lin and Baker (2011), Earthquake Spectra
-    27(3), 797-815. Several ruptures and models are mixed by their weights: the mean is the mean
-    of means, the covariance the mean of covariances and the covariance of means; Lin, Harmsen,
-    Baker and Luco (2013), BSSA 103(2A), 1103-1116, whose exact form this is where the weights
-    are those given Sa(T*) (deaggregation by rupture and model).
+    27(3), 797-815.
 
     Parameters
     ----------
-    ruptures : Rupture or sequence of Rupture
+    rupture : Rupture
     level : float [g]
         Sa at the conditioning period.
     conditioning : float [s]
         T*; added to the periods if it is none of them.
     periods : array_like, shape (n_period,) [s]
         Twenty from 0.05 to 5 s where not given.
-    models : mapping or sequence of str
-        Ground-motion models with their weights, or their names, weighted equally; see `predict`.
+    model : str
+        Ground-motion model, see `predict`.
 
     Returns
     -------
@@ -115,24 +111,12 @@ def conditional_spectrum(
     grid = _with_period(_rising(periods, "periods"), conditioning)
     known = int(np.abs(np.log(grid / conditioning)).argmin())
     rho = correlation(grid[:, None], grid)
-    means, covariances, weights, notes = [], [], [], dict[str, None]()
-    for rupture in (ruptures,) if isinstance(ruptures, Rupture) else tuple(ruptures):
-        for model, weight in _weighted(models).items():
-            median, sd, cautions = predict(rupture, model, grid)
-            epsilon = (np.log(level) - median[known]) / sd[known]
-            means.append(median + rho[known] * epsilon * sd)
-            covariances.append(np.outer(sd, sd) * (rho - np.outer(rho[known], rho[known])))
-            weights.append(rupture.weight * weight)
-            notes |= dict.fromkeys(cautions)
-    if not weights:
-        raise InputError("a conditional spectrum needs at least one rupture and one model")
-    fraction = np.array(weights) / np.sum(weights)
-    mean = fraction @ np.array(means)
-    apart = np.array(means) - mean
-    covariance = np.tensordot(fraction, covariances, 1) + (fraction[:, None] * apart).T @ apart
+    median, sd, notes = predict(rupture, model, grid)
+    mean = median + rho[known] * (np.log(level) - median[known]) / sd[known] * sd
+    covariance = np.outer(sd, sd) * (rho - np.outer(rho[known], rho[known]))
     covariance[known, :] = covariance[:, known] = 0.0
     mean[known] = np.log(level)
-    return Target(grid, mean, covariance, float(conditioning), tuple(notes))
+    return Target(grid, mean, covariance, float(conditioning), notes)
 
 
 def spectrum_target(
@@ -225,15 +209,6 @@ def read_target(path: str | Path) -> Target:
                 where = f"{path}, line {wrong[0] + 2}: {name}"
                 raise InputError(f"{where} = {rows[name][wrong[0]]!r} is not a finite number")
     return spectrum_target(table["period_s"], table["Sa_g"], table.get("sd"), str(path))
-
-
-def _weighted(models: Mapping[str, float] | Sequence[str]) -> dict[str, float]:
-    names = [models] if isinstance(models, str) else models
-    weights = dict(names) if isinstance(names, Mapping) else dict.fromkeys(names, 1.0)
-    for model, weight in weights.items():
-        if not (np.isfinite(weight) and weight > 0.0):
-            raise InputError(f"weight {weight} of model {model} must be a number above 0")
-    return weights
 
 
 def _rising(periods: ArrayLike, name: str) -> NDArray[np.float64]:

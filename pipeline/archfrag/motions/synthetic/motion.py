@@ -118,33 +118,31 @@ def make_motion(
     _check(magnitude, distance, seeds, options)
     frame = _frame(magnitude, distance, options)
     terms = _terms(magnitude, distance, seeds, options)
-    pulse: dict[str, float] = {}
-    horizontal = _shaken(frame, _generator("noise", seeds.record), terms["horizontal"])
-    if options.pulse:
-        stream = _generator("pulse", seeds.record)
-        horizontal, period = add_pulse(horizontal, frame.after_peak, magnitude, stream)
-        pulse["pulse_period_s"] = period
-    vertical = None
-    if options.vertical:
-        stream = _generator("vertical_noise", seeds.record)
-        vertical = _finished(_shaken(frame, stream, terms["vertical"]), options.dt)
     facts: dict[str, float | str] = {
         "event": f"synthetic M{magnitude:g} {seeds.event}", "Mw": magnitude,
         "distance_km": distance, "Vs30_mps": options.vs30, "seed": seeds.record,
         "event_seed": seeds.event, "site_seed": seeds.site, "model": MODEL,
     }  # fmt: skip
+    horizontal = _shaken(frame, _generator("noise", seeds.record), terms["horizontal"])
+    if options.pulse:
+        stream = _generator("pulse", seeds.record)
+        made = add_pulse(horizontal, frame.after_peak, magnitude, stream)
+        horizontal, facts["pulse_period_s"] = made
+    vertical = None
+    if options.vertical:
+        stream = _generator("vertical_noise", seeds.record)
+        vertical = _finished(_shaken(frame, stream, terms["vertical"]), options.dt)
     log = f"Made by {MODEL}; seeds {seeds.record}, {seeds.event}, {seeds.site}."
     name = f"M{magnitude:g}-R{distance:g}-{seeds.record}"
     samples = _finished(horizontal, options.dt)
-    return Motion(samples, options.dt, vertical, name, {**facts, **pulse}, (log,))
+    return Motion(samples, options.dt, vertical, name, facts, (log,))
 
 
 class _Frame(NamedTuple):
     """What is common to motions of one magnitude, distance and time step."""
 
     dt: float
-    active: int  # samples that are kept
-    after_peak: NDArray[np.float64]  # time from the peak of the window, (active,) [s]
+    after_peak: NDArray[np.float64]  # time from the peak of the window, of samples kept [s]
     window: NDArray[np.float64]  # (size,)
     log_f: NDArray[np.float64]  # of the frequencies above zero
     amplitude: NDArray[np.float64]  # without variation, at these frequencies [m/s]
@@ -157,28 +155,22 @@ def _frame(magnitude: float, distance: float, options: Options) -> _Frame:
     size = 1 << int(np.ceil(np.log2(active + 1.5 / (low_cut(magnitude) * dt))))
     time = np.arange(size, dtype=np.float64) * np.float64(dt) - _MARGIN
     f = np.fft.rfftfreq(size, dt)[1:].astype(np.float64)
-    return _Frame(
-        dt,
-        active,
-        time[:active] - WINDOW_PEAK * length,
-        window(time, length),
-        np.log(f),
-        _amplitude(f, magnitude, distance, options.vs30),
-    )
+    amplitude = _amplitude(f, magnitude, distance, options.vs30)
+    after_peak = time[:active] - WINDOW_PEAK * length
+    return _Frame(dt, after_peak, window(time, length), np.log(f), amplitude)
 
 
 def _shaken(
     frame: _Frame, generator: np.random.Generator, term: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Noise in the window with the amplitude and its variation, tapered, (active,) [m/s2]."""
-    size = frame.window.size
+    size, active = frame.window.size, frame.after_peak.size
     spectrum = np.fft.rfft(generator.standard_normal(size) * frame.window)
     spectrum /= np.sqrt(np.mean(np.abs(spectrum) ** 2))
     spectrum[0] = 0.0
-    variation = np.exp(np.interp(frame.log_f, np.log(frequencies()), term))
-    spectrum[1:] *= frame.amplitude * variation
-    samples = np.fft.irfft(spectrum, size)[: frame.active] / frame.dt
-    return samples * _taper(frame.active, int(_MARGIN / frame.dt))
+    spectrum[1:] *= frame.amplitude * np.exp(np.interp(frame.log_f, np.log(frequencies()), term))
+    samples = np.fft.irfft(spectrum, size)[:active] / frame.dt
+    return samples * _taper(active, int(_MARGIN / frame.dt))
 
 
 def _check(magnitude: float, distance: float, seeds: Seeds, options: Options) -> None:
@@ -187,9 +179,8 @@ def _check(magnitude: float, distance: float, seeds: Seeds, options: Options) ->
         ("vs30 [m/s]", options.vs30, 450.0, 1000.0),
     ):  # fmt: skip
         if not low <= value <= high:
-            raise InputError(
-                f"{name} = {value} is outside {low:g} to {high:g}, the range of the model"
-            )
+            allowed = f"{low:g} to {high:g}, the range of the model"
+            raise InputError(f"{name} = {value} is outside {allowed}")
     if not 0.0 < options.dt <= 0.02:
         raise InputError(f"time step {options.dt} s must be above 0 and at most 0.02 s")
     for seed in (seeds.record, seeds.event, seeds.site):

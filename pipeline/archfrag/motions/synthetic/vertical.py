@@ -4,8 +4,6 @@ Gulerce and Abrahamson (2011), Site-specific design spectra for vertical ground 
 Spectra 27(4), 1023-1047; strike-slip faults.
 """
 
-from functools import lru_cache
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,22 +16,18 @@ _C, _N, _C1, _C4, _A3, _A4, _A5 = 1.88, 1.18, 6.75, 10.0, 0.0147, 0.0334, -0.034
 _ROCK = 1100.0  # Vs30 at which the model's reference PGA is taken [m/s]
 _SHORTEST = 0.04  # period below which amplitudes no longer decide the spectrum [s]
 _ROUNDS = 20
+_TABLE = "gulerce_abrahamson.csv"
 # Correlation of the record terms of a vertical with those of its horizontal: horizontals of one
 # record have about 0.7 (Wang, Takedatsu, Olsen and Day 2019, BSSA 109(6)); with it the ratio of a
 # vertical to its horizontal varies as Gulerce and Abrahamson found.
 COMPONENT_CORRELATION = 0.7
 
 
-@lru_cache(maxsize=1)
-def _table() -> dict[str, NDArray[np.float64]]:
-    return read_table("gulerce_abrahamson.csv")
-
-
 def vertical_ratio(
     magnitude: float, distance: float, vs30: float, rock_pga: float
 ) -> NDArray[np.float64]:
     """Median of vertical over horizontal Sa (5 %) at `vertical_periods`; rock_pga in g."""
-    t = _table()
+    t = read_table(_TABLE)
     over = magnitude - _C1
     scaling = t["a1"] + t["a8"] * (8.5 - magnitude) ** 2
     scaling += (t["a2"] + _A3 * over) * np.log(np.hypot(distance, _C4))
@@ -48,7 +42,7 @@ def vertical_ratio(
 
 def vertical_periods() -> NDArray[np.float64]:
     """Periods of the model, shape (22,) [s]."""
-    return _table()["period_s"]
+    return read_table(_TABLE)["period_s"]
 
 
 def vertical_factor(

@@ -1,6 +1,6 @@
 """Makes the table that brings the median Sa of synthetic motions to two ground-motion models.
 
-``python -m archbench.median_adjustment`` writes ``adjustment.csv`` beside
+``python records/median_adjustment.py`` writes ``adjustment.csv`` beside
 ``archfrag.motions.synthetic``; minutes on two cores.
 """
 
@@ -24,7 +24,7 @@ SEEDS, ROUNDS = 100, 4
 HEAD = """\
 # ln of the factor on the Fourier amplitude at each frequency [Hz] that brings the median Sa of
 # simulations to the geometric mean of CY14 and ASK14 (Vs30 760 m/s, vertical strike-slip fault);
-# made by archbench/median_adjustment.py.
+# made by records/median_adjustment.py.
 """
 
 
