@@ -110,11 +110,6 @@ class TestGrid:
         assert insufficient >= 20
         assert sufficient >= 31
 
-    def test_no_measure_has_a_curve(self):
-        verdict, factor, motions = study(4)
-        with pytest.raises(FitError, match="no measure"):
-            compare_measures(np.zeros_like(verdict), factor, motions, "PGA", DRAWS)
-
 
 class TestScattered:
     def scattered(self, seed, n=450):
@@ -170,6 +165,12 @@ def test_events_are_resampled_together():
     ]
     assert tables[0].best == tables[1].best != "PGA"
     assert tables[1].p_value > tables[0].p_value
+
+
+def test_no_measure_has_a_curve():
+    verdict, factor, motions = study(4)
+    with pytest.raises(FitError, match="no measure"):
+        compare_measures(np.zeros_like(verdict), factor, motions, "PGA", DRAWS)
 
 
 @pytest.mark.parametrize(

@@ -273,22 +273,17 @@ def _require_overlap(im: FloatArray, collapses: FloatArray, n: FloatArray) -> No
     """Raise FitError unless the likelihood has a maximum (Albert and Anderson 1984)."""
     if im.size == 0:
         raise FitError("no level has a run that collapsed or stood, so there is nothing to fit")
-    if not collapses.any():
-        raise FitError(
-            f"no run collapsed at any level: theta lies above {im.max():g}, the highest level "
-            "tried; add higher levels"
-        )
-    if np.array_equal(collapses, n):
-        raise FitError(
-            f"every run collapsed at every level: theta lies below {im.min():g}, the lowest "
-            "level tried; add lower levels"
-        )
-    if np.all(im == im[0]):
-        raise FitError(
-            f"all runs are at one level, im = {im[0]:g}, which cannot separate theta from beta; "
-            "add levels"
-        )
-    first, last = im[collapses > 0].min(), im[collapses < n].max()
+    low, high, fell, stood = im.min(), im.max(), im[collapses > 0], im[collapses < n]
+    if not fell.size:
+        why = f"no run collapsed at any level: theta lies above {high:g}, the highest level tried"
+        raise FitError(f"{why}; add higher levels")
+    if not stood.size:
+        why = f"every run collapsed at every level: theta lies below {low:g}, the lowest level"
+        raise FitError(f"{why} tried; add lower levels")
+    if low == high:
+        why = f"all runs are at one level, im = {low:g}, which cannot separate theta from beta"
+        raise FitError(f"{why}; add levels")
+    first, last = fell.min(), stood.max()
     if first > last:
         raise FitError(
             f"all runs stand up to {last:g} and all collapse from {first:g} (perfect "
@@ -300,7 +295,7 @@ def _require_overlap(im: FloatArray, collapses: FloatArray, n: FloatArray) -> No
             f"only the level {first:g} has both collapses and standing runs (perfect "
             f"separation), so beta tends to 0 and theta to {first:g}; add levels close to it"
         )
-    if im[collapses > 0].max() <= im[collapses < n].min():
+    if fell.max() <= stood.min():
         raise _not_rising(im)
 
 
