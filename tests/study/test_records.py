@@ -116,11 +116,12 @@ def test_the_same_file_by_two_patterns_is_one_record(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "pattern", ["*.AT2", "*.at2", "ARL[2-4]60.At2", "a[r]L*", "[!a-fx-z]*.AT2", "?RL360.aT2"]
+    "pattern",
+    ["*[!t]", "*.AT2", "*.at2", "ARL[2-4]60.At2", "a[r]L*", "[!a-fx-z]*.AT2", "?RL360.aT2"],
 )
 def test_patterns_match_in_any_case(tmp_path, pattern):
     study = study_with(tmp_path, f'files: ["data [1]/{pattern}"]')
-    for name in ("ARL360.at2", "C.txt", "nis090.AT2"):
+    for name in ("ARL360.at2", "C.txt", "nis090.AT2", "nis090.XML", "index.csv"):
         made(tmp_path / "data [1]" / name)
     found = ids(study) if pattern != "[!a-fx-z]*.AT2" else ["ARL360", *ids(study)]
     expected = ["ARL360", "nis090"] if pattern[0] in "*[" else ["ARL360"]

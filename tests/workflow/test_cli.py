@@ -286,7 +286,7 @@ class TestEvidence:
 
     def test_without_the_repository_it_is_reported_how_to_get_it(self, tmp_path, monkeypatch):
         monkeypatch.setitem(sys.modules, "archbench", None)
-        monkeypatch.delitem(sys.modules, "archbench.command", raising=False)
+        monkeypatch.delitem(sys.modules, "archbench.page", raising=False)
         message = refused("evidence", "--output", tmp_path / "out")[1]
         assert "archbench" in message
         assert "pip install -e .[bench]" in message

@@ -12,11 +12,12 @@ from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
 from archfrag.fragility.curve import Fragility
 from archfrag.study import comparisons, curves
+from archfrag.study.checks import doubts
 from archfrag.study.config import Study
 from archfrag.study.cube import CUBE, refuse_foreign_cube
 from archfrag.study.curves import Answer
 from archfrag.study.files import write_text
-from archfrag.study.members import shown
+from archfrag.study.members import members, shown
 from archfrag.study.provenance import finite
 
 if TYPE_CHECKING:
@@ -79,14 +80,10 @@ def fit_cube(study: Study) -> dict[str, Answer]:
         for some in (answers, classes)
     )
     content = {
-        "study": study.id,
-        "measure": study.intensity.measure,
-        "unit": unit,
-        "design": design,
+        "study": study.id, "measure": study.intensity.measure, "unit": unit, "design": design,
         "fits": {name: each["curve"] for name, each in plain.items()},
-        "arches": plain,
-        "classes": of_classes,
-    }
+        "arches": plain, "classes": of_classes,
+    }  # fmt: skip
     text = json.dumps(finite(content, None), indent=1, ensure_ascii=False, allow_nan=False)
     write_text(study.folder / FITS, text + "\n")
     return {name: Answer.from_dict(each) for name, each in plain.items()}
@@ -163,11 +160,10 @@ def cautions_of_cube(study: Study, cube: "xr.Dataset") -> list[str]:
     if cube["intensity"].ndim > 1:
         levels = ["levels of their own"]
     names = cube["arch"].values.astype(str).tolist()
-    found = [
-        f"{name}: {message}"
-        for number, name in enumerate(names)
-        if (message := undecided(_counts(cube, number), levels))
-    ]
+    verdict = cube["verdict"].transpose("arch", "record", "level").values
+    counts = [undecided(count_verdicts(own), levels) for own in verdict]
+    found = [f"{name}: {message}" for name, message in zip(names, counts) if message]
+    found += doubts(study, members(study, cube.sizes["record"]))
     found += design_cautions(json.loads(cube.attrs.get("archfrag_design", "{}")))
     return found + [each for each in (scaled_far(cube), one_event(cube)) if each]
 
@@ -206,10 +202,6 @@ def design_cautions(design: Mapping[str, Any]) -> list[str]:
     return found
 
 
-def _counts(cube: "xr.Dataset", arch: int) -> VerdictCounts:
-    return count_verdicts(cube["verdict"].isel(arch=arch).transpose("record", "level").values)
-
-
 def undecided(counts: VerdictCounts, levels: Sequence[str]) -> str:
     """Message on unfinished and failed runs; empty if at no level they are too many."""
     lost = counts.unfinished + counts.solver_failures
@@ -244,11 +236,7 @@ def scaled_far(cube: "xr.Dataset") -> str:
 
 def accepted_records(cube: "xr.Dataset") -> str:
     """Message on records that the study accepts against a doubt; empty if there is none."""
-    if "accepted" not in cube:
-        return ""
-    named = [
-        f"{record!s} ({doubt})"
-        for record, doubt in zip(cube["record"].values, cube["accepted"].values.astype(str))
-        if doubt
-    ]
+    doubts = cube["accepted"].values.astype(str) if "accepted" in cube else ()
+    listed = zip(cube["record"].values, doubts)
+    named = [f"{record!s} ({doubt})" for record, doubt in listed if doubt]
     return f"accepted although something is odd about them: {', '.join(named)}" if named else ""

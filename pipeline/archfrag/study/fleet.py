@@ -54,17 +54,13 @@ def read_fleet(table: Table) -> list[Row]:
     for line, cells in lines:
         place = f"{path}, line {line}"
         if len(cells) != len(columns):
-            raise StudyError(
-                f"{place}: has {len(cells)} cells; it must have {len(columns)}, one for each "
-                "column of the first line"
-            )
+            wanted = f"{len(columns)}, one for each column of the first line"
+            raise StudyError(f"{place}: has {len(cells)} cells; it must have {wanted}")
         row = {key: cell.strip() for key, cell in zip(columns, cells)}
         name = row.pop("id")
         if name in seen:
-            raise StudyError(
-                f"{place}, column id: {name!r} is the id of line {seen[name]} too; each arch "
-                "needs its own"
-            )
+            twice = f"{name!r} is the id of line {seen[name]} too; each arch needs its own"
+            raise StudyError(f"{place}, column id: {twice}")
         seen[name] = line
         own = {key: _value(text, f"{place}, column {key}") for key, text in row.items()
                if key in ARCH_KEYS and text}  # fmt: skip
@@ -116,10 +112,8 @@ def _check_columns(columns: list[str], path: Path) -> None:
             raise StudyError(f"{path}, line 1: {name} must be given in the study file")
         close = difflib.get_close_matches(name.lower(), ARCH_KEYS, n=1, cutoff=_ALIKE)
         if close and name not in ARCH_KEYS:
-            raise StudyError(
-                f"{path}, line 1: column {name} is no key of an arch; did you mean {close[0]}? "
-                "(an attribute must have a name less like it)"
-            )
+            hint = f"did you mean {close[0]}? (an attribute must have a name less like it)"
+            raise StudyError(f"{path}, line 1: column {name} is no key of an arch; {hint}")
 
 
 def _value(text: str, place: str) -> Any:
@@ -195,9 +189,8 @@ def _check_bounds(entry: Chain, number: int, values: dict[str, float]) -> None:
     try:
         type(entry).model_validate(given)
     except ValidationError as error:
-        raise InputError(
-            f"sample {number} ({listed(values)}): {first_message(error, given)}"
-        ) from None
+        which = f"sample {number} ({listed(values)})"
+        raise InputError(f"{which}: {first_message(error, given)}") from None
 
 
 def listed(values: dict[str, float]) -> str:
