@@ -250,7 +250,7 @@ def evidence(parts: tuple[str, ...], output: Path, **options: Any) -> None:
     from archfrag.errors import InputError
 
     try:
-        gather = import_module("archbench.command").gather
+        gather = import_module("archbench.page").gather
     except ModuleNotFoundError as missing:
         if missing.name is None or not missing.name.startswith("archbench"):
             raise
@@ -276,6 +276,8 @@ def validate(study_file: Path, overrides: tuple[str, ...], as_json: bool) -> Non
     click.echo(json.dumps(asdict(found)) if as_json else f"{study_file}: in order; {found}")
     for listed in () if as_json else found.classes:
         click.echo(f"  {listed}")
+    for caution in () if as_json else found.cautions:
+        click.echo(f"archfrag: caution: {caution}", err=True)
 
 
 @main.command()
@@ -315,7 +317,8 @@ def run(study_file: Path, overrides: tuple[str, ...], quiet: bool, **options: An
     try:
         with stoppable() as stop:
             study = load_study(study_file, overrides)
-            anything = run_study(study, RunOptions(typed=typed, quiet=quiet, **options), stop)
+            how = RunOptions(typed=typed, study_file=study_file, quiet=quiet, **options)
+            anything = run_study(study, how, stop)
     except Stopped as stopped:
         click.echo(
             f"archfrag: {stopped}; what is finished is kept, `{typed} --resume` goes on", err=True

@@ -46,11 +46,6 @@ def test_steps_are_short_at_impacts_and_long_between_them():
     assert 1.5 * moving / largest < stepped.steps < 0.5 * moving / impact
 
 
-def test_steps_of_long_chains_are_equal():
-    impact, largest = steps_of_tolerance(1e-3, 27)
-    assert impact == largest == pytest.approx(5.0 * steps_of_tolerance(1e-3, 7)[0])
-
-
 def test_a_run_that_breaks_its_tolerance_is_made_again_with_a_tighter_one(monkeypatch):
     plain = run(1e-3)
     assert plain.work["refined"] == 0

@@ -74,13 +74,6 @@ class TestFlight:
 
 
 class TestSliding:
-    @pytest.mark.parametrize("speed", [0.4, -0.4])
-    def test_a_slip_that_friction_ends(self, speed):
-        time, used = sliding(speed).first_event(0.1)
-        assert time == pytest.approx(0.4 / (0.6 * g), abs=1e-9)
-        assert used == {("slip", 0)}
-        assert sliding(speed).first_event(0.06) == NONE
-
     def test_a_slip_that_friction_and_a_changing_ground_end(self):
         # Rate 0.4 - (0.6 g + 3) t - 40 t^2 / 2, both in m/s.
         brake = 0.6 * g + 3.0

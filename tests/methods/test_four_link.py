@@ -1,16 +1,13 @@
 """Baseline `four_link`: the linkage, its impacts, its verdicts, and where it does not apply."""
 
 import itertools
-import json
 import math
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import archfrag as af
 from archfrag.arch import STANDARD_GRAVITY as g
-from archfrag.cli import main
 from archfrag.errors import STATUS_MESSAGE
 from archfrag.mechanics import four_bars
 from archfrag.mechanics.contact.placing import move_faces
@@ -24,8 +21,6 @@ from archfrag.methods.four_link import Motion, accelerate
 from archfrag.methods.time_stepping.front import case_of
 from archfrag.simulation.history import empty_frames
 from archfrag.simulation.mechanism import empty_log
-from archfrag.study.config import load_study
-from tests.study.small import TEXT, small_study, write_at2
 
 BITS = {"intrados": HINGE_INTRADOS, "extrados": HINGE_EXTRADOS}
 
@@ -49,15 +44,6 @@ def there_and_back(amplitude, dt=1e-3):
     time = np.arange(0.0, 0.905, dt)
     shape = np.where(time < 0.3 - 1e-9, 1.0, np.where(time < 0.9 - 1e-9, -0.5, 0.0))
     return af.Motion(amplitude * g * shape, dt)
-
-
-def least(collapses, low, high, relative):
-    assert not collapses(low)
-    assert collapses(high)
-    while high - low > relative * low:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if collapses(middle) else (middle, high)
-    return 0.5 * (low + high)
 
 
 def linkage_of(arch, hinges):
@@ -206,30 +192,6 @@ class TestOnset:
         assert one.end_time == pytest.approx(other.end_time, rel=1e-5)
 
 
-class TestReferenceValues:
-    @pytest.mark.parametrize(("g_pulse", "duration"), [(0.5, 0.662), (0.7, 0.375), (1.0, 0.232)])
-    def test_least_duration_of_a_rectangular_pulse(self, g_pulse, duration):
-        arch = oppenheim()
-
-        def collapses(time):
-            response = four_link(arch, rectangle(g_pulse, time))
-            assert response.status in (Status.COLLAPSED, Status.STANDING)
-            # One side only: what collapses has not met an impact.
-            assert not response.collapsed or response.events["impacts"] == 0
-            return response.collapsed
-
-        found = least(collapses, 0.9 * duration, 1.1 * duration, 2e-4)
-        assert found == pytest.approx(duration, rel=2e-3)
-
-    def test_verdict_is_wrong_by_a_factor_of_two_on_the_unsafe_side(self):
-        # All voussoirs collapse from 0.6805 g (tests/physics).
-        found = least(
-            lambda a: four_link(oppenheim(), there_and_back(a)).collapsed, 0.6805, 2.0, 1e-3
-        )
-        assert 1.5 < found < 1.65
-        assert 2.2 < found / 0.6805 < 2.4
-
-
 class TestLagrange:
     def test_acceleration_is_that_of_lagranges_equation(self):
         """M q.. + M' q.^2 / 2 = -V', with M and V' of all voussoirs, M' by differences."""
@@ -277,19 +239,6 @@ class TestLagrange:
         assert errors[1] < 1e-5
         assert errors[2] < 1e-8
         assert errors[0] > 10.0 * errors[2]
-
-    def test_work_of_the_ground_is_the_energy_in_the_history(self):
-        arch, motion = oppenheim(), rectangle(1.0, 0.25)
-        response = four_link(arch, motion, history=True, rtol=1e-9)
-        assert response.collapsed
-        assert response.events["impacts"] == 0
-        past = response.history.sel(time=slice(0.3, None))
-        speed = np.concatenate(
-            [past.velocity, past.angular_velocity.values[..., None]], axis=2
-        )  # fmt: skip
-        raised = g * (arch.chain.mass * past.displacement[..., 1]).sum("voussoir")
-        total = energy_of(arch, speed) + raised.values
-        np.testing.assert_allclose(total, response.energy["ground"], rtol=1e-6)
 
     def test_reactions_balance_every_voussoir_by_newtons_and_eulers_laws(self):
         arch, dt = oppenheim(), 1e-3
@@ -346,13 +295,6 @@ class TestLagrange:
         # Corners of closed joints are let off neither thrust nor friction.
         assert response.residual < 0.5
 
-    def test_history_keeps_voussoirs_of_one_body_together(self):
-        response = four_link(oppenheim(), rectangle(1.0, 0.2), history=True)
-        tilt = response.history.rotation.values[:700]
-        assert np.abs(tilt).max() > 0.01
-        for body in ((0, 1), (2, 3), (4, 5, 6)):
-            assert (np.ptp(tilt[:, body], axis=1) == 0.0).all()
-
 
 class TestImpact:
     def test_speed_is_that_of_the_impulse_balance_and_energy_is_never_gained(self):
@@ -398,12 +340,6 @@ class TestImpact:
             assert response.status in (Status.STANDING, Status.COLLAPSED)
             assert response.steps < 20_000
 
-    def test_rest_and_motion_add_up(self):
-        response = four_link(oppenheim(), rectangle(1.0, 0.2))
-        times = response.model_time
-        assert times["rest"] + times["four_hinges"] == pytest.approx(response.end_time, rel=1e-9)
-        assert response.events["rests"] == 1
-
 
 class TestWhereItDoesNotApply:
     @pytest.mark.parametrize(
@@ -435,21 +371,3 @@ class TestWhereItDoesNotApply:
 
     def test_every_status_has_its_message(self):
         assert set(STATUS_MESSAGE) == set(Status)
-
-
-class TestByName:
-    def test_command_line(self, tmp_path):
-        time = np.arange(0.0, 2.0, 0.01)
-        record = write_at2(tmp_path / "wave.AT2", 0.6 * np.sin(6.0 * time), 0.01)
-        ring = ["--radius", "10", "--thickness", "1.5", "--embrace", "157.5",
-                "--voussoirs", "7", "--friction", "0.7"]  # fmt: skip
-        done = CliRunner().invoke(
-            main, ["simulate", *ring, str(record), "--method", "four_link", "--json"]
-        )
-        assert done.exit_code == 0, done.output
-        facts = json.loads(done.output)
-        assert facts["method"] == "four_link"
-
-    def test_study(self, tmp_path):
-        text = TEXT.replace("time_stepping, dt: 2.0e-3", "four_link, rtol: 1.0e-5")
-        assert load_study(small_study(tmp_path, text)).method.name == "four_link"

@@ -102,13 +102,6 @@ class TestOrder:
             estimates.append(estimate)
         assert 4.6 < order(estimates) < 5.9
 
-    def test_dense_output_meets_both_ends(self, scene):
-        moving, exact = scene()
-        start = exact(1e-12)
-        end = np.concatenate(moving.step(0.1)[:2])
-        assert np.concatenate(moving.inside(0.0)) == pytest.approx(start, abs=1e-10)
-        assert np.concatenate(moving.inside(1.0)) == pytest.approx(end, abs=1e-12)
-
 
 def test_work_of_the_ground_and_of_friction_over_a_part_of_a_step():
     """A block that slides under changing ground: powers are polynomials, met exactly."""

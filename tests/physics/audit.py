@@ -1,5 +1,7 @@
 """Scenes and measurements for tests of motion, written apart from the kernels they judge."""
 
+import math
+
 import numpy as np
 
 import archfrag as af
@@ -12,6 +14,14 @@ def sampled(shape, duration, dt=1e-4):
     time = np.arange(0.0, duration + 0.01, dt)
     value = np.where(time < duration - 1e-9, np.broadcast_to(shape(time), time.shape), 0.0)
     return af.Motion(value * g, dt)
+
+
+def tilted(width, height, tilt):
+    """State of a block rotated about its right corner by `tilt` [rad], at rest."""
+    half, up = width / 2.0, height / 2.0
+    across = half - (half * math.cos(tilt) - up * math.sin(tilt))
+    rise = half * math.sin(tilt) + up * math.cos(tilt) - up
+    return np.array([[across, rise, -tilt]]), np.zeros((1, 3))
 
 
 def pulse(amplitude, duration):

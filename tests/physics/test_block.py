@@ -219,13 +219,6 @@ class TestRegions:
         sliding = starting_motion(block, 0.9, 0.0, 0.1, g)
         assert sliding.centre == pytest.approx(0.25)
 
-    def test_without_sliding_only_rest_and_rocking(self):
-        block = uniform_block(0.5, 1.0, 1.0)
-        for load in np.linspace(-3.0, 3.0, 60):
-            assert starting_motion(block, load, 0.0, math.inf, g).mechanism == (
-                ROCK if abs(load) > 0.5 else REST
-            )
-
 
 class TestGradients:
     """Eqs 1 to 4 and 17: the metric of kinetic energy."""
@@ -482,25 +475,6 @@ class TestContactProblem:
 
 
 class TestEnergy:
-    def test_only_friction_has_power_in_motion(self):
-        rng = np.random.default_rng(31)
-        for _ in range(500):
-            block = random_block(rng)
-            side = int(rng.choice([CORNER_A, CORNER_B]))
-            rotation, omega = -side * rng.uniform(0, 1.2), rng.uniform(-2, 2)
-            slip = rng.choice([0.0, 1.0, -1.0])
-            ground, friction = rng.uniform(-1, 1, 2) * (1.0, 0.5), rng.uniform(0, 1)
-            found = corner_motion(block, side, rotation, omega, slip, *ground, friction, g)
-            arm = formulas.corner_arm(block, side, rotation)
-            tilting = plane.rocking_mechanism(block, arm, omega)
-            moving = formulas.generalised(block, slip, 0.0, 0.0)
-            velocity = formulas.combine(1.0, tilting, 1.0, moving)
-            acceleration = formulas.generalised(block, found.x, found.y, found.rotation)
-            force = formulas.active_force(block, *ground, g)
-            power = formulas.dot(formulas.combine(1.0, acceleration, -1.0, force), velocity)
-            lost = -friction * found.normal * abs(slip)
-            assert power == pytest.approx(lost, abs=1e-8 * block.mass * g)
-
     def test_no_impact_gains_energy_and_the_work_of_impulses_is_what_is_lost(self):
         rng = np.random.default_rng(32)
         lost = []

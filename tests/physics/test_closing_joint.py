@@ -13,28 +13,9 @@ from archfrag.mechanics.mega_voussoirs.assemble import (
 )
 from archfrag.mechanics.model import model_of
 from tests.mechanics.adapters import CLOSED, Mode, framed, set_modes, views_of
-from tests.methods.moving import Moving
 
 ARCH = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7)
 g = 9.80665
-
-
-class TestSuspicion:
-    """A block in flight that ground which falls away lets come down and rise again in a step."""
-
-    def event(self, least):
-        speed, up, block = 0.1, 5.0, af.Block(1.0, 4.0, friction=0.6).chain
-        position = np.array([[0.0, 2.0 + speed**2 / (2.0 * up) + least, 0.0]])
-        moving = Moving(
-            block, position, np.array([[0.0, -speed, 0.0]]), [Mode(())], (0.0, 0.0, -g - up, 0.0)
-        )
-        return moving.first_event(0.05)
-
-    @pytest.mark.parametrize(("least", "closes"), [(-1e-3, True), (-1e-6, True), (1e-4, False)])
-    def test_a_gap_that_dips_below_zero_is_an_impact(self, least, closes):
-        time, used = self.event(least)
-        assert used == ({("gap", 0)} if closes else set())
-        assert (time < 0.02) == closes
 
 
 class TestRegrouping:

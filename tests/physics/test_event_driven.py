@@ -8,8 +8,7 @@ from scipy.integrate import solve_ivp
 
 import archfrag as af
 from archfrag.mechanics.status import Status
-from tests.physics.audit import g, pulse, random_scene
-from tests.physics.test_time_stepping import rocking, tilted
+from tests.physics.audit import g, pulse, random_scene, tilted
 
 EVENT_DRIVEN = {"method": "event_driven"}
 
@@ -27,24 +26,6 @@ def oppenheim(voussoirs=7, friction=0.7):
 
 
 class TestBlock:
-    def test_free_rocking_and_its_impacts(self):
-        half, slender = 0.5, 0.2
-        height = half / math.tan(slender)
-        block = af.Block(2.0 * half, 2.0 * height, friction=5.0)
-        frequency = math.sqrt(0.75 * g / math.hypot(half, height))
-        times, amplitudes = rocking(frequency, slender, 0.5 * slender, 3)
-        run = af.simulate(
-            block, af.Motion(np.zeros(1201), 0.005), rtol=1e-9, history=True, follow=0.0,
-            initial=tilted(2.0 * half, 2.0 * height, 0.5 * slender), **EVENT_DRIVEN,
-        )  # fmt: skip
-        landed = [c.time for c in run.mechanism if c.cause == "impact"][:3]
-        assert landed == pytest.approx(times, rel=1e-6)
-        tilt = np.abs(run.history.rotation.values[:, 0])
-        time = run.history.time.values
-        for begin, end, amplitude in zip(times, times[1:], amplitudes):
-            found = tilt[(time > begin) & (time < end)].max()
-            assert found == pytest.approx(amplitude, rel=1e-3)
-
     def test_comes_to_rest_through_infinitely_many_impacts(self):
         block = af.Block(1.0, 4.0, friction=5.0)
         run = af.simulate(
@@ -68,16 +49,6 @@ class TestBlock:
         assert run.energy_error < 1e-7
         assert run.energy["friction"] == pytest.approx(-0.5 * block.chain.mass[0], rel=1e-6)
 
-    def test_slides_as_newmark_derived(self):
-        friction, amplitude, duration = 0.3, 0.8, 0.4
-        block = af.Block(4.0, 1.0, friction=friction)
-        run = af.simulate(block, one_pulse(amplitude, duration), history=True, **EVENT_DRIVEN)
-        excess = (amplitude - friction) * g
-        distance = 0.5 * excess * duration**2 * (1.0 + excess / (friction * g))
-        assert run.history.displacement.values[-1, 0, 0] == pytest.approx(-distance, rel=1e-3)
-        weight = block.chain.mass[0] * g
-        assert run.energy["friction"] == pytest.approx(-friction * weight * distance, rel=1e-3)
-
 
 class TestArch:
     def first_impact(self, rtol):
@@ -97,18 +68,6 @@ class TestArch:
         assert errors[-1] < 1e-8
         assert errors[0] < 1e-5
         assert errors[2] < errors[0]
-
-    @pytest.mark.parametrize(
-        ("amplitude", "duration"), [(0.5, 0.634), (0.7, 0.365), (1.0, 0.2197)]
-    )
-    def test_pulses_of_one_sign(self, amplitude, duration):
-        def falls(part):
-            return af.simulate(
-                oppenheim(), one_pulse(amplitude, part * duration, 1e-5), **EVENT_DRIVEN
-            ).collapsed
-
-        assert falls(1.005) is True
-        assert falls(0.995) is False
 
     def test_peak_after_impacts_has_a_limit(self):
         peaks = [
@@ -169,19 +128,6 @@ class TestAgainstTimeStepping:
             same += one == other
         assert compared >= 8
         assert same >= compared - 1
-
-    def test_the_same_history_up_to_the_first_impact(self):
-        fine = af.simulate(
-            oppenheim(), pulse(0.5, 0.3), method="time_stepping", dt=1e-4, history=True,
-            follow=0.0,
-        ).history  # fmt: skip
-        ours = af.simulate(
-            oppenheim(), pulse(0.5, 0.3), rtol=1e-8, history=True, follow=0.0, **EVENT_DRIVEN
-        ).history
-        for time in (0.1, 0.2, 0.3, 0.4):
-            one = ours.rotation.drop_duplicates("time").interp(time=time).values
-            other = fine.rotation.drop_duplicates("time").interp(time=time).values
-            assert one == pytest.approx(other, abs=1e-6 + 1e-3 * np.abs(other).max())
 
 
 def test_solve_ivp_agrees_on_the_first_swing():

@@ -7,7 +7,6 @@ import pytest
 
 import archfrag as af
 from archfrag.errors import InputError
-from archfrag.mechanics.status import Status
 from archfrag.motions.index import load_index
 from archfrag.motions.read import load_motion
 
@@ -123,12 +122,3 @@ def test_one_motion_serves_all_factors():
 def test_motions_and_factors_that_do_not_match_are_refused(given, factors):
     with pytest.raises(InputError, match="one motion for each factor"):
         af.simulate_many(ARCHES["seven"], motions(given), factors)
-
-
-def test_a_history_does_not_change_the_run():
-    given, factors = runs("seven", count=1)
-    plain = af.simulate(ARCHES["seven"], given[-1], scale=factors[-1])
-    recorded = af.simulate(ARCHES["seven"], given[-1], scale=factors[-1], history=True)
-    assert plain.peak_rotation == recorded.peak_rotation
-    assert plain.work == recorded.work
-    assert plain.status in (Status.STANDING, Status.COLLAPSED)

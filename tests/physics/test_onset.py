@@ -241,13 +241,6 @@ class TestDirectionOfTheBodyForce:
 
 
 class TestThrustLine:
-    def test_of_an_arch_at_rest_lies_in_the_joints_and_follows_its_symmetry(self):
-        arch = af.Arch.circular(10.0, 1.5, 157.5, 12, 0.7)
-        thrust = af.onset(arch).thrust
-        assert thrust == pytest.approx(thrust[::-1] * [-1.0, 1.0], abs=1e-6)
-        radius = np.hypot(*thrust.T)
-        assert ((radius > 9.25) & (radius < 10.75)).all()
-
     def test_crosses_each_joint_where_the_forces_before_it_have_no_moment(self):
         arch = af.Arch.circular(10.0, 1.5, 157.5, 9, 0.7)
         start = af.onset(arch)
@@ -269,11 +262,6 @@ class TestThrustLine:
 
 
 class TestArchThatDoesNotStand:
-    def test_is_a_result_of_onset(self):
-        start = af.onset(af.Arch.circular(10.0, 0.95, 180.0, 27, 0.7, sector=False))
-        assert start.stands is False
-        assert start.thrust is None
-
     def test_is_a_clear_message_of_simulate(self):
         thin = af.Arch.circular(10.0, 0.95, 180.0, 27, 0.7, sector=False)
         still = af.Motion(np.zeros(10), 0.01)

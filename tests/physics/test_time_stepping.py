@@ -3,11 +3,9 @@
 import functools
 import math
 import sys
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 import archfrag as af
 from archbench.measures import joint_faces, overlaps
@@ -43,43 +41,6 @@ def code_of(state, steps, limits, until, solved):
 def every_step_measured(monkeypatch):
     """Contact laws measured in every step instead of in every sixty-fourth."""
     monkeypatch.setattr(sys.modules["archfrag.simulation.many"], "CHECK_INTERVAL", 1)
-
-
-def tilted(width, height, tilt):
-    """State of a block rotated about its right corner by `tilt` [rad], at rest."""
-    half, up = width / 2.0, height / 2.0
-    across = half - (half * math.cos(tilt) - up * math.sin(tilt))
-    rise = half * math.sin(tilt) + up * math.cos(tilt) - up
-    return np.array([[across, rise, -tilt]]), np.zeros((1, 3))
-
-
-def rocking(frequency, slenderness, tilt, swings):
-    """Exact free rocking with Housner's impacts: times of impact and amplitudes after them."""
-
-    def tilting(_, state):
-        return [state[1], -(frequency**2) * math.sin(slenderness - state[0])]
-
-    def lands(_, state):
-        return state[0]
-
-    def tops(_, state):
-        return state[1]
-
-    lands.terminal = tops.terminal = True
-    lands.direction = tops.direction = -1.0
-    ratio = 1.0 - 1.5 * math.sin(slenderness) ** 2
-    options = {"rtol": 1e-11, "atol": 1e-13}
-    times, amplitudes, now = [], [], 0.0
-    for _ in range(swings):
-        fall = solve_ivp(tilting, (0.0, 20.0), [tilt, 0.0], events=lands, **options)
-        now += fall.t[-1]
-        times.append(now)
-        speed = -ratio * fall.y[1, -1]
-        rise = solve_ivp(tilting, (0.0, 20.0), [0.0, speed], events=tops, **options)
-        now += rise.t[-1]
-        tilt = rise.y[0, -1]
-        amplitudes.append(tilt)
-    return np.array(times), np.array(amplitudes)
 
 
 @kernel
@@ -154,39 +115,9 @@ class TestFreeFlight:
         assert thrown.peak_displacement == pytest.approx(g * time**2, rel=0.02)
         assert thrown.peak_rotation < 1e-9
 
-    def test_is_collapse_by_lift_off_where_the_gap_grows(self):
-        block = af.Block(1.0, 2.0, friction=0.6)
-        down = np.full(3000, -2.0 * g)
-        lost = simulate(block, af.Motion(np.zeros(3000), 1e-4, down))
-        assert (lost.collapsed, lost.collapse_mode, lost.collapse_joint) == (True, "lift_off", 0)
-        assert lost.collapse_time == pytest.approx(0.0, abs=1e-3)
-
-    def test_less_than_gravity_lifts_nothing(self):
-        arch = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7)
-        down = np.full(3000, -0.99 * g)
-        assert simulate(arch, af.Motion(np.zeros(3000), 1e-4, down)).steps == 0
-
 
 class TestCoulomb:
     """A block that slides: Newmark's closed form."""
-
-    @pytest.mark.parametrize("sense", [1.0, -1.0])
-    def test_slide_of_a_block_under_a_rectangular_pulse(self, sense):
-        friction, amplitude, duration = 0.3, 0.8, 0.4
-        # The ground is a pedestal as wide as the block, which has to stay on it.
-        block = af.Block(4.0, 1.0, friction=friction)
-        push = sampled(lambda t: sense * amplitude, duration)
-        response = simulate(block, push, history=True)
-        excess = (amplitude - friction) * g
-        distance = 0.5 * excess * duration**2 * (1.0 + excess / (friction * g))
-        slid = response.history.displacement.values[-1, 0, 0]
-        assert slid == pytest.approx(-sense * distance, rel=2e-3)
-        weight = block.chain.mass[0] * g
-        lost = friction * weight * distance
-        assert response.energy["friction"] == pytest.approx(-lost, rel=2e-3)
-        assert response.energy["impacts"] == pytest.approx(0.0, abs=1e-9 * lost)
-        assert response.peak_rotation < 1e-9
-        assert response.collapsed is False
 
     def test_reactions_press_stay_in_the_cone_and_in_the_joint(self):
         rng = np.random.default_rng(31)
@@ -232,15 +163,6 @@ class TestSignorini:
             slid = np.abs(after - before).max(axis=(0, 2, 3)).max()
             assert slid > 1e-3
 
-    def test_sweep_of_the_half_second_pulse(self):
-        arch = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7)
-        levels = np.arange(0.42, 0.5301, 0.0025)
-        fell = np.array([simulate(arch, pulse(a, 0.5)).collapsed for a in levels])
-        assert levels[fell][0] == pytest.approx(0.4395, rel=0.01)
-        assert not fell[levels < 0.4395 * 0.99].any()
-        assert fell[levels > 0.52].all()
-        assert fell[levels > 0.4395 * 1.01].mean() > 0.9
-
     def test_residual_falls_with_the_step(self, every_step_measured):
         # A state is measured with the reactions of the step that led to it.
         arch = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7)
@@ -260,76 +182,6 @@ class TestSignorini:
         assert fallbacks < 1e-4 * steps
 
 
-class TestRocking:
-    """One block on its corners."""
-
-    def test_first_swing_equals_the_equation_of_motion(self):
-        half, slender = 0.5, 0.2
-        height = half / math.tan(slender)
-        block = af.Block(2.0 * half, 2.0 * height, friction=5.0)
-        frequency = math.sqrt(0.75 * g / math.hypot(half, height))
-        start = 0.5 * slender
-        exact = solve_ivp(
-            lambda _, y: [y[1], -(frequency**2) * math.sin(slender - y[0])],
-            (0.0, 0.7),
-            [start, 0.0],
-            rtol=1e-11,
-            atol=1e-13,
-        ).y[0, -1]
-        still = af.Motion(np.zeros(8001), 1e-4)
-        errors = []
-        for dt in (2e-3, 1e-3, 5e-4):
-            history = simulate(
-                block, still, dt=dt, initial=tilted(2.0 * half, 2.0 * height, start),
-                history=True, follow=0.0,
-            ).history  # fmt: skip
-            found = np.interp(0.7, history.time, -history.rotation.values[:, 0])
-            errors.append(abs(found - exact) / start)
-        assert errors[-1] < 1e-6
-        assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.15)
-
-    def test_impact_times_and_amplitudes_of_free_rocking(self):
-        half, slender = 0.5, 0.2
-        height = half / math.tan(slender)
-        block = af.Block(2.0 * half, 2.0 * height, friction=5.0)
-        frequency = math.sqrt(0.75 * g / math.hypot(half, height))
-        times, amplitudes = rocking(frequency, slender, 0.5 * slender, 3)
-        # The published digits are those of small angles.
-        assert amplitudes / slender == pytest.approx([0.42019, 0.35777, 0.30721], rel=1.5e-3)
-        assert 4.0 * times[0] == pytest.approx(3.08096, rel=2e-3)
-        found, landed = [], []
-        for dt in (5e-4, 5e-5):
-            history = simulate(
-                block, af.Motion(np.zeros(50001), 1e-4), dt=dt,
-                initial=tilted(2.0 * half, 2.0 * height, 0.5 * slender),
-                history=True, follow=0.0,
-            ).history  # fmt: skip
-            tilt = history.rotation.values[:, 0]
-            crossing = np.flatnonzero((tilt[:-1] * tilt[1:] <= 0.0) & (tilt[:-1] != 0.0))[:4]
-            landed.append(history.time.values[crossing[:3] + 1])
-            found.append([np.abs(tilt[a:b]).max() for a, b in pairwise(crossing)])
-        # Where in its step an impact falls is chance: the error is of first order.
-        assert found[0] == pytest.approx(amplitudes, rel=2e-2)
-        assert found[1] == pytest.approx(amplitudes, rel=3e-3)
-        assert landed[0] == pytest.approx(times, rel=5e-3)
-        assert landed[1] == pytest.approx(times, rel=1e-3)
-
-    def test_overturning_amplitude_of_one_sine(self):
-        block = af.Block(0.2, 1.0, friction=0.8)
-        sine = sampled(lambda t: np.sin(4.0 * np.pi * t), 0.5)
-        low, high = 0.28, 0.31
-        while high - low > 1e-4:
-            middle = 0.5 * (low + high)
-            if simulate(block, sine, scale=middle).collapsed:
-                high = middle
-            else:
-                low = middle
-        assert 0.2930 - 5e-4 < low < high < 0.2944 + 5e-4
-        fallen = simulate(block, sine, scale=high)
-        assert fallen.collapse_mode in ("hinging", "overturning")
-        assert fallen.peak_rotation > 3.0 * math.atan(0.2)
-
-
 class TestEnergy:
     """Contacts take energy and never give any; the balance states where it went."""
 
@@ -337,7 +189,7 @@ class TestEnergy:
         rng = np.random.default_rng(34)
         dt = 5e-4
         moved = 0
-        for _ in range(40):
+        for _ in range(16):
             arch, motion = random_scene(rng, dt)
             response = simulate(arch, motion, dt=dt, history=True)
             assert response.status in (Status.STANDING, Status.COLLAPSED)
@@ -352,29 +204,7 @@ class TestEnergy:
             assert given[given > 0.0].sum() < 1e-4
             assert given.sum() < 0.0
             moved += regular.sum()
-        assert moved > 100_000
-
-    def test_the_balance_closes_on_random_scenes(self):
-        rng = np.random.default_rng(35)
-        for _ in range(10):
-            energy = simulate(*random_scene(rng)).energy
-            gained = energy["kinetic"] + energy["potential"]
-            given = sum(
-                energy[name] for name in ("ground", "friction", "impacts", "balance_error")
-            )
-            assert gained == pytest.approx(given, abs=1e-9 * energy["largest_kinetic"])
-
-    def test_the_balance_equals_the_work_measured_from_the_history(self):
-        arch = af.Arch.circular(10.0, 1.5, 157.5, 7, 0.7)
-        dt = 5e-4
-        motion = sampled(lambda t: 0.5 * np.where(t < 0.3, 1.0, -0.5), 0.9, dt)
-        response = simulate(arch, motion, dt=dt, history=True, follow=0.0)
-        work, kinetic, regular = work_of_contacts(arch, motion, response.history, dt)
-        taken = sum(response.energy[name] for name in ("friction", "impacts", "balance_error"))
-        assert regular.sum() >= response.steps - 2
-        assert kinetic.max() == pytest.approx(response.energy["largest_kinetic"], rel=1e-9)
-        assert work[regular].sum() == pytest.approx(taken, abs=1e-5 * kinetic.max())
-        assert taken < -0.01 * kinetic.max()
+        assert moved > 40_000
 
 
 class TestSymmetry:

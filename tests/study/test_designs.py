@@ -185,7 +185,6 @@ class TestIda:
             assert len(asked[FINE]) == 1500
             some, _ = driven(ida(grid_of(100), Ida(kind="ida", checks=200, seed=seed)), spoilt)
             assert some["checked"] == 200
-            low, high = bracketed([], table)
             # What all cells contradict, as seen from the brackets that this search ends with.
             borders = search_only(spoilt)
             low, high = borders.low[:, None], borders.high[:, None]

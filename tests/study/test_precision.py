@@ -83,13 +83,6 @@ class TestStopping:
         assert aware["records"] > 2 * unaware["records"]
 
 
-class TestReasons:
-    def test_too_some_runs(self):
-        note = play_ida(capacities(1), theta=0.02, runs=150)[0]
-        assert (note["reached"], note["why"]) == (False, "150 runs do not suffice")
-        assert note["runs"] < 175
-
-
 def test_no_curve_yet():
     for verdict in (np.full((3, 15), 2), np.zeros((3, 15), int)):
         assert known_so_far("ida", verdict, LEVELS).half_width == np.inf

@@ -12,11 +12,12 @@ from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
 from archfrag.fragility.curve import Fragility
 from archfrag.study import comparisons, curves
+from archfrag.study.checks import doubts
 from archfrag.study.config import Study
 from archfrag.study.cube import CUBE, refuse_foreign_cube
 from archfrag.study.curves import Answer
 from archfrag.study.files import write_text
-from archfrag.study.members import shown
+from archfrag.study.members import members, shown
 from archfrag.study.provenance import finite
 
 if TYPE_CHECKING:
@@ -162,6 +163,7 @@ def cautions_of_cube(study: Study, cube: "xr.Dataset") -> list[str]:
     verdict = cube["verdict"].transpose("arch", "record", "level").values
     counts = [undecided(count_verdicts(own), levels) for own in verdict]
     found = [f"{name}: {message}" for name, message in zip(names, counts) if message]
+    found += doubts(study, members(study, cube.sizes["record"]))
     found += design_cautions(json.loads(cube.attrs.get("archfrag_design", "{}")))
     return found + [each for each in (scaled_far(cube), one_event(cube)) if each]
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from archfrag.errors import InputError, RecordError, StudyError
-from archfrag.motions.index import IndexEntry, find_entry, load_index
+from archfrag.motions.index import IndexEntry, find_entry, goes_with_records, load_index
 from archfrag.motions.plausible import check_name
 from archfrag.study.components import Components, with_partners, without_verticals
 from archfrag.study.config import FileSet, Study
@@ -129,6 +129,7 @@ def _from_files(entry: FileSet, key: str) -> list[Source]:
     if glob.has_magic(entry.path) and not paths[0].is_file():
         names = glob.glob(_any_case(entry.path), recursive=True)
         paths = [path for path in sorted(map(Path, names)) if path.is_file()]
+        paths = [path for path in paths if not goes_with_records(path)]
         if not paths:
             raise StudyError(f"{key}: no file matches {entry.path}")
     columns = entry.columns.build() if entry.columns is not None else None

@@ -25,6 +25,7 @@ from archfrag.study.tree import Lock, only_run
 
 LOGS = "logs"
 SNAKEMAKE_LOG = "snakemake.log"
+ORIGIN = "study_file.txt"  # relative to the output, so that both may be moved together
 _EXIT = re.compile(r"^archfrag: error: (?P<message>.*?) \[exit code (?P<code>\d+)\]$", re.M | re.S)
 _MOST_LINES = 8
 
@@ -82,6 +83,7 @@ class RunOptions:
     profile: Path | None = None
     quiet: bool = False  # nothing but errors
     typed: str = "archfrag run STUDY"  # the command, for the message that states what to type
+    study_file: Path = Path("study.yaml")
 
 
 def run_study(study: Study, options: RunOptions, stop: tree.Stop) -> bool:
@@ -98,6 +100,7 @@ def run_study(study: Study, options: RunOptions, stop: tree.Stop) -> bool:
                 )
             sweep(study.work)
             sweep(study.folder)
+        _refuse_another_file(study, options.study_file)
         stale, changed = forget_stale(study)
         if not stale:
             return False
@@ -113,6 +116,19 @@ def run_study(study: Study, options: RunOptions, stop: tree.Stop) -> bool:
             what = f"{(changed or stale)[0]}, while the run was at work"
             raise ArchfragError(f"{study.folder}: {what}; the same command makes it again")
     return True
+
+
+def _refuse_another_file(study: Study, path: Path) -> None:
+    """See that the results are not those of a study file beside this one with the same id."""
+    origin = study.work / ORIGIN
+    if origin.is_file():
+        before = study.folder / origin.read_text(encoding="utf-8")
+        if before.is_file() and not before.samefile(path):
+            raise OutputError(
+                f"{study.folder}: holds the results of {before.resolve()}, which has the id "
+                f"{study.id!r} too; give {path.name} another id or output"
+            )
+    write_text(origin, os.path.relpath(path.resolve(), study.folder.resolve()))
 
 
 def _print_changes(changed: Sequence[str]) -> None:
