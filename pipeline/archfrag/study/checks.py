@@ -46,7 +46,7 @@ def doubts(study: Study, found: Members) -> tuple[str, ...]:
     levels = np.array(study.intensity.si) / STANDARD_GRAVITY
     onset_counts = study.intensity.measure == "PGA" and not study.motions.vertical
     messages = []
-    for member in found.members[:MOST_ASKED]:
+    for member in list(found)[:MOST_ASKED]:
         arch = member.entry.build()
         friction = max(filter(math.isfinite, arch.chain.friction.tolist()), default=0.0)
         size = float(np.ptp(arch.chain.centroid, axis=0).max())
