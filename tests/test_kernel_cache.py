@@ -127,6 +127,14 @@ def compiled(tmp_path_factory):
 
 
 @pytest.fixture
+def base(compiled, tmp_path):
+    """A cache of our own with a compiled kernel, its folder and the kernel's file."""
+    base = shutil.copytree(compiled, tmp_path / "base")
+    (folder,) = base.glob("k-*")
+    return base, folder, next(folder.iterdir())
+
+
+@pytest.fixture
 def shared(tmp_path):
     """A directory like /tmp: everybody writes, nobody touches the files of others."""
     place = tmp_path / "shared"
@@ -135,9 +143,12 @@ def shared(tmp_path):
     return place
 
 
-def own(path, uid):
-    for place in (path, *path.rglob("*")):
-        os.chown(place, uid, uid)
+@pytest.fixture
+def open_to_all(tmp_path):
+    place = tmp_path / "open"
+    place.mkdir()
+    place.chmod(0o777)
+    return place
 
 
 HOMELESS = {"HOME": "/dev/null", "XDG_CACHE_HOME": ""}
@@ -149,58 +160,46 @@ as_root = pytest.mark.skipif(
 class TestOthers:
     """A folder that someone else made or can write to is not used."""
 
-    def test_planted_code_runs_where_the_folder_is_ours(self, compiled, tmp_path):
+    def test_planted_code_runs_where_the_folder_is_ours(self, base, tmp_path):
         # What the next test plants does run when it is trusted.
-        base = tmp_path / "base"
-        shutil.copytree(compiled, base)
-        plant(base, tmp_path / "ran")
-        margin(NUMBA_CACHE_DIR=base)
+        plant(base[0], tmp_path / "ran")
+        margin(NUMBA_CACHE_DIR=base[0])
         assert (tmp_path / "ran").exists()
 
     @as_root
-    def test_planted_by_another_user(self, compiled, tmp_path, shared):
-        base = shared / f"archfrag-{os.getuid()}"
-        shutil.copytree(compiled, base)
-        plant(base, tmp_path / "ran")
-        own(base, 61002)
+    def test_planted_by_another_user(self, base, tmp_path, shared):
+        plant(base[0], tmp_path / "ran")
+        theirs = Path(shutil.move(base[0], shared / f"archfrag-{os.getuid()}"))
+        for place in (theirs, *theirs.rglob("*")):
+            os.chown(place, 61002, 61002)
         found, folder = margin(**HOMELESS, TMPDIR=shared)
         assert found == 0
         assert not (tmp_path / "ran").exists()
         assert folder.is_relative_to(shared)
-        assert not folder.is_relative_to(base)
+        assert not folder.is_relative_to(theirs)
         assert not folder.exists()  # a temporary one, removed at the end
 
     @as_root
-    @pytest.mark.parametrize("whose", ["base", "folder", "file"])
-    def test_partly_of_another_user(self, compiled, tmp_path, shared, whose):
-        base = tmp_path / "base"
-        shutil.copytree(compiled, base)
-        (folder,) = base.glob("k-*")
-        (file,) = folder.iterdir()
-        folder.chmod(0o777)
-        os.chown({"base": base, "folder": folder, "file": file}[whose], 61002, 61002)
-        assert chosen(NUMBA_CACHE_DIR=base, TMPDIR=shared).is_relative_to(shared)
+    @pytest.mark.parametrize("whose", [0, 1, 2], ids=["base", "folder", "file"])
+    def test_partly_of_another_user(self, base, shared, whose):
+        base[1].chmod(0o777)
+        os.chown(base[whose], 61002, 61002)
+        assert chosen(NUMBA_CACHE_DIR=base[0], TMPDIR=shared).is_relative_to(shared)
 
-    def test_a_place_where_everybody_writes(self, tmp_path, shared):
-        place = tmp_path / "open"
-        place.mkdir()
-        place.chmod(0o777)
-        assert chosen(NUMBA_CACHE_DIR=place / "base", TMPDIR=shared).is_relative_to(shared)
-        assert chosen(NUMBA_CACHE_DIR=place, TMPDIR=shared).is_relative_to(shared)
+    @pytest.mark.parametrize("inside", ["", "base"])
+    def test_a_place_where_everybody_writes(self, open_to_all, shared, inside):
+        folder = chosen(NUMBA_CACHE_DIR=open_to_all / inside, TMPDIR=shared)
+        assert folder.is_relative_to(shared)
 
     def test_a_link_in_the_temporary_directory(self, tmp_path, shared):
-        (tmp_path / "base").mkdir(mode=0o700)
-        (shared / f"archfrag-{os.getuid()}").symlink_to(tmp_path / "base")
-        folder = chosen(**HOMELESS, TMPDIR=shared)
-        assert folder.is_relative_to(shared)
-        assert not list((tmp_path / "base").iterdir())
+        (tmp_path / "empty").mkdir(mode=0o700)
+        (shared / f"archfrag-{os.getuid()}").symlink_to(tmp_path / "empty")
+        assert chosen(**HOMELESS, TMPDIR=shared).is_relative_to(shared)
+        assert not list((tmp_path / "empty").iterdir())
 
-    def test_no_safe_place_at_all(self, tmp_path):
-        place = tmp_path / "open"
-        place.mkdir()
-        place.chmod(0o777)
-        assert margin(**HOMELESS, TMPDIR=place) == (0, Path("None"))
-        assert not list(place.iterdir())
+    def test_no_safe_place_at_all(self, open_to_all):
+        assert margin(**HOMELESS, TMPDIR=open_to_all) == (0, Path("None"))
+        assert not list(open_to_all.iterdir())
 
 
 class TestPrivate:
@@ -209,20 +208,16 @@ class TestPrivate:
         for folder in (p for p in tmp_path.rglob("*") if p.is_dir()):
             assert stat.S_IMODE(folder.stat().st_mode) == 0o700, folder
 
-    def test_a_folder_of_ours_that_a_group_may_write_is_closed(self, compiled, tmp_path):
-        base = tmp_path / "base"
-        shutil.copytree(compiled, base)
-        (folder,) = base.glob("k-*")
-        for place in (base, folder):
+    def test_a_folder_of_ours_that_a_group_may_write_is_closed(self, base):
+        for place in base[:2]:
             place.chmod(0o775)
-        assert chosen(NUMBA_CACHE_DIR=base) == folder
-        assert stat.S_IMODE(folder.stat().st_mode) == 0o700
-        assert list(folder.iterdir())
+        assert chosen(NUMBA_CACHE_DIR=base[0]) == base[1]
+        assert stat.S_IMODE(base[1].stat().st_mode) == 0o700
+        assert base[2].exists()
 
 
 class TestFiles:
-    def test_damaged_ones_count_as_missing(self, compiled, tmp_path):
-        shutil.copytree(compiled, tmp_path / "base")
+    def test_damaged_ones_count_as_missing(self, base):
         code = (
             "import glob, os, archfrag.mechanics.ground as g\n"
             "(file,) = glob.glob(os.environ['NUMBA_CACHE_DIR'] + '/*/*.kernel')\n"
@@ -234,7 +229,7 @@ class TestFiles:
             "    open(file, 'wb').write(text)\n"
             "    print(cache.load_overload(sig, context) is not None)\n"
         )
-        reported = python(code, NUMBA_CACHE_DIR=tmp_path / "base").split()
+        reported = python(code, NUMBA_CACHE_DIR=base[0]).split()
         assert reported == ["1.5", "False", "False", "False", "True"]
 
     def test_processes_that_compile_at_once(self, tmp_path):

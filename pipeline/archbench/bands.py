@@ -1,7 +1,5 @@
 """How often the band that a report quotes holds the truth, over simulated studies."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -55,12 +53,6 @@ def coverage_of(sampling: str, family: str, size: int, studies: int) -> dict[str
     """Fraction of studies whose 90 % band holds the truth at each of `P`, theta and beta.
 
     A study without a band has not held. Beta of a family that is not lognormal is not asked for.
-
-    Examples
-    --------
-    >>> from archbench.bands import coverage_of
-    >>> sorted(coverage_of("same records", "lognormal", 12, 2))
-    ['beta', 'p_0.1', 'p_0.25', 'p_0.5', 'p_0.75', 'p_0.9', 'theta']
     """
     quantile = FAMILIES[family]
     im = np.exp(BETA * quantile(P))

@@ -1,9 +1,9 @@
 """Charts drawn from the tables alone; one colour and one marker for a solver everywhere."""
 
-from __future__ import annotations
-
+import json
 import math
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Literal, NamedTuple
 
 import matplotlib
@@ -34,40 +34,10 @@ class Style(NamedTuple):
     stroke: Literal["-", ":"] = "-"
 
 
-# Ours in Okabe and Ito's colours; other solvers dotted.
-STYLES = {
-    "time_stepping": Style("time stepping", "#0072B2", "o"),
-    "event_driven": Style("event-driven", "#D55E00", "s"),
-    "auto": Style("auto", "#009E73", "^"),
-    "penalty": Style("penalty springs", "#E69F00", "D"),
-    "four_link": Style("four-link", INK, "P"),
-    "gauss_seidel": Style("Gauss–Seidel", "#CC79A7", "X"),
-    "quadratic_programme": Style("quadratic programme", "#56B4E9", "p"),
-    "mujoco_corners": Style("MuJoCo", "#8c6d31", ">", ":"),
-    "pymunk": Style("pymunk", "#637939", "v", ":"),
-    "lmgc90": Style("LMGC90", "#843c39", "*", ":"),
-    "siconos": Style("Siconos", "#7b4173", "h", ":"),
-    "pinocchio": Style("Pinocchio (ADMM)", "#3182bd", "d", ":"),
-    "kamino": Style("Newton Kamino", "#636363", "8", ":"),
-}
-# Letter, fill and ink of the cells of a map.
-KINDS = {
-    "not ended": ("H", "#5b3a1e", "white"),
-    "diverged": ("D", INK, "white"),
-    "unconverged": ("U", GREY, "white"),
-    "drifted at rest": ("R", "#56B4E9", INK),
-    "penetrated": ("P", "#CC79A7", INK),
-    "gained energy": ("E", "#E69F00", INK),
-    "false collapse": ("F", "#D55E00", "white"),
-    "missed collapse": ("M", "#0072B2", "white"),
-    "undecided": ("?", "#eef1f4", GREY),
-    "does not apply": ("–", "white", GREY),
-    "right": ("", "#bfe3d5", INK),
-}
-RESULTS = {
-    "held": ("", "#bfe3d5", INK), "broke": ("×", "#D55E00", "white"),
-    "failed": ("×", INK, "white"), "does not apply": ("", "#eef1f4", INK),
-}  # fmt: skip
+# Ours in Okabe and Ito's colours, other solvers dotted; letter, fill and ink of cells.
+_TABLES = json.loads(Path(__file__).with_suffix(".json").read_text(encoding="utf-8"))
+STYLES = {name: Style(*row) for name, row in _TABLES["methods"].items()}
+KINDS, RESULTS = _TABLES["kinds"], _TABLES["results"]
 
 
 def style_of(name: str) -> Style:

@@ -1,7 +1,5 @@
 """Corner cases: scenes in which methods fail, and what a correct one must do in each."""
 
-from __future__ import annotations
-
 import json
 import tempfile
 from collections.abc import Mapping
@@ -65,14 +63,7 @@ class CornerCase:
 
 
 def load_case(name: str) -> CornerCase:
-    """Corner case of a file, by its name.
-
-    Examples
-    --------
-    >>> from archbench.corner_cases import load_case
-    >>> len(load_case("thrust_at_a_corner").runs())
-    5
-    """
+    """Corner case of a file, by its name."""
     content = json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
     names = ("why", "expect", "variants", "history")
     own = {key: content.pop(key) for key in names if key in content}

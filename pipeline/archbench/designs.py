@@ -5,8 +5,6 @@ Each repeat is the shipped study as `archfrag run` makes it, with levels larger 
 the stripes that they are compared with.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

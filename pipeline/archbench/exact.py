@@ -3,10 +3,9 @@
 Nothing of our methods is in it.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from scipy.optimize import OptimizeResult, bisect, linprog
@@ -30,7 +29,7 @@ class Rocking:
     frequency: float
 
     @classmethod
-    def of(cls, scene: Scene) -> Rocking:
+    def of(cls, scene: Scene) -> Self:
         """That of a scene's block."""
         width, height = scene.chain["width"], scene.chain["height"]
         half_diagonal = 0.5 * math.hypot(width, height)
@@ -82,39 +81,12 @@ class Rocking:
         return math.sqrt(2.0 * drop[-1]), float(time)
 
 
-def slip_under_rectangle(scene: Scene) -> float:
-    """Final slip of a block that only slides, under a rectangular pulse [m].
-
-    It gains (A − mu) g t_p and loses it at mu g: (A − mu) g t_p² / 2 · A / mu (Newmark 1965,
-    Géotechnique 15, 139-160).
-    """
-    push, friction, time = scene.motion["amplitude"], scene.friction, scene.motion["duration"]
-    return 0.5 * (push - friction) * STANDARD_GRAVITY * time**2 * push / friction
-
-
-def rest_limits(scene: Scene) -> tuple[float, float]:
-    """Ground accelerations to either side at which a block with a load on its back starts [g].
-
-    The smaller of friction and of the centroid's distance to the corner over its height.
-    """
-    across, up = scene.bodies().centroid[0].tolist()
-    half = 0.5 * scene.chain["width"]
-    return min(scene.friction, (half + across) / up), min(scene.friction, (half - across) / up)
-
-
 def largest_load(scene: Scene, sense: float = 1.0) -> float:
     """Largest steady ground acceleration for which admissible reactions exist.
 
     A normal and a shear force at both ends of each joint, in balance with the weights and the
     inertia forces, within Coulomb's cone (Livesley 1978, *Int. J. Numer. Meth. Eng.* 12; with
     friction the bound is that of the static theorem).
-
-    Examples
-    --------
-    >>> from archbench.scene import load_scene
-    >>> from archbench.exact import largest_load
-    >>> round(largest_load(load_scene("block_sine")), 9)
-    0.2
     """
     found = _programme(scene, sense)
     if found.status == 3:

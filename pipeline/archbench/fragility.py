@@ -7,8 +7,6 @@ theta. The reference is the curve of many studies together, by two methods that 
 the contact problem in common, with settings that differ a little.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -21,35 +19,18 @@ import pandas as pd
 
 from archbench.runner import Bench, Row
 from archbench.scene import Array, Scene, load_scene
-from archbench.settings import Setting
+from archbench.settings import Setting, ladders
 from archbench.solve import solve, solve_many, with_motion
 from archfrag.errors import ArchfragError, FitError
 from archfrag.fragility.fit import fit_stripes
 from archfrag.motions.index import load_index
 from archfrag.motions.read import load_motion, read_motion
-from archfrag.simulation.checks import available_methods
 
 REPEATS = 8
 DISTURBANCE = 1e-5
 # Of the reference: settings, and the relative distance between those of its repetitions.
 REFERENCES = (Setting("time_stepping", "dt", 2e-4), Setting("event_driven", "rtol", 1e-5))
 APART = 0.04
-SETTINGS = {
-    True: (
-        *(Setting("time_stepping", "dt", step) for step in (8e-3, 4e-3, 2e-3, 1e-3, 5e-4)),
-        *(Setting("auto", "rtol", value) for value in (1e-1, 3e-2, 1e-2, 1e-3)),
-    ),
-    False: (
-        *(Setting("time_stepping", "dt", 1.6e-2 / 2**k) for k in range(8)),
-        *(Setting("auto", "rtol", value) for value in (1e-1, 3e-2, 1e-2, 1e-3, 1e-4)),
-        Setting("event_driven", "rtol", 1e-4),
-    ),
-}
-COMPARED = (
-    Setting("four_link", "rtol", 1e-4), Setting("penalty", "stiffness", 1e10),
-    Setting("gauss_seidel", "dt", 4e-3), Setting("quadratic_programme", "dt", 4e-3),
-)  # fmt: skip
-OTHER_STEPS = (4e-3, 2e-3, 1e-3)
 # A setting is left out where all its repetitions would take longer [s of CPU].
 LONGEST = {True: 120.0, False: 900.0}
 FALL = 4.0  # after a record, for what has lost contact to move two thicknesses [s]
@@ -131,11 +112,11 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
         if folder is None:
             continue
         place = (folder, name == "real", bench.quick)
-        offered = [each for each in COMPARED if each.method in available_methods()]
-        offered += [Setting(other, "dt", step) for other in bench.solvers for step in OTHER_STEPS]
+        offered = [each for row in ladders("offered", bench.solvers).values() for each in row]
         asked = {(name, bench.quick, *each.columns.values()): (each, *place) for each in offered}
         costs = bench.run("fragility_costs", predicted_seconds, asked, longest)
-        chosen = list(SETTINGS[bench.quick])
+        column = "fragility_quick" if bench.quick else "fragility"
+        chosen = [each for row in ladders(column).values() for each in row]
         for setting, seconds in zip(offered, costs.values(), strict=True):
             if not isinstance(seconds, str) and seconds <= longest:
                 chosen.append(setting)
@@ -221,14 +202,6 @@ def known_to(together: Sequence[Sequence[float]], alone: Sequence[Any]) -> Array
 
     Half of the distance between its two methods; or, if that is larger, the standard error of its
     mean from how studies of one method scatter: methods that agree by chance prove no more.
-
-    Examples
-    --------
-    >>> from archbench.fragility import known_to
-    >>> known_to([[0.0], [0.3]], [[[0.0]], [[0.3]]]).tolist()
-    [0.15]
-    >>> known_to([[0.0], [0.0]], [[[-0.1], [0.1]], [[-0.1], [0.1]]]).round(3).tolist()
-    [0.071]
     """
     half = 0.5 * np.abs(np.subtract(together[0], together[1]))
     variance = [np.var(each, axis=0, ddof=1) for each in alone if len(each) > 1]

@@ -5,8 +5,6 @@ from the start to a fixed instant; every method at its defaults. A difference of
 motion: how long a run can be predicted.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -5,8 +5,6 @@ Arrays in all of them: time (n_time,) [s]; displacement and velocity (n_time, n_
 largest kinetic energy of the run, overlaps and jumps over the joint's length.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

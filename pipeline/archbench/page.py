@@ -1,10 +1,10 @@
-"""One page from the tables: a chart of cost against error, the cheapest settings, and all else."""
-
-from __future__ import annotations
+"""`archfrag evidence`: measure the parts asked for, keep their tables, write one page of them."""
 
 import io
 import re
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator, Sequence
+from importlib import import_module
 from pathlib import Path
 
 import jinja2
@@ -12,9 +12,12 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from archbench import charts
+from archbench.adapters.client import NAMES, solver_versions
 from archbench.quantities import QUANTITIES
-from archbench.runner import load_tables
+from archbench.runner import Bench, load_tables
+from archfrag.errors import InputError
 from archfrag.files import replacing
+from archfrag.study.provenance import available_cores
 
 PARTS = {
     "speed": "Speed against accuracy",
@@ -92,3 +95,49 @@ def write_page(folder: Path) -> Path:
 def _write(path: Path, text: str) -> None:
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def gather(
+    parts: Sequence[str],
+    output: Path,
+    *,
+    quick: bool = False,
+    records: Path | None = None,
+    real: Path | None = None,
+    solvers: Sequence[str] = (),
+    workers: int | None = None,
+    report: Callable[[str], None] = print,
+) -> Path:
+    """Measure parts one after the other, save each as soon as it is there, write the page.
+
+    `parts` are keys of `archbench.page.PARTS`, all if empty; tables in `output` of parts not asked
+    for are left and shown, and what a killed run has finished is not done again. `records` are
+    those of the working folder, or of the checkout, if not given. `solvers` may be "all" of those
+    that are installed. InputError if there is no part or solver of a name, or it is not installed.
+    """
+    for name in parts:
+        if name not in PARTS:
+            raise InputError(f"evidence has no part {name!r}; allowed are {', '.join(PARTS)}")
+    for name in solvers:
+        if name not in (*NAMES, "all"):
+            raise InputError(f"--solvers: {name!r}; allowed are all, {', '.join(NAMES)}")
+    found = solver_versions(NAMES if "all" in solvers else tuple(dict.fromkeys(solvers)))
+    for name, text in found.items():
+        if text.startswith("not installed") and "all" not in solvers:
+            raise InputError(f"--solvers: {name} {text}")
+        report(f"{name}: {text}")
+    here, checkout = Path("records"), Path(__file__).parents[2] / "records"
+    bench = Bench(
+        output,
+        quick=quick,
+        records=(records or (here if here.is_dir() else checkout)).resolve(),
+        real=None if real is None else real.resolve(),
+        solvers=tuple(name for name in found if not found[name].startswith("not installed")),
+        workers=workers or available_cores(),
+        report=report,
+    )
+    for part in parts or PARTS:
+        began = time.perf_counter()
+        bench.save(part, import_module(f"archbench.{part}").measure(bench))
+        report(f"{part}: {time.perf_counter() - began:.0f} s")
+    return write_page(output)

@@ -1,7 +1,5 @@
 """What errors are measured in: one run against the reference's, by the same rules for all."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

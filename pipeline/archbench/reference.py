@@ -4,13 +4,11 @@ Its error is the difference between two tolerances, or its distance from time st
 extrapolated to steps of no length where that is beyond the extrapolation's own uncertainty.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -66,7 +64,7 @@ class Reference:
     growth: dict[str, float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, content: dict[str, Any]) -> Reference:
+    def of(cls, content: dict[str, Any]) -> Self:
         """From what `dataclasses.asdict` gave."""
         own = {"marks": Marks(**content["marks"]), "seen": Observed(**content["seen"])}
         return cls(**{**content, **own})

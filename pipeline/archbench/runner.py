@@ -1,7 +1,5 @@
 """Tasks in processes with a time limit, kept as they finish; tables, complete or not at all."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
@@ -46,11 +44,6 @@ class Bench:
     solvers: tuple[str, ...] = ()
     workers: int = 1
     report: Callable[[str], None] = field(default=print, repr=False)
-
-    @property
-    def folders(self) -> tuple[Path | None, ...]:
-        """Where records are sought."""
-        return self.records, self.real
 
     def run(
         self, name: str, function: Callable[..., Any], tasks: Mapping[Key, tuple], limit: float

@@ -73,10 +73,6 @@ class Scene:
         """Same scene with another amplitude of the ground motion, in standard gravity."""
         return replace(self, motion={**self.motion, "amplitude": amplitude})
 
-    def to_dict(self) -> dict[str, Any]:
-        """Content of the scene's file."""
-        return dict(vars(self))
-
     @property
     def friction(self) -> float:
         """Coulomb coefficient of all joints."""
@@ -191,51 +187,25 @@ class Scene:
     def initial_state(self) -> tuple[Array, Array]:
         """Displacements from rest and velocities at time 0, (n, 3) each [m, m, rad], [.../s].
 
-        Of a block, `angle` [rad] about a base corner (anticlockwise about the left one if
-        positive), `spin` [rad/s] about it, and `slip` of the corner along the ground [m/s]. Of
-        an arch, four `hinges` (joint, "intrados" or "extrados") and the `angle` by which the
-        first part between them has rotated. Of either, `velocity` of all bodies, row by row, and
-        `mirrored`: all of it left for right, for a symmetric chain.
+        `shift` and `velocity` of all bodies, row by row. Of a block, `angle` [rad] about a base
+        corner (anticlockwise about the left one if positive), `spin` [rad/s] about it, and `slip`
+        of the corner along the ground [m/s]. `mirrored`: left for right, for a symmetric chain.
         """
-        centroid = self.bodies().centroid
-        shift = np.zeros((len(centroid), 3))
-        velocity = np.zeros_like(shift)
-        initial = self.initial or {}
-        if "hinges" in initial:
-            shift = self._four_hinges(initial["hinges"], initial["angle"])
-        elif "angle" in initial:
+        initial, shape = self.initial or {}, (len(self.polygons()), 3)
+        shift, velocity = (
+            np.broadcast_to(np.asarray(initial.get(name, 0.0), float), shape).copy()
+            for name in ("shift", "velocity")
+        )
+        if "angle" in initial:
             angle, spin = initial["angle"], initial.get("spin", 0.0)
             corner = -0.5 * math.copysign(self.chain["width"], angle)
-            shift[0] = _moved(complex(*centroid[0]), corner, corner, angle)
-            arm = centroid[0] + shift[0, :2] - [corner, 0.0]
-            velocity[0] = [initial.get("slip", 0.0) - spin * arm[1], spin * arm[0], spin]
-        velocity = velocity + np.asarray(initial.get("velocity", 0.0), float)
+            arm = complex(*self.bodies().centroid[0]) - corner
+            now = arm * complex(math.cos(angle), math.sin(angle))
+            shift[0] = [now.real - arm.real, now.imag - arm.imag, angle]
+            velocity[0] += [initial.get("slip", 0.0) - spin * now.imag, spin * now.real, spin]
         if initial.get("mirrored"):
             shift, velocity = (rows[::-1] * [-1.0, 1.0, -1.0] for rows in (shift, velocity))
         return shift, velocity
-
-    def _four_hinges(self, hinges: list[tuple[int, str]], angle: float) -> Array:
-        """Displacements of the mechanism of three parts, closed by two circles."""
-        sides = dict(zip(("intrados", "extrados"), self.joint_lines()))
-        first, second, third, last = (complex(*sides[side][joint]) for joint, side in hinges)
-        second_now = first + (second - first) * np.exp(1j * angle)
-        apart = last - second_now
-        middle, far = abs(third - second), abs(last - third)
-        along = (abs(apart) ** 2 + middle**2 - far**2) / (2.0 * abs(apart))
-        across = 1j * math.sqrt(middle**2 - along**2)
-        ends = (second_now + (along + side) * apart / abs(apart) for side in (across, -across))
-        third_now = min(ends, key=lambda place: float(abs(place - third)))
-        angles = (
-            angle,
-            float(np.angle((third_now - second_now) / (third - second))),
-            float(np.angle((last - third_now) / (last - third))),
-        )
-        shift = np.zeros((len(self.polygons()), 3))
-        pivots = ((first, first), (second, second_now), (third, third_now))
-        for (start, _), (end, _), pivot, each in zip(hinges, hinges[1:], pivots, angles):
-            for body in range(start, end):
-                shift[body] = _moved(complex(*self.bodies().centroid[body]), *pivot, each)
-        return shift
 
     def step_means(self, dt: float) -> Array:
         """Mean ground acceleration over each step of a run, (n_step,) [m/s2]."""
@@ -274,9 +244,3 @@ def scene_names() -> list[str]:
 def _anticlockwise(*points: Array) -> Array:
     corners = np.array(points)
     return corners if np.sum(cross(corners, np.roll(corners, -1, axis=0))) > 0.0 else corners[::-1]
-
-
-def _moved(point: complex, pivot: complex, pivot_now: complex, angle: float) -> list[float]:
-    """Displacement of a point with its body, which rotates about a pivot that moves, and angle."""
-    away = pivot_now - pivot + (point - pivot) * complex(np.expm1(1j * angle))
-    return [away.real, away.imag, angle]

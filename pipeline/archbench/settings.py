@@ -1,12 +1,10 @@
 """Settings as columns, and the ladder of settings of every method."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from archfrag.methods.registry import METHODS
 from archfrag.simulation.checks import available_methods, default_of
@@ -22,12 +20,6 @@ class Setting:
     `method` is of `archfrag.methods.registry.METHODS` or of `archbench.adapters.client.NAMES`,
     `parameter` "dt" [s], "rtol", or a parameter of the method's own; `settings` are those of the
     method's own parameters that differ from their defaults besides.
-
-    Examples
-    --------
-    >>> from archbench.settings import Setting
-    >>> Setting("penalty", "stiffness", 1e9).options
-    {'method': 'penalty', 'settings': {'stiffness': 1000000000.0}}
     """
 
     method: str
@@ -54,20 +46,24 @@ class Setting:
         own = json.dumps(dict(self.settings), sort_keys=True) if self.settings else ""
         return dict(zip(COLUMNS, (self.method, self.parameter, self.value, own), strict=True))
 
-    def finer(self, factor: float) -> Setting:
+    def finer(self, factor: float) -> Self:
         """The same with its parameter multiplied."""
         return replace(self, value=factor * self.value)
 
 
-def ladders(quick: bool, solvers: Sequence[str] = ()) -> dict[str, list[Setting]]:
-    """Settings of each method that can run here, and of other solvers, from coarse to fine."""
+def ladders(column: str, solvers: Sequence[str] = ()) -> dict[str, list[Setting]]:
+    """Settings of each method that can run here, and of other solvers, from coarse to fine.
+
+    `column` is of `settings.json`: "values" or "quick" for ladders of single runs, "fragility" or
+    "fragility_quick" for those of studies, and "offered" for studies of what may be too slow.
+    """
     table = json.loads(Path(__file__).with_name("settings.json").read_text(encoding="utf-8"))
     rows = {name: row for name, row in table.items() if name in available_methods()}
     rows |= {name: table.get(name, table[OTHERS]) for name in solvers}
-    values = "quick" if quick else "values"
     return {
-        name: [Setting(name, row["parameter"], value) for value in row[values]]
+        name: [Setting(name, row["parameter"], value) for value in row[column]]
         for name, row in rows.items()
+        if column in row
     }
 
 

@@ -1,7 +1,5 @@
 """One scene by one solver at one setting: what came out, what it cost, and where it collapses."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -101,16 +99,7 @@ def with_motion(scene: Scene, motion: Motion, amplitude: float) -> Scene:
 def solve(
     scene: Scene, setting: Setting, *, history: bool = False, scale: float = 1.0
 ) -> Solution:
-    """Run a scene, its motion scaled if it is ours.
-
-    Examples
-    --------
-    >>> from archbench.scene import load_scene
-    >>> from archbench.settings import Setting
-    >>> from archbench.solve import solve
-    >>> solve(load_scene("arch7_pulse"), Setting("time_stepping", "dt", 1e-3)).collapsed
-    False
-    """
+    """Run a scene, its motion scaled if it is ours."""
     if not setting.ours:
         return _other(scene, setting, history)
     arch, motion, given = arch_of(scene), motion_of(scene), setting.options
@@ -230,14 +219,7 @@ def nearest_change(
 def least_collapsing(
     outcome: Outcome, low: float, high: float, width: float = 1e-4, grid: int = 12
 ) -> float:
-    """First collapse on a grid, because outcomes are not monotone, then bisected.
-
-    Examples
-    --------
-    >>> from archbench.solve import least_collapsing
-    >>> round(least_collapsing(lambda a: a >= 0.7, 0.5, 1.0), 3)
-    0.7
-    """
+    """First collapse on a grid, because outcomes are not monotone, then bisected."""
     stands, least = low, math.nan
     for amplitude in np.geomspace(low, high, grid).tolist():
         if outcome(amplitude):

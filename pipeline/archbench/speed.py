@@ -1,7 +1,5 @@
 """Speed against accuracy: every method and solver at every setting on every scene."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Sequence
@@ -21,10 +19,6 @@ from archbench.solve import Solution, collapses, nearest_change, solve, solve_ma
 from archfrag.errors import ArchfragError
 from archfrag.methods.registry import AUTO, METHODS
 
-QUICK_SCENES = (
-    "arch7_pulse", "block_sine", "column_pulse", "arch7_slides", "arch27_pulse",
-    "arch7_shipped_m65_r010",
-)  # fmt: skip
 NEAR = 0.9  # of the reference's amplitude: where the cost of a search's runs is taken
 REACH = 0.5
 STUDY = tuple(1.0 + 1e-5 * k for k in range(8))  # runs of a study, all but equal
@@ -42,9 +36,9 @@ LEVELS = tuple(10.0 ** (-k / 2) for k in range(1, 10))
 
 def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     """Cost and errors of all methods, and of other solvers, on all scenes."""
-    quick, place = bench.quick, (bench.quick, bench.folders)
-    names = [name for name in scene_names() if "chart" in load_scene(name).source.split(", ")]
-    names = list(QUICK_SCENES) if quick else names
+    quick, place = bench.quick, (bench.quick, (bench.records, bench.real))
+    wanted = "quick" if quick else "chart"
+    names = [name for name in scene_names() if wanted in load_scene(name).source.split(", ")]
     tasks = {(name, quick): (name, *place) for name in names}
     left_out: list[tuple[str, str, str]] = []
     references = {}
@@ -56,7 +50,7 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     runs = {
         (scene, method, quick): (reference, settings, *place)
         for scene, reference in references.items()
-        for method, settings in ladders(quick, bench.solvers).items()
+        for method, settings in ladders("quick" if quick else "values", bench.solvers).items()
     }
     points: list[Row] = []
     for (scene, method, _), result in bench.run("speed", points_of, runs, LIMIT[quick]).items():
@@ -134,16 +128,15 @@ def _rows(
 
     known = [name for name in OF_A_RUN if setting.ours or math.isfinite(errors[name])]
     rows = [row(name, cost, errors[name], run.status) for name in known]
-    longest = math.inf if setting.ours else ENOUGH * LIMIT[quick] / SEARCH
-    if math.isnan(reference.amplitude) or spent > longest:
-        return rows
     loaded = scene if setting.ours else replace(scene, duration=scene.duration + FALL)
-    least = max(MARGIN * reference.error["amplitude"], 0.0 if setting.ours else 1e-4)
-    asked = partial(collapses, loaded, setting)
-    found = nearest_change(asked, reference.amplitude, least, REACH)
-    status = "failed" if found.failed else "no change" if math.isnan(found.offset) else ""
-    near = _cost(scene.at(NEAR * reference.amplitude), setting, spent, quick)
-    rows.append(row("amplitude", near, abs(found.offset), status))
+    doubt = reference.error["amplitude"]
+    if not math.isnan(doubt) and (setting.ours or spent <= ENOUGH * LIMIT[quick] / SEARCH):
+        least = max(MARGIN * doubt, 0.0 if setting.ours else 1e-4)
+        asked = partial(collapses, loaded, setting)
+        found = nearest_change(asked, reference.amplitude, least, REACH)
+        status = "failed" if found.failed else "no change" if math.isnan(found.offset) else ""
+        near = _cost(scene.at(NEAR * reference.amplitude), setting, spent, quick)
+        rows.append(row("amplitude", near, abs(found.offset), status))
     if reference.grid and setting.ours:
         own = scene.motion.get("amplitude", 1.0)
         runs = solve_many(loaded, setting, [each / own for each in reference.grid])

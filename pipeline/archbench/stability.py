@@ -1,10 +1,10 @@
 """Stability: what goes wrong where, over step or tolerance and scene."""
 
-from __future__ import annotations
-
+import json
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -44,29 +44,12 @@ REFERENCES = {
 }
 NUDGES = (0.99, 1.0, 1.01)
 # What differs in each plane, quick and in full; of `stiffness` in parts of a method's default.
-AXES = {
-    "level": "peak acceleration [g]; onset is at 0.374 g",
-    "friction": "friction; t/R 0.2, at 2.1 times the onset",
-    "slenderness": "t/R; at 2.1 times the onset",
-    "voussoirs": "voussoirs; at 2.1 times the onset",
-    "stiffness": "joint stiffness over the default; at 0.6 g",
-}
-VALUES: dict[bool, dict[str, tuple[float, ...]]] = {
-    True: {
-        "level": (0.2, 0.36, 0.45, 0.6, 0.75, 0.9, 1.5),
-        "friction": (0.35, 0.4, 0.5, 0.7, math.inf),
-        "slenderness": (0.12, 0.15, 0.2, 0.3),
-        "voussoirs": (3, 7, 15, 27),
-        "stiffness": (0.01, 0.1, 1.0, 10.0),
-    },
-    False: {
-        "level": (0.1, 0.2, 0.3, 0.36, 0.39, 0.45, 0.5, 0.6, 0.65, 0.75, 0.8, 1.0, 1.5),
-        "friction": (0.33, 0.36, 0.4, 0.45, 0.5, 0.6, 0.7, 1.0, 1.5, math.inf),
-        "slenderness": (0.11, 0.12, 0.13, 0.15, 0.18, 0.2, 0.25, 0.3),
-        "voussoirs": (2, 3, 5, 7, 11, 15, 21, 27, 41),
-        "stiffness": (0.001, 0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0),
-    },
-}
+PLANES = json.loads(Path(__file__).with_suffix(".json").read_text(encoding="utf-8"))
+
+
+def values_of(plane: str, quick: bool) -> list[float]:
+    """Values of a plane in the quick or in the full set."""
+    return [float(value) for value in PLANES[plane]["quick" if quick else "values"]]
 
 
 class Case(NamedTuple):
@@ -85,17 +68,19 @@ def cases(quick: bool) -> list[Case]:
     def scene_of(plane: str, value: float) -> Scene:
         if plane == "level":
             return arch.at(value)
-        changed = {
-            "friction": {"friction": value, "thickness": 2.0},
-            "slenderness": {"thickness": 10.0 * value},
-            "voussoirs": {"voussoirs": value},
-        }[plane]
+        changed: Row = {plane: value}
+        if plane == "friction":
+            changed["thickness"] = 2.0
+        elif plane == "slenderness":
+            changed = {"thickness": 10.0 * value}
+        elif plane == "voussoirs":
+            changed = {"voussoirs": int(value)}
         scene = replace(arch, chain={**arch.chain, **changed})
         return scene.at(2.1 * largest_load(scene))
 
-    planes = {name: values for name, values in VALUES[quick].items() if name != "stiffness"}
     found = [Case(name, value, scene_of(name, value))
-             for name, values in planes.items() for value in values]  # fmt: skip
+             for name in PLANES if name != "stiffness"
+             for value in values_of(name, quick)]  # fmt: skip
     return [*found, Case("stiffness", 1.0, arch.at(0.6), "stiffness")]
 
 
@@ -177,8 +162,8 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
                 case.scene, setting, known, must_rest,
             )  # fmt: skip
             heads.append({
-                "plane": case.plane, "axis": AXES[case.plane], "row": row, **setting.columns,
-                "expected": known, "must_rest": must_rest,
+                "plane": case.plane, "axis": PLANES[case.plane]["axis"], "row": row,
+                **setting.columns, "expected": known, "must_rest": must_rest,
             })  # fmt: skip
     late = {"status": f"not within {limit:g} s", "kind": FAILURES[0], "failures": FAILURES[0]}
     results = bench.run("stability", judge_cell, tasks, limit).values()
@@ -197,7 +182,7 @@ def counts_table(cells: pd.DataFrame) -> pd.DataFrame:
 
 def _settings(case: Case, bench: Bench) -> Iterator[tuple[float, Setting]]:
     """Row and setting of each cell of a scene; other solvers in those of the quick set only."""
-    others = bench.solvers if case.value in VALUES[True][case.plane] else ()
+    others = bench.solvers if case.value in values_of(case.plane, True) else ()
     for method in (*available_methods(), *others):
         if not case.parameter:
             for setting in settings_of(method, bench.quick):
@@ -205,7 +190,8 @@ def _settings(case: Case, bench: Bench) -> Iterator[tuple[float, Setting]]:
             continue
         own = METHODS[method].parameters if method in METHODS else ()
         for each in own:
-            for part in VALUES[bench.quick][case.parameter] if each.name == case.parameter else ():
+            parts = values_of(case.plane, bench.quick) if each.name == case.parameter else ()
+            for part in parts:
                 if each.least <= part * each.default <= each.most:
                     given = {case.parameter: part * each.default}
                     for setting in settings_of(method, bench.quick, **given):

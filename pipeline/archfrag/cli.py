@@ -77,7 +77,7 @@ def main() -> None:
 @click.argument("folder", type=click.Path(path_type=Path), default=".")
 def init(folder: Path) -> None:
     """Write a commented study to start from, with the shipped motions, into FOLDER (.)."""
-    from archfrag.study.starter import write_starter
+    from archfrag.study.workflow import write_starter
 
     click.echo(f"run it with: archfrag run {shlex.quote(str(write_starter(folder)))}")
 
@@ -86,12 +86,13 @@ main.add_command(records)
 main.add_command(export)
 main.add_command(risk)
 
+_folder = click.Path(path_type=Path, exists=True, file_okay=False)
 _log = click.option("--log", "log_file", type=click.Path(path_type=Path),
                     help="Write messages and errors to this file too.")  # fmt: skip
 
 
 def _step(command: Callable) -> Callable:
-    """A step of a study: reads the study file, reports, keeps a log and a stamp."""
+    """Make a command of a step: reads the study file, reports, keeps a log and a stamp."""
 
     @functools.wraps(command)
     def wrapped(
@@ -113,27 +114,28 @@ def _step(command: Callable) -> Callable:
             if name != "results":  # which has noted each of its steps
                 finish(study, name)
 
-    return main.command()(study_argument(set_option(_log(wrapped))))
+    main.command()(study_argument(set_option(_log(wrapped))))
+    return command
 
 
-_GEOMETRY = (
-    ("radius", "mid-thickness radius of a circular arch [m]"),
-    ("embrace", "angle between the springings [degrees]"),
-    ("span", "of the centre line [m]"),
-    ("rise", "of the centre line [m]"),
-    ("thickness", "of the ring [m]"),
-    ("width", "of a block [m]"),
-    ("height", "of a block [m]"),
-    ("density", "of the masonry [kg/m3]"),
-    ("depth", "across the plane [m]"),
-    ("thickness_factor", "of a drawing: its joints are longer by it"),
-)
-_DRAWING = (
-    ("drawing", "take the blocks from a DXF file: closed polylines, and lines on the ground"),
-    ("layer", "of the drawing; the only one with polylines if not given"),
-    ("drawing_unit", "m, dm, cm, mm, in or ft; what the drawing states if not given"),
-)
 _PROFILES = ("circular", "segmental", "pointed", "elliptic", "catenary", "block")
+_TEXTS = {
+    "drawing": "take the blocks from a DXF file: closed polylines, and lines on the ground",
+    "layer": "of the drawing; the only one with polylines if not given",
+    "drawing_unit": "m, dm, cm, mm, in or ft; what the drawing states if not given",
+}
+_NUMBERS = {
+    "radius": "mid-thickness radius of a circular arch [m]",
+    "embrace": "angle between the springings [degrees]",
+    "span": "of the centre line [m]",
+    "rise": "of the centre line [m]",
+    "thickness": "of the ring [m]",
+    "width": "of a block [m]",
+    "height": "of a block [m]",
+    "density": "of the masonry [kg/m3]",
+    "depth": "across the plane [m]",
+    "thickness_factor": "of a drawing: its joints are longer by it",
+}
 
 
 def _takes_arch(command: Callable) -> Callable:
@@ -141,16 +143,13 @@ def _takes_arch(command: Callable) -> Callable:
 
     @functools.wraps(command)
     def wrapped(study: Path | None, arch_id: str | None, **options: Any) -> None:
-        names = ["profile", "voussoirs", "friction", "straight"]
-        names += [name for name, _ in (*_GEOMETRY, *_DRAWING)]
+        names = ("profile", "voussoirs", "friction", "straight", *_TEXTS, *_NUMBERS)
         given = {name: options.pop(name) for name in names}
         from archfrag.study.single import arch_by_numbers, arch_of_study
 
-        if study is not None:
-            arch = arch_of_study(study, arch_id)
-        else:
-            arch = arch_by_numbers(given)
-        command(arch, **options)
+        command(
+            arch_by_numbers(given) if study is None else arch_of_study(study, arch_id), **options
+        )
 
     return takes(
         click.option("--study", type=click.Path(path_type=Path), metavar="STUDY",
@@ -161,9 +160,8 @@ def _takes_arch(command: Callable) -> Callable:
         click.option("--voussoirs", type=int, help="number of voussoirs"),
         click.option("--friction", type=float, help="Coulomb coefficient; inf: its limit"),
         click.option("--straight", is_flag=True, help="straight-sided voussoirs"),
-        *(click.option(f"--{name.replace('_', '-')}", help=text) for name, text in _DRAWING),
-        *(click.option(f"--{name.replace('_', '-')}", type=float, help=text)
-          for name, text in _GEOMETRY),
+        *(click.option(f"--{name.replace('_', '-')}", type=kind, help=text)
+          for kind, texts in ((str, _TEXTS), (float, _NUMBERS)) for name, text in texts.items()),
     )(wrapped)  # fmt: skip
 
 
@@ -214,9 +212,8 @@ def simulate(
     from archfrag.simulate import simulate as run_simulation
     from archfrag.study.single import response_facts, response_text
 
-    reading = {
-        key: options.pop(key) for key in ("unit", "component", "inventory", "accept", "columns")
-    }
+    keys = ("unit", "component", "inventory", "accept", "columns")
+    reading = {key: options.pop(key) for key in keys}
     motion = read_motion(record, **reading)
     if pga is not None:
         scale = scale_factor(motion, "PGA", pga * STANDARD_GRAVITY)
@@ -227,32 +224,21 @@ def simulate(
 
 @main.command()
 @click.argument("parts", nargs=-1, metavar="[PART]...")
-@click.option("--quick", is_flag=True, help="The reduced set: 12 minutes on two cores.")
-@click.option(
-    "--output",
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("results/evidence"),
-    show_default=True,
-    help="Folder of the tables; the same command continues in it.",
-)
-@click.option(
-    "--records",
-    type=click.Path(path_type=Path, exists=True, file_okay=False),
-    help="Folder of the shipped records, if not records/.",
-)
-@click.option(
-    "--real",
-    type=click.Path(path_type=Path, exists=True, file_okay=False),
-    help="Folder with real records (at2/*.AT2); without it scenes of them are skipped.",
-)
-@click.option(
-    "--solvers",
-    multiple=True,
-    metavar="NAME",
-    help="Other solver to run beside ours, or all that are installed. Repeatable.",
-)
-@click.option("--workers", type=click.IntRange(min=1), help="Processes; all cores if not given.")
+@takes(
+    click.option("--quick", is_flag=True, help="The reduced set: 12 minutes on two cores."),
+    click.option("--output", "--out", type=click.Path(path_type=Path, file_okay=False),
+                 default=Path("results/evidence"), show_default=True,
+                 help="Folder of the tables; the same command continues in it."),
+    click.option("--records", type=_folder,
+                 help="Folder of the shipped records, if not records/."),
+    click.option("--real", type=_folder,
+                 help="Folder with real records (at2/*.AT2); without it scenes of them are "
+                 "skipped."),
+    click.option("--solvers", multiple=True, metavar="NAME",
+                 help="Other solver to run beside ours, or all that are installed. Repeatable."),
+    click.option("--workers", type=click.IntRange(min=1),
+                 help="Processes; all cores if not given."),
+)  # fmt: skip
 def evidence(parts: tuple[str, ...], output: Path, **options: Any) -> None:
     """Cost against error, and where methods fail: tables, charts and a page.
 
@@ -264,13 +250,13 @@ def evidence(parts: tuple[str, ...], output: Path, **options: Any) -> None:
     from archfrag.errors import InputError
 
     try:
-        gather = import_module("archbench.command").gather
+        gather = import_module("archbench.page").gather
     except ModuleNotFoundError as missing:
         if missing.name is None or not missing.name.startswith("archbench"):
             raise
         raise InputError(
-            "archfrag evidence needs archbench, which is not in the wheel; allowed is an "
-            "installation from the repository: pip install -e .[bench]"
+            "archfrag evidence needs archbench, which is not in the wheel; allowed "
+            "is an installation from the repository: pip install -e .[bench]"
         ) from None
     click.echo(gather(parts, output, report=functools.partial(click.echo, err=True), **options))
 
@@ -290,6 +276,8 @@ def validate(study_file: Path, overrides: tuple[str, ...], as_json: bool) -> Non
     click.echo(json.dumps(asdict(found)) if as_json else f"{study_file}: in order; {found}")
     for listed in () if as_json else found.classes:
         click.echo(f"  {listed}")
+    for caution in () if as_json else found.cautions:
+        click.echo(f"archfrag: caution: {caution}", err=True)
 
 
 @main.command()
@@ -316,7 +304,7 @@ def warmup(method: str | None) -> None:
 @set_option
 @click.option("--resume", is_flag=True, help="Go on where a run was killed.")
 @click.option("--cores", type=click.IntRange(min=1), help="Cores to use; all if not given.")
-@click.option("--profile", type=click.Path(path_type=Path, exists=True, file_okay=False),
+@click.option("--profile", type=_folder,
               help="Snakemake profile, e.g. configs/profiles/slurm.")  # fmt: skip
 @click.option("--quiet", is_flag=True, help="Nothing but errors.")
 def run(study_file: Path, overrides: tuple[str, ...], quiet: bool, **options: Any) -> None:
@@ -329,7 +317,8 @@ def run(study_file: Path, overrides: tuple[str, ...], quiet: bool, **options: An
     try:
         with stoppable() as stop:
             study = load_study(study_file, overrides)
-            anything = run_study(study, RunOptions(typed=typed, quiet=quiet, **options), stop)
+            how = RunOptions(typed=typed, study_file=study_file, quiet=quiet, **options)
+            anything = run_study(study, how, stop)
     except Stopped as stopped:
         click.echo(
             f"archfrag: {stopped}; what is finished is kept, `{typed} --resume` goes on", err=True
@@ -364,52 +353,13 @@ def batch(
 
     log = run_batch(study, batch, workers, quiet)
     count = study.execution.batches
-    note(
-        f"batch {batch + 1} of {count}: {log.runs} runs in {log.rounds} rounds, {log.kept} of "
-        f"them kept from before, "
-        f"{log.wall_time:.1f} s on {log.workers} workers"
-    )
+    runs = f"{log.runs} runs in {log.rounds} rounds, {log.kept} of them kept from before"
+    note(f"batch {batch + 1} of {count}: {runs}, {log.wall_time:.1f} s on {log.workers} workers")
 
 
 @_step
 def cube(study: Any, note: Callable[[str], None]) -> None:
     """Gather the results into one CF netCDF cube."""
-    _cube(study, note)
-
-
-@_step
-@json_option
-def fit(study: Any, note: Callable[[str], None], as_json: bool) -> None:
-    """Fit a fragility curve to each arch and each class of arches of the cube."""
-    from archfrag.study.fits import FITS
-
-    _fit(study, note)
-    if as_json:
-        click.echo((study.folder / FITS).read_text(encoding="utf-8"))
-
-
-@_step
-@click.option("--beside", type=click.Path(path_type=Path), metavar="OTHER_STUDY",
-              help="Compare the arches with those of another, finished study.")  # fmt: skip
-def report(study: Any, note: Callable[[str], None], beside: Path | None) -> None:
-    """Write the report: one HTML file that needs no network."""
-    _report(study, note, beside)
-
-
-@_step
-def results(study: Any, note: Callable[[str], None]) -> None:
-    """Make cube, curves and report, as far as they are not up to date."""
-    from archfrag.study.steps import finish, is_done
-
-    stale = False
-    for name, make in (("cube", _cube), ("fit", _fit), ("report", _report)):
-        stale = stale or not is_done(study, name)
-        if stale:
-            make(study, note)
-            finish(study, name)
-
-
-def _cube(study: Any, note: Callable[[str], None]) -> None:
     from archfrag.study.cube import write_cube, write_timings
 
     path = write_cube(study)
@@ -417,9 +367,11 @@ def _cube(study: Any, note: Callable[[str], None]) -> None:
     note(f"cube: {path}")
 
 
-def _fit(study: Any, note: Callable[[str], None]) -> None:
-    from archfrag.study.cautions import study_cautions
-    from archfrag.study.fits import FITS, fit_cube, fit_text, load_answers
+@_step
+@json_option
+def fit(study: Any, note: Callable[[str], None], as_json: bool = False) -> None:
+    """Fit a fragility curve to each arch and each class of arches of the cube."""
+    from archfrag.study.fits import FITS, fit_cube, fit_text, load_answers, study_cautions
     from archfrag.study.members import SHOWN
     from archfrag.study.steps import require
 
@@ -433,14 +385,33 @@ def _fit(study: Any, note: Callable[[str], None]) -> None:
         note(f"fit: class {fit_text(study, name, curve)}")
     for caution in study_cautions(study):
         note(f"caution: {caution}")
+    if as_json:
+        click.echo((study.folder / FITS).read_text(encoding="utf-8"))
 
 
-def _report(study: Any, note: Callable[[str], None], beside: Path | None = None) -> None:
+@_step
+@click.option("--beside", type=click.Path(path_type=Path), metavar="OTHER_STUDY",
+              help="Compare the arches with those of another, finished study.")  # fmt: skip
+def report(study: Any, note: Callable[[str], None], beside: Path | None = None) -> None:
+    """Write the report: one HTML file that needs no network."""
     from archfrag.report.inputs import report_inputs
     from archfrag.report.page import write_report
 
     inputs = report_inputs(study, beside)
     note(f"report: {write_report(inputs, study.folder / 'report.html')}")
+
+
+@_step
+def results(study: Any, note: Callable[[str], None]) -> None:
+    """Make cube, curves and report, as far as they are not up to date."""
+    from archfrag.study.steps import finish, is_done
+
+    stale = False
+    for name, make in (("cube", cube), ("fit", fit), ("report", report)):
+        stale = stale or not is_done(study, name)
+        if stale:
+            make(study, note)
+            finish(study, name)
 
 
 if __name__ == "__main__":

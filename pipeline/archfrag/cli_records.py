@@ -137,6 +137,7 @@ def inspect(
       archfrag records inspect *.V2 --figure records.svg
     """
     from archfrag.errors import RecordError
+    from archfrag.motions.index import goes_with_records
     from archfrag.motions.inspection import inspect_record
     from archfrag.study.record_commands import (
         inspection_facts,
@@ -148,6 +149,8 @@ def inspect(
     _drawing(figure)
     found, facts, unreadable = [], [], []
     for file in files:
+        if len(files) > 1 and goes_with_records(file):
+            continue
         try:
             found.append(inspect_record(file, **reading_of(file, reading)))
             facts.append(inspection_facts(found[-1]))
@@ -247,7 +250,8 @@ def select(flatfile: Path, out: Path, figure: Path | None, as_json: bool, **opti
 @_files
 @takes(
     _out,
-    click.option("--to", "form", type=click.Choice(["mseed", "at2", "text"]), default="mseed",
+    click.option("--to", "form", default="mseed",
+                 type=click.Choice(["mseed", "at2", "text"], case_sensitive=False),
                  show_default=True, help="miniSEED, PEER's AT2, or columns of text."),
     click.option("--in", "wanted", type=click.Choice(["m/s2", "g"]), default="m/s2",
                  show_default=True, help="Unit to write."),

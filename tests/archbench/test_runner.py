@@ -12,8 +12,8 @@ import psutil
 import pytest
 
 from archbench import runner
-from archbench.command import gather
 from archbench.growth import exponents_table
+from archbench.page import gather
 from archbench.runner import Bench, in_processes, load_tables
 from archfrag.errors import InputError
 

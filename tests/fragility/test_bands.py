@@ -226,7 +226,7 @@ DRAWS = Resampling(1)
         (record_bootstrap_band, ([[9]] * 2, [0.1], 0.5, DRAWS), InputError, "holds 9"),
         (record_bootstrap_band, ([[3]] * 2, [0.1], 0.5, DRAWS), InputError, "no run"),
         (quoted_band, ("cloud", [[0, 1]], [0.1, 0.2], 0.1), InputError, "design is 'cloud'"),
-        (quoted_band, ("scattered", [0, 1], [0.1], 0.1), InputError, r"intensity \(1,\)"),
+        (quoted_band, ("scattered", [0, 1], [0.1], 0.1), InputError, "intensity has shape"),
         (quoted_band, ("scattered", [2, 3], [0.1, 0.2], 0.1), FitError, "no run collapsed"),
         (quoted_band, ("stripes", TABLE[:2, :3] * 0, GRID[:3], 1.0), FitError, "add levels above"),
     ],

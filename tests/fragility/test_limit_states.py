@@ -122,7 +122,7 @@ class TestTies:
     ("arguments", "key"),
     [
         ((CROSSING[0], LEVELS, NAMES), "n_state"),
-        ((CROSSING, LEVELS, NAMES[:2]), "3 states, names 2"),
+        ((CROSSING, LEVELS, NAMES[:2]), "names has shape"),
         ((CROSSING, LEVELS[:3], NAMES), "im has shape"),
         ((CROSSING, 0.0 * LEVELS, NAMES), "im holds 0"),
     ],

@@ -177,7 +177,7 @@ def test_events_are_resampled_together():
     [
         ({"own": "PGD"}, "PGD"),
         ({"exponent": [1.0, 1.0, 0.0]}, "exponent holds 0"),
-        ({"exponent": [1.0]}, "one exponent per measure"),
+        ({"exponent": [1.0]}, "exponent has shape"),
         ({"magnitude": [6.0]}, "magnitude"),
         ({"value": -1.0}, "-1"),
     ],

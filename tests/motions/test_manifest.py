@@ -41,6 +41,8 @@ def motion_of(row):
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row['file']}-{row.get('channel_index')}")
 def test_measures(row):
     motion = motion_of(row)
+    form = row.get("format", "columns").upper()
+    assert motion.metadata["format"] in (form, *form.split("_"))
     raw = row.get("processing_level") == "raw"
     assert not motion.metadata.get("accepted")
     assert motion.metadata.get("level", "") in (("raw", "") if raw else ("processed", ""))

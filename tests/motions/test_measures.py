@@ -171,7 +171,7 @@ def test_measures_grow_with_a_power_of_the_factor(factor, name):
 @pytest.mark.parametrize(
     ("call", "parts"),
     [
-        (lambda: parse_measure("pga"), ["'pga'", "PGV"]),
+        (lambda: parse_measure("pga"), ["'pga' (did you mean PGA?)", "PGV"]),
         (lambda: parse_measure(None), ["None"]),
         (lambda: parse_measure("Sa(0)"), ["'Sa(0)'", "1 period"]),
         (lambda: parse_measure("Sa(nan)"), ["'Sa(nan)'", "1 period"]),

@@ -1,6 +1,5 @@
 """The stochastic model, how its motions vary, the shipped ones, and their index."""
 
-import itertools
 import re
 
 import numpy as np
@@ -96,15 +95,6 @@ class TestModel:
     def test_outside_the_model(self, arguments, reason):
         with pytest.raises(InputError, match=reason):
             synthetic.make_motion(*arguments)
-
-    @pytest.mark.parametrize("magnitude", [5.5, 6.5, 7.5])
-    def test_nearer_is_stronger(self, magnitude):
-        def peaks(distance):
-            made = [make_motion(magnitude, distance, seed, PLAIN) for seed in range(5)]
-            return np.exp(np.mean([np.log(pga(motion)) for motion in made]))
-
-        found = [peaks(distance) for distance in (5.0, 10.0, 20.0, 40.0, 100.0)]
-        assert all(near > 1.2 * far for near, far in itertools.pairwise(found))
 
     def test_tables_are_those_of_the_supplements(self):
         """As pygmm has them."""

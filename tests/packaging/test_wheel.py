@@ -22,9 +22,8 @@ def dist(tmp_path_factory):
     folder = tmp_path_factory.mktemp("dist")
     done = subprocess.run(
         [sys.executable, "-m", "build", "--no-isolation", "-o", str(folder), str(ROOT)],
-        capture_output=True,
-        text=True,
-    )
+        capture_output=True, text=True,
+    )  # fmt: skip
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
     return folder
 
@@ -41,32 +40,26 @@ def unpacked(dist, tmp_path_factory):
 def run(unpacked, cwd, *command):
     """`archfrag` of the unpacked wheel, out of reach of the checkout."""
     return subprocess.run(
-        [sys.executable, "-P", "-m", "archfrag.cli", *command],
-        cwd=cwd,
-        env={**os.environ, "PYTHONPATH": str(unpacked)},
-        capture_output=True,
-        text=True,
-    )
+        [sys.executable, "-P", "-m", "archfrag.cli", *command], cwd=cwd,
+        env={**os.environ, "PYTHONPATH": str(unpacked)}, capture_output=True, text=True,
+    )  # fmt: skip
+
+
+def git(*command):
+    return subprocess.run(
+        ["git", *command], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.split()
 
 
 class TestContent:
     def test_only_the_package(self, unpacked):
-        assert {path.name for path in unpacked.iterdir()} == {
-            "archfrag",
-            f"archfrag-{archfrag.__version__}.dist-info",
-        }
+        names = {"archfrag", f"archfrag-{archfrag.__version__}.dist-info"}
+        assert {path.name for path in unpacked.iterdir()} == names
 
     def test_every_module_and_data_file_of_the_package(self, unpacked):
-        listed = subprocess.run(
-            ["git", "ls-files", "pipeline/archfrag"],
-            cwd=ROOT,
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout.split()
         missing = [
             name
-            for name in listed
+            for name in git("ls-files", "pipeline/archfrag")
             if (ROOT / name).exists() and not (unpacked / name.removeprefix("pipeline/")).exists()
         ]
         assert not missing
@@ -78,9 +71,7 @@ class TestContent:
         assert {"pipeline/archfrag", "records/synthetic", "configs/shipped.yaml"} <= folders
 
     def test_commit_is_that_of_the_checkout(self, unpacked):
-        head = subprocess.run(
-            ["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True
-        ).stdout.strip()
+        (head,) = git("rev-parse", "HEAD")
         assert (unpacked / "archfrag" / "commit.txt").read_text().startswith(head)
         assert head in run(unpacked, unpacked, "--version").stdout
 
@@ -113,11 +104,8 @@ def test_citation_has_the_package_version():
 
 
 CONDA_NAMES = {
-    "dask": "dask-core",
-    "matplotlib": "matplotlib-base",
-    "netcdf4": "netcdf4",
-    "snakemake": "snakemake-minimal",
-}
+    "dask": "dask-core", "matplotlib": "matplotlib-base", "snakemake": "snakemake-minimal",
+}  # fmt: skip
 
 
 def test_conda_recipe_has_the_dependencies_of_the_package():

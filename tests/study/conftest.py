@@ -10,7 +10,7 @@ from archfrag.study.batch import BatchLog, run_batch
 from archfrag.study.config import Study, load_study
 from archfrag.study.plan import Plan, make_plan
 from archfrag.study.records import prepare_motions
-from tests.study.small import small_study
+from tests.study.small import in_process, small_study
 
 
 @dataclass(frozen=True)
@@ -69,14 +69,7 @@ def full_disk(monkeypatch):
 
 
 @pytest.fixture
-def here(monkeypatch):
+def here():
     """Batches run in this process: no workers are started, all else is as it is."""
-    from archfrag.study import batch
-    from archfrag.study.worker import run_chunk
-
-    class Workers:
-        def results(self, plan, work):
-            for cases, factors in work:
-                yield run_chunk(str(plan.path), cases, factors)
-
-    monkeypatch.setattr(batch._Executor, "start_workers", lambda executor: Workers())
+    with in_process():
+        yield

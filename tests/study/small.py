@@ -1,9 +1,15 @@
 """A study of some fast runs, for the tests of study and workflow."""
 
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+import netCDF4
 import numpy as np
+import pytest
 
+from archfrag.study import batch
 from archfrag.study.batch import cut
 from archfrag.study.files import make_folder
 from archfrag.study.plan import Plan
@@ -59,6 +65,20 @@ def files(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
+class _Here:
+    def results(self, plan, work):
+        for cases, factors in work:
+            yield run_chunk(str(plan.path), cases, factors)
+
+
+@contextmanager
+def in_process() -> Iterator[None]:
+    """Batches run in this process: starting workers takes seconds."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(batch._Executor, "start_workers", lambda executor: _Here())
+        yield
+
+
 def make_runs(plan: Plan, chunk: int = 2) -> None:
     """Make all runs that are missing, in this process: starting workers takes seconds."""
     for folder in (plan.parts, timings_folder(plan.parts)):
@@ -72,3 +92,23 @@ def make_runs(plan: Plan, chunk: int = 2) -> None:
         for rows, cases in cut(rounds.wanted[missing], chunk, 1) if missing.size else ():
             store.add(Path(run_chunk(str(plan.path), cases, factors[missing[rows]])["part"]))
         rounds.answer(store.verdicts(keys))
+
+
+def assert_compliant(cube: Path, folder: Path) -> None:
+    """The compliance checker, which writes its report to a folder, finds no error in a cube."""
+    from compliance_checker.runner import CheckSuite, ComplianceChecker
+
+    CheckSuite.load_all_available_checkers()
+    report = folder / "report.json"
+    _, crashed = ComplianceChecker.run_checker(
+        str(cube), ["cf:1.11"], verbose=0, criteria="normal",
+        output_filename=str(report), output_format="json",
+    )  # fmt: skip
+    assert not crashed
+    found = json.loads(report.read_text())["cf:1.11"]
+    assert found["high_count"] == 0, found["high_priorities"]
+    checked = found["all_priorities"]
+    assert len(checked) > 5
+    assert all(e["weight"] != 3 or e["value"][0] == e["value"][1] for e in checked), checked
+    with netCDF4.Dataset(cube) as opened:
+        assert all(len(variable.long_name) > 5 for variable in opened.variables.values())

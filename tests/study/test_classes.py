@@ -1,6 +1,5 @@
 """Classes of arches from the study file to their curves: who meets whom, what growing costs."""
 
-import contextlib
 import json
 from dataclasses import dataclass
 
@@ -9,7 +8,6 @@ import pytest
 import xarray as xr
 
 from archfrag.fragility.counts import Verdict
-from archfrag.study import batch
 from archfrag.study.batch import BatchLog, run_batch
 from archfrag.study.checks import check_study
 from archfrag.study.config import Study, load_study
@@ -19,8 +17,7 @@ from archfrag.study.members import members
 from archfrag.study.plan import make_plan
 from archfrag.study.records import prepare_motions
 from archfrag.study.steps import finish, stale_steps
-from archfrag.study.worker import run_chunk
-from tests.study.small import small_study
+from tests.study.small import in_process, small_study
 
 TEXT = """\
 id: classes
@@ -60,23 +57,6 @@ method: {name: auto, follow: 2.0}
 TABLE = "id,width,town/bank\na,0.35,Gera/left\nb,0.45,Gera/right\n"
 
 
-class Here:
-    """Runs chunks in this process: starting workers takes seconds."""
-
-    def results(self, plan, work):
-        plan.save()
-        for cases, factors in work:
-            yield run_chunk(str(plan.path), cases, factors)
-
-
-@contextlib.contextmanager
-def here():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(batch._Executor, "start_workers", lambda executor: Here())
-        patch.setattr(batch, "IN_PROCESS", 0.0)
-        yield
-
-
 @dataclass(frozen=True)
 class Made:
     """A study with its cube and its curves."""
@@ -90,7 +70,7 @@ class Made:
 def made(path):
     study = load_study(path)
     prepare_motions(study)
-    with here():
+    with in_process():
         log = run_batch(study, workers=1, quiet=True)
     with xr.open_dataset(write_cube(study)) as opened:
         cube = opened.load()

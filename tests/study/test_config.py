@@ -9,6 +9,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from archfrag.errors import StudyError
+from archfrag.study.checks import check_study
 from archfrag.study.config import dump_study, load_study, study_schema
 from archfrag.study.yaml_file import dump_yaml, parse_value
 from tests.study.small import ROOT, TEXT, small_study
@@ -118,6 +119,21 @@ def test_shipped_configs_are_valid_by_models_and_by_schema(path):
     raw["arches"][0]["radus"] = 1.0
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(raw, schema)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "part"),
+    [
+        ("friction: 0.7", "friction: 33", "was an angle meant?"),
+        ("radius: 10.0, thickness: 1.5", "radius: 1.0e4, thickness: 1.5e3", "lengths are in m"),
+        ("[0.1, 0.6, 1.2]", "[0.01, 0.02]", "no level is above the onset of motion"),
+        ("[0.1, 0.6, 1.2]", "[20, 40]", "more than 10 times the onset"),
+    ],
+)
+def test_what_a_mistaken_unit_gives_is_a_caution(tmp_path, old, new, part):
+    assert not check_study(load_study(small_study(tmp_path))).cautions
+    cautions = check_study(load_study(small_study(tmp_path, TEXT.replace(old, new)))).cautions
+    assert any(text.startswith("ring: ") and part in text for text in cautions)
 
 
 def test_a_method_whose_package_is_missing_is_refused_before_anything_runs(tmp_path, monkeypatch):

@@ -16,6 +16,7 @@ from archfrag.study.fits import fit_cube, fit_text, load_answers, load_fits
 from archfrag.study.outcome import COLUMNS
 from archfrag.study.provenance import finite
 from archfrag.study.store import Gathered, Store, read_part, table_type, write_part
+from tests.study.small import assert_compliant
 
 
 def sha256(path):
@@ -91,21 +92,7 @@ class TestContent:
         assert "workers" not in everything
 
     def test_checker_finds_no_error(self, cube_file, tmp_path):
-        from compliance_checker.runner import CheckSuite, ComplianceChecker
-
-        CheckSuite.load_all_available_checkers()
-        report = tmp_path / "report.json"
-        _, crashed = ComplianceChecker.run_checker(
-            str(cube_file), ["cf:1.11"], verbose=0, criteria="normal",
-            output_filename=str(report), output_format="json",
-        )  # fmt: skip
-        assert not crashed
-        found = json.loads(report.read_text())["cf:1.11"]
-        assert found["high_count"] == 0, found["high_priorities"]
-        errors = [entry for entry in found["all_priorities"] if entry["weight"] == 3
-                  and entry["value"][0] < entry["value"][1]]  # fmt: skip
-        assert errors == []
-        assert len(found["all_priorities"]) > 5
+        assert_compliant(cube_file, tmp_path)
 
 
 class TestFile:

@@ -7,8 +7,7 @@ from archfrag.fragility.counts import Verdict
 from archfrag.study import grids
 from archfrag.study.design import Ida, Precision, Scattered, TwoStage
 from archfrag.study.grids import Borders, Grid, ida, search, stripes
-from archfrag.study.rounds import COARSE, FINE, Rounds
-from archfrag.study.scattered import BEYOND, scattered
+from archfrag.study.rounds import BEYOND, COARSE, FINE, Rounds, scattered
 
 LEVELS = np.linspace(0.05, 0.75, 15)
 
@@ -186,7 +185,6 @@ class TestIda:
             assert len(asked[FINE]) == 1500
             some, _ = driven(ida(grid_of(100), Ida(kind="ida", checks=200, seed=seed)), spoilt)
             assert some["checked"] == 200
-            low, high = bracketed([], table)
             # What all cells contradict, as seen from the brackets that this search ends with.
             borders = search_only(spoilt)
             low, high = borders.low[:, None], borders.high[:, None]

@@ -2,14 +2,16 @@
 
 import numpy as np
 import pytest
+import yaml
 from pydantic import TypeAdapter
 
 from archfrag.errors import StabilityError, StudyError
 from archfrag.simulate import onset
 from archfrag.study.arches import ArchEntry, StudyArch
 from archfrag.study.config import load_study
+from archfrag.study.fleet import draw
 from archfrag.study.members import check_buildable, check_standing, expand, summaries
-from archfrag.study.sampling import draw
+from archfrag.study.yaml_file import dump_yaml
 from tests.study.small import TEXT, small_study
 
 RING = {
@@ -64,7 +66,7 @@ class TestKeys:
 
     def test_more_samples_keep_those_there_are(self):
         vary = {"of": FRICTION, "joints": {"friction": normal(1.0, 0.1)}}
-        some, many = (expand([entry({**vary, "samples": n})]).members for n in (4, 8))
+        some, many = (expand([entry({**vary, "samples": n})]) for n in (4, 8))
         assert [each.entry for each in some] == [each.entry for each in many[:4]]
 
 
@@ -142,8 +144,6 @@ class TestRefusals:
     """In one message: where, what was drawn, how many."""
 
     def refused(self, folder, vary, kind=StudyError, **changed):
-        from archfrag.study.yaml_file import dump_yaml
-
         given = {**RING, **changed, "vary": vary}
         first, rest = TEXT.split("  - {id: ring")[0], TEXT.split("motions:")[1]
         text = first + dump_yaml([given]) + "motions:" + rest
@@ -158,16 +158,9 @@ class TestRefusals:
              "arches[0].vary.samples: 12 must be a power of two with scheme sobol, such as 8 or "
              "16; latin_hypercube takes any number"),
             ({"samples": 4}, "must have a key of or joints: nothing varies"),
-            ({"samples": 4, "joints": {}},
-             "must have one of recess_intrados, recess_extrados, position, friction"),
-            ({"samples": 4, "off": FRICTION},
-             "arches[0].vary.off is no known key; did you mean of?"),
             ({"samples": 4, "of": {"frictions": FRICTION["friction"]}},
              "arches[0].vary.of.frictions: is nothing that varies of the profile circular; "
              "allowed are radius, thickness, embrace, density, depth, friction, dead_load"),
-            ({"samples": 4, "of": {"friction": {"distribution": "gamma"}}},
-             "arches[0].vary.of.friction.distribution = gamma must be one of normal, lognormal, "
-             "uniform, triangular"),
             ({"samples": 4, "of": {"friction": normal(0.7, 0.1, sd=0.1)}},
              "must have one of cov and sd"),
             ({"samples": 4, "of": {"friction": normal(0.7, 0.1, lower=0.9, upper=0.8)}},
@@ -183,7 +176,7 @@ class TestRefusals:
             ({"samples": 4, "joints": {"friction": normal(1.0, 0.1, relative=True)}},
              "arches[0].vary.joints.friction.relative: has no place among the joints"),
         ],
-        ids=range(12),
+        ids=range(9),
     )  # fmt: skip
     def test_keys(self, tmp_path, vary, message):
         assert message in self.refused(tmp_path, vary)
@@ -220,11 +213,6 @@ class TestRefusals:
 
 
 def test_a_study_of_samples_is_read_back_as_it_was(tmp_path):
-    from archfrag.study.yaml_file import dump_yaml
-
     given = entry({"of": FRICTION, "joints": {"friction": normal(1.0, 0.1)}})
     text = dump_yaml([given.model_dump(exclude_none=True)])
-    import yaml
-
-    again = TypeAdapter(list[StudyArch]).validate_python(yaml.safe_load(text))
-    assert again == [given]
+    assert TypeAdapter(list[StudyArch]).validate_python(yaml.safe_load(text)) == [given]

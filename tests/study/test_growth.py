@@ -2,7 +2,6 @@
 
 import json
 
-import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
@@ -13,7 +12,7 @@ from archfrag.study.config import load_study
 from archfrag.study.cube import write_cube, write_timings
 from archfrag.study.fits import fit_cube
 from archfrag.study.records import load_record, prepare_motions
-from tests.study.small import TEXT, small_study, write_at2
+from tests.study.small import TEXT, assert_compliant, small_study, write_at2
 
 DESIGNS = {
     "stripes": "{kind: stripes}",
@@ -120,20 +119,4 @@ def test_cube_of_each_design(tmp_path, here, design):
         assert set(regressions) == {"logistic", "modified"}
     # The two layouts; the checker takes seconds.
     if design in ("two_stage", "scattered"):
-        checked(path, tmp_path)
-
-
-def checked(path, folder):
-    """The compliance checker finds no error."""
-    from compliance_checker.runner import CheckSuite, ComplianceChecker
-
-    CheckSuite.load_all_available_checkers()
-    report = folder / "report.json"
-    ComplianceChecker.run_checker(
-        str(path), ["cf:1.11"], verbose=0, criteria="normal",
-        output_filename=str(report), output_format="json",
-    )  # fmt: skip
-    found = json.loads(report.read_text())["cf:1.11"]
-    assert found["high_count"] == 0, found["high_priorities"]
-    with netCDF4.Dataset(path) as cube:
-        assert all(len(variable.long_name) > 5 for variable in cube.variables.values())
+        assert_compliant(path, tmp_path)

@@ -6,9 +6,7 @@ import pytest
 from archfrag.fragility.quoted import quoted_band
 from archfrag.study.design import Ida, Precision, Scattered
 from archfrag.study.grids import Grid, ida
-from archfrag.study.precision import LEAST_RECORDS, Stop, known_so_far
-from archfrag.study.rounds import Rounds
-from archfrag.study.scattered import scattered
+from archfrag.study.rounds import LEAST_RECORDS, Rounds, Stop, known_so_far, scattered
 
 LEVELS = np.exp(0.3 * np.linspace(-2.5, 2.5, 15))
 N_RECORD = 2000
@@ -83,13 +81,6 @@ class TestStopping:
         groups = np.repeat(np.arange(400), 4).astype(str)
         aware, unaware = play_ida(shared, groups)[0], play_ida(shared)[0]
         assert aware["records"] > 2 * unaware["records"]
-
-
-class TestReasons:
-    def test_too_some_runs(self):
-        note = play_ida(capacities(1), theta=0.02, runs=150)[0]
-        assert (note["reached"], note["why"]) == (False, "150 runs do not suffice")
-        assert note["runs"] < 175
 
 
 def test_no_curve_yet():

@@ -9,7 +9,6 @@ from obspy import Trace
 from archfrag.cli import main
 from archfrag.errors import InputError
 from archfrag.study.config import load_study
-from archfrag.study.files import sha256_of
 from archfrag.study.plan import make_plan
 from archfrag.study.records import load_prepared, prepare_motions
 from archfrag.study.steps import finish, stale_steps
@@ -49,20 +48,6 @@ def steps(path, *names):
 def contents(folder):
     """All files below a folder with their contents."""
     return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
-
-
-def test_another_record_of_an_older_date(tmp_path):
-    study = prepared(tmp_path)
-    record = tmp_path / "records" / "wave1.AT2"
-    before = sha256_of(record)
-    write_at2(record, np.sin(np.arange(150.0)), 0.01)
-    older(record)
-    stale, changed = stale_steps(study)
-    assert stale[0] == "motions"
-    assert changed == [
-        f"record {record} has changed (sha256 {before[:12]}, now {sha256_of(record)[:12]})"
-    ]
-    assert prepare_motions(study)[1].sha256 == sha256_of(record)
 
 
 def test_a_record_more_or_less(tmp_path):

@@ -13,10 +13,9 @@ import psutil
 import pytest
 
 from archfrag.errors import OutputError
-from archfrag.study import lock as lock_module
 from archfrag.study import tree
 from archfrag.study.config import load_study
-from archfrag.study.lock import only_run
+from archfrag.study.tree import only_run
 from tests.study.small import small_study
 
 # A process that ignores what asks it to end, with a child that does too.
@@ -137,7 +136,7 @@ class TestLock:
             assert lock.stopped == f"process {holder['pid']} on {holder['host']}"
 
     def test_where_the_system_has_no_locks_the_process_is_looked_for(self, study, monkeypatch):
-        monkeypatch.setattr(lock_module, "_take", lambda file: None)
+        monkeypatch.setattr(tree, "_take", lambda file: None)
         (study.work / "lock").write_text(json.dumps(tree.identity()))
         with pytest.raises(OutputError, match="is at work here"), only_run(study):
             pass

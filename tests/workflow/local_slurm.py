@@ -56,19 +56,10 @@ def why_not() -> str:
 
 @dataclass(frozen=True)
 class Slurm:
-    """A cluster that is up.
-
-    Attributes
-    ----------
-    folder : Path
-    environment : dict
-        With which clients find it.
-    cores : int
-    """
+    """A cluster that is up."""
 
     folder: Path
-    environment: dict[str, str]
-    cores: int
+    environment: dict[str, str]  # with which clients find it
 
     def ask(self, *command: str) -> str:
         """Standard output of a client."""
@@ -80,17 +71,12 @@ class Slurm:
 
 @contextlib.contextmanager
 def local_slurm(cores: int = 4, memory: int = 8000) -> Iterator[Slurm]:
-    """Start the daemons, and end them and all jobs with the block.
-
-    Yields
-    ------
-    Slurm
-    """
+    """Start the daemons, and end them and all jobs with the block."""
     # Sockets' paths must be short: no temporary folder of pytest's.
     folder = Path(tempfile.mkdtemp(prefix="slurm-", dir="/tmp"))
     path = os.pathsep.join([str(folder), os.environ.get("PATH", ""), "/usr/sbin", "/sbin"])
     environment = {**os.environ, "PATH": path, "SLURM_CONF": str(folder / "slurm.conf")}
-    slurm = Slurm(folder, environment, cores)
+    slurm = Slurm(folder, environment)
     started: list[subprocess.Popen] = []
     try:
         _write_files(folder, cores, memory)

@@ -19,6 +19,7 @@ ARCH = ["--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoi
         "--friction", "0.7"]  # fmt: skip
 COMMANDS = ("onset", "simulate", "records", "validate", "warmup", "run", "motions", "batch",
             "cube", "fit", "report", "risk", "export", "evidence")  # fmt: skip
+RECORDS = ("list", "show", "inspect", "measure", "select", "convert", "fetch", "make")
 
 
 def call(*arguments):
@@ -34,9 +35,10 @@ def refused(*arguments):
 
 
 class TestHelp:
-    def test_help_imports_nothing_heavy_and_is_quick(self):
+    @pytest.mark.parametrize("asked", [["--help"], ["records", "fetch", "--help"]])
+    def test_it_imports_nothing_heavy_and_is_quick(self, asked):
         code = (
-            "import sys; from archfrag.cli import main; main(['--help'], standalone_mode=False); "
+            f"import sys; from archfrag.cli import main; main({asked}, standalone_mode=False); "
             "sys.stderr.write(' '.join(sys.modules))"
         )
         took = []
@@ -52,12 +54,16 @@ class TestHelp:
         assert not loaded & {"numpy", "numba", "pydantic", "yaml", "dask", "obspy", "snakemake"}
         assert min(took) < 0.3
 
-    @pytest.mark.parametrize("command", COMMANDS)
-    def test_every_command_explains_itself(self, command):
-        result = call(command, "--help")
-        assert result.exit_code == 0
-        assert command in result.output.split("\n", 1)[0]
-        assert command in call("--help").output
+    def test_every_command_explains_itself(self):
+        for command in COMMANDS:
+            assert command in call(command, "--help").output.split("\n", 1)[0]
+            assert command in call("--help").output
+        for command in RECORDS:
+            assert command in call("records", "--help").output
+            text = call("records", command, "--help").output
+            assert "--json" in text
+            if command != "list":
+                assert f"archfrag records {command}" in text.split("Example:")[1]
 
 
 class TestOnset:
@@ -76,12 +82,9 @@ class TestOnset:
         path = small_study(tmp_path)
         text = call("onset", "--study", path, "--arch", "slab").output
         assert "moves from 0.2000 g: joint 0" in text
-        assert refused("onset", "--study", path) == (
-            2, f"{path}: --arch is missing; the study has ring, slab",
-        )  # fmt: skip
-        assert refused("onset", "--study", path, "--arch", "x") == (
-            2, f"{path}: --arch x: there is none; the study has ring, slab",
-        )  # fmt: skip
+        for more, wrong in (([], "is missing"), (["--arch", "x"], "x: there is none")):
+            message = f"{path}: --arch {wrong}; the study has ring, slab"
+            assert refused("onset", "--study", path, *more) == (2, message)
 
     def test_an_arch_that_does_not_stand_is_a_result(self):
         thin = [*ARCH[:2], "--thickness", "0.3", *ARCH[4:]]
@@ -90,16 +93,15 @@ class TestOnset:
         assert json.loads(call("onset", *thin, "--json").output)["stands"] is False
 
     def test_what_is_missing_or_impossible(self):
-        code, message = refused("onset", "--radius", "10")
-        assert code == 2
-        assert message.startswith("--profile circular: friction is missing (3 more keys")
-        code, message = refused("onset", *ARCH, "--span", "3")
-        assert message.startswith("--profile circular: span is no known key")
-        code, message = refused("onset", *ARCH[:2], "--thickness", "-1", *ARCH[4:])
-        assert code == 2
-        assert message.startswith("thickness = -1.0 m is impossible")
-        code, message = refused("onset", *ARCH[:-1], "nan")
-        assert message.startswith("friction = nan is impossible")
+        for given, start in (
+            (ARCH[:2], "--profile circular: friction is missing (3 more keys"),
+            ([*ARCH, "--span", "3"], "--profile circular: span is no known key"),
+            ([*ARCH[:2], "--thickness", "-1", *ARCH[4:]], "thickness = -1.0 m is impossible"),
+            ([*ARCH[:-1], "nan"], "friction = nan is impossible"),
+        ):
+            code, message = refused("onset", *given)
+            assert code == 2
+            assert message.startswith(start)
 
 
 class TestSimulate:
@@ -120,22 +122,20 @@ class TestSimulate:
 
     def test_unusable_input(self, record, tmp_path):
         lost = tmp_path / "lost.AT2"
-        assert refused("simulate", *ARCH, lost)[0] == 2
-        assert str(lost) in refused("simulate", *ARCH, lost)[1]
-        code, message = refused("simulate", *ARCH, record, "--method", "euler")
-        known = "auto, time_stepping, event_driven, four_link, penalty, gauss_seidel, "
-        known += "quadratic_programme"
-        assert (code, message) == (2, f"method is 'euler'; allowed are {known}")
-        tight = ("--method", "penalty", "--rtol", "1e-6")
-        assert refused("simulate", *ARCH, record, *tight) == (
-            2,
-            "rtol is 1e-06, but method penalty does not use it; leave it out, or use "
-            "time_stepping, event_driven, auto, four_link",
-        )
         thin = [*ARCH[:2], "--thickness", "0.3", *ARCH[4:]]
-        code, message = refused("simulate", *thin, record)
-        assert code == 3
-        assert "does not stand under its own weight" in message
+        for given, wanted, part in (
+            ([*ARCH, lost], 2, str(lost)),
+            (
+                [*ARCH, record, "--method", "euler"],
+                2,
+                "method is 'euler'; allowed are auto, time_",
+            ),
+            ([*ARCH, record, "--method", "penalty", "--rtol", "1e-6"], 2, "rtol is 1e-06, but"),
+            ([*thin, record], 3, "does not stand under its own weight"),
+        ):
+            code, message = refused("simulate", *given)
+            assert code == wanted
+            assert part in message
 
 
 class TestValidate:
@@ -286,7 +286,7 @@ class TestEvidence:
 
     def test_without_the_repository_it_is_reported_how_to_get_it(self, tmp_path, monkeypatch):
         monkeypatch.setitem(sys.modules, "archbench", None)
-        monkeypatch.delitem(sys.modules, "archbench.command", raising=False)
+        monkeypatch.delitem(sys.modules, "archbench.page", raising=False)
         message = refused("evidence", "--output", tmp_path / "out")[1]
         assert "archbench" in message
         assert "pip install -e .[bench]" in message

@@ -2,12 +2,10 @@
 
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
 from importlib.util import find_spec
-from pathlib import Path
 
 import pytest
 
@@ -16,7 +14,7 @@ from archfrag.study.config import load_study
 from archfrag.study.cube import write_cube
 from archfrag.study.records import prepare_motions
 from tests.study.small import ROOT, TEXT, small_study
-from tests.workflow.local_slurm import local_slurm, why_not
+from tests.workflow.local_slurm import local_slurm, wait, why_not
 
 pytestmark = [
     pytest.mark.slow,
@@ -68,9 +66,16 @@ def test_batches_are_jobs_by_the_profile(slurm, alone, tmp_path):
 
 def test_workers_of_a_scheduler_are_jobs(slurm, alone, tmp_path):
     """`execution.scheduler` by address; `dask worker` is what dask-jobqueue starts too."""
-    scheduler = _start_scheduler(tmp_path)
+    file = tmp_path / "scheduler.json"
+    scheduler = subprocess.Popen(
+        [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1",
+         "--port", "0", "--no-dashboard", "--scheduler-file", file],
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=tmp_path,
+    )  # fmt: skip
     try:
-        address = _address(scheduler, tmp_path / "scheduler.json")
+        assert wait(lambda: file.is_file() or scheduler.poll() is not None, 60.0)
+        assert scheduler.poll() is None
+        address = json.loads(file.read_text())["address"]
         script = tmp_path / "worker.sh"
         script.write_text(
             f"#!/bin/sh\nexec {sys.executable} -m distributed.cli.dask_worker {address} "
@@ -91,29 +96,3 @@ def test_workers_of_a_scheduler_are_jobs(slurm, alone, tmp_path):
     assert [log.runs for log in logs] == [6, 6]
     assert not any(str(os.getpid()) in log.peak_memory for log in logs)
     assert write_cube(study).read_bytes() == alone
-
-
-def _start_scheduler(folder: Path) -> subprocess.Popen:
-    return subprocess.Popen(
-        [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1",
-         "--port", "0", "--no-dashboard", "--scheduler-file", folder / "scheduler.json"],
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=folder,
-    )  # fmt: skip
-
-
-def _address(scheduler: subprocess.Popen, file: Path) -> str:
-    from tests.workflow.local_slurm import wait
-
-    assert wait(lambda: file.is_file() or scheduler.poll() is not None, 60.0)
-    assert scheduler.poll() is None
-    return str(json.loads(file.read_text())["address"])
-
-
-def test_the_daemons_are_gone_when_the_block_ends():
-    with local_slurm() as found:
-        folder = found.folder
-        assert found.ask("sinfo", "--noheader", "--format=%t") == "idle"
-    listed = subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True).stdout
-    assert str(folder) not in listed
-    assert not folder.exists()
-    assert shutil.which("sbatch")

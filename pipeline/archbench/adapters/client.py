@@ -61,7 +61,7 @@ class OtherSolver:
         """Run a scene with step `dt` [s]; `SolverFailed` if there is no outcome."""
         process = self.process or self._start()
         assert process.stdin is not None
-        request = {"scene": scene.to_dict(), "dt": dt, "history": history}
+        request = {"scene": vars(scene), "dt": dt, "history": history}
         try:
             process.stdin.write(json.dumps(request) + "\n")
             process.stdin.flush()

@@ -18,14 +18,13 @@ class Stepper(Protocol):
     `unconverged` counts steps that it left unconverged; None if the solver does not report them.
     """
 
-    @property
-    def unconverged(self) -> int | None: ...
+    unconverged: int | None
 
-    def advance(self, ground_acceleration: Array) -> None:
-        """Take as many steps as there are values [m/s2], each with its value held."""
+    def step(self, acceleration: float) -> None:
+        """Take a step with the ground acceleration held [m/s2]."""
 
     def centroids(self) -> Array:
-        """Centroids of the voussoirs in the ground's frame, (n, 2) [m]."""
+        """Centroids of the voussoirs in the ground's frame, (n, 2) [m]; after each `SAMPLING`."""
 
 
 @dataclass
@@ -59,7 +58,8 @@ def drive(stepper: Stepper, scene: Scene, dt: float, history: bool = False) -> O
     while done < len(acceleration) and peak <= 2.0 * scene.thickness:
         chunk = acceleration[done : done + stride]
         before = time.process_time()
-        stepper.advance(chunk)
+        for value in chunk.tolist():
+            stepper.step(value)
         cpu += time.process_time() - before
         done += len(chunk)
         centroids = stepper.centroids()

@@ -81,13 +81,12 @@ class KaminoStepper:
             x, z = np.tile(plane.real, 2), np.tile(plane.imag, 2)
             array.assign(np.column_stack([x, np.repeat([depth, -depth], len(plane)), z]))
 
-    def advance(self, ground_acceleration: Array) -> None:
-        for value in ground_acceleration.tolist():
-            self.model.set_gravity((-value, 0.0, -STANDARD_GRAVITY))
-            self._place_contacts()
-            self.solver.step(self.state, self.next, None, self.points, self.dt)
-            self.state, self.next = self.next, self.state
-            self.unconverged += int(not self.solver.status.numpy()["converged"][0])
+    def step(self, acceleration: float) -> None:
+        self.model.set_gravity((-acceleration, 0.0, -STANDARD_GRAVITY))
+        self._place_contacts()
+        self.solver.step(self.state, self.next, None, self.points, self.dt)
+        self.state, self.next = self.next, self.state
+        self.unconverged += int(not self.solver.status.numpy()["converged"][0])
 
     def centroids(self) -> Array:
         return self.start + self._positions()[:, :2]
@@ -105,7 +104,7 @@ def _config(model: newton.Model) -> SolverKamino.Config:
 
 def prepare() -> None:
     """Have Warp compile the kernels: a minute once, later they are loaded."""
-    KaminoStepper(load_scene("block_sine"), 1e-3).advance(np.zeros(1))
+    KaminoStepper(load_scene("block_sine"), 1e-3).step(0.0)
 
 
 build = KaminoStepper

@@ -58,9 +58,8 @@ class Lmgc90Stepper:
     def _positions(self, bodies: Any) -> Array:
         return np.array([bodies[i] for i in range(self.count)])[:, [0, 2]]
 
-    def advance(self, ground_acceleration: Array) -> None:
-        for _ in range(len(ground_acceleration)):
-            self.result = self.core.compute_one_step()
+    def step(self, acceleration: float) -> None:
+        self.result = self.core.compute_one_step()
 
     def centroids(self) -> Array:
         return self.start + self._positions(self.result.bodies) - self.origin

@@ -22,19 +22,18 @@ class MujocoStepper:
     def __init__(self, scene: Scene, dt: float) -> None:
         self.model = mujoco.MjModel.from_xml_string(_xml(scene, dt))
         self.data, self.start = mujoco.MjData(self.model), scene.bodies().centroid
-        # Looked at once for each call of `advance`, so as not to slow the steps.
+        # Looked at once for each sample, so as not to slow the steps.
         self.unconverged = 0
         shift, velocity = scene.initial_state()
         self.data.qpos[:], self.data.qvel[:] = shift.ravel(), velocity.ravel()
         mujoco.mj_forward(self.model, self.data)
 
-    def advance(self, ground_acceleration: Array) -> None:
-        for value in ground_acceleration.tolist():
-            self.model.opt.gravity[0] = -value
-            mujoco.mj_step(self.model, self.data)
-        self.unconverged += int(self.data.solver_niter[0] >= ITERATIONS)
+    def step(self, acceleration: float) -> None:
+        self.model.opt.gravity[0] = -acceleration
+        mujoco.mj_step(self.model, self.data)
 
     def centroids(self) -> Array:
+        self.unconverged += int(self.data.solver_niter[0] >= ITERATIONS)
         return self.start + self.data.qpos.reshape(-1, 3)[:, :2]
 
 

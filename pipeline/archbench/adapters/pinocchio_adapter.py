@@ -42,32 +42,31 @@ class PinocchioStepper:
         # Six columns for each contact, those of the ground at the end.
         self.rows = 3 * np.arange(count)[:, None, None] + np.array([[2], [0]])
 
-    def advance(self, ground_acceleration: Array) -> None:
+    def step(self, acceleration: float) -> None:
         dt, result, inverse = self.dt, self.result, self.inverse.ravel()
         jacobian = np.zeros((3 * self.count, 3 * len(self.q) + 3))
-        for value in ground_acceleration.tolist():
-            gap, matrix = self.corners.linearise(self.q)
-            jacobian[self.rows, self.corners.columns[:, None]] = matrix
-            moving = jacobian[:, :-3]
-            free = (self.velocity - dt * np.array([value, STANDARD_GRAVITY, 0.0])).ravel()
-            velocity = moving @ free
-            velocity[2::3] += np.maximum(gap[:, 0], 0.0) / dt
-            delassus = (moving * inverse) @ moving.T
-            # Nothing moves out of the plane; a unit there keeps the matrix from being singular.
-            across = np.arange(1, len(delassus), 3)
-            delassus[across, across] = 1.0
-            if result.isValid():
-                result.setConstraintImpulseGuess(result.retrieveConstraintImpulses())
-            if len(self.q) >= SPARSE_FROM:
-                operator = pin.DelassusOperatorSparse(csc_matrix(delassus))
-            else:
-                operator = pin.DelassusOperatorDense(delassus)
-            self.unconverged += not self.solver.solve(
-                operator, velocity, self.models, self.datas, self.settings, result
-            )
-            impulse = result.retrieveConstraintImpulses()
-            self.velocity = (free + inverse * (impulse @ moving)).reshape(-1, 3)
-            self.q = self.q + dt * self.velocity
+        gap, matrix = self.corners.linearise(self.q)
+        jacobian[self.rows, self.corners.columns[:, None]] = matrix
+        moving = jacobian[:, :-3]
+        free = (self.velocity - dt * np.array([acceleration, STANDARD_GRAVITY, 0.0])).ravel()
+        velocity = moving @ free
+        velocity[2::3] += np.maximum(gap[:, 0], 0.0) / dt
+        delassus = (moving * inverse) @ moving.T
+        # Nothing moves out of the plane; a unit there keeps the matrix from being singular.
+        across = np.arange(1, len(delassus), 3)
+        delassus[across, across] = 1.0
+        if result.isValid():
+            result.setConstraintImpulseGuess(result.retrieveConstraintImpulses())
+        if len(self.q) >= SPARSE_FROM:
+            operator = pin.DelassusOperatorSparse(csc_matrix(delassus))
+        else:
+            operator = pin.DelassusOperatorDense(delassus)
+        self.unconverged += not self.solver.solve(
+            operator, velocity, self.models, self.datas, self.settings, result
+        )
+        impulse = result.retrieveConstraintImpulses()
+        self.velocity = (free + inverse * (impulse @ moving)).reshape(-1, 3)
+        self.q = self.q + dt * self.velocity
 
     def centroids(self) -> Array:
         return self.start + self.q[:, :2]

@@ -43,10 +43,9 @@ class PymunkStepper:
         shape.friction, shape.elasticity = self.friction, 0.0
         return shape
 
-    def advance(self, ground_acceleration: Array) -> None:
-        for value in ground_acceleration.tolist():
-            self.space.gravity = (-value, -STANDARD_GRAVITY)
-            self.space.step(self.dt)
+    def step(self, acceleration: float) -> None:
+        self.space.gravity = (-acceleration, -STANDARD_GRAVITY)
+        self.space.step(self.dt)
 
     def centroids(self) -> Array:
         return np.array([tuple(body.position) for body in self.moving])

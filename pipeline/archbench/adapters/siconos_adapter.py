@@ -79,16 +79,15 @@ class SiconosStepper:
             self.jacobians[i][:] = matrix[i, :, columns]
             self.offsets[i][:] = value[i]
 
-    def advance(self, ground_acceleration: Array) -> None:
+    def step(self, acceleration: float) -> None:
         residual = self.options.dparam
-        for value in ground_acceleration.tolist():
-            for force, mass in zip(self.forces, self.mass):
-                force[0] = -mass * value
-            self._linearise()
-            self.problem.setHasBeenUpdated(False)
-            self.simulation.computeOneStep()
-            self.simulation.nextStep()
-            self.unconverged += int(not residual[sn.SICONOS_DPARAM_RESIDU] <= TOLERANCE)
+        for force, mass in zip(self.forces, self.mass):
+            force[0] = -mass * acceleration
+        self._linearise()
+        self.problem.setHasBeenUpdated(False)
+        self.simulation.computeOneStep()
+        self.simulation.nextStep()
+        self.unconverged += int(not residual[sn.SICONOS_DPARAM_RESIDU] <= TOLERANCE)
 
     def centroids(self) -> Array:
         return self.start + np.array([body.q()[:2] for body in self.bodies])

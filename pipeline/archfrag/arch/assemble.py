@@ -86,12 +86,12 @@ def fields_of(
     given = {
         "profile": profile,
         **shape,
-        "friction": _plain(friction),
+        "friction": plain(friction),
         "density": density,
         "depth": depth,
     }
     if profile != "block":
-        given["dead_load"] = None if dead_load is None else _plain(dead_load)
+        given["dead_load"] = None if dead_load is None else plain(dead_load)
     return {
         "chain": assemble(ring, coefficient, density * depth, load, free_end),
         "intrados": ring.lines.intrados,
@@ -103,11 +103,11 @@ def fields_of(
     }
 
 
-def _plain(value: ArrayLike) -> Any:
+def plain(value: ArrayLike) -> Any:
     """Numbers as strict JSON takes them: nested lists of floats, infinity as "inf"."""
     if isinstance(value, list):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     listed = np.asarray(value, dtype=float).tolist()
     if isinstance(listed, list):
-        return _plain(listed)
+        return plain(listed)
     return "inf" if math.isinf(listed) else listed

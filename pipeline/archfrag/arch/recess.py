@@ -1,11 +1,10 @@
 """Joints that bear on less than their length: mortar lost or edges spalled at their ends."""
 
-import copy
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from archfrag.arch import checks
+from archfrag.arch.assemble import plain
 from archfrag.arch.model import Arch
 from archfrag.errors import GeometryError
 
@@ -62,24 +61,10 @@ def recessed(arch: Arch, intrados: ArrayLike = 0.0, extrados: ArrayLike = 0.0) -
     for line, step in zip(ends, moved):
         line[: arch.n_joint] += step
     corner = np.stack(moved[::-1] if arch.flipped else moved, axis=1)
-    result = copy.copy(arch)
-    fields = {
-        "chain": arch.chain._replace(
-            face_before=np.ascontiguousarray(arch.chain.face_before + corner),
-            face_after=np.ascontiguousarray(arch.chain.face_after + corner),
-        ),
-        "intrados": ends[0],
-        "extrados": ends[1],
-        "parameters": {
-            **arch.parameters,
-            "recess": {"intrados": _listed(intrados), "extrados": _listed(extrados)},
-        },
-    }
-    for name, value in fields.items():
-        object.__setattr__(result, name, value)
-    return result
-
-
-def _listed(value: ArrayLike) -> float | list[float]:
-    listed: NDArray[np.float64] = np.asarray(value, dtype=float)
-    return float(listed) if listed.ndim == 0 else listed.tolist()
+    depth = {"intrados": plain(intrados), "extrados": plain(extrados)}
+    chain = arch.chain._replace(
+        face_before=np.ascontiguousarray(arch.chain.face_before + corner),
+        face_after=np.ascontiguousarray(arch.chain.face_after + corner),
+    )
+    changed = {"chain": chain, "intrados": ends[0], "extrados": ends[1]}
+    return Arch(**{**vars(arch), **changed, "parameters": {**arch.parameters, "recess": depth}})

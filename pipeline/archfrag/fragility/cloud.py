@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from scipy.special import expit, ndtr
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.curve import BoolArray, FloatArray, log_intensity, positive
+from archfrag.fragility.curve import BoolArray, FloatArray, log_intensity, positive, shaped
 from archfrag.fragility.lines import Lines, binomial_lines
 from archfrag.fragility.runs import Resampling, event_groups
 
@@ -152,9 +152,7 @@ def cloud_modified(
     0.272
     """
     x, fell = _checked(im, collapsed)
-    given = np.asarray(response, dtype=float)
-    if given.shape != fell.shape:
-        raise InputError(f"response has shape {given.shape}, the runs {fell.shape}")
+    given = shaped(response, fell.shape, "response")
     positive(limit, "limit")
     y = np.log(positive(np.where(fell, 1.0, given), "response of runs that did not collapse"))
     weight = _weights(x.size, event, resampling)
@@ -202,9 +200,8 @@ def _weights(n_run: int, event: ArrayLike | None, resampling: Resampling) -> Flo
 
 
 def _checked(im: ArrayLike, collapsed: ArrayLike) -> tuple[FloatArray, BoolArray]:
-    values, codes = positive(im, "im"), np.asarray(collapsed)
-    if values.ndim != 1 or values.shape != codes.shape or values.size == 0:
-        raise InputError(f"im has shape {values.shape}, the runs {codes.shape}; (n_run,) each")
+    values = positive(im, "im")
+    codes = shaped(collapsed, (values.size,), "collapsed")
     if not np.isin(codes, (0, 1)).all():
         raise InputError("collapsed holds other values than 0 and 1; leave such runs out before")
     if np.ptp(values) == 0.0:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict, count_verdicts, wilson
-from archfrag.fragility.curve import BoolArray, FloatArray, IntArray, rising
+from archfrag.fragility.curve import BoolArray, FloatArray, IntArray, rising, shaped
 from archfrag.fragility.runs import Resampling
 
 RESAMPLES = 1000
@@ -157,12 +157,10 @@ def contributions(
     >>> found.fraction.tolist()
     [0.875, 0.125]
     """
-    rates, fell = np.asarray(level_rate, dtype=float), np.asarray(collapsed, dtype=bool)
-    if rates.shape != fell.shape[1:] or not np.all(rates >= 0.0):
-        raise InputError(
-            f"level_rate has shape {rates.shape}, collapsed {fell.shape}; one rate from 0 upwards "
-            "for each level"
-        )
+    fell = np.asarray(collapsed, dtype=bool)
+    rates = shaped(level_rate, fell.shape[1:], "level_rate").astype(float)
+    if not np.all(rates >= 0.0):
+        raise InputError(f"level_rate holds {rates.min():g}; a rate is a number from 0 upwards")
     resampling, names = Resampling(seed, RESAMPLES, confidence), tuple(categories)
     masks = _by_category(fell, category, len(names))
     counts = masks.sum(axis=1)
@@ -188,11 +186,9 @@ def _rates(rates: FloatArray, counts: IntArray) -> tuple[FloatArray, IntArray]:
 
 def _by_category(fell: BoolArray, category: ArrayLike, n_category: int) -> BoolArray:
     """Collapses of each category, (n_category, n_record, n_level); InputError if one has none."""
-    kind = np.asarray(category)
-    if fell.ndim != 2 or kind.shape != fell.shape:
-        raise InputError(
-            f"the runs have shape {fell.shape}, category {kind.shape}; (n_record, n_level) each"
-        )
+    kind = shaped(category, fell.shape, "category")
+    if fell.ndim != 2:
+        raise InputError(f"the runs have shape {fell.shape}; (n_record, n_level) is needed")
     foreign = kind[fell & ~np.isin(kind, np.arange(n_category))]
     if foreign.size:
         raise InputError(

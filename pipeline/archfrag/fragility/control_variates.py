@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from archfrag.errors import FitError, InputError
-from archfrag.fragility.curve import BoolArray, FloatArray, positive
+from archfrag.errors import FitError
+from archfrag.fragility.curve import BoolArray, FloatArray, positive, shaped
 
 
 @dataclass(frozen=True)
@@ -130,9 +130,8 @@ def _estimates(x: FloatArray, y: FloatArray, weight: FloatArray) -> FloatArray:
 
 
 def _checked(coarse: ArrayLike, fine: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    cheap, costly = positive(coarse, "coarse"), positive(fine, "fine", unknown=True)
-    if cheap.ndim != 1 or cheap.shape != costly.shape:
-        raise InputError(f"coarse has shape {cheap.shape}, fine {costly.shape}; (n_record,) each")
+    cheap = positive(coarse, "coarse")
+    costly = shaped(positive(fine, "fine", unknown=True), (cheap.size,), "fine")
     both = ~np.isnan(costly)
     if np.count_nonzero(both) < 4:
         raise FitError(

@@ -135,6 +135,14 @@ def positive(values: ArrayLike, name: str, unknown: bool = False) -> FloatArray:
     return given
 
 
+def shaped(values: ArrayLike, shape: tuple[int, ...], name: str) -> NDArray[Any]:
+    """Values as an array of the shape that others imply; else InputError."""
+    given = np.asarray(values)
+    if given.shape != shape:
+        raise InputError(f"{name} has shape {given.shape}; {shape} is needed")
+    return given
+
+
 def rising(values: ArrayLike, name: str) -> FloatArray:
     """A list of positive finite numbers that increase; else InputError."""
     given = positive(values, name)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.curve import positive
+from archfrag.fragility.curve import positive, shaped
 
 
 @dataclass(frozen=True)
@@ -152,12 +152,8 @@ def split_curves(
     (0.3, 0.2993)
     """
     logs = np.log(positive(theta, "theta"))
-    betas, errors = np.asarray(beta, dtype=float), np.asarray(standard_error, dtype=float)
-    for name, values in (("beta", betas), ("standard_error", errors)):
-        if values.shape != logs.shape or not np.all((values >= 0.0) & np.isfinite(values)):
-            raise InputError(
-                f"{name} needs one number from 0 upwards for each of {logs.size} arches"
-            )
+    betas = shaped(positive(beta, "beta"), logs.shape, "beta")
+    errors = shaped(positive(standard_error, "standard_error"), logs.shape, "standard_error")
     if not 0.0 <= shared < 1.0:
         raise InputError(f"shared is {shared:g}; a correlation from 0 to below 1 is needed")
     if n_record < 2:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtri
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.curve import FloatArray, Fragility, IntArray, positive
+from archfrag.fragility.curve import FloatArray, Fragility, IntArray, positive, shaped
 from archfrag.fragility.fit import fit_stripes
 from archfrag.fragility.lines import LOG_ROOT_TWO_PI, Terms, least, log_between
 from archfrag.fragility.posterior import fit_posterior
@@ -79,7 +79,10 @@ def fit_limit_states(
     >>> [state.fit.theta < 0.3 for state in found.states]
     [True, True]
     """
-    codes, intensity, labels, texts = _checked(exceeded, im, names, meanings)
+    codes, intensity = _checked(exceeded, im)
+    n_state = codes.shape[2]
+    labels = shaped(list(names), (n_state,), "names").tolist()
+    texts = shaped(list(meanings) or [""] * n_state, (n_state,), "meanings").tolist()
     nested = nest_exceedance(codes)
     flat = nested.reshape(-1, nested.shape[-1])
     levels, column = np.unique(intensity.ravel(), return_inverse=True)
@@ -252,17 +255,9 @@ def _derivatives(
     return float(-count @ log_p), -(count @ first), hessian
 
 
-def _checked(
-    exceeded: ArrayLike, im: ArrayLike, names: Sequence[str], meanings: Sequence[str]
-) -> tuple[IntArray, FloatArray, list[str], list[str]]:
+def _checked(exceeded: ArrayLike, im: ArrayLike) -> tuple[IntArray, FloatArray]:
     codes, intensity = np.asarray(exceeded), positive(im, "im")
     if codes.ndim != 3 or codes.size == 0:
         raise InputError(f"exceeded has shape {codes.shape}; (n_record, n_level, n_state)")
-    if intensity.shape not in (codes.shape[:2], codes.shape[1:2]):
-        raise InputError(f"im has shape {intensity.shape}, exceeded {codes.shape}")
-    labels, texts = list(names), list(meanings) or [""] * len(names)
-    if len(labels) != codes.shape[2] or len(texts) != len(labels):
-        raise InputError(
-            f"exceeded has {codes.shape[2]} states, names {len(labels)} and meanings {len(texts)}"
-        )
-    return codes, np.broadcast_to(intensity, codes.shape[:2]), labels, texts
+    shape = codes.shape[:2]
+    return codes, np.broadcast_to(shaped(intensity, shape[2 - intensity.ndim :], "im"), shape)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.brackets import find_brackets
-from archfrag.fragility.curve import FloatArray, IntArray, positive
+from archfrag.fragility.curve import FloatArray, IntArray, positive, shaped
 from archfrag.fragility.measure_rows import (
     SIGNIFICANCE,
     Compared,
@@ -168,19 +168,12 @@ def _message(
 def _checked(
     verdict: ArrayLike, factor: ArrayLike, motions: Motions, own: str
 ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
-    codes, factors = np.asarray(verdict), positive(factor, "factor")
-    if codes.ndim != 2 or codes.shape != factors.shape or codes.size == 0:
-        raise InputError(
-            f"verdict has shape {codes.shape}, factor {factors.shape}; (n_record, n_level) each"
-        )
-    value = positive(motions.value, "value")
-    exponent = positive(motions.exponent, "exponent")
-    names = list(motions.measures)
-    if value.shape != (len(codes), len(names)) or exponent.shape != (len(names),):
-        raise InputError(
-            f"value has shape {value.shape}, exponent {exponent.shape}; {len(codes)} records by "
-            f"{len(names)} measures and one exponent per measure are needed"
-        )
+    factors, names = positive(factor, "factor"), motions.measures
+    codes = shaped(verdict, factors.shape, "verdict")
+    if codes.ndim != 2 or codes.size == 0:
+        raise InputError(f"verdict has shape {codes.shape}; (n_record, n_level) is needed")
+    value = shaped(positive(motions.value, "value"), (len(codes), len(names)), "value")
+    exponent = shaped(positive(motions.exponent, "exponent"), (len(names),), "exponent")
     if own not in names:
         raise InputError(f"own is {own!r}, which is none of {', '.join(names)}")
     return codes, factors, np.log(value.T), exponent
@@ -191,12 +184,8 @@ def _covariates(motions: Motions, n_record: int) -> FloatArray:
     out = np.full((2, n_record), np.nan)
     for row, name in enumerate(("magnitude", "distance")):
         given = getattr(motions, name)
-        if given is None:
-            continue
-        values = np.asarray(given, dtype=float)
-        if values.shape != (n_record,):
-            raise InputError(f"{name} has shape {values.shape}; one per record, ({n_record},)")
-        out[row] = values
+        if given is not None:
+            out[row] = shaped(given, (n_record,), name)
     with np.errstate(divide="ignore", invalid="ignore"):
         out[1] = np.log(out[1])
     return np.where(np.isfinite(out), out, np.nan)

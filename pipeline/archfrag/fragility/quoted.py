@@ -12,7 +12,7 @@ from scipy.special import ndtr
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.brackets import Brackets, find_brackets
 from archfrag.fragility.counts import Verdict, count_verdicts
-from archfrag.fragility.curve import Band, FloatArray, Fragility
+from archfrag.fragility.curve import Band, FloatArray, Fragility, shaped
 from archfrag.fragility.posterior import Posterior, fit_capacity_posterior, fit_posterior
 
 SAME_RECORDS = ("stripes", "ida", "two_stage")
@@ -128,11 +128,7 @@ def quoted_posterior(
         found = every.known()
         number = float(found.lower.size)
         if groups is not None:
-            labels = np.asarray(groups)
-            if labels.shape != every.lower.shape:
-                raise InputError(
-                    f"groups has shape {labels.shape}; one label for each record is needed"
-                )
+            labels = shaped(groups, every.lower.shape, "groups")
             number = independent_records(found, labels[every.decided > 0])
         posterior = fit_capacity_posterior(found.lower, found.upper, number)
         return posterior, found.lower.size, number, int(found.contradictions.sum())
@@ -143,12 +139,8 @@ def quoted_posterior(
         )
     if groups is not None:
         raise InputError(f"groups are of records, which do not repeat in the design {design!r}")
-    codes, levels = np.asarray(verdict), np.asarray(intensity, dtype=float)
-    if codes.shape != levels.shape:
-        raise InputError(
-            f"verdict has shape {codes.shape}, intensity {levels.shape}; of each run both "
-            "are needed"
-        )
+    codes = np.asarray(verdict)
+    levels = shaped(intensity, codes.shape, "intensity").astype(float)
     count_verdicts(codes.reshape(1, -1))
     decided = (codes == Verdict.COLLAPSED) | (codes == Verdict.STANDING)
     fell = (codes[decided] == Verdict.COLLAPSED).astype(float)

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict, count_verdicts
-from archfrag.fragility.curve import FloatArray, IntArray, positive, tails
+from archfrag.fragility.curve import FloatArray, IntArray, positive, shaped, tails
 
 MOST_LEVELS = 500
 MOST_GROUPS = 2000
@@ -157,8 +157,6 @@ def event_groups(event: ArrayLike | None, n_record: int) -> IntArray:
     """A number for each record, the same for those of one named event."""
     if event is None:
         return np.arange(n_record)
-    names = np.asarray(event).astype(str)
-    if names.shape != (n_record,):
-        raise InputError(f"event has shape {names.shape}; one per record, ({n_record},)")
+    names = shaped(event, (n_record,), "event").astype(str)
     own = np.array([name or f"\0{i}" for i, name in enumerate(names)])
     return np.unique(own, return_inverse=True)[1]

@@ -98,9 +98,7 @@ class Work(NamedTuple):
     slide: np.ndarray  # (n_joint,)
     asked_touch: np.ndarray  # (n_joint, 2) modes that the solution asks for
     asked_slide: np.ndarray  # (n_joint,)
-    row: (
-        np.ndarray
-    )  # (n_joint, 3, 4) constrained directions: x, y, arms on the bodies after, before
+    row: np.ndarray  # (n_joint, 3, 4) constrained directions: x, y, arms on after, before
     column: np.ndarray  # (n_joint, 3, 4) the same of the reactions
     block: np.ndarray  # (n_joint, 3, 3) eliminated diagonal blocks, reciprocals on the diagonal
     lower: np.ndarray  # (n_joint, 3, 3) coupling with the joint before
@@ -175,26 +173,17 @@ def model_of(chain: Chain) -> Model:
 def new_state(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) -> State:
     """Zeros for the state of one run, or of four with `lane_array` as `zeros`."""
     n_row, n_joint = model.mass.size, model.friction.size
-    joint = ("slide", "slip", "bore_face", "lost_since", "lost_slip", "lost_rotation", "impact")
-    sizes = {"loss": len(Loss), "clock": N_CLOCK, "count": len(Count), "energy": len(Energy)}
-    arrays = {name: zeros((n_joint,)) for name in joint}
-    arrays |= {name: zeros((size,)) for name, size in sizes.items()}
-    return State(
-        position=zeros((n_row, 3)),
-        velocity=zeros((n_row, 3)),
-        touch=zeros((n_joint, 2)),
-        peak=zeros((len(Peak),)),
-        **arrays,
-    )
+    first = {"position": n_row, "velocity": n_row, "loss": len(Loss), "clock": N_CLOCK}
+    first |= {"count": len(Count), "energy": len(Energy), "peak": len(Peak)}
+    shapes = zip(State._fields, STATE_SHAPES, strict=True)
+    return State(*(zeros((first.get(name, n_joint), *shape)) for name, shape in shapes))
 
 
 def new_work(model: Model, zeros: Callable[[tuple[int, ...]], Any] = np.zeros) -> Work:
     """Workspace for one run, or for four with `lane_array` as `zeros`."""
     n_row, n_joint = model.mass.size, model.friction.size
     arrays = {name: zeros((n_joint, *shape)) for name, shape in OF_JOINTS.items()}
-    for name, shape in OF_BODIES.items():
-        arrays[name] = zeros((n_row, *shape))
-    rotated = arrays["rotated"]
-    runs = runs_of(rotated) if isinstance(rotated, LaneArray) else rotated
+    work = Work(**arrays, **{name: zeros((n_row, *of)) for name, of in OF_BODIES.items()})
+    runs = runs_of(work.rotated) if isinstance(work.rotated, LaneArray) else work.rotated
     runs[:, 0] = 1.0
-    return Work(**arrays)
+    return work

@@ -179,7 +179,8 @@ def file_content(path: Path, columns: Columns | None = None) -> Content:
     if kind is not None:
         raise RecordError(f"{path}: this is an archive ({kind}), which is never unpacked here")
     raise RecordError(
-        f"{path}: the format is not recognised; {', '.join((*TEXT, *BINARY))} can be read"
+        f"{path}: the format is not recognised; {', '.join((*TEXT, *BINARY))} can be read; "
+        "what is no record goes out of the folder, or records are named by a pattern (*.AT2)"
     )
 
 

@@ -133,10 +133,7 @@ def _write_miniseed(part: Path, group: Sequence[Channel], unit: str, _: Path) ->
 
 
 def _seed_codes(group: Sequence[Channel]) -> list[tuple[str, str, str, str]]:
-    """Network, station, location and channel of each: its own if SEED can hold them, or new ones.
-
-    Then an instrument is a location, with horizontals HN1, HN2, ... and the vertical HNZ.
-    """
+    """Network, station, location and channel of each: its own if SEED can hold them, or new."""
     own = []
     for channel in group:
         stats = channel.trace.stats

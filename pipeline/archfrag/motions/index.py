@@ -32,6 +32,11 @@ _NUMBERS = {
 _APART = (*_NEEDED, "sha256", "accept", "accepted", "columns")
 
 
+def goes_with_records(path: Path) -> bool:
+    """Whether a file of this name lies beside records and is none: StationXML, an index."""
+    return path.suffix.lower() == ".xml" or path.name == INDEX_NAME
+
+
 @dataclass(frozen=True)
 class IndexEntry:
     """One row of an index.
@@ -108,10 +113,7 @@ def _table(source: Path) -> tuple[Sequence[str], list[dict[str, str]]]:
 
 
 def find_entry(path: str | Path) -> IndexEntry | None:
-    """Row that describes a file, in an index in its folder or the one above; None if none does.
-
-    A file called ``index.csv`` that is no table of records is passed over.
-    """
+    """Row that describes a file, in an index in its folder or the one above; None if none does."""
     record = Path(path).resolve()
     for folder in (record.parent, record.parent.parent):
         index = folder / INDEX_NAME

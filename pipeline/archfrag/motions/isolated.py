@@ -50,11 +50,7 @@ class Reader:
         os.register_at_fork(after_in_child=self._forget)
 
     def read(self, path: str, formats: tuple[str, ...]) -> Content | None:
-        """Read a file in the first of the formats that it is in; None if it is in none of them.
-
-        Where only one format is named the file is taken to be in it. Unreadable is raised if it
-        cannot be read, or ended the process.
-        """
+        """Read a file in the first of the formats that it is in, or in the only one named."""
         with self._lock:
             try:
                 name, answer = self._ask(path, formats)

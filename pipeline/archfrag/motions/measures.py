@@ -13,6 +13,7 @@ percentiles over 180 directions of the horizontal plane, Boore (2010), BSSA 100(
 
 import re
 from collections.abc import Callable, Iterable
+from difflib import get_close_matches
 from functools import partial
 from typing import NamedTuple
 
@@ -100,7 +101,9 @@ def parse_measure(name: str) -> Measure:
         return Measure(text, (), _PLAIN[text])
     found = _WITH_PERIODS.fullmatch(text)
     if not found:
-        raise InputError(f"unknown intensity measure {name!r}; allowed are {_ALLOWED}")
+        meant = [key for key in _PLAIN if get_close_matches(text.upper(), [key.upper()])]
+        hint = f" (did you mean {meant[0]}?)" if meant else ""
+        raise InputError(f"unknown intensity measure {name!r}{hint}; allowed are {_ALLOWED}")
     kind = _SPELLINGS.get(found.group(1), found.group(1))
     try:
         periods = tuple(float(part) for part in found.group(2).split(","))

@@ -71,11 +71,7 @@ def peaks_by_angle(
     one: NDArray[np.float64], other: NDArray[np.float64],
     largest: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:  # fmt: skip
-    """Largest |one cos(angle) + other sin(angle)| at 0, 1, … 179 degrees, (180,).
-
-    `largest` is what was found before, and is raised in place. Points within a circle that no
-    direction needs are left out.
-    """
+    """Largest |one cos(angle) + other sin(angle)| at 0, 1, … 179 degrees, and of `largest`."""
     if largest is None:
         largest = np.zeros(_ANGLES.size)
     points = np.column_stack((one.ravel(), other.ravel()))

@@ -9,11 +9,10 @@ import numpy as np
 
 from archfrag.report.summary import reading_scale
 from archfrag.simulate import Onset, onset
-from archfrag.study.cautions import cautions_of_cube
 from archfrag.study.config import Study
 from archfrag.study.cube import read_timings
 from archfrag.study.curves import Answer
-from archfrag.study.fits import FITS, load_answers, load_fits, open_cube
+from archfrag.study.fits import FITS, cautions_of_cube, load_answers, load_fits, open_cube
 from archfrag.study.members import members, shown
 from archfrag.study.records import load_prepared, load_record
 from archfrag.study.steps import require

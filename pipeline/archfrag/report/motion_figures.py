@@ -15,7 +15,7 @@ from archfrag.report.inputs import ReportInputs
 from archfrag.report.picture import FloatArray, Picture, number
 from archfrag.report.plot import Entry, Panel, Sheet, picture
 from archfrag.report.summary import Scale
-from archfrag.study.cautions import accepted_records
+from archfrag.study.fits import accepted_records
 
 if TYPE_CHECKING:
     from archfrag.motions.motion import Motion

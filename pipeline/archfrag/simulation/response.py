@@ -102,7 +102,7 @@ class Response:
         With a history only: every change of the mechanism, up to a bound of 50,000; ``print``
         one to read it, ``pandas.DataFrame(response.mechanism)`` for a table.
     history : xarray.Dataset or None
-    steps, iterations, paths, shortened, fallbacks : int
+    steps, fallbacks : int
         As in `work`; fallbacks are its "compliant".
     """
 
@@ -136,21 +136,6 @@ class Response:
     def steps(self) -> int:
         """Integration steps."""
         return self.work["steps"]
-
-    @property
-    def iterations(self) -> int:
-        """Linear contact problems solved on all voussoirs."""
-        return self.work["iterations"]
-
-    @property
-    def paths(self) -> int:
-        """Contact problems that needed the solution path."""
-        return self.work["paths"]
-
-    @property
-    def shortened(self) -> int:
-        """Steps halved."""
-        return self.work["shortened"]
 
     @property
     def fallbacks(self) -> int:

@@ -1,7 +1,6 @@
 """The runs of a batch on dask workers: round by round, resumable, with bounded memory."""
 
 import contextlib
-import inspect
 import logging
 import sys
 import time
@@ -44,6 +43,7 @@ LOOK_AFTER = 0.5  # between looks whether workers are there [s]
 LOSSES_ALLOWED = 3
 PATIENCE = 60.0
 ANSWER_WITHIN = 10.0
+_GO_ON = "finished parts are kept, the same command with --resume goes on"
 _SETTINGS: dict[str, Any] = {
     "distributed.scheduler.allowed-failures": LOSSES_ALLOWED,
     # A kernel holds its worker's only thread, and with it the heartbeat, for an entire run.
@@ -106,10 +106,7 @@ def run_batch(
                 work = [(cases, factors[missing[rows]]) for rows, cases in chunks]
                 for done in executor.results(work):
                     if not store.add(Path(done["part"])):
-                        raise WorkerError(
-                            f"{done['part']}: a worker wrote it, but it cannot be read back; "
-                            "other finished parts are kept, the same command with --resume goes on"
-                        )
+                        raise WorkerError(f"{done['part']}: cannot be read back; {_GO_ON}")
                     bar.update(int(done["runs"]))
                     log.kernel_time += done["kernel_time"]
                     log.peak_memory[str(done["pid"])] = done["peak_memory"]
@@ -134,9 +131,8 @@ def cut(cases: Cases, chunk: int | None, workers: int) -> list[tuple[slice, Case
     borders = np.flatnonzero((kind[:, 1:] != kind[:, :-1]).any(axis=0)) + 1
     chunks = []
     for start, end in pairwise([0, *borders.tolist(), len(cases)]):
-        for first in range(start, end, most):
-            rows = slice(first, min(first + most, end))
-            chunks.append((rows, cases[rows]))
+        rows = [slice(first, min(first + most, end)) for first in range(start, end, most)]
+        chunks += [(each, cases[each]) for each in rows]
     return chunks
 
 
@@ -192,12 +188,9 @@ def _compile_kernels(names: list[str], bar: tqdm) -> None:
     """Compile the kernels of some methods, which the bar then shows, if they are not."""
     from archfrag.simulate import kernels_are_compiled, warmup
 
-    options: dict[str, Any] = {}
-    if "progress" in inspect.signature(warmup).parameters:
-        options["progress"] = bar.set_description
     for name in names:
         if not kernels_are_compiled(name):  # else each worker loads them for itself
-            warmup(name, **options)
+            warmup(name, progress=bar.set_description)
 
 
 def kernels_needed(study: Study, plan: Plan) -> list[str]:
@@ -209,30 +202,24 @@ def kernels_needed(study: Study, plan: Plan) -> list[str]:
     arches = members(study, len(plan.records)).entries
     bodies = {entry.build().n_voussoir for entry in arches}
     breaks = {record.breaks for record in plan.records}
-    names = {}
+    names: list[str] = []
     for method in plan.methods:
         if method["name"] != AUTO:
-            names[method["name"]] = True
+            names.append(method["name"])
             continue
         rtol = defaults["rtol"] if method["rtol"] is None else method["rtol"]
         coarse = method["settings"].get("coarse", defaults["coarse"])
         by_events = {goes_by_events(n, each, rtol, coarse) for n in bodies for each in breaks}
-        names |= {(AUTO, "event_driven")[by]: True for by in sorted(by_events)}
-    return list(names)
+        names += [(AUTO, "event_driven")[by] for by in sorted(by_events)]
+    return list(dict.fromkeys(names))
 
 
-@contextlib.contextmanager
-def _progress(quiet: bool) -> Iterator[tqdm]:
-    with tqdm(
-        total=0,
-        unit="run",
-        desc="simulations",
-        disable=quiet,
-        file=sys.stderr,
-        dynamic_ncols=True,
-        mininterval=0.2 if sys.stderr.isatty() else 10.0,
-    ) as bar:
-        yield bar
+def _progress(quiet: bool) -> tqdm:
+    interval = 0.2 if sys.stderr.isatty() else 10.0
+    return tqdm(
+        total=0, unit="run", desc="simulations", disable=quiet, file=sys.stderr,
+        dynamic_ncols=True, mininterval=interval,
+    )  # fmt: skip
 
 
 def _count(bar: tqdm, asked: int, missing: int) -> None:
@@ -267,28 +254,18 @@ def _client(study: Study, count: int) -> Iterator[Client]:
     with contextlib.ExitStack() as stack:
         stack.enter_context(dask.config.set(settings))
         try:
-            if address is None:
-                target = stack.enter_context(
-                    LocalCluster(
-                        n_workers=count,
-                        threads_per_worker=1,
-                        processes=True,
-                        memory_limit=MEMORY_LIMIT,
-                        # Whoever reaches a scheduler may run code: these credentials are known
-                        # to the processes of this cluster only.
-                        security=Security.temporary(),
-                        dashboard_address="127.0.0.1:0",  # any: two studies may run at once
-                        silence_logs=logging.CRITICAL,
-                    )
-                )
-            else:
-                target = address
+            # Whoever reaches a scheduler may run code: the credentials are known to the processes
+            # of this cluster only. Any port, since two studies may run at once.
+            target = address or stack.enter_context(LocalCluster(
+                n_workers=count, threads_per_worker=1, processes=True, memory_limit=MEMORY_LIMIT,
+                security=Security.temporary(), dashboard_address="127.0.0.1:0",
+                silence_logs=logging.CRITICAL,
+            ))  # fmt: skip
             client = stack.enter_context(Client(target, timeout=ANSWER_WITHIN))
         except (OSError, TimeoutError, ValueError, RuntimeError) as error:
             what = f"execution.scheduler: {address}" if address else "the local workers"
-            raise WorkerError(
-                f"{what} cannot be used: {error or type(error).__name__}; finished parts are kept"
-            ) from error
+            why = error or type(error).__name__
+            raise WorkerError(f"{what} cannot be used: {why}; finished parts are kept") from error
         yield client
 
 
@@ -301,10 +278,8 @@ def _result(future: Future) -> list[dict[str, float]] | None:
     except TimeoutError:
         return None
     except KilledWorker as error:
-        raise WorkerError(
-            f"{future.key}: its worker was killed or ran out of memory {LOSSES_ALLOWED + 1} "
-            "times; finished parts are kept, the same command with --resume goes on"
-        ) from error
+        lost = f"its worker was killed or ran out of memory {LOSSES_ALLOWED + 1} times"
+        raise WorkerError(f"{future.key}: {lost}; {_GO_ON}") from error
 
 
 class _Workers:
@@ -325,19 +300,15 @@ class _Workers:
         kinds = [(int(cases["stage"][0]), int(cases["arch"][0])) for cases, _ in work]
         bundles = Bundles(lengths, kinds, self.size, self._rates)
 
-        def send(count: int) -> None:
-            for _ in range(count):
-                bundle = bundles.take()
-                if not bundle:
-                    return
+        def send() -> None:
+            if bundle := bundles.take():
                 chunks = [work[chunk] for chunk in bundle]
                 key = f"runs-{plan.keys(chunks[0][0][:1], chunks[0][1][:1]).tobytes().hex()}"
-                future = self._client.submit(
-                    run_chunks, str(plan.path), chunks, key=key, pure=False
-                )
-                at_work[future] = bundle
+                sent = self._client.submit(run_chunks, str(plan.path), chunks, key=key, pure=False)
+                at_work[sent] = bundle
 
-        send(IN_FLIGHT * max(1, self.size))
+        for _ in range(IN_FLIGHT * max(1, self.size)):
+            send()
         try:
             while at_work:
                 with contextlib.suppress(TimeoutError):
@@ -347,9 +318,8 @@ class _Workers:
                     results = _result(future)
                     if results is not None:
                         bundle = at_work.pop(future)
-                        walls = [each["wall_time"] for each in results]
-                        bundles.learn(zip(bundle, walls))
-                        send(1)
+                        bundles.learn(zip(bundle, (each["wall_time"] for each in results)))
+                        send()
                         yield from results
         finally:
             if at_work:
@@ -371,7 +341,5 @@ class _Workers:
         lost = len(self._seen) - max(self.size, len(present))
         own = self._client.cluster is not None
         if now - self._alive_at > PATIENCE or (own and lost > LOSSES_ALLOWED * self.size):
-            raise WorkerError(
-                f"{lost} workers were lost (killed, or out of memory) and {len(present)} are "
-                "left; finished parts are kept, the same command with --resume goes on"
-            )
+            left = f"and {len(present)} are left"
+            raise WorkerError(f"{lost} workers were killed or out of memory {left}; {_GO_ON}")

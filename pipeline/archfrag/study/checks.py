@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import OutputError, StudyError
 from archfrag.study.config import Study, load_study
 from archfrag.study.cube import refuse_foreign_cube
@@ -25,6 +26,9 @@ from archfrag.study.members import (
 from archfrag.study.records import measured, read_sources, study_inputs
 
 STUDY_FILE = "study.yaml"
+# Beyond these a unit may have been mistaken: friction, size [m], levels over the onset.
+MOST_FRICTION, LARGEST, FAR_BEYOND = 2.0, 300.0, 10.0
+MOST_ASKED = 12  # arches
 
 
 def check_arches(study: Study, n_record: int = 1) -> Members:
@@ -33,6 +37,32 @@ def check_arches(study: Study, n_record: int = 1) -> Members:
     check_buildable(found)
     check_standing(found)
     return found
+
+
+def doubts(study: Study, found: Members) -> tuple[str, ...]:
+    """What can be, but so rarely that a unit may have been mistaken; of the first arches."""
+    from archfrag.simulate import onset
+
+    levels = np.array(study.intensity.si) / STANDARD_GRAVITY
+    onset_counts = study.intensity.measure == "PGA" and not study.motions.vertical
+    messages = []
+    for member in list(found)[:MOST_ASKED]:
+        arch = member.entry.build()
+        friction = max(filter(math.isfinite, arch.chain.friction.tolist()), default=0.0)
+        size = float(np.ptp(arch.chain.centroid, axis=0).max())
+        start = onset(arch)
+        least = min(start.plus, start.minus)
+        for wrong, text in (
+            (friction > MOST_FRICTION, f"friction {friction:.3g} is a coefficient beyond that of "
+             "any masonry; was an angle meant?"),
+            (size > LARGEST, f"the arch is {size:.0f} m large; lengths are in m"),
+            (onset_counts and levels.max() <= least, "no level is above the onset of motion "
+             f"({least:.3g} g); is their unit right?"),
+            (onset_counts and levels.min() > FAR_BEYOND * least, "all levels are more than "
+             f"{FAR_BEYOND:.0f} times the onset of motion ({least:.3g} g); is their unit right?"),
+        ):  # fmt: skip
+            messages += [f"{member.id}: {text}"] if wrong else []
+    return tuple(messages)
 
 
 def check_output(study: Study) -> None:
@@ -47,10 +77,8 @@ def check_output(study: Study) -> None:
     except StudyError:
         return
     if owner != study.id:
-        raise OutputError(
-            f"{study.folder}: holds results of study {owner!r}, not of study {study.id!r}; "
-            "give the studies different output folders"
-        )
+        whose = f"holds results of study {owner!r}, not of study {study.id!r}"
+        raise OutputError(f"{study.folder}: {whose}; give the studies different output folders")
 
 
 def _check_writable(folder: Path) -> None:
@@ -81,12 +109,11 @@ class Summary:
     # About so many runs by the coarse method come before, for a design in two stages.
     coarse_runs: int = 0
     classes: tuple[ClassSummary, ...] = ()  # of arches that were drawn or come from a table
+    cautions: tuple[str, ...] = ()  # what is possible but doubtful
 
     def __str__(self) -> str:
         """All but the name in one line."""
-        runs = (
-            f"{self.runs} runs" if self.extent == "exactly" else f"{self.extent} {self.runs} runs"
-        )
+        runs = f"{self.extent} {self.runs} runs".removeprefix("exactly ")
         text = f"{self.arches} arches, {self.records} records, {self.levels} levels, {runs}"
         if self.design != "stripes":
             text += f" by design {self.design}"
@@ -97,27 +124,19 @@ def check_study(study: Study) -> Summary:
     """Check all of a study without running it: arches stand, records are read and scaled."""
     found = check_arches(study)
     study_inputs(study)
-    records = 0
-    for motion in read_sources(study):
-        measured(motion, study)
-        records += 1
+    records = sum(1 for motion in read_sources(study) if measured(motion, study))
     if not records:
         raise StudyError("motions: the study has no record")
     if needs_records(study.arches):
         found = check_arches(study, records)
     check_output(study)
-    return summary_of(study, found, records)
-
-
-def summary_of(study: Study, found: Members, records: int) -> Summary:
-    """What a study with these arches and so many records amounts to."""
     design, levels = study.design, len(study.intensity.si)
     met, arches = np.unique(found.meets(records).sum(axis=1), return_counts=True)
     each = [_runs_of(design, int(count), levels) for count in met]
     runs, coarse = (sum(part[i] * n for part, n in zip(each, arches.tolist())) for i in (0, 1))
     return Summary(
         study.id, len(found), records, levels, design.kind, runs, each[0][2], coarse,
-        summaries(found),
+        summaries(found), doubts(study, found),
     )  # fmt: skip
 
 

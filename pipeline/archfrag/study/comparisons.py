@@ -26,14 +26,14 @@ def free_shapes(runs: Runs, confidence: float) -> dict[str, Any]:
     from archfrag.fragility.runs import Resampling, gather_runs
     from archfrag.fragility.shapes import isotonic_curve, kernel_curve
 
-    verdict = runs.verdict
+    verdict, level = runs.verdict.ravel(), runs.level.ravel()
     if runs.design in GRIDS:
-        verdict = fill_verdicts(verdict, "first" if runs.design != "stripes" else "fewest")
+        rule: Any = "first" if runs.design != "stripes" else "fewest"
+        verdict, level = fill_verdicts(runs.verdict, rule), runs.level
     resampling = Resampling(_SEED, 300, confidence)
     shaped: dict[str, Any] = {}
     try:
-        grid = runs.design in GRIDS
-        own = gather_runs(verdict if grid else verdict.ravel(), _as_given(runs), event=runs.group)
+        own = gather_runs(verdict, level, event=runs.group)
         for curve in (isotonic_curve(own, resampling), kernel_curve(own, resampling)):
             band = curve.band(curve.im)
             shaped[curve.kind] = {
@@ -45,10 +45,6 @@ def free_shapes(runs: Runs, confidence: float) -> dict[str, Any]:
     except FitError as error:
         shaped["none"] = str(error)
     return shaped
-
-
-def _as_given(runs: Runs) -> FloatArray:
-    return runs.level if runs.design in GRIDS else runs.level.ravel()
 
 
 def cloud_curves(cube: "xr.Dataset", runs: Runs, confidence: float) -> dict[str, Any]:
@@ -66,16 +62,14 @@ def cloud_curves(cube: "xr.Dataset", runs: Runs, confidence: float) -> dict[str,
     # A run without motion has no response to regress.
     moved = (response > 0.0) | (fell == 1)
     some = None if event is None else event[moved]
-    made = {
-        "logistic": lambda: cloud_binary(level, fell, resampling, event=event),
-        "modified": lambda: cloud_modified(
-            level[moved], response[moved], fell[moved], limit, resampling, event=some
-        ),
-    }
+    moving = level[moved], response[moved], fell[moved], limit
     found: dict[str, Any] = {}
-    for name, make in made.items():
+    for name in ("logistic", "modified"):
         try:
-            curve = make()
+            if name == "logistic":
+                curve = cloud_binary(level, fell, resampling, event=event)
+            else:
+                curve = cloud_modified(*moving, resampling, event=some)
         except (FitError, InputError) as error:
             found[name] = {"none": str(error)}
             continue
@@ -139,8 +133,13 @@ def limit_states(cube: "xr.Dataset", runs: Runs, keys: Mapping[str, float]) -> d
     exceeded = np.stack(
         [np.where(decided, reached, -1).astype(np.int64) for _, _, reached in states], axis=-1
     )
-    if runs.design in ("ida", "two_stage"):
-        exceeded = _filled(exceeded, states)
+    if runs.design in ("ida", "two_stage"):  # where the runs of a record imply others
+        for i in range(len(states)):
+            unknown = exceeded[..., i] < 0
+            codes = fill_verdicts(
+                np.where(unknown, Verdict.NOT_SIMULATED, exceeded[..., i]), "first"
+            )
+            exceeded[..., i] = np.where(codes == Verdict.NOT_SIMULATED, -1, codes)
     names, meanings = [state[0] for state in states], [state[1] for state in states]
     found = fit_limit_states(exceeded, runs.level, names, meanings)
     return {
@@ -150,16 +149,6 @@ def limit_states(cube: "xr.Dataset", runs: Runs, keys: Mapping[str, float]) -> d
              "curve": curve_to_dict(each.fit or each.none)} for each in found.states
         ],
     }  # fmt: skip
-
-
-def _filled(exceeded: NDArray[np.int64], states: Sequence[Any]) -> NDArray[np.int64]:
-    """Cells that were not simulated, where the runs of the record imply them."""
-    filled = exceeded.copy()
-    for place in range(len(states)):
-        codes = np.where(exceeded[..., place] < 0, Verdict.NOT_SIMULATED, exceeded[..., place])
-        done = fill_verdicts(codes, "first")
-        filled[..., place] = np.where(done == Verdict.NOT_SIMULATED, -1, done)
-    return filled
 
 
 def dispersion_split(members: Sequence[Runs], answers: Sequence[Answer]) -> dict[str, Any]:

@@ -48,51 +48,24 @@ class Runs:
 
 @dataclass(frozen=True)
 class Answer:
-    """Curve of an arch or a class, how well it is known, and what else follows from its runs.
+    """Curve of an arch or a class, how well it is known, and what else follows from its runs."""
 
-    Attributes
-    ----------
-    curve : Fragility or str
-        Theta in the SI unit of the measure; or the message why there is none.
-    likelihood : Fragility or str
-        By maximum likelihood, for comparison.
-    theta, beta : (float, float)
-        Intervals.
-    im, lower, upper : list of float
-        Band of the probability of collapse [SI].
-    confidence : float
-    method, assumptions : str
-        Of the band.
-    n_independent : float
-        Records or runs that the data are worth.
-    n_islands : int
-        Runs against the capacity of their record.
-    more : dict
-        Further results by name, as plain values.
-    """
-
-    curve: Fragility | str
-    likelihood: Fragility | str
-    theta: tuple[float, float] = (np.nan, np.nan)
-    beta: tuple[float, float] = (np.nan, np.nan)
-    im: list[float] = field(default_factory=list)
-    lower: list[float] = field(default_factory=list)
+    curve: Fragility | str  # theta in the SI unit of the measure; or why there is none
+    likelihood: Fragility | str  # by maximum likelihood, for comparison
+    theta: tuple[float, float] = (np.nan, np.nan)  # interval
+    beta: tuple[float, float] = (np.nan, np.nan)  # interval
+    im: list[float] = field(default_factory=list)  # of the band [SI]
+    lower: list[float] = field(default_factory=list)  # band of the probability of collapse
     upper: list[float] = field(default_factory=list)
     confidence: float = 0.9
-    method: str = ""
-    assumptions: str = ""
-    n_independent: float = 0.0
-    n_islands: int = 0
-    more: dict[str, Any] = field(default_factory=dict)
+    method: str = ""  # of the band
+    assumptions: str = ""  # of the band
+    n_independent: float = 0.0  # records or runs that the data are worth
+    n_islands: int = 0  # runs against the capacity of their record
+    more: dict[str, Any] = field(default_factory=dict)  # further results by name, plain values
 
     def probability(self, im: float) -> tuple[float, float, float]:
-        """Probability of collapse at an intensity, and its band.
-
-        Raises
-        ------
-        InputError
-            If there is no curve.
-        """
+        """Probability of collapse at an intensity, and its band; refused without a curve."""
         if isinstance(self.curve, str):
             raise InputError(self.curve)
         low, high = (float(np.interp(im, self.im, side)) for side in (self.lower, self.upper))
@@ -174,9 +147,8 @@ def classes_of_cube(cube: "xr.Dataset", runs: Sequence[Runs]) -> dict[str, Runs]
 
 def answer(runs: Runs, confidence: float) -> Answer:
     """Curve of some runs with the band and the intervals that are quoted."""
-    likelihood = _or_message(lambda: likeliest(runs))
-    top = 1.05 * float(np.nanmax(runs.level))
-    im = np.linspace(0.0, top, POINTS)
+    likelihood = likeliest(runs)
+    im = np.linspace(0.0, 1.05 * float(np.nanmax(runs.level)), POINTS)
     try:
         if len(runs.verdict) < 2:
             raise FitError("there is only one record, from which no curve follows")
@@ -196,19 +168,10 @@ def answer(runs: Runs, confidence: float) -> Answer:
     except FitError as error:
         return Answer(str(error), likelihood, confidence=confidence)
     return Answer(
-        curve=quoted.curve,
-        likelihood=likelihood,
-        theta=quoted.theta,
-        beta=quoted.beta,
-        im=im.tolist(),
-        lower=quoted.band.lower.tolist(),
-        upper=quoted.band.upper.tolist(),
-        confidence=confidence,
-        method=quoted.method,
-        assumptions=quoted.assumptions,
-        n_independent=quoted.n_independent,
-        n_islands=quoted.n_islands,
-    )
+        quoted.curve, likelihood, quoted.theta, quoted.beta,
+        im.tolist(), quoted.band.lower.tolist(), quoted.band.upper.tolist(), confidence,
+        quoted.method, quoted.assumptions, quoted.n_independent, quoted.n_islands,
+    )  # fmt: skip
 
 
 def two_fidelities(runs: Runs, im: FloatArray, confidence: float) -> Answer | None:
@@ -242,21 +205,16 @@ def two_fidelities(runs: Runs, im: FloatArray, confidence: float) -> Answer | No
     )  # fmt: skip
 
 
-def likeliest(runs: Runs) -> Fragility:
+def likeliest(runs: Runs) -> Fragility | str:
     """Curve by maximum likelihood: of stripes and single runs binomial, else of brackets."""
-    if runs.design in ("ida", "two_stage"):
-        found = find_brackets(runs.verdict, runs.level, "first").known()
-        return fit_brackets(found.lower, found.upper)
     decided = runs.decided
     level = np.broadcast_to(runs.level, runs.verdict.shape)[decided]
     distinct, place = np.unique(level, return_inverse=True)
     fell = np.bincount(place, runs.verdict[decided] == Verdict.COLLAPSED, distinct.size)
-    return fit_stripes(distinct, fell, np.bincount(place, minlength=distinct.size))
-
-
-def _or_message(make: Any) -> Fragility | str:
     try:
-        found: Fragility = make()
+        if runs.design in ("ida", "two_stage"):
+            found = find_brackets(runs.verdict, runs.level, "first").known()
+            return fit_brackets(found.lower, found.upper)
+        return fit_stripes(distinct, fell, np.bincount(place, minlength=distinct.size))
     except FitError as error:
         return str(error)
-    return found

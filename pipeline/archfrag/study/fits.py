@@ -1,6 +1,7 @@
-"""From the cube of a study to its fragility curves."""
+"""From the cube of a study to its fragility curves, and what to know before these are used."""
 
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -8,13 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from archfrag.errors import InputError
+from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
 from archfrag.fragility.curve import Fragility
 from archfrag.study import comparisons, curves
+from archfrag.study.checks import doubts
 from archfrag.study.config import Study
 from archfrag.study.cube import CUBE, refuse_foreign_cube
 from archfrag.study.curves import Answer
 from archfrag.study.files import write_text
-from archfrag.study.members import shown
+from archfrag.study.members import members, shown
 from archfrag.study.provenance import finite
 
 if TYPE_CHECKING:
@@ -77,14 +80,10 @@ def fit_cube(study: Study) -> dict[str, Answer]:
         for some in (answers, classes)
     )
     content = {
-        "study": study.id,
-        "measure": study.intensity.measure,
-        "unit": unit,
-        "design": design,
+        "study": study.id, "measure": study.intensity.measure, "unit": unit, "design": design,
         "fits": {name: each["curve"] for name, each in plain.items()},
-        "arches": plain,
-        "classes": of_classes,
-    }
+        "arches": plain, "classes": of_classes,
+    }  # fmt: skip
     text = json.dumps(finite(content, None), indent=1, ensure_ascii=False, allow_nan=False)
     write_text(study.folder / FITS, text + "\n")
     return {name: Answer.from_dict(each) for name, each in plain.items()}
@@ -142,3 +141,102 @@ def load_fits(path: Path) -> dict[str, Fragility | str]:
         If the file is missing or damaged.
     """
     return {name: answer.curve for name, answer in load_answers(path).items()}
+
+
+MOST_UNDECIDED = 0.05  # fraction of the runs at a level
+MOST_SCALING = 10.0
+MOST_NAMED = 12  # arches; of more only their number
+
+
+def study_cautions(study: Study) -> list[str]:
+    """All that a study's cube gives reason to caution, levels in the study's unit."""
+    with open_cube(study) as cube:
+        return cautions_of_cube(study, cube)
+
+
+def cautions_of_cube(study: Study, cube: "xr.Dataset") -> list[str]:
+    """`study_cautions` of a cube that is available."""
+    levels = [f"{level:.4g} {study.intensity.unit}" for level in study.intensity.given]
+    if cube["intensity"].ndim > 1:
+        levels = ["levels of their own"]
+    names = cube["arch"].values.astype(str).tolist()
+    verdict = cube["verdict"].transpose("arch", "record", "level").values
+    counts = [undecided(count_verdicts(own), levels) for own in verdict]
+    found = [f"{name}: {message}" for name, message in zip(names, counts) if message]
+    found += doubts(study, members(study, cube.sizes["record"]))
+    found += design_cautions(json.loads(cube.attrs.get("archfrag_design", "{}")))
+    return found + [each for each in (scaled_far(cube), one_event(cube)) if each]
+
+
+def one_event(cube: "xr.Dataset") -> str:
+    """Message on records that are all of one earthquake; empty if they are not."""
+    events = cube["event"].values.astype(str) if "event" in cube else np.array([""])
+    if len(events) < 2 or (events != events[0]).any() or not events[0]:
+        return ""
+    return (
+        f"all records are of one earthquake ({events[0]}): what varies from earthquake to "
+        "earthquake is neither in the dispersion nor in the bands"
+    )
+
+
+def design_cautions(design: Mapping[str, Any]) -> list[str]:
+    """Messages on what a design did not reach, or found against its own assumption."""
+    found, against = [], dict[str, tuple[int, int]]()
+    for name, note in design.get("arches", {}).items():
+        if note.get("why"):
+            found.append(
+                f"{name}: the median is known to {100 * note['half_width']:.2g} % instead of the "
+                f"{100 * design['precision']['theta']:.2g} % wanted: {note['why']}"
+            )
+        if note.get("contradictions"):
+            against[name] = (note["contradictions"], note["checked"])
+    if len(against) > MOST_NAMED:
+        sums = np.sum(list(against.values()), axis=0).tolist()
+        against = {f"{len(against)} arches": (sums[0], sums[1])}
+    for name, (count, checked) in against.items():
+        found.append(
+            f"{name}: {count} of {checked} runs at random contradict the capacity of their "
+            "record, which has more than one border then; the lowest level that was found to "
+            "cause collapse is taken"
+        )
+    return found
+
+
+def undecided(counts: VerdictCounts, levels: Sequence[str]) -> str:
+    """Message on unfinished and failed runs; empty if at no level they are too many."""
+    lost = counts.unfinished + counts.solver_failures
+    fraction = lost / np.maximum(counts.runs, 1)
+    many = int(np.count_nonzero(fraction > MOST_UNDECIDED))
+    if not many:
+        return ""
+    worst = int(fraction.argmax())
+    return (
+        f"more than {100 * MOST_UNDECIDED:g} % of the runs are unfinished or failed at {many} of "
+        f"{len(levels)} levels (most: {lost[worst]} of {counts.runs[worst]} at {levels[worst]}); "
+        "they count neither as collapse nor as survival, and the curve may be off by more than "
+        "its band"
+    )
+
+
+def scaled_far(cube: "xr.Dataset") -> str:
+    """Message on motions that are scaled too far; empty if there is none."""
+    made = cube["verdict"].transpose("arch", "record", "level").values != Verdict.NOT_SIMULATED
+    factors = np.broadcast_to(cube["scale_factor"].values, made.shape)
+    largest = np.where(made, factors, 0.0).max(axis=(0, 2))
+    far = int(np.count_nonzero(largest > MOST_SCALING))
+    if not far:
+        return ""
+    record = int(largest.argmax())
+    return (
+        f"{far} of {largest.size} motions are scaled by more than {MOST_SCALING:g} (most: "
+        f"{cube['record'].values[record]!s} by {largest[record]:.3g}), which makes weak motions "
+        "into strong ones of another kind"
+    )
+
+
+def accepted_records(cube: "xr.Dataset") -> str:
+    """Message on records that the study accepts against a doubt; empty if there is none."""
+    doubts = cube["accepted"].values.astype(str) if "accepted" in cube else ()
+    listed = zip(cube["record"].values, doubts)
+    named = [f"{record!s} ({doubt})" for record, doubt in listed if doubt]
+    return f"accepted although something is odd about them: {', '.join(named)}" if named else ""

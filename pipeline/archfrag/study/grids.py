@@ -10,8 +10,18 @@ from scipy.special import entr, ndtr
 
 from archfrag.fragility.counts import Verdict
 from archfrag.study.design import Ida, TwoStage
-from archfrag.study.precision import LEAST_RECORDS, Stop, known_so_far, more_needed
-from archfrag.study.rounds import COARSE, FINE, Cases, Strand, Verdicts, cases_of
+from archfrag.study.rounds import (
+    COARSE,
+    FINE,
+    LEAST_RECORDS,
+    Cases,
+    Stop,
+    Strand,
+    Verdicts,
+    cases_of,
+    known_so_far,
+    more_needed,
+)
 
 FIRST_RECORDS = 10  # searched without knowing what others have shown
 # A run that stands goes on to the end of the record and costs five times one that collapses. With

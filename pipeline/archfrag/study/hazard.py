@@ -1,5 +1,6 @@
 """Hazard curves of a site from files: plain CSV, OpenQuake's CSV and NRML."""
 
+import contextlib
 import csv
 import re
 from collections.abc import Sequence
@@ -10,7 +11,7 @@ import numpy as np
 
 from archfrag.errors import InputError
 from archfrag.fragility.hazard_curve import HazardCurve
-from archfrag.motions.measures import Measure, measure_unit, parse_measure
+from archfrag.motions.measures import measure_unit, parse_measure
 from archfrag.study.config import LEVEL_UNITS
 
 _LARGEST = 100_000_000  # [bytes] of a file
@@ -25,35 +26,24 @@ _HEADER_RULE = (
 
 @dataclass(frozen=True)
 class Hazard:
-    """How often a site's motions exceed an intensity.
+    """How often a site's motions exceed an intensity."""
 
-    Attributes
-    ----------
-    measure : str
-        Of the study it is for.
-    source : str
-        File or files.
-    curves : dict of str to HazardCurve
-        Intensity in the SI unit of the measure. The first is the one that risk is quoted of;
-        others are quantiles or branches of the epistemic uncertainty.
-    notes : tuple of str
-        Messages on what was assumed.
-    """
-
-    measure: str
-    source: str
+    measure: str  # of the study it is for
+    source: str  # file or files
+    # Intensity in the SI unit of the measure. The first is the one that risk is quoted of, the
+    # mean where the file has it; others are quantiles or branches of the epistemic uncertainty.
     curves: dict[str, HazardCurve]
-    notes: tuple[str, ...] = ()
-
-    @property
-    def main(self) -> HazardCurve:
-        """The curve that risk is quoted of: the mean where the file has it."""
-        return next(iter(self.curves.values()))
+    notes: tuple[str, ...] = ()  # messages on what was assumed
 
     @property
     def main_name(self) -> str:
-        """Its name."""
+        """Name of the curve that risk is quoted of."""
         return next(iter(self.curves))
+
+    @property
+    def main(self) -> HazardCurve:
+        """The curve that risk is quoted of."""
+        return self.curves[self.main_name]
 
 
 def load_hazard(
@@ -100,8 +90,7 @@ def load_hazard(
                 part = _plain(text, measure, unit)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
-        double = found.keys() & part.curves.keys()
-        if double:
+        if double := found.keys() & part.curves.keys():
             raise InputError(
                 f"{path}: has the curve {min(double)!r}, which an earlier file has too"
             )
@@ -114,17 +103,13 @@ def load_hazard(
 
 def check_measure(stated: str, measure: str, component_known: bool) -> tuple[str, ...]:
     """Notes on a hazard of the measure `stated` used for a study of `measure`."""
-    wanted = parse_measure(measure)
-    try:
-        given: Measure | None = parse_measure(stated)
-    except InputError:
-        given = None
+    wanted, given = parse_measure(measure), None
+    with contextlib.suppress(InputError):
+        given = parse_measure(stated)
     if given == wanted:
         return ()
     if not component_known and given == wanted._replace(rotated=""):
-        return (
-            f"the file states {stated} and no component, which is taken to be that of {measure}",
-        )
+        return (f"the file states {stated} and no component, taken to be that of {measure}",)
     raise InputError(f"is a hazard of {stated}, but the study's levels are of {measure}")
 
 
@@ -157,9 +142,7 @@ def _text(path: Path) -> str:
     if not path.is_file():
         raise InputError(f"{path}: there is no such file of a hazard curve")
     if path.stat().st_size > _LARGEST:
-        raise InputError(
-            f"{path}: is larger than {_LARGEST // 1_000_000} MB, not a hazard curve's"
-        )
+        raise InputError(f"{path}: must have at most {_LARGEST} bytes, as hazard curves have")
     try:
         return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
@@ -168,11 +151,8 @@ def _text(path: Path) -> str:
 
 def _plain(text: str, measure: str, unit: str | None) -> Hazard:
     """Columns intensity and rates or probabilities; lines from # on are comments."""
-    lines = [
-        (i, line)
-        for i, line in enumerate(text.splitlines(), 1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
+    numbered = enumerate(text.splitlines(), 1)
+    lines = [(i, line) for i, line in numbered if line.strip() and line.lstrip()[0] != "#"]
     if not lines:
         raise InputError("is empty; a hazard curve in CSV or NRML is needed")
     try:
@@ -189,11 +169,12 @@ def _plain(text: str, measure: str, unit: str | None) -> Hazard:
         store[:] = [number(cell, f"line {line}, column {h!r}") for cell, h in zip(row, heads)]
     curves = {}
     for i, (name, years) in enumerate(columns, 1):
+        im, of = values[:, 0], values[:, i]
         try:
-            if years is None:
-                curve = HazardCurve.from_rates(values[:, 0], values[:, i])
-            else:
-                curve = HazardCurve.from_exceedance(values[:, 0], values[:, i], years)
+            curve = (
+                HazardCurve.from_rates(im, of) if years is None
+                else HazardCurve.from_exceedance(im, of, years)
+            )  # fmt: skip
         except InputError as error:
             raise InputError(f"column {heads[i]!r}: {error}") from None
         curves[name] = in_si(curve, factor)

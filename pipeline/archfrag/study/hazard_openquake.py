@@ -41,10 +41,8 @@ def read_openquake_csv(
     about = lines[0] if lines[0].startswith("#") else ""
     imt, years = _of_comment(about, "imt"), _of_comment(about, "investigation_time")
     if imt is None or years is None:
-        raise InputError(
-            "looks like OpenQuake's, but its first line does not state imt and "
-            "investigation_time; export it anew with the engine"
-        )
+        keys = "imt and investigation_time"
+        raise InputError(f"looks like OpenQuake's, but its first line does not state {keys}")
     kind = _of_comment(about, "kind")
     if kind is None:  # before version 3.9
         old = re.match(r"#\s*(mean|quantile-[0-9.]+)\b", about)
@@ -55,11 +53,11 @@ def read_openquake_csv(
     if not {"lon", "lat"} <= set(heads) or len(levels) < 2:
         raise InputError("has no columns lon, lat and at least two of poe-LEVEL")
     im = [number(heads[i][4:], f"the level of column {heads[i]!r}") for i in levels]
-    short = next((i for i, row in enumerate(rows) if len(row) != len(heads)), None)
-    if short is not None:
-        raise InputError(
-            f"row {short} of its sites has not the {len(heads)} columns of its header"
-        )
+    for i, row in enumerate(rows):
+        if len(row) != len(heads):
+            raise InputError(
+                f"row {i} of its sites has not the {len(heads)} columns of its header"
+            )
     lon, lat = heads.index("lon"), heads.index("lat")
     sites = [
         _Site(
@@ -91,8 +89,8 @@ def read_nrml(
     notes: tuple[str, ...] = ()
     refusal = None
     for group in groups:
-        period = group.get("saPeriod")
-        imt = group.get("IMT", "not stated") + (f"({period})" if period else "")
+        imt = group.get("IMT", "not stated")
+        imt += f"({period})" if (period := group.get("saPeriod")) else ""
         try:
             factor, notes_here = _factor(imt, measure, unit)
         except InputError as error:
@@ -146,14 +144,11 @@ def _choose(sites: Sequence[_Site], wanted: tuple[float, float] | None) -> _Site
         if len(sites) == 1:
             return sites[0]
         some = "; ".join(f"{site.lon:g},{site.lat:g}" for site in sites[:3])
-        raise InputError(
-            f"has {len(sites)} sites; choose one by longitude and latitude, such as {some}"
-        )
+        how = f"choose one by longitude and latitude, such as {some}"
+        raise InputError(f"has {len(sites)} sites; {how}")
     if not (abs(wanted[0]) <= 360.0 and abs(wanted[1]) <= 90.0):
-        raise InputError(
-            f"site {wanted[0]:g},{wanted[1]:g} is none: longitude comes first, latitude from -90 "
-            "to 90"
-        )
+        place = f"site {wanted[0]:g},{wanted[1]:g}"
+        raise InputError(f"{place} is none: longitude comes first, latitude from -90 to 90")
     away = _kilometres(np.array([[site.lon, site.lat] for site in sites]), wanted)
     nearest = sites[int(np.argmin(away))]
     if away.min() > FARTHEST:

@@ -2,7 +2,7 @@
 
 import json
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
@@ -13,8 +13,7 @@ from pydantic import TypeAdapter
 
 from archfrag.errors import GeometryError, InputError, StabilityError, StudyError
 from archfrag.study.arches import Chain, FromDrawing, StudyArch, Table, file_of
-from archfrag.study.fleet import read_fleet
-from archfrag.study.sampling import draw, listed
+from archfrag.study.fleet import draw, listed, read_fleet
 
 if TYPE_CHECKING:
     from archfrag.study.config import Study
@@ -43,52 +42,45 @@ class Member:
         return self.entry.id
 
 
-@dataclass(frozen=True)
-class Members:
+class Members(tuple[Member, ...]):
     """All arches of a study, in the order of its entries."""
 
-    members: tuple[Member, ...]
-
-    def __len__(self) -> int:
-        return len(self.members)
-
-    def __iter__(self) -> Iterator[Member]:
-        return iter(self.members)
+    __slots__ = ()
 
     @property
     def entries(self) -> tuple[Chain, ...]:
         """Arches, each with `build()`, `id` and `model_dump()`."""
-        return tuple(member.entry for member in self.members)
+        return tuple(member.entry for member in self)
 
     @property
     def ids(self) -> list[str]:
         """Names of the arches."""
-        return [member.id for member in self.members]
+        return [member.id for member in self]
 
     @property
     def classes(self) -> list[str]:
         """Class of each arch."""
-        return [member.arch_class for member in self.members]
+        return [member.arch_class for member in self]
 
     def of_class(self) -> dict[str, list[int]]:
         """Places of the arches of each class, classes in the order of the entries."""
         places: dict[str, list[int]] = {}
-        for place, member in enumerate(self.members):
-            places.setdefault(member.arch_class, []).append(place)
+        for place, name in enumerate(self.classes):
+            places.setdefault(name, []).append(place)
         return places
 
     def parameters(self) -> dict[str, NDArray[np.float64]]:
         """What arches differ by within their classes: name to (n_arch,); nan where fixed."""
-        columns = _columns([member.values for member in self.members], np.nan)
+        columns = _columns([member.values for member in self], np.nan)
         return {name: np.array(values) for name, values in columns.items()}
 
     def attributes(self) -> dict[str, list[str]]:
         """Attributes from tables: name to one text for each arch; empty where it has none."""
-        return _columns([member.attributes for member in self.members], "")
+        return _columns([member.attributes for member in self], "")
 
     def meets(self, n_record: int) -> NDArray[np.bool_]:
         """Which arch meets which record, (n_arch, n_record)."""
-        own = np.array([-1 if m.record is None else m.record for m in self.members])
+        own = np.array([-1 if m.record is None else m.record for m in self])
         return (own[:, None] < 0) | (own[:, None] == np.arange(n_record))
 
 
@@ -174,7 +166,7 @@ def summaries(given: Members) -> tuple[ClassSummary, ...]:
     """Classes whose arches were drawn or come from a table."""
     found = []
     for name, places in given.of_class().items():
-        own = Members(tuple(given.members[i] for i in places))
+        own = Members(given[i] for i in places)
         if not any(member.number or member.id != name for member in own):
             continue
         ranges = {
@@ -196,10 +188,9 @@ def check_buildable(given: Members) -> None:
             wrong.append((member, error))
     if wrong:
         first, why = wrong[0]
-        if not first.number:
-            raise StudyError(f"{first.place}: {why}") from why
-        which = _samples(given, [member for member, _ in wrong])
-        raise StudyError(f"{first.place}: cannot exist: {which}: {why}") from why
+        some = [member for member, _ in wrong]
+        which = f"cannot exist: {_samples(given, some)}: " if first.number else ""
+        raise StudyError(f"{first.place}: {which}{why}") from why
 
 
 def check_standing(given: Members) -> None:
@@ -225,13 +216,8 @@ def _samples(given: Members, some: Sequence[Member]) -> str:
 
 def _state_of_tables(entries: Sequence[Any]) -> tuple[tuple[int, int], ...]:
     """What distinguishes an edited table from the one that was read."""
-    found = []
-    for entry in entries:
-        path = file_of(entry)
-        if path is not None and path.is_file():
-            state = path.stat()
-            found.append((state.st_mtime_ns, state.st_size))
-    return tuple(found)
+    paths = [path for path in map(file_of, entries) if path is not None and path.is_file()]
+    return tuple((path.stat().st_mtime_ns, path.stat().st_size) for path in paths)
 
 
 # A study's arches are asked for by each of its steps.
@@ -254,15 +240,12 @@ def _expanded(
         )  # fmt: skip
         found += new
         if len(found) > MOST_MEMBERS:
-            raise StudyError(
-                f"{where}: makes more than {MOST_MEMBERS} arches with those before it; a study "
-                "must have no more"
-            )
+            most = f"{MOST_MEMBERS} arches with those before it"
+            raise StudyError(f"{where}: makes more than {most}; a study must have no more")
         for name in dict.fromkeys((entry.id, *(member.id for member in new))):
             if name in seen:
-                raise StudyError(
-                    f"{where}: an arch has the id {name!r}, which belongs to {seen[name]}"
-                )
+                whose = f"which belongs to {seen[name]}"
+                raise StudyError(f"{where}: an arch has the id {name!r}, {whose}")
             seen[name] = where
     return tuple(found)
 
@@ -296,9 +279,8 @@ def _of_entry(
     else:
         owners = [record for record in range(n_record) for _ in range(vary.samples)]
     if len(owners) > MOST_MEMBERS:
-        raise StudyError(
-            f"{where}: makes {len(owners)} arches; a study must have at most {MOST_MEMBERS}"
-        )
+        most = f"a study must have at most {MOST_MEMBERS}"
+        raise StudyError(f"{where}: makes {len(owners)} arches; {most}")
     try:
         drawn = draw(entry, len(owners), stream)
     except InputError as error:

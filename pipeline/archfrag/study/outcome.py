@@ -27,13 +27,14 @@ _VERDICTS = {
 class Column:
     """One value of each run."""
 
-    name: str  # as in the cube; no units for a code
-    dtype: str  # as in the cube; no units for a code
-    units: str  # as in the cube; no units for a code
-    long_name: str  # as in the cube; no units for a code
+    name: str
+    dtype: str  # as in the cube
+    units: str  # empty for a code
+    long_name: str
     fill: float | None = None  # what stands where a run has no such value
     flags: Sequence[tuple[int, str]] = ()  # codes with their meanings
     comment: str = ""
+    held: tuple[str, int] | None = None  # array of the kernels' results, and the entry there
 
     @property
     def missing(self) -> float:
@@ -49,6 +50,15 @@ def _flags(kind: Any) -> tuple[tuple[int, str], ...]:
     return tuple((int(member), member.name.lower()) for member in kind)
 
 
+def _counted(name: str, entry: int, long_name: str) -> Column:
+    return Column(name, "i8", "1", long_name, held=("count", entry))
+
+
+def _peak(name: str, units: str, entry: int, long_name: str, comment: str = "") -> Column:
+    return Column(name, "f8", units, long_name, comment=comment, held=("peak", entry))
+
+
+_MODES = _flags(CollapseMode)
 COLUMNS = (
     Column(
         "verdict", "i1", "", "outcome of the run: collapse or not", flags=_flags(Verdict),
@@ -65,72 +75,66 @@ COLUMNS = (
         "collapse_joint", "i4", "1", "number of the joint that lost its contact",
         comment="Joints are counted from 0 at the first springing; -1 where none was lost.",
     ),
-    Column("collapse_mode", "i1", "", "how the lost joint was moving", flags=_flags(CollapseMode)),
+    Column("collapse_mode", "i1", "", "how the lost joint was moving", flags=_MODES),
     Column(
         "lost_contact_time", "f8", "s",
         "time of the first loss of contact at a joint, regained or not", np.nan,
         comment="Losses that open a joint at both corners by more than 2 % of its length.",
+        held=("loss", Loss.TIME),
     ),
     Column(
         "lost_contact_joint", "i4", "1", "number of the joint that lost contact first",
-        comment="-1 where none did.",
+        comment="-1 where none did.", held=("loss", Loss.JOINT),
     ),
     Column(
-        "lost_contact_mode", "i1", "", "how that joint was moving", flags=_flags(CollapseMode)
+        "lost_contact_mode", "i1", "", "how that joint was moving", flags=_MODES,
+        held=("loss", Loss.MODE),
     ),
     Column(
-        "widest_gap", "f8", "1",
-        "largest gap at both corners of a joint at once, over its length",
+        "widest_gap", "f8", "1", "largest gap at both corners of a joint at once, over its length",
+        held=("loss", Loss.WIDEST),
     ),
-    Column("peak_rotation", "f8", "rad", "largest rotation of a voussoir"),
-    Column(
-        "peak_displacement", "f8", "m",
-        "largest displacement of a voussoir's centroid relative to the ground",
-    ),
-    Column("residual_rotation", "f8", "rad", "largest rotation of a voussoir at the end"),
-    Column(
-        "residual_displacement", "f8", "m",
-        "largest displacement of a voussoir's centroid relative to the ground at the end",
-    ),
+    _peak("peak_rotation", "rad", Peak.ROTATION, "largest rotation of a voussoir"),
+    _peak("peak_displacement", "m", Peak.DISPLACEMENT,
+          "largest displacement of a voussoir's centroid relative to the ground"),
+    _peak("residual_rotation", "rad", Peak.END_ROTATION,
+          "largest rotation of a voussoir at the end"),
+    _peak("residual_displacement", "m", Peak.END_DISPLACEMENT,
+          "largest displacement of a voussoir's centroid relative to the ground at the end"),
     Column(
         "energy_error", "f8", "1",
         "energy made or lost by the integrator, over the largest kinetic energy",
     ),
     Column("end_time", "f8", "s", "simulated time at which the run ended"),
-    Column("steps", "i8", "1", "number of integration steps"),
-    Column("impacts", "i8", "1", "number of joints that closed"),
-    Column("openings", "i8", "1", "number of joints that opened"),
-    Column("slides", "i8", "1", "number of times that a joint began to slide"),
-    Column("contact_losses", "i8", "1", "number of times that a joint was without contact"),
-    Column("rests", "i8", "1", "number of times that the chain came to rest"),
-    Column("events", "i8", "1", "number of instants located at which the mechanism changed"),
-    Column(
-        "switches", "i8", "1",
-        "number of switches from event-driven integration to time stepping",
-    ),
-    Column("levels", "i8", "1", "number of contact problems solved by the first and second level"),
-    Column(
-        "level_iterations", "i8", "1",
-        "number of contact problems of the two levels that needed more than one round",
-    ),
-    Column("general", "i8", "1", "number of contact problems that the levels left to the general "
-           "solver"),
-    Column(
-        "contact_residual", "f8", "1",
-        "largest violation of the contact laws that was measured, by one measure for all methods",
-        comment="Gaps over joint lengths, slip rates over sqrt(gravity x length), forces over the "
-        "weight or the largest reaction.",
-    ),
-    Column(
-        "overlap", "f8", "1",
-        "deepest overlap of two voussoirs at a corner that was seen, over the joint's length",
-    ),
-    Column("refined", "i8", "1", "times that auto made the run again with a tighter tolerance"),
-    Column("fallbacks", "i8", "1", "number of contact problems left to the fallback"),
+    _counted("steps", Count.STEPS, "number of integration steps"),
+    _counted("impacts", Count.IMPACTS, "number of joints that closed"),
+    _counted("openings", Count.OPENINGS, "number of joints that opened"),
+    _counted("slides", Count.SLIDES, "number of times that a joint began to slide"),
+    _counted("contact_losses", Count.LOSSES, "number of times that a joint was without contact"),
+    _counted("rests", Count.RESTS, "number of times that the chain came to rest"),
+    _counted("events", Count.EVENTS, "number of instants located at which the mechanism changed"),
+    _counted("switches", Count.SWITCHES,
+             "number of switches from event-driven integration to time stepping"),
+    _counted("levels", Count.LEVELS,
+             "number of contact problems solved by the first and second level"),
+    _counted("level_iterations", Count.LEVEL_ITERATIONS,
+             "number of contact problems of the two levels that needed more than one round"),
+    _counted("general", Count.GENERAL,
+             "number of contact problems that the levels left to the general solver"),
+    _peak("contact_residual", "1", Peak.RESIDUAL,
+          "largest violation of the contact laws that was measured, by one measure for all "
+          "methods",
+          "Gaps over joint lengths, slip rates over sqrt(gravity x length), forces over the "
+          "weight or the largest reaction."),
+    _peak("overlap", "1", Peak.OVERLAP,
+          "deepest overlap of two voussoirs at a corner that was seen, over the joint's length"),
+    _counted("refined", Count.REFINED,
+             "times that auto made the run again with a tighter tolerance"),
+    _counted("fallbacks", Count.COMPLIANT, "number of contact problems left to the fallback"),
 )  # fmt: skip
 
 
-def row_of(response: "Response") -> dict[str, Any]:
+def _row_of(response: "Response") -> dict[str, Any]:
     """Values of all columns for one run."""
     known = vars(response) | response.work | response.events
     known |= {
@@ -148,7 +152,7 @@ def table_of(responses: Sequence["Response"]) -> dict[str, NDArray]:
 
     Column `model` holds the names of the models, (n_model,).
     """
-    rows = [row_of(response) for response in responses]
+    rows = [_row_of(response) for response in responses]
     table = {c.name: np.array([row[c.name] for row in rows], dtype=c.dtype) for c in COLUMNS}
     models = list(responses[0].model_time)
     table["model"] = np.array(models, dtype=np.str_)
@@ -158,32 +162,6 @@ def table_of(responses: Sequence["Response"]) -> dict[str, NDArray]:
     return table
 
 
-# Columns that kernels hold as they are: the array of results, and the entry.
-_HELD: dict[str, tuple[str, int]] = {
-    "lost_contact_time": ("loss", Loss.TIME),
-    "lost_contact_joint": ("loss", Loss.JOINT),
-    "lost_contact_mode": ("loss", Loss.MODE),
-    "widest_gap": ("loss", Loss.WIDEST),
-    "peak_rotation": ("peak", Peak.ROTATION),
-    "peak_displacement": ("peak", Peak.DISPLACEMENT),
-    "residual_rotation": ("peak", Peak.END_ROTATION),
-    "residual_displacement": ("peak", Peak.END_DISPLACEMENT),
-    "contact_residual": ("peak", Peak.RESIDUAL),
-    "overlap": ("peak", Peak.OVERLAP),
-    "impacts": ("count", Count.IMPACTS),
-    "openings": ("count", Count.OPENINGS),
-    "slides": ("count", Count.SLIDES),
-    "contact_losses": ("count", Count.LOSSES),
-    "rests": ("count", Count.RESTS),
-    "events": ("count", Count.EVENTS),
-    "switches": ("count", Count.SWITCHES),
-    "steps": ("count", Count.STEPS),
-    "levels": ("count", Count.LEVELS),
-    "level_iterations": ("count", Count.LEVEL_ITERATIONS),
-    "general": ("count", Count.GENERAL),
-    "refined": ("count", Count.REFINED),
-    "fallbacks": ("count", Count.COMPLIANT),
-}
 _OWN = ("status", "collapse_time", "collapse_joint", "collapse_mode", "end_time")
 
 
@@ -201,7 +179,7 @@ def columns_of(results: "Results") -> dict[str, NDArray]:
             energy[:, Energy.BALANCE_ERROR_PEAK], largest, out=np.zeros(len(largest)), where=moved
         ),
         **{name: getattr(results, name) for name in _OWN},
-        **{name: getattr(results, array)[:, entry] for name, (array, entry) in _HELD.items()},
+        **{c.name: getattr(results, c.held[0])[:, c.held[1]] for c in COLUMNS if c.held},
     }
     table = {column.name: values[column.name].astype(column.dtype) for column in COLUMNS}
     table["model"] = np.array([model.name.lower() for model in Model], dtype=np.str_)
@@ -212,23 +190,7 @@ def columns_of(results: "Results") -> dict[str, NDArray]:
 def simulate_case(
     method: Mapping[str, Any], arch: "Arch", motion: "Motion", factor: float, history: bool = False
 ) -> "Response":
-    """Simulate an arch under a scaled motion by the method of a study.
-
-    Workers call it, and so does whatever does a run of a study again.
-
-    Parameters
-    ----------
-    method : mapping
-        The study's method as plan and cube store it: `name`, and any other arguments of
-        `archfrag.simulate.simulate` by their names.
-    arch : Arch
-    motion : Motion
-        Unscaled.
-    factor : float
-        On the motion, vertical component included.
-    history : bool
-        Whether to keep the history and the log of the mechanism.
-    """
+    """One run by a study's method as plan and cube store it; `factor` is on the vertical too."""
     from archfrag.simulate import simulate
 
     arguments = {key: value for key, value in method.items() if key != "name"}

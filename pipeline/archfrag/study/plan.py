@@ -22,8 +22,7 @@ from archfrag.study.files import canonical_json, digest_of, source_hash, write_t
 from archfrag.study.grids import Grid, ida, stripes
 from archfrag.study.members import check_buildable, members, needs_records
 from archfrag.study.records import PreparedRecord, load_prepared
-from archfrag.study.rounds import Cases, Rounds, Strand
-from archfrag.study.scattered import cloud, scattered
+from archfrag.study.rounds import Cases, Rounds, Strand, cloud, scattered
 
 # Source, beside the kernels, that an edit of which may change results.
 DECIDING = (

@@ -14,8 +14,7 @@ from typing import Any
 import archfrag
 from archfrag.study.arches import FromDrawing, Table
 from archfrag.study.config import Study
-from archfrag.study.files import PACKAGE, sha256_if_there, write_text
-from archfrag.study.inputs import by_name
+from archfrag.study.files import KINDS, PACKAGE, by_name, sha256_if_there, write_text
 from archfrag.study.plan import Plan
 from archfrag.study.processing import described
 from archfrag.study.records import read_manifest
@@ -65,12 +64,9 @@ def commit() -> str:
     checkout = PACKAGE.parents[1]
     if (checkout / ".git").exists():
         try:
+            command = ["git", "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty"]
             found = subprocess.run(
-                ["git", "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty"],
-                cwd=checkout,
-                capture_output=True,
-                text=True,
-                timeout=20,
+                command, cwd=checkout, capture_output=True, text=True, timeout=20
             )
         except (OSError, subprocess.TimeoutExpired):
             return "unknown"
@@ -84,19 +80,18 @@ def commit() -> str:
 
 def attributes(study: Study, plan: Plan) -> dict[str, str]:
     """Global attributes of the cube: the same on every run of the same study with this code."""
-    inputs = read_manifest(study)["inputs"]
+    inputs, names = read_manifest(study)["inputs"], ("inputs", "index", "inventories")
     return {
         "archfrag_study": study.id,
         "archfrag_config": strict_json(portable_config(study)),
-        "archfrag_inputs_sha256": strict_json(by_name(inputs["record"])),
-        "archfrag_index_sha256": strict_json(by_name(inputs["index"])),
-        "archfrag_inventories_sha256": strict_json(by_name(inputs["inventory"])),
+        **{f"archfrag_{name}_sha256": strict_json(by_name(inputs[kind]))
+           for name, kind in zip(names, KINDS)},
         "archfrag_processing": strict_json(described(study.motions.processing)),
         "archfrag_versions": strict_json(versions()),
         "archfrag_commit": commit(),
         "archfrag_machine": platform.machine(),
         "archfrag_plan": plan.digest,
-    }
+    }  # fmt: skip
 
 
 def strict_json(value: Any) -> str:
@@ -124,11 +119,8 @@ def available_cores() -> int:
 
 def machine() -> dict[str, Any]:
     """Where it runs, for the log."""
-    return {
-        "host": socket.gethostname(),
-        "system": platform.platform(),
-        "cores": available_cores(),
-    }
+    about = {"host": socket.gethostname(), "system": platform.platform()}
+    return {**about, "cores": available_cores()}
 
 
 def add_to_log(folder: Path, entry: dict[str, Any]) -> None:

@@ -14,20 +14,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from archfrag.errors import InputError, RecordError, StudyError
-from archfrag.motions.index import IndexEntry, find_entry, load_index
+from archfrag.motions.index import IndexEntry, find_entry, goes_with_records, load_index
 from archfrag.motions.plausible import check_name
 from archfrag.study.components import Components, with_partners, without_verticals
 from archfrag.study.config import FileSet, Study
 from archfrag.study.files import (
+    Inputs,
     cannot_write,
     canonical_json,
     digest_of,
     make_folder,
+    read_inputs,
     sha256_if_there,
     sha256_of,
     write_text,
 )
-from archfrag.study.inputs import Inputs, read_inputs
 from archfrag.study.synthetic import made_motions, motion_of
 
 if TYPE_CHECKING:
@@ -105,10 +106,10 @@ def find_sources(study: Study) -> list[Source]:
         for source in _from_files(entry, f"motions.files[{number}]"):
             # Two patterns may match the same file.
             if given.setdefault(source.path, source) != source:
-                raise StudyError(
-                    f"motions.files[{number}]: {source.path} is matched by an entry before it "
-                    "too, with another unit, inventory, columns or accept"
+                other = (
+                    "by an entry before it too, with another unit, inventory, columns or accept"
                 )
+                raise StudyError(f"motions.files[{number}]: {source.path} is matched {other}")
     for source in (*sources, *given.values()):
         check_name(source.path)
         if not source.path.is_file():
@@ -128,6 +129,7 @@ def _from_files(entry: FileSet, key: str) -> list[Source]:
     if glob.has_magic(entry.path) and not paths[0].is_file():
         names = glob.glob(_any_case(entry.path), recursive=True)
         paths = [path for path in sorted(map(Path, names)) if path.is_file()]
+        paths = [path for path in paths if not goes_with_records(path)]
         if not paths:
             raise StudyError(f"{key}: no file matches {entry.path}")
     columns = entry.columns.build() if entry.columns is not None else None
@@ -198,10 +200,8 @@ def read_sources(study: Study) -> Iterator["Motion"]:
     select = study.motions.select
     for source, motion in _all_motions(study):
         if motion.id in taken:
-            raise RecordError(
-                f"{source}: the record id {motion.id!r} is that of {taken[motion.id]} too; each "
-                "record needs its own"
-            )
+            twice = f"{motion.id!r} is that of {taken[motion.id]} too; each record needs its own"
+            raise RecordError(f"{source}: the record id {twice}")
         taken[motion.id] = source
         if select is None or motion.id in select:
             yield motion
@@ -245,23 +245,17 @@ def prepare_motions(study: Study, progress: Any = None) -> list[PreparedRecord]:
     inputs = study_inputs(study)
     folder = make_folder(study.work / "motions")
     try:
-        with tempfile.TemporaryDirectory(
-            dir=folder, prefix=".new-", ignore_cleanup_errors=True
-        ) as new:
-            records = _store(study, Path(new), progress)
-            name = digest_of([record.prepared for record in records])[:12]
-            records = [
-                r if r.recipe else replace(r, file=f"motions/{name}/{r.file}") for r in records
-            ]
-            _take_place(Path(new), folder / name)
+        new = tempfile.TemporaryDirectory(dir=folder, prefix=".new-", ignore_cleanup_errors=True)
+        with new as made:
+            found = _store(study, Path(made), progress)
+            name = digest_of([record.prepared for record in found])[:12]
+            place = f"motions/{name}"
+            records = [r if r.recipe else replace(r, file=f"{place}/{r.file}") for r in found]
+            _take_place(Path(made), folder / name)
     except OSError as error:
         raise cannot_write(folder, error) from error
-    manifest = {
-        "study": study.id,
-        "key": motions_key(study),
-        "inputs": inputs,
-        "records": [asdict(record) for record in records],
-    }
+    listed = [asdict(record) for record in records]
+    manifest = {"study": study.id, "key": motions_key(study), "inputs": inputs, "records": listed}
     write_text(study.work / MANIFEST, canonical_json(manifest) + "\n")
     for old in folder.iterdir():
         if old.name != name:
@@ -282,27 +276,16 @@ def _store(study: Study, folder: Path, progress: Any) -> list[PreparedRecord]:
         recipe, sha256 = metadata.get("recipe", ""), metadata["file_sha256"]
         if not recipe:
             save_motions(path, [motion])
-        records.append(
-            PreparedRecord(
-                id=motion.id,
-                file="" if recipe else path.name,
-                source=motion.metadata["file"],
-                sha256=sha256,
-                prepared=sha256 if recipe else sha256_of(path),
-                dt=motion.dt,
-                duration=motion.duration,
-                magnitude=_number(metadata.get("Mw") or metadata.get("magnitude")),
-                distance=_number(metadata.get("distance_km")),
-                factor=factor,
-                measures=measures,
-                event=str(metadata.get("event") or metadata.get("event_id") or ""),
-                accepted=str(motion.metadata.get("accepted") or ""),
-                breaks=count_breaks(*parts),
-                vertical=motion.vertical is not None,
-                recipe=recipe,
-                **{name: motion.metadata.get(name) for name in SEEDS},
-            )
-        )
+        records.append(PreparedRecord(
+            motion.id, "" if recipe else path.name, metadata["file"], sha256,
+            sha256 if recipe else sha256_of(path), motion.dt, motion.duration,
+            _number(metadata.get("Mw") or metadata.get("magnitude")),
+            _number(metadata.get("distance_km")), factor, measures,
+            event=str(metadata.get("event") or metadata.get("event_id") or ""),
+            accepted=str(metadata.get("accepted") or ""),
+            breaks=count_breaks(*parts), vertical=motion.vertical is not None, recipe=recipe,
+            **{name: metadata.get(name) for name in SEEDS},
+        ))  # fmt: skip
         if progress is not None:
             progress(len(records))
     if not records:
@@ -349,10 +332,8 @@ def load_prepared(study: Study) -> list[PreparedRecord]:
     """
     manifest, path = read_manifest(study), study.work / MANIFEST
     if manifest["key"] != motions_key(study):
-        raise InputError(
-            f"{path}: was made for other records or another measure than the study now has; "
-            f"{_AGAIN} anew"
-        )
+        other = "other records or another measure than the study now has"
+        raise InputError(f"{path}: was made for {other}; {_AGAIN} anew")
     try:
         records = [PreparedRecord(**entry) for entry in manifest["records"]]
     except (KeyError, TypeError) as error:
@@ -361,10 +342,7 @@ def load_prepared(study: Study) -> list[PreparedRecord]:
         if record.recipe:
             continue
         if sha256_if_there(study.work / record.file) != record.prepared:
-            raise InputError(
-                f"{study.work / record.file}: is not the motion that was prepared of record "
-                f"{record.id!r}, but missing, changed or damaged; {_AGAIN} anew"
-            )
+            raise _other_motion(study.work / record.file, f" of record {record.id!r}")
     return records
 
 
@@ -376,11 +354,13 @@ def load_record(work: Path, record: PreparedRecord) -> "Motion":
         return motion_of(record.recipe, record.prepared)
     path = work / record.file
     if sha256_if_there(path) != record.prepared:
-        raise InputError(
-            f"{path}: is not the motion that was prepared, but missing, changed or damaged; "
-            f"{_AGAIN} anew"
-        )
+        raise _other_motion(path)
     return load_motions(path)[0]
+
+
+def _other_motion(path: Path, of: str = "") -> InputError:
+    what = f"is not the motion that was prepared{of}, but missing, changed or damaged"
+    return InputError(f"{path}: {what}; {_AGAIN} anew")
 
 
 def motions_key(study: Study) -> dict[str, Any]:

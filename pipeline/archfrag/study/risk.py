@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -32,36 +33,17 @@ _SCATTERED_BINS = 10
 
 @dataclass(frozen=True)
 class ArchRisk:
-    """Rate of collapse of one arch and its parts.
-
-    Attributes
-    ----------
-    arch : str
-    fit : Fragility
-    rate : CollapseRate
-        With the first curve of the hazard.
-    by_curve : dict of str to float
-        Rate with each curve of the hazard [1/year]: the epistemic uncertainty of the hazard.
-    levels : ndarray, (n_level,)
-        Intensities that stand for the ranges, SI unit.
-    edges : ndarray, (n_level - 1,)
-        Between them; the first range begins at 0, the last one has no end.
-    level_rate : ndarray, (n_level,)
-        [1/year]
-    below_levels, above_levels : float
-        Fraction of the rate from intensities below the least and above the greatest level that
-        was simulated, where the fitted curve is extrapolated.
-    by_mechanism, by_magnitude, by_distance : Contributions
-    cautions : tuple of str
-    """
+    """Rate of collapse of one arch and its parts."""
 
     arch: str
     fit: Fragility
-    rate: CollapseRate
-    by_curve: dict[str, float]
-    levels: FloatArray
-    edges: FloatArray
-    level_rate: FloatArray
+    rate: CollapseRate  # with the first curve of the hazard
+    by_curve: dict[str, float]  # rate with each curve of the hazard [1/year]: its own uncertainty
+    levels: FloatArray  # (n_level,): intensities that stand for the ranges [SI]
+    edges: FloatArray  # (n_level - 1,): between ranges; the first begins at 0, the last has no end
+    level_rate: FloatArray  # (n_level,) [1/year]
+    # Fractions of the rate from intensities below the least and above the greatest level that was
+    # simulated, where the fitted curve is extrapolated.
     below_levels: float
     above_levels: float
     by_mechanism: Contributions
@@ -122,20 +104,15 @@ def risk_of(
     """
     measure = cube["intensity"].attrs.get("measure", hazard.measure)
     if measure != hazard.measure:
-        raise InputError(
-            f"{hazard.source}: is a hazard for levels of {hazard.measure}, but the cube's are of "
-            f"{measure}"
-        )
+        kinds = f"is a hazard for levels of {hazard.measure}, but the cube's are of {measure}"
+        raise InputError(f"{hazard.source}: {kinds}")
     if not 0.0 < years < np.inf:
         raise InputError(f"years is {years:g}; a positive finite time is needed")
-    arches: dict[str, ArchRisk | str] = {}
+    arches: dict[str, Any] = {}
     for number, name in enumerate(map(str, cube["arch"].values)):
-        fit = fits.get(name, "the study has no curve of this arch")
-        arches[name] = (
-            fit
-            if isinstance(fit, str)
-            else _arch_risk(name, cube.isel(arch=number), fit, hazard, confidence)
-        )
+        arches[name] = fit = fits.get(name, "the study has no curve of this arch")
+        if not isinstance(fit, str):
+            arches[name] = _arch_risk(name, cube.isel(arch=number), fit, hazard, confidence)
     return StudyRisk(str(cube.attrs.get("archfrag_study", "")), hazard, years, arches)
 
 
@@ -144,8 +121,7 @@ def _arch_risk(
 ) -> ArchRisk:
     runs = _runs_of(part)
     draws = parameter_draws(fit, SEED, part.sizes["record"] if runs.shared else None)
-    rate = collapse_rate(hazard.main, fit, draws, confidence)
-    edges = level_edges(runs.levels)
+    rate, edges = collapse_rate(hazard.main, fit, draws, confidence), level_edges(runs.levels)
     level_rate = rate_by_level(hazard.main, fit, edges)
     ends = np.unique([runs.least, runs.greatest])
     outer = rate_by_level(hazard.main, fit, ends) / (rate.rate or 1.0)
@@ -156,36 +132,31 @@ def _arch_risk(
             seed=SEED, confidence=confidence,
         )  # fmt: skip
 
-    magnitude, magnitudes = value_bins(_fact(part, "magnitude"), MAGNITUDES)
-    distance, distances = value_bins(_fact(part, "distance"), DISTANCES, "km")
+    def facts(key: str) -> FloatArray:
+        unknown = np.full(part.sizes["record"], np.nan)
+        return part[key].values.astype(float) if key in part else unknown
+
+    magnitude, magnitudes = value_bins(facts("magnitude"), MAGNITUDES)
+    distance, distances = value_bins(facts("distance"), DISTANCES, "km")
     mechanism = split(*_mechanisms(runs))
     return ArchRisk(
-        arch=name,
-        fit=fit,
-        rate=rate,
-        by_curve={key: collapse_rate(curve, fit).rate for key, curve in hazard.curves.items()},
-        levels=runs.levels,
-        edges=edges,
-        level_rate=level_rate,
-        below_levels=float(outer[0]),
-        above_levels=float(outer[-1]),
-        by_mechanism=mechanism,
+        name, fit, rate, {key: collapse_rate(c, fit).rate for key, c in hazard.curves.items()},
+        runs.levels, edges, level_rate, float(outer[0]), float(outer[-1]), mechanism,
         by_magnitude=split(magnitude[:, None], magnitudes),
         by_distance=split(distance[:, None], distances),
         cautions=_cautions(rate, outer, mechanism),
-    )
+    )  # fmt: skip
 
 
 def _runs_of(part: xr.Dataset) -> _Runs:
     """Runs as a grid; runs each at an intensity of its own are put into bins of equal ratio."""
-    missing = [v for v in ("verdict", "collapse_joint", "collapse_mode") if v not in part]
-    if missing:
+    names = ("verdict", "collapse_joint", "collapse_mode")
+    if missing := [name for name in names if name not in part]:
         raise InputError(
             f"the cube lacks {', '.join(missing)}; is it of this version of archfrag?"
         )
     verdict, joint, mode = (
-        part[key].transpose("record", "level").values.astype(np.int64)
-        for key in ("verdict", "collapse_joint", "collapse_mode")
+        part[name].transpose("record", "level").values.astype(np.int64) for name in names
     )
     fell = verdict == Verdict.COLLAPSED
     intensity = part["intensity"]
@@ -196,8 +167,7 @@ def _runs_of(part: xr.Dataset) -> _Runs:
             code = joint * len(CollapseMode) + mode
             fell, code = implied_collapses(fell, simulated, code)
             joint, mode = np.divmod(code, len(CollapseMode))
-        shared = levels.size > 1
-        return _Runs(levels, fell, joint, mode, levels[0], levels[-1], shared)
+        return _Runs(levels, fell, joint, mode, levels[0], levels[-1], shared=levels.size > 1)
     at = intensity.transpose("record", "level").values.astype(float)
     done = (verdict != Verdict.NOT_SIMULATED) & (at > 0.0)
     least, greatest = float(at[done].min()), float(at[done].max())
@@ -219,25 +189,14 @@ def _mechanisms(runs: _Runs) -> tuple[NDArray, tuple[str, ...]]:
     pair = runs.joint * len(CollapseMode) + runs.mode
     kinds, counts = np.unique(pair[runs.collapsed], return_counts=True)
     kept = np.sort(kinds[np.argsort(-counts, kind="stable")][:MOST_CATEGORIES])
-    names = [
-        f"joint {kind // len(CollapseMode)}, "
-        f"{CollapseMode(kind % len(CollapseMode)).name.lower().replace('_', '-')}"
-        for kind in kept
-    ]
-    category = np.searchsorted(kept, pair)
-    own = np.isin(pair, kept)
-    return np.where(own, category, kept.size), (*names, OTHER)
-
-
-def _fact(part: xr.Dataset, name: str) -> FloatArray:
-    if name in part:
-        return part[name].values.astype(float)
-    return np.full(part.sizes["record"], np.nan)
+    codes = [divmod(int(kind), len(CollapseMode)) for kind in kept]
+    names = [f"joint {i}, {CollapseMode(m).name.lower().replace('_', '-')}" for i, m in codes]
+    category = np.where(np.isin(pair, kept), np.searchsorted(kept, pair), kept.size)
+    return category, (*names, OTHER)
 
 
 def _cautions(rate: CollapseRate, outer: FloatArray, mechanism: Contributions) -> tuple[str, ...]:
-    found = []
-    for fraction, where in (
+    parts = (
         (rate.below, "below the first point of the hazard curve, whose first slope goes on there"),
         (rate.above, "above the last point of the hazard curve, whose last slope goes on there"),
         (outer[0], "below the least level that was simulated, where the fragility curve is "
@@ -246,7 +205,8 @@ def _cautions(rate: CollapseRate, outer: FloatArray, mechanism: Contributions) -
          "extrapolated"),
         (mechanism.unassigned.sum() / (rate.rate or 1.0),
          "at which no run collapsed, so that it is of no known mechanism"),
-    ):  # fmt: skip
-        if fraction > NOTED:
-            found.append(f"{100 * fraction:.0f} % of the rate is from intensities {where}")
-    return tuple(found)
+    )  # fmt: skip
+    return tuple(
+        f"{100 * fraction:.0f} % of the rate is from intensities {where}"
+        for fraction, where in parts if fraction > NOTED
+    )  # fmt: skip

@@ -71,15 +71,13 @@ def _arch(arch: ArchRisk, years: float, factor: float) -> dict[str, Any]:
 def _split(found: Contributions) -> list[dict[str, Any]]:
     return [
         {
-            "category": name,
-            "collapses": int(found.counts[i].sum()),
+            "category": name, "collapses": int(found.counts[i].sum()),
             "fraction": float(found.fraction[i]),
             "band": [float(found.lower[i]), float(found.upper[i])],
             "rate_by_level": found.rate[i].tolist(),
         }
-        for i, name in enumerate(found.categories)
-        if found.rate[i].any()
-    ]
+        for i, name in enumerate(found.categories) if found.rate[i].any()
+    ]  # fmt: skip
 
 
 def risk_text(facts: dict[str, Any]) -> str:

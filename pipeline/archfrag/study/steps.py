@@ -13,6 +13,7 @@ from archfrag.errors import InputError
 from archfrag.study.config import Study
 from archfrag.study.files import (
     canonical_json,
+    changes,
     digest_of,
     make_folder,
     remember,
@@ -20,7 +21,6 @@ from archfrag.study.files import (
     source_hash,
     write_text,
 )
-from archfrag.study.inputs import changes
 from archfrag.study.members import SHOWN, members, needs_records
 from archfrag.study.plan import Plan, make_plan
 from archfrag.study.records import MANIFEST, motions_key, read_manifest, study_inputs
@@ -181,7 +181,7 @@ def _made_from(study: Study, step: str, plan: Plan | None = None) -> str:
     if step == "motions":
         manifest = read_manifest(study)
         decides += [manifest["key"], manifest["inputs"]]
-        decides += [source_hash("motions", "study/records.py", "study/inputs.py")]
+        decides += [source_hash("motions", "study/records.py", "study/files.py")]
         return digest_of(decides)
     if step.startswith("batch") or step == "cube":
         decides.append((plan or make_plan(study)).digest)
@@ -202,7 +202,7 @@ def _made_from(study: Study, step: str, plan: Plan | None = None) -> str:
     if step == "report":
         decides += [sha256_if_there(path) for path in products(study, "fit")]
         decides += [sha256_if_there(study.work / MANIFEST), study.title, source_hash("report")]
-        decides += [study.report.at, source_hash("study/risk.py", "study/cautions.py")]
+        decides += [study.report.at, source_hash("study/risk.py")]
         if study.risk is not None:
             decides += [study.risk.model_dump(), sha256_if_there(study.risk.hazard)]
     return digest_of(decides)

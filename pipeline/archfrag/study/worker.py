@@ -7,11 +7,9 @@ import sys
 import time
 from collections.abc import Sequence
 from functools import lru_cache
-from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
@@ -20,7 +18,7 @@ from archfrag.study.outcome import tabulate_cases
 from archfrag.study.plan import Plan
 from archfrag.study.records import PreparedRecord, load_record
 from archfrag.study.rounds import Cases
-from archfrag.study.store import Table, new_table, write_part, write_timing
+from archfrag.study.store import new_table, write_part, write_timing
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
@@ -45,10 +43,6 @@ def _motion(folder: str, record: PreparedRecord) -> "Motion":
     return load_record(Path(folder), record)
 
 
-def _modified(path: Path) -> int:
-    return path.stat().st_mtime_ns
-
-
 def peak_memory() -> float:
     """Largest resident memory of this process so far [MB]."""
     with contextlib.suppress(OSError):
@@ -60,41 +54,25 @@ def peak_memory() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
 
 
-def run_cases(
-    plan: Plan, place: Path, cases: Cases, factors: NDArray
-) -> tuple[Table, NDArray[np.float64]]:
-    """Rows and wall times [s] of some runs of a plan; those of one arch and stage together."""
-    tables, wall_times = [], []
-    modified, keys = _modified(place), plan.keys(cases, factors)
-    kinds = zip(cases["stage"].tolist(), cases["arch"].tolist())
-    start = 0
-    for (stage, arch), group in groupby(kinds):
-        end = start + len(list(group))
-        numbers = cases["record"][start:end].tolist()
-        motions = {r: _motion(plan.folder, plan.records[r]) for r in dict.fromkeys(numbers)}
-        columns, seconds = tabulate_cases(
-            plan.methods[stage],
-            _arch(str(place), modified, arch),
-            [motions[r] for r in numbers],
-            factors[start:end].tolist(),
-        )
-        tables.append(new_table(keys[start:end], columns))
-        wall_times.append(seconds)
-        start = end
-    return np.concatenate(tables), np.concatenate(wall_times)
-
-
 def run_chunks(plan_path: str, chunks: Sequence[tuple[Cases, NDArray]]) -> list[dict[str, Any]]:
     """Run several chunks one after the other; see `run_chunk`."""
     return [run_chunk(plan_path, *chunk) for chunk in chunks]
 
 
 def run_chunk(plan_path: str, cases: Cases, factors: NDArray) -> dict[str, Any]:
-    """Run some cases, write their part and then their wall times."""
+    """Run some cases of one arch and stage, write their part and then their wall times."""
     started = time.perf_counter()
     place = Path(plan_path)
-    plan = _plan(plan_path, _modified(place))
-    table, wall_time = run_cases(plan, place, cases, factors)
+    modified = place.stat().st_mtime_ns
+    plan, numbers = _plan(plan_path, modified), cases["record"].tolist()
+    motions = {r: _motion(plan.folder, plan.records[r]) for r in dict.fromkeys(numbers)}
+    columns, wall_time = tabulate_cases(
+        plan.methods[cases["stage"][0]],
+        _arch(plan_path, modified, int(cases["arch"][0])),
+        [motions[r] for r in numbers],
+        factors.tolist(),
+    )
+    table = new_table(plan.keys(cases, factors), columns)
     part = write_part(plan.parts, table)
     write_timing(part, wall_time)
     return {

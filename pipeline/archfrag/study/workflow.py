@@ -1,4 +1,4 @@
-"""One command for an entire study: Snakemake, started, stopped, resumed and translated."""
+"""One command for an entire study: Snakemake, started, stopped, resumed; a study to start from."""
 
 import contextlib
 import json
@@ -7,22 +7,25 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from archfrag.errors import ArchfragError, OutputError
+from archfrag.files import cannot_write
 from archfrag.study import tree
 from archfrag.study.checks import STUDY_FILE, check_output
-from archfrag.study.config import Study, dump_study
+from archfrag.study.config import Study, dump_study, study_schema
 from archfrag.study.files import PACKAGE, make_folder, sweep, write_text
-from archfrag.study.lock import Lock, only_run
 from archfrag.study.provenance import available_cores
 from archfrag.study.steps import forget_stale, stale_steps
+from archfrag.study.tree import Lock, only_run
 
 LOGS = "logs"
 SNAKEMAKE_LOG = "snakemake.log"
+ORIGIN = "study_file.txt"  # relative to the output, so that both may be moved together
 _EXIT = re.compile(r"^archfrag: error: (?P<message>.*?) \[exit code (?P<code>\d+)\]$", re.M | re.S)
 _MOST_LINES = 8
 
@@ -80,6 +83,7 @@ class RunOptions:
     profile: Path | None = None
     quiet: bool = False  # nothing but errors
     typed: str = "archfrag run STUDY"  # the command, for the message that states what to type
+    study_file: Path = Path("study.yaml")
 
 
 def run_study(study: Study, options: RunOptions, stop: tree.Stop) -> bool:
@@ -96,6 +100,7 @@ def run_study(study: Study, options: RunOptions, stop: tree.Stop) -> bool:
                 )
             sweep(study.work)
             sweep(study.folder)
+        _refuse_another_file(study, options.study_file)
         stale, changed = forget_stale(study)
         if not stale:
             return False
@@ -113,6 +118,19 @@ def run_study(study: Study, options: RunOptions, stop: tree.Stop) -> bool:
                 "command makes it again"
             )
     return True
+
+
+def _refuse_another_file(study: Study, path: Path) -> None:
+    """See that the results are not those of a study file beside this one with the same id."""
+    origin = study.work / ORIGIN
+    if origin.is_file():
+        before = study.folder / origin.read_text(encoding="utf-8")
+        if before.is_file() and not before.samefile(path):
+            raise OutputError(
+                f"{study.folder}: holds the results of {before.resolve()}, which has the id "
+                f"{study.id!r} too; give {path.name} another id or output"
+            )
+    write_text(origin, os.path.relpath(path.resolve(), study.folder.resolve()))
 
 
 def _print_changes(changed: Sequence[str]) -> None:
@@ -189,3 +207,58 @@ def _reason(text: str) -> str:
             if re.match(pattern, line):
                 return " ".join(lines[number : number + 2])[:500]
     return lines[-1][:500] if lines else "it gave no reason"
+
+
+STUDY = "study.yaml"
+SCHEMA = "study.schema.json"
+RECORDS = "records"
+
+
+def write_starter(folder: Path) -> Path:
+    """Write a commented study file, its schema and the shipped motions.
+
+    Parameters
+    ----------
+    folder : Path
+        Made if it is missing.
+
+    Returns
+    -------
+    Path
+        The study file, `folder/study.yaml`.
+
+    Raises
+    ------
+    OutputError
+        If one of the three is there already, or cannot be written; nothing is left behind.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> write_starter(Path(tempfile.mkdtemp())).name
+    'study.yaml'
+    """
+    folder = make_folder(folder)
+    for name in (RECORDS, SCHEMA, STUDY):
+        if os.path.lexists(folder / name):
+            raise OutputError(f"{folder / name}: is there already; allowed is a folder without it")
+    placed = []
+    try:
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".init") as temporary:
+            made = Path(temporary)
+            shutil.copytree(
+                shipped_folder() / RECORDS,
+                made / RECORDS,
+                ignore=lambda _, names: [n for n in names if n.endswith((".svg", ".py"))],
+            )
+            (made / SCHEMA).write_text(study_schema())
+            shutil.copyfile(PACKAGE / "study" / "templates" / STUDY, made / STUDY)
+            for name in (RECORDS, SCHEMA, STUDY):
+                os.rename(made / name, folder / name)
+                placed.append(folder / name)
+    except OSError as error:
+        for path in placed:
+            shutil.rmtree(path, ignore_errors=True)
+            path.unlink(missing_ok=True)
+        raise cannot_write(folder, error) from error
+    return folder / STUDY

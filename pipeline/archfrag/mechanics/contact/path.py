@@ -57,6 +57,9 @@ class Break(NamedTuple):
     decides: int  # corner at which the slip decides the sense of friction; -1: it is known
 
 
+NO_BREAK = Break(-1, np.inf, OPEN, -1)
+
+
 def new_path(model: Model) -> Path:
     """Workspace for the chain of a model."""
     n_joint = model.friction.size
@@ -234,14 +237,14 @@ def _closing_of_corner(work, path, j, k, tau, direction, left):
     for f in range(2 * k, 2 * k + 2):
         distance, slope, value = _zero(path, j, f, tau, direction)
         if path.target[j, f] == left and slope > 0.0:
-            return Break(-1, np.inf, OPEN, -1)
+            return NO_BREAK
         if slope >= 0.0:
             if value > 0.0:
-                return Break(-1, np.inf, OPEN, -1)
+                return NO_BREAK
         elif distance > far:
             far, chosen = distance, f
     if chosen < 0:
-        return Break(-1, np.inf, OPEN, -1)
+        return NO_BREAK
     n, m = work.side_normal[j, k, PLUS], work.side_normal[j, k, MINUS]
     alike = work.known[j] == 0.0 and abs(n[0] - m[0]) + abs(n[1] - m[1]) < 1e-12
     return Break(j, far, int(path.target[j, chosen]), k if alike else -1)
@@ -250,7 +253,7 @@ def _closing_of_corner(work, path, j, k, tau, direction, left):
 @kernel
 def next_break(work, path, tau, direction, crossed):
     """The next break of the path behind tau; `crossed` is the last: its joint and mode left."""
-    first = Break(-1, np.inf, OPEN, -1)
+    first = NO_BREAK
     for j in range(work.slide.size):
         left = crossed[1] if j == crossed[0] else -1
         if work.touch[j, 0] + work.touch[j, 1] < 0.5:
@@ -274,7 +277,7 @@ def follow_path(position, work, path, scale, compliance, attempt):
     """Follow the solution from all joints open to the problem's own; its modes are left in `work`.
 
     `compliance` of the contact rows is relative; `attempt` chooses other opening velocities, and
-    with them another path. Returned: whether the end is reached, and the breaks on the way.
+    with them another path. Returned: whether the end is reached, and how many breaks were met.
     """
     set_openings(work, path, scale, attempt)
     tau, direction, reached = 0.0, ON, False

@@ -65,56 +65,25 @@ def new_mega_voussoirs(model: Model) -> MegaVoussoirs:
 def in_use(mega):
     """The arrays of an assembled chain, cut to its size; views, no copies."""
     n, m, w = mega.count[0] + 2, mega.count[1], mega.work
+    # The arrays by whose lengths kernels count joints and bodies; the others stay as they are.
     work = Work(
-        face=w.face[:m],
-        tangent=w.tangent,
-        next_face=w.next_face,
-        next_tangent=w.next_tangent,
-        rotated=w.rotated,
-        point=w.point,
-        pivot=w.pivot[:m],
-        normal=w.normal,
-        side_normal=w.side_normal,
-        candidate=w.candidate,
-        bias=w.bias,
-        free=w.free[:n],
-        solved=w.solved,
-        touch=w.touch,
-        slide=w.slide[:m],
-        asked_touch=w.asked_touch,
-        asked_slide=w.asked_slide,
-        row=w.row[:m],
-        column=w.column,
-        block=w.block,
-        lower=w.lower,
-        upper=w.upper,
-        unknown=w.unknown[:m],
-        residual=w.residual[:m],
-        reaction=w.reaction,
-        relative=w.relative,
-        earlier=w.earlier,
-        parting=w.parting,
-        position=w.position,
-        known=w.known,
-    )
+        face=w.face[:m], tangent=w.tangent, next_face=w.next_face, next_tangent=w.next_tangent,
+        rotated=w.rotated, point=w.point, pivot=w.pivot[:m], normal=w.normal,
+        side_normal=w.side_normal, candidate=w.candidate, known=w.known, bias=w.bias,
+        free=w.free[:n], solved=w.solved, touch=w.touch, slide=w.slide[:m],
+        asked_touch=w.asked_touch, asked_slide=w.asked_slide, row=w.row[:m], column=w.column,
+        block=w.block, lower=w.lower, upper=w.upper, unknown=w.unknown[:m],
+        residual=w.residual[:m], reaction=w.reaction, relative=w.relative, earlier=w.earlier,
+        parting=w.parting, position=w.position,
+    )  # fmt: skip
     return MegaVoussoirs(
-        count=mega.count,
-        first=mega.first,
-        last=mega.last,
-        joint=mega.joint,
-        group=mega.group,
-        offset=mega.offset,
-        inner_point=mega.inner_point,
-        inner_normal=mega.inner_normal,
-        inner_reaction=mega.inner_reaction,
-        model=mega.model,
-        work=work,
-        position=mega.position[:n],
-        velocity=mega.velocity[:n],
-        next_position=mega.next_position[:n],
-        next_velocity=mega.next_velocity[:n],
+        count=mega.count, first=mega.first, last=mega.last, joint=mega.joint, group=mega.group,
+        offset=mega.offset, inner_point=mega.inner_point, inner_normal=mega.inner_normal,
+        inner_reaction=mega.inner_reaction, model=mega.model, work=work,
+        position=mega.position[:n], velocity=mega.velocity[:n],
+        next_position=mega.next_position[:n], next_velocity=mega.next_velocity[:n],
         slip=mega.slip[:m],
-    )
+    )  # fmt: skip
 
 
 @inlined

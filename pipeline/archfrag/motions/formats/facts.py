@@ -143,12 +143,7 @@ def known(**facts: Any) -> dict[str, Any]:
 def judge_peak(
     record: dict[str, Any], stated: str, values: NDArray[np.float64], unit: str
 ) -> None:
-    """Compare the peak that a header states with the samples, with and without their mean.
-
-    What is off goes to ``faults`` of the record, or to ``doubts`` if by more than a tenth: then
-    the unit, the scale or the samples are hardly what the header states. The last digit of
-    `stated` shows how it was rounded.
-    """
+    """Compare the peak that a header states, rounded to its last digit, with the samples."""
     try:
         number = Decimal(stated.strip().upper().replace("D", "E"))
     except InvalidOperation:
@@ -189,10 +184,7 @@ def trace_of(
     samples: NDArray[np.float64], dt: float, record: dict[str, Any], *,
     codes: tuple[str, str, str] = ("", "", ""), start: UTCDateTime | None = None,
 ) -> Trace:  # fmt: skip
-    """A trace with what the header states under ``stats.record``.
-
-    `codes` are network, station and location; the channel is the component of the record.
-    """
+    """A trace of network, station and location `codes`, with the header as ``stats.record``."""
     network, station, location = codes
     header: dict[str, Any] = {
         "delta": dt, "network": network, "station": station, "location": location,

@@ -114,11 +114,7 @@ def numbers(
     lines: Sequence[str], first: int, name: str, expected: int | None = None,
     width: int | None = None,
 ) -> NDArray[np.float64]:  # fmt: skip
-    """Finite numbers of lines, parted by blanks or in columns of a width without any.
-
-    `first` is the number of the first line in the file, from 1; `expected` how many numbers there
-    should be, by which columns that run together are known.
-    """
+    """Finite numbers of lines from line `first` on, parted by blanks or in columns of a width."""
     words = _in_chunks(lines, _parted)
     if words is not None and (width is None or words.size == expected):
         return words
@@ -195,12 +191,7 @@ def _taken_apart(word: str, place: str) -> list[float]:
 
 
 def on_even_steps(pairs: NDArray[np.float64], name: str) -> tuple[NDArray, float, str]:
-    """Samples at equal steps, the step [s] and what was done, from pairs of time and sample.
-
-    Where the times are those of equal steps to within their rounding the samples stay as they
-    are. Otherwise the motion is taken to be linear between them, as digitised film is, and read
-    at the largest of the steps 1, 2, 2.5, 5, 10... that is no longer than the median one.
-    """
+    """Samples at equal steps, the step [s] and what was done, from pairs of time and sample."""
     times, values = pairs[: pairs.size // 2 * 2].reshape(-1, 2).T
     steps = np.diff(times)
     bad = int(np.argmax(np.append(steps, -1.0) < 0.0)) + 1
@@ -213,6 +204,7 @@ def on_even_steps(pairs: NDArray[np.float64], name: str) -> tuple[NDArray, float
     mean = float(times[-1] - times[0]) / steps.size
     if np.abs(times - times[0] - mean * np.arange(times.size)).max() <= _EVEN * mean:
         return np.ascontiguousarray(values), _rounded_step(mean), ""
+    # Linear between samples, as digitised film is; a step of 1, 2, 2.5, 5, 10... up to the median.
     median = float(np.median(steps[steps > 0.0]))
     fitting = _STEPS[median >= _STEPS / 1.02]
     step = float(fitting.max()) if fitting.size else median

@@ -15,14 +15,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Limits:
-    """Which records may be together.
+    """Which records may be together: for each rule the groups, and how many may be of one."""
 
-    `ln_scale` is the largest ln factor; `groups` has, for each rule, the group of each record and
-    how many may come from one. A rule of one from each recording is among them, so that no
-    record comes twice.
-    """
-
-    ln_scale: float
+    ln_scale: float  # largest ln factor
     groups: tuple[tuple[NDArray[np.int64], int], ...]
 
     def allowed(self, chosen: NDArray[np.int64], n_record: int) -> NDArray[np.bool_]:
@@ -35,21 +30,14 @@ class Limits:
 
 
 def deviation(target: Target, mean: Array, sd: Array) -> Array:
-    """Weighted squared errors of mean and sd of ln Sa, (..., n_period), summed over periods.
-
-    That of the sd counts twice, or a tenth for a target that is a mean only, whose scatter is
-    kept small.
-    """
-    weight = 2.0 if target.sd.any() else 0.1
+    """Weighted squared errors of mean and sd of ln Sa, (..., n_period), summed over periods."""
+    weight = 2.0 if target.sd.any() else 0.1  # the scatter about a mean only is kept small
     errors = (mean - target.ln_mean) ** 2, (sd - target.sd) ** 2
     return errors[0].sum(-1) + weight * errors[1].sum(-1)
 
 
 def simulate(target: Target, count: int, rng: np.random.Generator) -> Array:
-    """Sets of spectra ln Sa drawn from the target, shape (``STARTS``, count, n_period).
-
-    Of ``TRIALS`` sets those whose mean and scatter are nearest to the target's, nearest first.
-    """
+    """Sets of ln Sa drawn from the target, the nearest to it, (``STARTS``, count, n_period)."""
     values, vectors = np.linalg.eigh(target.covariance)
     # Published correlations are not quite positive definite. The symmetric root does not hang on
     # the signs of eigenvectors, which differ between machines.
@@ -60,11 +48,7 @@ def simulate(target: Target, count: int, rng: np.random.Generator) -> Array:
 
 
 def factors(ln_sa: Array, target: Target, wanted: Array, limit: float) -> Array:
-    """ln of the factor of each record, shape (n_record,).
-
-    At the conditioning period the record has Sa as given. Without one it is as near to the
-    spectrum `wanted`, (n_period,), as factors within the limit allow (least squares of ln Sa).
-    """
+    """ln of the factor to Sa given, or by least squares to `wanted` (n_period,), (n_record,)."""
     if target.given is not None:
         return target.ln_mean[target.given] - ln_sa[:, target.given]
     return np.clip((wanted - ln_sa).mean(axis=1), -limit, limit)
@@ -84,10 +68,7 @@ def _match(ln_sa: Array, target: Target, simulated: Array, limits: Limits) -> ND
 def best_set(
     ln_sa: Array, target: Target, simulated: Array, limits: Limits
 ) -> tuple[NDArray[np.int64], Array]:
-    """Match and improve from each start, keep the set nearest to the target.
-
-    Returns the rows of `ln_sa` (n_record, n_period) chosen and ln of their factors.
-    """
+    """Rows of `ln_sa` (n_record, n_period) of the best start, and ln of their factors."""
     found = []
     for start in simulated:
         chosen = _match(ln_sa, target, start, limits)
@@ -106,11 +87,7 @@ def best_set(
 def _improve(
     ln_sa: Array, target: Target, simulated: Array, chosen: NDArray[np.int64], limits: Limits,
 ) -> NDArray[np.int64]:  # fmt: skip
-    """Replace one record after the other by whichever makes the set nearest to the target.
-
-    The greedy optimisation of Jayaram, Lin and Baker (2011), until a pass changes nothing: all
-    candidates for a place are judged at once, from sums over the other records.
-    """
+    """The greedy optimisation of Jayaram, Lin and Baker (2011), until a pass changes nothing."""
     chosen, count = chosen.copy(), len(chosen)
     if count == 1:
         return chosen

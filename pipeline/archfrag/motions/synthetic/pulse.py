@@ -55,12 +55,7 @@ def add_pulse(
     magnitude: float,
     generator: np.random.Generator,
 ) -> tuple[NDArray[np.float64], float]:
-    """A motion with a pulse at time zero, and the period of the pulse [s].
-
-    Period and phase are drawn, the phase uniformly. The amplitude is such that the root of the sum
-    of squares of Sa of motion and pulse at 0.88 Tp is Shahi and Baker's median amplification
-    there.
-    """
+    """A motion with a pulse at time zero, and its period [s]: at 0.88 Tp it amplifies as [1]_."""
     period = draw_period(magnitude, generator)
     pulse = wavelet(time, period, generator.uniform(0.0, 2.0 * np.pi))
     dt, at = time[1] - time[0], _PEAK_PERIOD * period
