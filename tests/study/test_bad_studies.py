@@ -143,7 +143,7 @@ BAD += [
         ("Sa(1e9)", "has a period of 1e+09 s; it must be from 0.01 to 20 s"),
         ("Sa(nan)", "needs 1 period(s) in seconds, each above 0"),
         ("AvgSA(2.0,0.5)", "needs its shorter period first"),
-        ("pga", "unknown intensity measure 'pga'; "),
+        ("pga", "did you mean PGA?"),
         ("D5_95", "to which no motion can be scaled"),
     ]
 ]
