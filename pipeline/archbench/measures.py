@@ -85,7 +85,7 @@ def energy_gain(
     times ground acceleration, integrated over the displacement between frames. Contacts can only
     take energy, so that what rises was made by the method.
     """
-    kinetic = _kinetic(arch.chain, velocity, angular_velocity)
+    kinetic = kinetic_energy(arch.chain, velocity, angular_velocity)
     return _largest_rise(kinetic + _surplus_of_place(arch, motion, time, displacement), kinetic)
 
 
@@ -106,7 +106,7 @@ def path_energy_gain(
         return 0.0
     span = np.diff(time)
     velocity = np.diff(displacement, axis=0) / span[:, None, None]
-    kinetic = _kinetic(arch.chain, velocity, np.diff(rotation, axis=0) / span[:, None])
+    kinetic = kinetic_energy(arch.chain, velocity, np.diff(rotation, axis=0) / span[:, None])
     place = _surplus_of_place(arch, motion, time, displacement)
     surplus = kinetic + 0.5 * (place[1:] + place[:-1])
     bridged = _over(np.min, _over(np.max, surplus))
@@ -117,7 +117,8 @@ def _over(extreme: Callable[..., Array], values: Array) -> Array:
     return extreme(sliding_window_view(values, LASTING), axis=1)
 
 
-def _kinetic(chain, velocity: Array, angular_velocity: Array) -> Array:
+def kinetic_energy(chain, velocity: Array, angular_velocity: Array) -> Array:
+    """Of all voussoirs at each instant [J]."""
     kinetic = 0.5 * np.sum(chain.mass[:, None] * velocity**2, axis=(1, 2))
     return kinetic + 0.5 * angular_velocity**2 @ chain.inertia
 
