@@ -35,10 +35,7 @@ QUICK = ("stripes", "ida")
 
 
 def run_design(name: str, repeat: int, records: Path) -> Row:
-    """Runs, theta [g], beta, their 90 % intervals and the time of one study.
-
-    ArchfragError if the study fails, with its own message.
-    """
+    """Runs, theta [g], beta, their 90 % intervals and the time of one study."""
     design, events = DESIGNS[name]
     study = yaml.safe_load((records.parent / "configs" / "shipped.yaml").read_text("utf-8"))
     seed = {} if design["kind"] == "stripes" else {"seed": repeat}

@@ -106,7 +106,11 @@ def find_reference(scene: Scene, quick: bool) -> Reference:
     if base.collapsed is None or base.response is None:
         raise ArchfragError(f"scene {scene.name}: {tight} ends with {base.status}")
     marks = marks_of(scene, base)
-    seen, beside = (_highest(observe(scene, run, marks), run) for run in (base, coarser))
+    seen, beside = (observe(scene, run, marks) for run in (base, coarser))
+    # With the peak over frames too: event-driven runs look for it at the ends of steps only.
+    highest = (float(lengths(run.frames.displacement).max()) for run in (base, coarser))
+    seen, beside = (replace(each, peak=max(each.peak, top))
+                    for each, top in zip((seen, beside), highest))  # fmt: skip
     # Runs whose steps end with every sample agree in all digits at several tolerances, which
     # proves nothing about an error below the tolerance itself.
     errors = errors_of(beside, seen, scene.thickness)
@@ -137,11 +141,6 @@ def find_reference(scene: Scene, quick: bool) -> Reference:
     reference.growth = measure_growth(scene, loose, coarser, marks.onset, last, 2 if quick else 4)
     compare_with_steps(reference, scene, quick)
     return reference
-
-
-def _highest(seen: Observed, run: Solution) -> Observed:
-    """With the peak over frames too: event-driven runs look for it at the ends of steps only."""
-    return replace(seen, peak=max(seen.peak, float(lengths(run.frames.displacement).max())))
 
 
 def _thinned(run: Solution, stride: int) -> Solution:

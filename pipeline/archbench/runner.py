@@ -108,18 +108,12 @@ def sources() -> str:
     return digest.hexdigest()[:12]
 
 
-def load_kernels() -> None:
-    """Have the kernels of all methods in this process, before anything is timed."""
-    for name in available_methods():
-        warmup(name)
-
-
 def in_processes(
     function: Callable[..., Any],
     tasks: Mapping[Key, Sequence[Any]],
     workers: int,
     limit: float,
-    prepare: Callable[[], Any] = load_kernels,
+    compiled: bool = True,
 ) -> Iterator[tuple[Key, Any]]:
     """Results of ``function(*task)`` as they come, with their keys; a message for those that fail.
 
@@ -132,7 +126,7 @@ def in_processes(
             "archfrag evidence needs the package pebble: pip install -e .[bench]"
         ) from None
 
-    pool = ProcessPool(workers, 0, _prepare_process, (prepare,), get_context("spawn"))
+    pool = ProcessPool(workers, 0, _prepare_process, (compiled,), get_context("spawn"))
     try:
         running: dict[Future, Key] = {
             pool.schedule(function, task, timeout=limit): key for key, task in tasks.items()
@@ -149,8 +143,8 @@ def in_processes(
         pool.join()
 
 
-def _prepare_process(prepare: Callable[[], Any]) -> None:
-    """Make a process ready for tasks, and for its own end: the pool ends it by SIGTERM."""
+def _prepare_process(compiled: bool) -> None:
+    """Have the kernels before anything is timed, and end all that it started at SIGTERM."""
 
     def end(*_: Any) -> None:
         for each in psutil.Process().children(recursive=True):
@@ -159,4 +153,5 @@ def _prepare_process(prepare: Callable[[], Any]) -> None:
         os._exit(1)
 
     signal.signal(signal.SIGTERM, end)
-    prepare()
+    for name in available_methods() if compiled else ():
+        warmup(name)

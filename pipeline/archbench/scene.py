@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from archfrag.arch import STANDARD_GRAVITY
 from archfrag.arch.geometry import cross, polygon_section
-from archfrag.arch.gravity import STANDARD_GRAVITY
 
 __all__ = ["STANDARD_GRAVITY", "Bodies", "Scene", "load_scene", "scene_names"]
 FOLDER = Path(__file__).parent / "scenes"

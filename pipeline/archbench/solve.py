@@ -153,15 +153,13 @@ def _solution(response: Response, seconds: float) -> Solution:
     )  # fmt: skip
 
 
-@lru_cache
-def _other_solver(name: str) -> OtherSolver:
-    """Another solver in a process of its own, started once for each process of ours."""
-    return OtherSolver(name, RUN_LIMIT)
+# Another solver in a process of its own, started once for each process of ours.
+_other_solver = lru_cache(OtherSolver)
 
 
 def _other(scene: Scene, setting: Setting, history: bool) -> Solution:
     try:
-        run = _other_solver(setting.method).run(scene, setting.value, history)
+        run = _other_solver(setting.method, RUN_LIMIT).run(scene, setting.value, history)
     except SolverFailed as failure:
         return Solution(None, str(failure))
     frames = NO_FRAMES

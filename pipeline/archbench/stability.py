@@ -85,10 +85,7 @@ def cases(quick: bool) -> list[Case]:
 
 
 def settings_of(method: str, quick: bool, **own: float) -> list[Setting]:
-    """A method at all steps, or at all tolerances if it controls its error.
-
-    A method that divides its step by itself is varied by the part of the critical step.
-    """
+    """A method at all steps, at all tolerances if it controls its error, or parts of its step."""
     if method not in METHODS:
         return [Setting(method, "dt", step) for step in OTHER_STEPS]
     info = METHODS[method]
@@ -170,14 +167,9 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
     cells = pd.DataFrame([
         head | (late if isinstance(found, str) else found) for head, found in zip(heads, results)
     ])  # fmt: skip
-    return {"cells": cells, "counts": counts_table(cells)}
-
-
-def counts_table(cells: pd.DataFrame) -> pd.DataFrame:
-    """Cells of each kind by method."""
     counts = cells.groupby(["method", "kind"], sort=False).size().unstack(fill_value=0)
     kinds = [kind for kind in (RIGHT, UNDECIDED, NOT_FOR_IT, *FAILURES) if kind in counts]
-    return counts[kinds].reset_index()
+    return {"cells": cells, "counts": counts[kinds].reset_index()}
 
 
 def _settings(case: Case, bench: Bench) -> Iterator[tuple[float, Setting]]:

@@ -139,12 +139,7 @@ def inspect(
     from archfrag.errors import RecordError
     from archfrag.motions.index import goes_with_records
     from archfrag.motions.inspection import inspect_record
-    from archfrag.study.record_commands import (
-        inspection_facts,
-        inspection_motions,
-        inspection_text,
-        reading_of,
-    )
+    from archfrag.study import record_commands as commands
 
     _drawing(figure)
     found, facts, unreadable = [], [], []
@@ -152,17 +147,17 @@ def inspect(
         if len(files) > 1 and goes_with_records(file):
             continue
         try:
-            found.append(inspect_record(file, **reading_of(file, reading)))
-            facts.append(inspection_facts(found[-1]))
+            found.append(inspect_record(file, **commands.reading_of(file, reading)))
+            facts.append(commands.inspection_facts(found[-1]))
         except RecordError as error:
             unreadable.append(str(error))
             facts.append({"file": str(file), "error": str(error)})
     if figure is not None and found:
         from archfrag.report.record_figures import inspected
 
-        _save(inspected(inspection_motions(found)), figure)
+        _save(inspected(commands.inspection_motions(found)), figure)
     if found or as_json:
-        _print(facts, "\n".join(map(inspection_text, found)), as_json)
+        _print(facts, "\n".join(map(commands.inspection_text, found)), as_json)
     for message in unreadable:
         _note(f"error: {message}")
     if unreadable:

@@ -13,7 +13,7 @@ from archbench.adapters import client
 from archbench.adapters.client import NAMES, OtherSolver, SolverFailed
 from archbench.adapters.corners import Corners
 from archbench.adapters.drive import drive
-from archbench.scene import Scene, load_scene, scene_names
+from archbench.scene import load_scene, scene_names
 from archbench.settings import Setting
 from archbench.solve import arch_of, solve
 
@@ -65,13 +65,6 @@ class TestEveryScene:
                     moved = q + step * (np.arange(q.size) == column).reshape(q.shape)
                     change = (corners.linearise(moved)[0] - value)[contact] / step
                     assert change == pytest.approx(matrix[contact, :, k], abs=1e-4)
-
-
-def test_unknown_scene_and_unknown_key_are_refused():
-    with pytest.raises(FileNotFoundError, match="arch8_pulse"):
-        load_scene("arch8_pulse")
-    with pytest.raises(TypeError, match="voussoir"):
-        Scene(**vars(PULSE), voussoir=7)
 
 
 VERSION = "sideways 1"

@@ -32,7 +32,7 @@ def task(seconds, path=None):
 def test_what_takes_too_long_is_ended_with_its_processes_and_all_else_is_done(tmp_path):
     child = tmp_path / "pid"
     tasks = {("short",): (0.2,), ("long",): (600.0, child), ("dies",): (-1.0,), ("last",): (0.1,)}
-    found = dict(in_processes(task, tasks, 2, 4.0, prepare=int))
+    found = dict(in_processes(task, tasks, 2, 4.0, compiled=False))
     assert found == {
         ("short",): 0.2, ("long",): "not ended within 4 s",
         ("dies",): "its process ended by itself", ("last",): 0.1,

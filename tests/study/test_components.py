@@ -150,7 +150,7 @@ class TestProcessing:
             study_with(tmp_path, f"{FILES}\n  processing: {steps}")
 
 
-def test_the_cube_states_processing_and_verticals(tmp_path):
+def test_the_cube_states_processing_and_verticals(tmp_path, here):
     from archfrag.study.batch import run_batch
     from archfrag.study.cube import write_cube
 

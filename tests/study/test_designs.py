@@ -6,7 +6,7 @@ import pytest
 from archfrag.fragility.counts import Verdict
 from archfrag.study import grids
 from archfrag.study.design import Ida, Precision, Scattered, TwoStage
-from archfrag.study.grids import Borders, Grid, ida, search, stripes
+from archfrag.study.grids import Borders, Grid, ida, search
 from archfrag.study.rounds import BEYOND, COARSE, FINE, Rounds, scattered
 
 LEVELS = np.linspace(0.05, 0.75, 15)
@@ -70,18 +70,6 @@ def search_only(table, prepare=lambda borders: None):
 
     driven(strand(), table)
     return borders
-
-
-class TestStripes:
-    def test_all_cells_are_asked_for_at_once(self):
-        rounds = Rounds({3: stripes(Grid(3, np.array([4, 7]), LEVELS, np.empty((2, 0))))})
-        wanted = rounds.wanted
-        assert wanted["record"].tolist() == [4] * 15 + [7] * 15
-        assert wanted["place"].tolist() == [*range(15)] * 2
-        np.testing.assert_array_equal(wanted["level"], np.tile(LEVELS, 2))
-        assert set(wanted["arch"].tolist()) == {3}
-        rounds.answer(np.zeros(30, np.int8))
-        assert (len(rounds.wanted), rounds.notes, rounds.count) == (0, {3: {"runs": 30}}, 1)
 
 
 class TestRounds:

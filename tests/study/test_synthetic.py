@@ -83,12 +83,12 @@ class TestPrepared:
             load_record(study.work, replace(record, recipe=json.dumps(recipe)))
 
 
-def test_cube_holds_the_seeds_and_which_records_have_a_vertical(tmp_path):
+def test_cube_holds_the_seeds_and_which_records_have_a_vertical(tmp_path, here):
     text = TEXT.replace("levels: [0.1, 0.6, 1.2]", "levels: [0.1]")
     made = MADE.replace("seed: 3", "seed: 3, vertical: true")
     study = study_with(tmp_path, f"{FILES}\n  {made}", text)
     prepare_motions(study)
-    run_batch(study, workers=2, quiet=True)
+    run_batch(study, workers=1, quiet=True)
     with netCDF4.Dataset(write_cube(study)) as cube:
         seeds = cube["record_event_seed"][:].filled(np.nan)
         assert np.isnan(seeds[:2]).all()

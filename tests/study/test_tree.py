@@ -106,19 +106,6 @@ def test_a_process_that_ended_but_was_not_waited_for_is_gone():
 
 
 class TestLock:
-    def test_it_names_who_holds_it_and_is_empty_after(self, study):
-        with only_run(study):
-            holder = json.loads((study.work / "lock").read_text())
-            assert (holder["host"], holder["pid"]) == (socket.gethostname(), os.getpid())
-            with (
-                pytest.raises(
-                    OutputError, match=rf"\(process {os.getpid()} on {holder['host']}\)"
-                ),
-                only_run(study),
-            ):
-                pass
-        assert (study.work / "lock").read_bytes() == b""
-
     def test_an_error_frees_it_and_a_stop_leaves_the_name(self, study):
         with pytest.raises(OutputError), only_run(study):
             raise OutputError("disk full")

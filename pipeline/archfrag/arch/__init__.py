@@ -3,8 +3,8 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from archfrag.arch.gravity import STANDARD_GRAVITY
-
+STANDARD_GRAVITY = 9.80665
+"""Acceleration of gravity in all of archfrag [m/s2] (ISO 80000-3, standard acceleration)."""
 # Imported when asked for: whoever reads a study file needs neither numba nor scipy.
 _HOME = {"Arch": "archfrag.arch.model", "Block": "archfrag.arch.block"}
 __all__ = ["STANDARD_GRAVITY", "Arch", "Block"]

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from archfrag.arch import checks
-from archfrag.arch.gravity import STANDARD_GRAVITY
+from archfrag.arch import STANDARD_GRAVITY, checks
 from archfrag.arch.ring import Ring
 from archfrag.errors import GeometryError
 from archfrag.mechanics.types import Chain

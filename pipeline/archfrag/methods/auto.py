@@ -23,14 +23,7 @@ import numpy as np
 
 from archfrag.mechanics.model import model_of
 from archfrag.mechanics.status import Count, Status
-from archfrag.mechanics.types import (
-    Chain,
-    Frames,
-    GroundMotion,
-    MechanismLog,
-    Options,
-    Outcome,
-)
+from archfrag.mechanics.types import Chain, Frames, GroundMotion, MechanismLog, Options, Outcome
 from archfrag.methods.base import is_accurate, refuse
 from archfrag.methods.event_driven import front as events
 from archfrag.methods.time_stepping import front as stepper
@@ -202,7 +195,7 @@ def run(
     switch_steps: float,
     coarse: float,
 ) -> Outcome:
-    """Integrate one chain under one ground motion; arguments as `event_driven.run`.
+    """Integrate one chain under one ground motion; arguments as `time_stepping.front.run`.
 
     Parameters
     ----------

@@ -84,21 +84,7 @@ def integrate(
     velocity: np.ndarray,
     from_rest: bool,
 ) -> Outcome:
-    """Move a case to its end.
-
-    Parameters
-    ----------
-    case : archfrag.methods.time_stepping.front.Case
-    advance : callable
-        Makes steps until ``case.state.clock[Clock.CODE]`` is no longer GO.
-    position, velocity : ndarray, (n_body, 3)
-        Initial state; overwritten with the final one.
-    from_rest : bool
-
-    Returns
-    -------
-    archfrag.mechanics.types.Outcome
-    """
+    """Move a case to its end."""
     start(case, position, velocity, from_rest)
     while case.state.clock[Clock.CODE] == GO:
         advance()
@@ -109,17 +95,7 @@ def integrate(
 
 @inlined
 def write_rows(j, nx, ny, px, py, position, row):
-    """Parting and tangential velocity at a point by the coordinates of the bodies of joint j.
-
-    Parameters
-    ----------
-    j : int
-    nx, ny, px, py : float
-        Normal, and the point [m].
-    position : ndarray, (n_body + 2, 3)
-    row : ndarray, (2, 6)
-        Overwritten; coordinates of the body before the joint, then of the one after it.
-    """
+    """Parting and tangential velocity at a point by the coordinates of the bodies of joint j."""
     for side in range(2):
         sign, at = 2.0 * side - 1.0, 3 * side
         x, y = px - position[j + side, 0], py - position[j + side, 1]
@@ -131,19 +107,7 @@ def write_rows(j, nx, ny, px, py, position, row):
 
 @kernel
 def stands(state, limits, until, moved, span):
-    """Whether, once the record is over, nothing has been too fast for rest for some time.
-
-    Parameters
-    ----------
-    state : archfrag.mechanics.model.State
-    limits : archfrag.methods.time_stepping.service.Limits
-        Its `still` is the speed that is too fast.
-    until : float
-        When the run ends at the latest [s].
-    moved : ndarray, (1,)
-        When something was too fast last [s]; brought up to now.
-    span : float [s]
-    """
+    """Whether, once the record is over, nothing has been too fast for rest for some time."""
     time = state.clock[Clock.TIME]
     if state.clock[Clock.FASTEST] > limits.still or time <= until - limits.follow:
         moved[0] = time

@@ -4,8 +4,7 @@ The model of Oppenheim (1992, *Earthquake Engng Struct. Dyn.* 21(11), 1005-1017)
 ibid. 27(5), 513-522) and De Lorenzis, DeJong and Ochsendorf (2007, ibid. 36(14), 2119-2136):
 
 - At rest until the ground acceleration leaves the range of rest. Limit analysis at that limit
-gives
-  which four hinges open; they stay for as long as the arch moves in that direction.
+  gives which four hinges open; they stay for as long as the arch moves in that direction.
 - Then three bodies, four pins, one angle (`archfrag.mechanics.four_bars`). Its acceleration and
   the reactions at all joints are those of the contact problem with the modes of the linkage; it
   is integrated by the classical method of Runge and Kutta with equal steps.
@@ -22,23 +21,14 @@ A chain with a free end moves about one hinge: for a single block this is Housne
 block with his impact. Where the onset mechanism is no linkage, because a joint slides in it, or
 where an initial state is none of a linkage's, the run ends as ``Status.NOT_APPLICABLE``.
 
-What the method gets wrong
---------------------------
-Hinges do not choose their joints by the load of the moment, nor split, nor wander; no joint
-slides once it moves; and after an impact, where many joints of an arch move, the motion is
-projected on one mechanism, which throws energy away on the unsafe side. Oppenheim's arch (radius
-10 m, thickness 1.5 m, 157.5 degrees, 7 voussoirs, friction 0.7):
-
-- one rectangular pulse of 0.5, 0.7, 1.0 g must last 0.662, 0.375, 0.232 s for collapse; all
-  voussoirs need 0.634, 0.365, 0.2197 s: 3 to 6 % less;
-- under +a for 0.3 s and then -a/2 for 0.6 s it collapses from a = 1.596 g, without an impact;
-  all voussoirs collapse from 0.6805 g: a capacity 2.35 times too large;
-- pins hold where they would need a tensile force: under three of the shipped records scaled to a
-peak of
-  4 g they are in tension 9 to 21 times in runs that end standing.
-
-The contact laws at closed joints are not looked at while it moves; the residual that a response
-reports is how far they are broken.
+What the method gets wrong: hinges do not choose their joints by the load of the moment, nor split,
+nor wander; no joint slides once it moves; after an impact, where many joints of an arch move, the
+motion is projected on one mechanism, which throws energy away on the unsafe side. For Oppenheim's
+arch (radius 10 m, thickness 1.5 m, 157.5 degrees, 7 voussoirs, friction 0.7) one rectangular pulse
+of 0.5, 0.7, 1.0 g must last 0.662, 0.375, 0.232 s for collapse, 3 to 6 % longer than with all
+voussoirs; under +a for 0.3 s and then -a/2 for 0.6 s it collapses from 1.596 g, all voussoirs from
+0.6805 g. The contact laws at closed joints are not looked at while it moves; the residual that a
+response reports is how far they are broken, and pins hold where they would need a tensile force.
 """
 
 from typing import NamedTuple
@@ -59,14 +49,7 @@ from archfrag.mechanics.four_bars import (
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.onset import NO_LIMIT, rest_limit
 from archfrag.mechanics.status import Cause, CollapseMode, Count, Energy, Model, Status
-from archfrag.mechanics.types import (
-    Chain,
-    Frames,
-    GroundMotion,
-    MechanismLog,
-    Options,
-    Outcome,
-)
+from archfrag.mechanics.types import Chain, Frames, GroundMotion, MechanismLog, Options, Outcome
 from archfrag.methods.base import finish, start
 from archfrag.methods.time_stepping.front import Case, case_of
 from archfrag.methods.time_stepping.motion import end_rest
@@ -136,25 +119,10 @@ def shake_at(ground, time, shake):
 def accelerate(case, linkage, motion, q, speed, late):
     """Accelerations of all voussoirs and reactions at all joints, into ``case.work``.
 
+    Returns acceleration, power.
+
     The contact problem with the linkage's modes; what rotation takes from the relative
     accelerations of the corners (the centripetal terms of Eqs 17 and 18) is its bias.
-
-    Parameters
-    ----------
-    case : archfrag.methods.time_stepping.front.Case
-        Its state is that of the voussoirs afterwards.
-    linkage : archfrag.mechanics.four_bars.Linkage
-    motion : Motion
-    q, speed : float [rad], [rad/s]
-    late : float
-        Time after ``motion.now`` [s].
-
-    Returns
-    -------
-    acceleration : float
-        Of q [rad/s2]; nan where the linkage does not reach.
-    power : float
-        Of the ground's inertia forces [W].
     """
     model, state, work = case.model, case.state, case.work
     if not place_linkage(model, linkage, q, speed, state):
@@ -206,8 +174,7 @@ def _go_to(case, linkage, motion, step):
 
 @kernel
 def _weakest_pin(case, linkage):
-    """The joint with the least compression, and its value, halfway between its faces' normals
-    [N]."""
+    """The joint with the least compression, and its value by the mean normal [N]."""
     weakest, least = -1, np.inf
     for j in range(case.work.slide.size):
         if linkage.touch[j, 0] + linkage.touch[j, 1] < 2.0:
@@ -348,17 +315,7 @@ def _accept(case, linkage, motion, step):
 
 @allocating
 def move(case, linkage, motion, ground, largest, stop, most):
-    """Integrate a linkage until it closes, collapses or time is up; returns the code.
-
-    Parameters
-    ----------
-    case, linkage, motion, ground
-    largest : float
-        Step [s].
-    stop : float [s]
-    most : float
-        Steps that the run may take.
-    """
+    """Integrate a linkage until it closes, collapses or time is up; returns the code."""
     clock, motion.tensile[0] = case.state.clock, 0.0
     while clock[Clock.TIME] < stop:
         if case.state.count[Count.STEPS] >= most:
@@ -393,15 +350,7 @@ def change_modes(case, touch, cause, rung):
 
 
 class Run:
-    """One run on the two linkages of a chain, those for a ground accelerating towards +x and -x.
-
-    Parameters
-    ----------
-    case : archfrag.methods.time_stepping.front.Case
-        Started, at rest in the chain's own geometry.
-    ground : archfrag.mechanics.types.GroundMotion
-    options : archfrag.mechanics.types.Options
-    """
+    """One run on the two linkages of a chain, for a ground that accelerates towards +x and -x."""
 
     def __init__(self, case: Case, ground: GroundMotion, options: Options) -> None:
         self.case, self.state, self.clock = case, case.state, case.state.clock

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from importlib import import_module
 from typing import NamedTuple
 
 AUTO = "auto"
@@ -84,64 +85,9 @@ def steps_of_tolerance(rtol: float, n_body: int) -> tuple[float, float]:
     return impact, max(8.0 * OWN_STEP * min(max(scale**0.4, 0.1), 4.0), impact)
 
 
-def _time_stepping():
-    from archfrag.methods.time_stepping.front import run
-
-    return run
-
-
-def _event_driven():
-    from archfrag.methods.event_driven import run
-
-    return run
-
-
-def _penalty():
-    from archfrag.methods.penalty.run import run
-
-    return run
-
-
-def _auto():
-    from archfrag.methods.auto import run
-
-    return run
-
-
-def _many_by_steps():
-    from archfrag.methods.time_stepping.front import run_many
-
-    return run_many
-
-
-def _many_by_events():
-    from archfrag.methods.event_driven import run_many
-
-    return run_many
-
-
-def _many_by_auto():
-    from archfrag.methods.auto import run_many
-
-    return run_many
-
-
-def _four_link():
-    from archfrag.methods.four_link import run
-
-    return run
-
-
-def _gauss_seidel():
-    from archfrag.methods.contact_dynamics.gauss_seidel import run
-
-    return run
-
-
-def _quadratic_programme():
-    from archfrag.methods.contact_dynamics.quadratic_programme import run
-
-    return run
+def _from(module: str, name: str = "run") -> Callable[[], Callable]:
+    """Loader of a function of a module beside this one, imported when it is called."""
+    return lambda: getattr(import_module(f"archfrag.methods.{module}"), name)
 
 
 _OWN = "if not given, it follows the root of the shortest joint's length: 0.5 ms for 1.5 m"
@@ -162,9 +108,9 @@ METHODS = {
             "Moreau 1988, CISM 302, 1-82; Jean 1999, Comput. Methods Appl. Mech. Engrg. 177, "
             "235-257; Paoli and Schatzman 2002, SIAM J. Numer. Anal. 40(2), 702-733"
         ),
-        load=_time_stepping,
+        load=_from("time_stepping.front"),
         step_rule=steps_of_tolerance,
-        load_many=_many_by_steps,
+        load_many=_from("time_stepping.front", "run_many"),
     ),
     "event_driven": MethodInfo(
         name="event_driven",
@@ -181,9 +127,9 @@ METHODS = {
             "A. Sinopoli, A semi-analytical approach for masonry arch dynamics; Dormand and "
             "Prince 1980, J. Comput. Appl. Math. 6(1), 19-26"
         ),
-        load=_event_driven,
+        load=_from("event_driven"),
         step_rule=own_step,
-        load_many=_many_by_events,
+        load_many=_from("event_driven", "run_many"),
     ),
     AUTO: MethodInfo(
         name=AUTO,
@@ -218,9 +164,9 @@ METHODS = {
             ),
         ),
         citation="as event_driven (Dormand and Prince 1980) and time_stepping (Moreau 1988)",
-        load=_auto,
+        load=_from("auto"),
         step_rule=steps_of_tolerance,
-        load_many=_many_by_auto,
+        load_many=_from("auto", "run_many"),
     ),
     "four_link": MethodInfo(
         name="four_link",
@@ -237,7 +183,7 @@ METHODS = {
             "ibid. 27(5), 513-522; De Lorenzis, DeJong and Ochsendorf 2007, ibid. 36(14), "
             "2119-2136"
         ),
-        load=_four_link,
+        load=_from("four_link"),
     ),
     "penalty": MethodInfo(
         name="penalty",
@@ -282,7 +228,7 @@ METHODS = {
             "Cundall and Strack 1979, Geotechnique 29(1), 47-65; Cundall 1988, Int. J. Rock Mech. "
             "Min. Sci. 25(3), 107-116; Lemos 2007, Int. J. Archit. Heritage 1(2), 190-213"
         ),
-        load=_penalty,
+        load=_from("penalty.run"),
     ),
     "gauss_seidel": MethodInfo(
         name="gauss_seidel",
@@ -307,7 +253,7 @@ METHODS = {
             "Moreau 1988, CISM 302, 1-82; Jean 1999, Comput. Methods Appl. Mech. Engrg. 177, "
             "235-257; Dubois, Acary and Jean 2018, C. R. Mecanique 346, 247-262"
         ),
-        load=_gauss_seidel,
+        load=_from("contact_dynamics.gauss_seidel"),
     ),
     "quadratic_programme": MethodInfo(
         name="quadratic_programme",
@@ -327,7 +273,7 @@ METHODS = {
             "Multibody Dynamics with Unilateral Contacts; Anitescu and Potra 1997, Nonlinear "
             "Dynamics 14, 231-247"
         ),
-        load=_quadratic_programme,
+        load=_from("contact_dynamics.quadratic_programme"),
         needs="piqp",
     ),
 }

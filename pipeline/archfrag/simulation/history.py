@@ -78,9 +78,6 @@ def history_of(arch: Arch, frames: Frames, n_frame: int) -> xarray.Dataset:
 
 
 def _mode_meanings(arch: Arch) -> str:
-    names = ["open"]
-    for corner in range(2):
-        side = arch.corner_name(corner)
-        names += [f"{side}_sticks", f"{side}_slides_plus", f"{side}_slides_minus"]
-    names += ["closed_sticks", "closed_slides_plus", "closed_slides_minus"]
-    return " ".join(names)
+    places = [arch.corner_name(0), arch.corner_name(1), "closed"]
+    slips = ("sticks", "slides_plus", "slides_minus")
+    return " ".join(["open", *(f"{place}_{slip}" for place in places for slip in slips)])

@@ -126,15 +126,12 @@ class Chain(Section):
         profile = getattr(self, "profile")  # noqa: B009
         for key, distribution in self.vary.of.items():
             if key not in own or key not in VARIABLE:
-                allowed = ", ".join(name for name in VARIABLE if name in own)
-                raise refuse_key(
-                    f"vary.of.{key}",
-                    f"is nothing that varies of the profile {profile}; allowed are {allowed}",
-                )
+                names = ", ".join(name for name in VARIABLE if name in own)
+                text = f"is nothing that varies of the profile {profile}; allowed are {names}"
+                raise refuse_key(f"vary.of.{key}", text)
             if distribution.relative and not _finite(getattr(self, key)):
-                raise refuse_key(
-                    f"vary.of.{key}.relative", f"must have a finite {key} of the arch to multiply"
-                )
+                text = f"must have a finite {key} of the arch to multiply"
+                raise refuse_key(f"vary.of.{key}.relative", text)
         joints = self.vary.joints
         if joints is not None and joints.position is not None and "joints" not in own:
             raise refuse_key("vary.joints.position", f"has no place in the profile {profile}")

@@ -58,21 +58,13 @@ def with_partners(
         folder = source.path.parent
         if folder not in names:
             names[folder] = folder_names(folder)
-        upward = beside = None
-        if source.entry is not None:
-            verticals = [row for row in rows if _is_vertical(row)]
-            others = [row for row in rows if not _is_vertical(row)]
-            upward = _row_beside(source.entry, verticals)
-            beside = _row_beside(source.entry, others)
-        files = [
-            row.path if row else sibling(source.path, names[folder], kind)
-            for row, kind in ((upward, True), (beside, False))
-        ]
-        found.append(
-            replace(
-                source, upward=files[0] if vertical else None, beside=files[1] if pairs else None
-            )
-        )
+        files: list[Path | None] = []
+        for kind, asked in ((True, vertical), (False, pairs)):
+            of_kind = [row for row in rows if _is_vertical(row) == kind]
+            row = _row_beside(source.entry, of_kind) if source.entry is not None else None
+            path = row.path if row else sibling(source.path, names[folder], kind)
+            files.append(path if asked else None)
+        found.append(replace(source, upward=files[0], beside=files[1]))
     return found
 
 
@@ -86,11 +78,8 @@ def _row_beside(row: IndexEntry, rows: Sequence[IndexEntry]) -> IndexEntry | Non
     own = [str(row.metadata.get(key) or "") for key in keys]
     if not all(own):
         return None
-    alike = [
-        other
-        for other in rows
-        if other is not row and [str(other.metadata.get(key) or "") for key in keys] == own
-    ]
+    others = (other for other in rows if other is not row)
+    alike = [o for o in others if [str(o.metadata.get(key) or "") for key in keys] == own]
     return alike[0] if len(alike) == 1 else None
 
 
@@ -125,16 +114,12 @@ class Components:
         """See that no record was left out completely."""
         for record, name in self._left_out.items():
             if record not in self._kept:
-                wanted = ", ".join(self._wanted())
-                raise RecordError(
-                    f"{name}: has none of the components {wanted} that motions.processing chooses"
-                )
+                wanted = f"{', '.join(self._wanted())} that motions.processing chooses"
+                raise RecordError(f"{name}: has none of the components {wanted}")
 
     def _wanted(self) -> tuple[str, ...]:
-        for step in self.steps:
-            if step.name == "choose":
-                return step.choose.components
-        return ()
+        chosen = (step.choose.components for step in self.steps if step.name == "choose")
+        return next(chosen, ())
 
     def _chosen(self, motion: "Motion", source: "Source") -> bool:
         wanted = [code.upper() for code in self._wanted()]
@@ -164,31 +149,23 @@ class Components:
             )
         elif self.study.motions.vertical and motion.vertical is None:
             if source.upward is None:
-                raise RecordError(
-                    f"{source.path}: record {motion.id} has no vertical component, in this file "
-                    "or in one beside it, and motions.vertical asks for it"
-                )
-            entry = source.entry
+                raise _lacks(source, motion, "vertical", "motions.vertical asks for it")
+            row = source.entry or source
             upward = read_vertical(
-                source.upward,
-                source.unit if entry is None else entry.unit,
-                inventory=source.inventory,
-                accept=source.accept if entry is None else entry.accept,
+                source.upward, row.unit, inventory=source.inventory, accept=row.accept
             )
             motion = with_vertical(motion, _as_listed(upward, source))
         if not self._pairs:
             return motion
         other = other_horizontal(alone, motions)
         if other is None and source.beside is not None:
-            unit = source.unit if source.entry is None else source.entry.unit
+            unit = (source.entry or source).unit
             beside = replace(source, path=source.beside, unit=unit, entry=None, name=None)
             found = _read(beside)
             other = found[0] if len(found) == 1 else None
         if other is None:
-            raise RecordError(
-                f"{source.path}: record {motion.id} has no other horizontal component, in this "
-                "file or in one beside it, and motions.processing or intensity.measure needs both"
-            )
+            both = "motions.processing or intensity.measure needs both"
+            raise _lacks(source, motion, "other horizontal", both)
         motion = with_across(motion, _as_listed(other, source))
         return motion._replaced(metadata={**motion.metadata, "id_across": other.id})
 
@@ -198,16 +175,11 @@ class Components:
             return False
         about = motion.metadata
         file = str(about.get("file", ""))
-        pair = frozenset(
-            (
-                (file, str(about.get("component", ""))),
-                (str(about.get("file_across", file)), str(about.get("component_across", ""))),
-            )
-        )
-        if pair in self._rotated:
-            return True
+        across = str(about.get("file_across", file)), str(about.get("component_across", ""))
+        pair = frozenset(((file, str(about.get("component", ""))), across))
+        known = pair in self._rotated
         self._rotated.add(pair)
-        return False
+        return known
 
     def _processed(self, held: list["Motion"], source: "Source") -> "Motion":
         motion = held.pop()
@@ -219,12 +191,16 @@ class Components:
             try:
                 motion = apply_step(step, motion, source.path, source.inventory)
             except InputError as error:
-                raise RecordError(
-                    f"{source.path}: motions.processing[{number}] ({step.name}): {error}"
-                ) from None
+                key = f"motions.processing[{number}] ({step.name})"
+                raise RecordError(f"{source.path}: {key}: {error}") from None
             if step.name == "rotate":
                 motion = motion._replaced(id=_name_of_pair(motion))
         return motion
+
+
+def _lacks(source: "Source", motion: "Motion", component: str, why: str) -> RecordError:
+    where = f"no {component} component, in this file or in one beside it"
+    return RecordError(f"{source.path}: record {motion.id} has {where}, and {why}")
 
 
 def _as_listed(partner: "Motion", source: "Source") -> "Motion":
@@ -249,11 +225,5 @@ def _read(source: "Source") -> list["Motion"]:
 
     if source.entry is not None:
         return [load_motion(source.entry)]
-    return read_motions(
-        source.path,
-        source.unit,
-        inventory=source.inventory,
-        accept=source.accept,
-        columns=source.columns,
-        name=source.name,
-    )
+    names = ("unit", "inventory", "accept", "columns", "name")
+    return read_motions(source.path, **{name: getattr(source, name) for name in names})

@@ -156,10 +156,8 @@ class LevelRange(Section):
         if self.stop <= self.start:
             raise refuse(f"must have stop above start = {self.start:g}, not {self.stop:g}")
         if len(set(self.values())) < self.count:
-            raise refuse(
-                f"must have {self.count} different levels, but start = {self.start!r} and stop = "
-                f"{self.stop!r} are too close for that"
-            )
+            ends = f"start = {self.start!r} and stop = {self.stop!r}"
+            raise refuse(f"must have {self.count} different levels; {ends} are too close for that")
         return self
 
     def values(self) -> tuple[float, ...]:
@@ -215,20 +213,14 @@ class Intensity(Section):
             raise refuse_key("measure", str(error)) from None
         for period in periods:
             if not PERIODS[0] <= period <= PERIODS[1]:
-                raise refuse_key(
-                    "measure",
-                    f"{self.measure} has a period of {period:g} s; it must be from "
-                    f"{PERIODS[0]:g} to {PERIODS[1]:g} s",
-                )
+                text = f"it must be from {PERIODS[0]:g} to {PERIODS[1]:g} s"
+                raise refuse_key("measure", f"{self.measure} has a period of {period:g} s; {text}")
         allowed = LEVEL_UNITS.get(measure_unit(self.measure), {})
         if not scaling_exponent(self.measure):
             raise refuse(f"has measure {self.measure}, to which no motion can be scaled")
         if self.unit not in allowed:
-            raise refuse_key(
-                "unit",
-                f"unit {self.unit!r} is not one of {', '.join(allowed)}, in which {self.measure} "
-                "can be given",
-            )
+            some = f"{', '.join(allowed)}, in which {self.measure} can be given"
+            raise refuse_key("unit", f"unit {self.unit!r} is not one of {some}")
         return self
 
     @property
@@ -294,12 +286,9 @@ class Study(Section):
     def _names_differ(self) -> Self:
         names = [entry.id for entry in self.arches]
         for i, name in enumerate(names):
-            if name in names[:i]:
-                raise refuse_key(
-                    f"arches[{i}].id",
-                    f"{name!r} is the id of arches[{names.index(name)}] too; each arch needs its "
-                    "own",
-                )
+            if (first := names.index(name)) < i:
+                text = f"{name!r} is the id of arches[{first}] too; each arch needs its own"
+                raise refuse_key(f"arches[{i}].id", text)
         return self
 
     @property
@@ -410,19 +399,16 @@ def _override(given: dict[str, Any], text: str) -> None:
     value = _anchored(value, below, Path.cwd())
     place: Any = given
     for i, part in enumerate(parts):
-        last = i == len(parts) - 1
+        index: Any = part
+        above = ".".join(parts[:i])
         if isinstance(place, list):
             if not re.fullmatch("[0-9]{1,6}", part) or int(part) >= len(place):
-                raise StudyError(
-                    f"--set {text}: {'.'.join(parts[:i])} has {len(place)} entries, counted "
-                    f"from 0, and {part} is none of them"
-                )
-            index: Any = int(part)
-        elif isinstance(place, dict):
-            index = part
-        else:
-            raise StudyError(f"--set {text}: {'.'.join(parts[:i])} has no keys")
-        if last:
+                many = f"{above} has {len(place)} entries, counted from 0"
+                raise StudyError(f"--set {text}: {many}, and {part} is none of them")
+            index = int(part)
+        elif not isinstance(place, dict):
+            raise StudyError(f"--set {text}: {above} has no keys")
+        if i + 1 == len(parts):
             place[index] = value
         else:
             place = place.setdefault(index, {}) if isinstance(place, dict) else place[index]

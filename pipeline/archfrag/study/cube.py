@@ -51,10 +51,8 @@ def refuse_foreign_cube(study: Study) -> None:
         owner = None
     if owner != study.id:
         whose = f"the cube of study {owner!r}" if owner else "a file that is no cube of archfrag"
-        raise OutputError(
-            f"{path}: {whose} is in the place of study {study.id!r}; give the studies different "
-            "output folders, or move the file"
-        )
+        advice = "give the studies different output folders, or move the file"
+        raise OutputError(f"{path}: {whose} is in the place of study {study.id!r}; {advice}")
 
 
 def write_cube(study: Study) -> Path:
@@ -90,16 +88,12 @@ def write_timings(study: Study) -> Path:
     wall_time, steps = np.full(len(cases), np.nan), np.zeros(len(cases), np.int64)
     for _, rows, part, times in store.rows(store.places(keys)):
         wall_time[rows], steps[rows] = times, part["steps"]
-    table = pd.DataFrame(
-        {
-            "stage": cases["stage"],
-            "arch": _named(cases["arch"], [arch["id"] for arch in plan.arches]),
-            "record": _named(cases["record"], [record.id for record in plan.records]),
-            "level": cases["level"],
-            "steps": steps,
-            "wall_time": wall_time,
-        }
-    )
+    table = pd.DataFrame({
+        "stage": cases["stage"],
+        "arch": _named(cases["arch"], [arch["id"] for arch in plan.arches]),
+        "record": _named(cases["record"], [record.id for record in plan.records]),
+        "level": cases["level"], "steps": steps, "wall_time": wall_time,
+    })  # fmt: skip
     path = study.work / TIMINGS
     with replacing(path) as temporary:
         table.to_csv(temporary, index=False)

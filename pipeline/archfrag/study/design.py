@@ -55,14 +55,10 @@ def parameter_texts() -> dict[str, str]:
     for name in method_names():
         info = resolve(name)
         for parameter in info.parameters if info else ():
-            key = parameter.name
+            key, own = parameter.name, f" ({parameter.default:g} if not given)"
             if key in Method.model_fields:
-                own = (
-                    f" ({parameter.default:g} if not given)"
-                    if Method.model_fields[key].default is None
-                    else ""
-                )
-                takers.setdefault(key, []).append(name + own)
+                needed = Method.model_fields[key].default is None
+                takers.setdefault(key, []).append(name + own if needed else name)
                 meaning.setdefault(key, f"{parameter.meaning} [{parameter.unit}]")
     return {
         key: f"{text[:1].upper()}{text[1:]}; used by {', '.join(takers[key])}."

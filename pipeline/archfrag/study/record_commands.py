@@ -15,37 +15,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.errors import InputError
+from archfrag.study.config import PERIODS as PERIOD_ENDS
 from archfrag.study.files import write_text
 from archfrag.study.provenance import available_cores, finite
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from archfrag.motions.inspection import Channel, Inspection
+    from archfrag.motions.inspection import Inspection
     from archfrag.motions.motion import Motion
     from archfrag.motions.selection import Selection, Target
 
 _SPECTRAL = r"T(\d+(?:\.\d+)?)S"
-_PERIODS = (0.01, 20.0)  # [s]
 _MANY = 32  # files from which processes divide the work
 
 
 def inspection_facts(found: "Inspection") -> dict[str, Any]:
     """What is in a file, in SI units, ready for JSON."""
+    channels = []
+    for channel in found.channels:
+        facts = asdict(channel)
+        samples = facts.pop("samples")
+        pga = None if samples is None else float(np.abs(samples).max())
+        channels.append(facts | {"duration": (channel.count - 1) * channel.dt, "PGA": pga})
     names = ("format", "event", "date", "magnitude")
-    return finite(
-        {"file": str(found.path)}
-        | {name: getattr(found, name) for name in names}
-        | {"channels": [_channel_facts(channel) for channel in found.channels]}
-        | {"faults": list(found.faults)}
-    )
-
-
-def _channel_facts(channel: "Channel") -> dict[str, Any]:
-    facts = asdict(channel)
-    samples = facts.pop("samples")
-    pga = None if samples is None else float(np.abs(samples).max())
-    return facts | {"duration": (channel.count - 1) * channel.dt, "PGA": pga}
+    about = {"file": str(found.path)} | {name: getattr(found, name) for name in names}
+    return finite(about | {"channels": channels, "faults": list(found.faults)})
 
 
 def inspection_text(found: "Inspection") -> str:
@@ -121,10 +116,10 @@ def _periods(text: str | None) -> list[float]:
         more = [float(part) for part in text.split(",")] if text else []
     except ValueError:
         raise InputError(f"--periods {text}: numbers with commas between are needed [s]") from None
+    low, high = PERIOD_ENDS
     for period in more:
-        if not _PERIODS[0] <= period <= _PERIODS[1]:
-            ends = f"{_PERIODS[0]:g} to {_PERIODS[1]:g}"
-            raise InputError(f"--periods {text}: {period:g} s is outside {ends} s")
+        if not low <= period <= high:
+            raise InputError(f"--periods {text}: {period:g} s is outside {low:g} to {high:g} s")
     return sorted({round(period, 3) for period in (*PERIODS, *more)})
 
 
@@ -138,17 +133,11 @@ def _measured(
     reading = reading_of(file, reading)
     name = os.path.relpath(file, out.parent)
     motions = read_motions(file, **reading)
-    table = measure_records(
-        (replace(motion, metadata={**motion.metadata, "file": name}) for motion in motions),
-        periods,
-    )
-    if reading["unit"]:
-        table["unit"] = reading["unit"]
-    if reading["accept"]:
-        table["accept"] = " ".join(reading["accept"])
-    if reading["columns"]:
-        table["columns"] = str(reading["columns"])
-    return table
+    named = (replace(motion, metadata={**motion.metadata, "file": name}) for motion in motions)
+    table = measure_records(named, periods)
+    known = {"unit": reading["unit"], "accept": " ".join(reading["accept"]),
+             "columns": str(reading["columns"] or "")}  # fmt: skip
+    return table.assign(**{key: value for key, value in known.items() if value})
 
 
 def table_rows(table: "pd.DataFrame") -> list[dict[str, Any]]:
@@ -180,32 +169,29 @@ def select_from(flatfile: Path, options: dict[str, Any]) -> "Selection":
 
 def _target(options: dict[str, Any], measured: Sequence[float]) -> "Target":
     """Target at periods that the records were measured at, since between them scatter is lost."""
-    from archfrag.motions.selection import (
-        PERIODS,
-        Rupture,
-        conditional_spectrum,
-        predict,
-        read_target,
-    )
+    from archfrag.motions import selection
 
     scenario = ("magnitude", "distance", "vs30", "period")
     given = [name for name in (*scenario, "sa", "epsilon") if options[name] is not None]
     if options["target"] is not None:
         if given:
             raise InputError(f"--target and --{given[0]}: a target is a file or a scenario")
-        return read_target(options["target"])
+        return selection.read_target(options["target"])
     missing = [f"--{name}" for name in scenario if name not in given]
     levels = [name for name in ("sa", "epsilon") if name in given]
     if missing or len(levels) != 1:
         lacking = ", ".join(missing) or "one of --sa and --epsilon"
         raise InputError(f"a target is --target FILE.csv or a scenario; {lacking} is needed")
-    rupture = Rupture(options["magnitude"], options["distance"], options["vs30"])
+    rupture = selection.Rupture(options["magnitude"], options["distance"], options["vs30"])
     level, period, model = options["sa"], options["period"], options["model"]
     if level is None:
-        ln_median, sd, _ = predict(rupture, model, [period])
+        ln_median, sd, _ = selection.predict(rupture, model, [period])
         level = float(np.exp(ln_median[0] + options["epsilon"] * sd[0]))
-    near = {min(measured, key=lambda have: abs(math.log(have / t)), default=t) for t in PERIODS}
-    return conditional_spectrum(rupture, level, period, sorted(near), model)
+    near = {
+        min(measured, key=lambda have: abs(math.log(have / t)), default=t)
+        for t in selection.PERIODS
+    }
+    return selection.conditional_spectrum(rupture, level, period, sorted(near), model)
 
 
 def selection_text(selection: "Selection", out: Path) -> str:
@@ -238,9 +224,8 @@ def make_chosen(out: Path, wanted: dict[str, Any]) -> list[Path]:
 
     others = [name for name, row in index_table(out).items() if not row.get("model")]
     if others:
-        raise InputError(
-            f"--out {out}: the index there lists other records ({others[0]}); name another folder"
-        )
+        listed = f"the index there lists other records ({others[0]})"
+        raise InputError(f"--out {out}: {listed}; name another folder")
     given = {key: value for key, value in wanted.items() if value is not None}
     if not given:
         return make_suite(out)
@@ -267,6 +252,5 @@ def _listed_or_drawn(option: str, text: str) -> list[float] | dict[str, float]:
             return {"start": float(ends[0]), "stop": float(ends[1])}
         return [float(part) for part in text.split(",")]
     except ValueError:
-        raise InputError(
-            f"{option} {text}: a list such as 6,6.5,7 or two ends such as 6:7 are needed"
-        ) from None
+        needed = "a list such as 6,6.5,7 or two ends such as 6:7 are needed"
+        raise InputError(f"{option} {text}: {needed}") from None

@@ -16,24 +16,17 @@ class Section(BaseModel):
     """A block of a study file: no unknown keys, no conversions, no changes once read."""
 
     model_config = ConfigDict(
-        extra="forbid",
-        frozen=True,
-        strict=True,
-        allow_inf_nan=False,
+        extra="forbid", frozen=True, strict=True, allow_inf_nan=False,
         use_attribute_docstrings=True,
-    )
+    )  # fmt: skip
 
     @model_validator(mode="before")
     @classmethod
     def _know_every_key(cls, given: Any) -> Any:
-        if isinstance(given, dict):
-            for key in given:
-                if key not in cls.model_fields:
-                    raise PydanticCustomError(
-                        "unknown_key",
-                        "unknown key",
-                        {"key": str(key), "allowed": list(cls.model_fields)},
-                    )
+        for key in given if isinstance(given, dict) else ():
+            if key not in cls.model_fields:
+                facts = {"key": str(key), "allowed": list(cls.model_fields)}
+                raise PydanticCustomError("unknown_key", "unknown key", facts)
         return given
 
 
@@ -108,11 +101,9 @@ def key_path(parts: list[Any]) -> str:
 def first_message(error: ValidationError, given: Any) -> str:
     """Message about the first thing that is wrong, and how many more there are."""
     problems = error.errors(include_url=False)
-    message = _message(problems[0], given)
     more = len(problems) - 1
-    if more:
-        message += f" ({more} more {'key is' if more == 1 else 'keys are'} wrong too)"
-    return message
+    others = f" ({more} more {'key is' if more == 1 else 'keys are'} wrong too)" if more else ""
+    return _message(problems[0], given) + others
 
 
 def _place(location: tuple[Any, ...], kind: str, given: Any) -> list[Any]:
@@ -143,10 +134,8 @@ def _message(problem: Any, given: Any) -> str:
         key = key_path([*parts, name])
         if kind == "union_tag_not_found":
             return f"{key} is missing"
-        return (
-            f"{key} = {context['tag']} must be one of "
-            f"{context['expected_tags'].replace(chr(39), '')}"
-        )
+        allowed = context["expected_tags"].replace("'", "")
+        return f"{key} = {context['tag']} must be one of {allowed}"
     key = key_path(parts) or "the file"
     if kind == "missing":
         return f"{key} is missing"

@@ -1,7 +1,6 @@
 """Answers for one arch or one record, as facts for scripts and as text for people."""
 
 import math
-from collections.abc import Collection, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +16,7 @@ from archfrag.study.section import first_message
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
-    from archfrag.simulate import MechanismChange, Onset, Response
+    from archfrag.simulate import Onset, Response
 
 _SHOWN = 40  # entries of a log that fit a screen
 _NAMES = 12  # of arches, in a message
@@ -31,13 +30,10 @@ def arch_of_study(path: Path, name: str | None) -> "Arch":
         return next(iter(entries.values())).build()
     if name not in entries:
         wanted = "--arch is missing" if name is None else f"--arch {name}: there is none"
-        raise StudyError(f"{path}: {wanted}; the study has {_some(entries)}")
+        some, left = ", ".join(list(entries)[:_NAMES]), len(entries) - _NAMES
+        more = f" and {left} more" if left > 0 else ""
+        raise StudyError(f"{path}: {wanted}; the study has {some}{more}")
     return entries[name].build()
-
-
-def _some(names: Collection[str]) -> str:
-    shown = ", ".join(list(names)[:_NAMES])
-    return shown if len(names) <= _NAMES else f"{shown} and {len(names) - _NAMES} more"
 
 
 def arch_by_numbers(options: dict[str, Any]) -> "Arch":
@@ -52,21 +48,16 @@ def arch_by_numbers(options: dict[str, Any]) -> "Arch":
     try:
         entry: Any = TypeAdapter(StudyArch).validate_python(given)
     except ValidationError as error:
-        raise InputError(
-            f"--profile {given['profile']}: {first_message(error, given)}; give the arch by "
-            "options such as --radius, or take one by --study STUDY --arch ID"
-        ) from error
+        how = "give the arch by options such as --radius, or take one by --study STUDY --arch ID"
+        what = f"--profile {given['profile']}: {first_message(error, given)}"
+        raise InputError(f"{what}; {how}") from error
     return entry.build()
 
 
 def onset_facts(start: "Onset") -> dict[str, Any]:
     """Rest range [g] and mechanisms, ready for JSON."""
-    facts = {
-        name: getattr(start, name)
-        for name in ("stands", "plus", "minus", "hinges", "sliding", "hinges_minus",
-                     "sliding_minus")
-    }  # fmt: skip
-    return finite(facts)
+    names = ("stands", "plus", "minus", "hinges", "sliding", "hinges_minus", "sliding_minus")
+    return finite({name: getattr(start, name) for name in names})
 
 
 def onset_text(start: "Onset") -> str:
@@ -124,31 +115,24 @@ def response_text(response: "Response", scale: float) -> str:
         f"work: {_numbers(response.work)}",
     ]
     if response.mechanism is not None:
-        lines += _mechanism_lines(response.mechanism)
+        from archfrag.simulation.mechanism import summary
+
+        left = len(response.mechanism) - _SHOWN
+        lines += [summary(response.mechanism)]
+        lines += [f"  {change}" for change in response.mechanism[:_SHOWN]]
+        lines += [f"  ... and {left} more entries"] if left > 0 else []
     return "\n".join(lines)
 
 
 def _times(model_time: dict[str, float]) -> str:
-    return ", ".join(
-        f"{name.replace('_', ' ')} {seconds:.3f} s"
-        for name, seconds in model_time.items()
-        if seconds > 0.0
-    )
+    some = ((name.replace("_", " "), time) for name, time in model_time.items() if time > 0.0)
+    return ", ".join(f"{name} {time:.3f} s" for name, time in some)
 
 
 def _numbers(counts: dict[str, int]) -> str:
     """Counts that are not zero."""
     shown = [f"{name.replace('_', ' ')} {count}" for name, count in counts.items() if count]
     return ", ".join(shown) or "none"
-
-
-def _mechanism_lines(changes: Sequence["MechanismChange"]) -> list[str]:
-    """Summary of a log and its first entries; ``--json`` gives all."""
-    from archfrag.simulation.mechanism import summary
-
-    left = len(changes) - _SHOWN
-    more = [f"  ... and {left} more entries"] if left > 0 else []
-    return [summary(changes), *(f"  {change}" for change in changes[:_SHOWN]), *more]
 
 
 def index_rows(path: Path) -> list[dict[str, Any]]:

@@ -98,8 +98,7 @@ def require(study: Study, step: str) -> None:
     InputError
         Saying which file is not.
     """
-    wrong = _wrong(study, step)
-    if wrong:
+    if wrong := _wrong(study, step):
         raise InputError(f"{wrong}; `{_COMMAND[step]}` on the study file makes it anew")
 
 
@@ -155,8 +154,9 @@ def _changed_motions(study: Study) -> list[str] | None:
         make_plan(study)
     except InputError as error:
         return [str(error)]
-    wrong = _wrong(study, "motions")
-    return ([wrong] if stamp_file(study, "motions").is_file() else []) if wrong else None
+    if wrong := _wrong(study, "motions"):
+        return [wrong] if stamp_file(study, "motions").is_file() else []
+    return None
 
 
 def _wrong(study: Study, step: str, plan: Plan | None = None) -> str:
@@ -180,21 +180,15 @@ def _made_from(study: Study, step: str, plan: Plan | None = None) -> str:
     decides: list[Any] = [step]
     if step == "motions":
         manifest = read_manifest(study)
-        decides += [manifest["key"], manifest["inputs"]]
-        decides += [source_hash("motions", "study/records.py", "study/files.py")]
-        return digest_of(decides)
+        hashed = source_hash("motions", "study/records.py", "study/files.py")
+        return digest_of([step, manifest["key"], manifest["inputs"], hashed])
     if step.startswith("batch") or step == "cube":
         decides.append((plan or make_plan(study)).digest)
     if step == "cube":
         found = members(study, len((plan or make_plan(study)).records))
         decides += [found.classes, found.attributes()]
-        decides += [
-            study.title,
-            study.institution,
-            list(study.intensity.given),
-            source_hash("study"),
-        ]
-        decides.append(sha256_if_there(study.work / MANIFEST))
+        decides += [study.title, study.institution, list(study.intensity.given)]
+        decides += [source_hash("study"), sha256_if_there(study.work / MANIFEST)]
     if step in ("fit", "report"):
         decides += [sha256_if_there(path) for path in products(study, "cube")]
         decides.append(source_hash("fragility", *FITTING))

@@ -148,10 +148,8 @@ class Store:
             path, some = self._files[number], order[starts[number] : starts[number + 1]]
             table = read_part(path)
             if table is None:
-                raise InputError(
-                    f"{path}: was damaged or removed while it was read; the same command again "
-                    "states what is to be done"
-                )
+                again = "the same command again states what is to be done"
+                raise InputError(f"{path}: was damaged or removed while it was read; {again}")
             within = places[some] - (ends[number] - len(table))
             times = read_timing(path, len(table))[within]
             yield Rows(path, some, table[within], times)
@@ -210,17 +208,16 @@ def replay(plan: Plan, store: Store) -> tuple[Cases, Rounds]:
         verdicts = store.verdicts(keys)
         missing = int((verdicts < 0).sum())
         if missing:
+            runs = f"{missing} of {len(keys)} runs of round {rounds.count + 1}"
+            how = f"`archfrag run STUDY --resume` with the file of study {plan.study!r}"
             raise InputError(
-                f"{plan.parts}: {missing} of {len(keys)} runs of round {rounds.count + 1} are "
-                f"missing or damaged; `archfrag run STUDY --resume` with the file of study "
-                f"{plan.study!r} makes them and the cube"
+                f"{plan.parts}: {runs} are missing or damaged; {how} makes them and the cube"
             )
         asked.append(rounds.wanted)
         rounds.answer(verdicts)
     cases = np.concatenate([NO_CASES, *asked])
-    return cases[
-        np.lexsort([cases[name] for name in ("place", "record", "arch", "stage")])
-    ], rounds
+    order = np.lexsort([cases[name] for name in ("place", "record", "arch", "stage")])
+    return cases[order], rounds
 
 
 class Gathered:

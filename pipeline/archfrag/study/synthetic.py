@@ -93,13 +93,11 @@ def plan_of(wanted: Synthetic) -> "Plan":
         each if isinstance(each, tuple) else (each.start, each.stop) for each in both
     )
     given = wanted.model_dump(exclude={"magnitude", "distance_km"})
+    drawn = [isinstance(each, _Ends) for each in both]
     return Plan(
-        magnitude=magnitude,
-        distance=distance,
-        drawn_magnitude=isinstance(wanted.magnitude, Magnitudes),
-        drawn_distance=isinstance(wanted.distance_km, Distances),
-        **given,
-    )
+        magnitude=magnitude, distance=distance, drawn_magnitude=drawn[0],
+        drawn_distance=drawn[1], **given,
+    )  # fmt: skip
 
 
 def made_motions(wanted: Synthetic) -> Iterator["Motion"]:
@@ -108,11 +106,8 @@ def made_motions(wanted: Synthetic) -> Iterator["Motion"]:
 
     for recipe in plan_motions(plan_of(wanted)):
         motion = recipe.make()
-        facts = {
-            "file": FILE,
-            "file_sha256": _digest(motion),
-            "recipe": canonical_json(asdict(recipe)),
-        }
+        made = canonical_json(asdict(recipe))
+        facts = {"file": FILE, "file_sha256": _digest(motion), "recipe": made}
         motion.metadata.update(facts)  # type: ignore[attr-defined]
         yield motion
 
@@ -125,10 +120,9 @@ def motion_of(recipe: str, digest: str) -> "Motion":
     seeds, options = Seeds(**given.pop("seeds")), Options(**given.pop("options"))
     motion = Recipe(seeds=seeds, options=options, **given).make()
     if _digest(motion) != digest:
-        raise InputError(
-            f"synthetic motion {motion.id!r}: its samples are not those that the study was "
-            "prepared with; `archfrag motions` on the study file makes it anew"
-        )
+        what = "its samples are not those that the study was prepared with"
+        again = "`archfrag motions` on the study file makes it anew"
+        raise InputError(f"synthetic motion {motion.id!r}: {what}; {again}")
     return motion
 
 

@@ -283,7 +283,5 @@ def _name(holder: dict[str, Any]) -> str:
 
 def _at_work(study: "Study", holder: dict[str, Any]) -> OutputError:
     who = f" ({_name(holder)})" if holder else ""
-    return OutputError(
-        f"{study.folder}: another run of study {study.id!r} is at work here{who}; wait for it or "
-        "stop it"
-    )
+    what = f"another run of study {study.id!r} is at work here{who}"
+    return OutputError(f"{study.folder}: {what}; wait for it or stop it")

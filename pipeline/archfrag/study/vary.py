@@ -188,12 +188,11 @@ class Vary(Section):
             raise refuse("must have a key of or joints: nothing varies")
         count = self.samples
         if self.scheme == "sobol" and self.crossed and count & (count - 1):
-            below = 1 << (count.bit_length() - 1)
-            raise refuse_key(
-                "samples",
-                f"{count} must be a power of two with scheme sobol, such as {below} or "
-                f"{2 * below}; latin_hypercube takes any number",
+            some = 1 << (count.bit_length() - 1)
+            text = (
+                f"{count} must be a power of two with scheme sobol, such as {some} or {2 * some}"
             )
+            raise refuse_key("samples", f"{text}; latin_hypercube takes any number")
         if self.correlation:
             from archfrag.arch.uncertain import correlation_factor
 

@@ -94,9 +94,9 @@ def run_study(study: Study, options: RunOptions, stop: tree.Stop) -> bool:
         if lock.stopped:
             if not options.resume:
                 lock.left = True
+                who = f"an earlier run ({lock.stopped}) was stopped in the middle"
                 raise OutputError(
-                    f"{study.folder}: an earlier run ({lock.stopped}) was stopped in the middle; "
-                    f"type `{options.typed} --resume` to go on"
+                    f"{study.folder}: {who}; type `{options.typed} --resume` to go on"
                 )
             sweep(study.work)
             sweep(study.folder)
@@ -113,10 +113,8 @@ def run_study(study: Study, options: RunOptions, stop: tree.Stop) -> bool:
             raise _failure(study.work / LOGS)
         stale, changed = stale_steps(study)
         if stale:
-            raise ArchfragError(
-                f"{study.folder}: {(changed or stale)[0]}, while the run was at work; the same "
-                "command makes it again"
-            )
+            what = f"{(changed or stale)[0]}, while the run was at work"
+            raise ArchfragError(f"{study.folder}: {what}; the same command makes it again")
     return True
 
 
@@ -180,13 +178,10 @@ def _snakemake(study: Study, options: RunOptions, lock: Lock, stop: tree.Stop) -
 
 def _failure(logs: Path) -> ArchfragError:
     """Message of the step that failed, by its log; or else Snakemake, by its own."""
-    texts = {
-        path: path.read_text(encoding="utf-8", errors="replace")
-        for path in sorted(logs.glob("*.log"))
-    }
+    paths = sorted(logs.glob("*.log"))
+    texts = {path: path.read_text(encoding="utf-8", errors="replace") for path in paths}
     for text in texts.values():
-        found = _EXIT.search(text)
-        if found:
+        if found := _EXIT.search(text):
             error = ArchfragError(found["message"])
             error.exit_code = int(found["code"])
             return error

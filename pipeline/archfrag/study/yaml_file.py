@@ -47,9 +47,8 @@ class _Loader(yaml.SafeLoader):
         node = super().compose_node(parent, index)
         self._depth -= 1
         if isinstance(event, yaml.AliasEvent) and id(node) not in self._complete:
-            raise _marked(
-                f"the alias {_short(str(event.anchor))} stands inside what it repeats", event
-            )
+            alias = _short(str(event.anchor))
+            raise _marked(f"the alias {alias} stands inside what it repeats", event)
         if isinstance(node, yaml.ScalarNode) and _CONTROL.search(node.value):
             raise _marked("text must hold no control characters", event)
         self._complete.add(id(node))
@@ -89,10 +88,8 @@ def _count(value: Any, before: int, depth: int) -> int:
     """Values so far with those inside a value, aliases counted as what they repeat."""
     total = before + 1
     if depth < 1 or total > MOST_VALUES:
-        raise yaml.YAMLError(
-            f"more than {DEEPEST} levels of nesting or {MOST_VALUES} values, aliases counted as "
-            "what they repeat"
-        )
+        most = f"{DEEPEST} levels of nesting or {MOST_VALUES} values"
+        raise yaml.YAMLError(f"more than {most}, aliases counted as what they repeat")
     inside = value.items() if isinstance(value, dict) else ()
     for item in value if isinstance(value, list) else [part for pair in inside for part in pair]:
         total = _count(item, total, depth - 1)
@@ -127,9 +124,8 @@ def read_yaml(path: Path) -> dict[str, Any]:
     except UnicodeDecodeError as error:
         raise StudyError(f"the study file {path} is no text in UTF-8") from error
     if len(content) > LARGEST_FILE:
-        raise StudyError(
-            f"the study file {path} is too large; it must have at most {LARGEST_FILE} bytes"
-        )
+        most = f"it must have at most {LARGEST_FILE} bytes"
+        raise StudyError(f"the study file {path} is too large; {most}")
     given = parse_value(text, str(path))
     if not isinstance(given, dict):
         raise StudyError(f"{path}: must hold keys with values, such as id, arches and motions")

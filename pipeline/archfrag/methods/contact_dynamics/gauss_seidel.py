@@ -16,14 +16,7 @@ import numpy as np
 from archfrag.mechanics.compile import allocating, inlined, kernel
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.status import Count
-from archfrag.mechanics.types import (
-    Chain,
-    Frames,
-    GroundMotion,
-    MechanismLog,
-    Options,
-    Outcome,
-)
+from archfrag.mechanics.types import Chain, Frames, GroundMotion, MechanismLog, Options, Outcome
 from archfrag.methods.base import integrate
 from archfrag.methods.contact_dynamics.step import (
     accept_corners,
@@ -38,24 +31,9 @@ from archfrag.methods.time_stepping.waits import GO
 def solve_corner(w_nn, w_nt, w_tt, free_n, free_t, friction):
     """Signorini's and Coulomb's laws at one contact (Eqs 5, 6), solved exactly.
 
+    Returns normal, tangential, touches, slide.
+
     Find r with u = free + W r, 0 <= u_n _|_ r_n >= 0 and abs(r_t) <= friction r_n opposing u_t.
-
-    Parameters
-    ----------
-    w_nn, w_nt, w_tt : float
-        Delassus operator W of the contact [1/kg].
-    free_n, free_t : float
-        Velocity, bias included, without the impulse of this contact [m/s].
-    friction : float
-        inf: the limit of large friction.
-
-    Returns
-    -------
-    normal, tangential : float
-        Impulse r [N s].
-    touches : bool
-    slide : float
-        Sense of the friction along the tangent; zero: sticks.
     """
     if free_n >= 0.0:
         return 0.0, 0.0, False, 0.0
@@ -102,17 +80,7 @@ def _push(j, row, inverse, impulse, solved):
 
 @kernel
 def prepare_sweeps(case, corners, delassus):
-    """Operators of the single contacts, and the velocities that the last impulses give.
-
-    Parameters
-    ----------
-    case : archfrag.methods.time_stepping.front.Case
-        ``case.work.solved`` is overwritten.
-    corners : archfrag.methods.contact_dynamics.step.Corners
-        Posed.
-    delassus : ndarray, (n_joint, 2, 3)
-        Overwritten: normal, mixed and tangential entry for each corner [1/kg].
-    """
+    """Operators of the single contacts, and the velocities that the last impulses give."""
     solved = case.work.solved
     for i in range(solved.shape[0]):
         for c in range(3):
@@ -132,20 +100,7 @@ def prepare_sweeps(case, corners, delassus):
 
 @kernel
 def sweep(case, corners, delassus, backward):
-    """Solve every contact once, in the order of the joints or against it.
-
-    Parameters
-    ----------
-    case : archfrag.methods.time_stepping.front.Case
-    corners : archfrag.methods.contact_dynamics.step.Corners
-    delassus : ndarray, (n_joint, 2, 3)
-    backward : bool
-
-    Returns
-    -------
-    change, total : float
-        Sum over the contacts of r W r, of the change of their impulses and of themselves [J].
-    """
+    """Solve every contact once, in the order of the joints or against it; change, total."""
     work, solved = case.work, case.work.solved
     n_contact = 2 * delassus.shape[0]
     change = total = 0.0
@@ -200,15 +155,7 @@ def run(
     sweep_tolerance: float,
     sweeps: float,
 ) -> Outcome:
-    """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.front.run`.
-
-    Parameters
-    ----------
-    sweep_tolerance : float
-        Relative change of the impulses in a sweep below which a step is solved.
-    sweeps : float
-        Largest number of sweeps in a step.
-    """
+    """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.front.run`."""
     case = corner_case(chain, ground, from_rest, options, frames, log)
     corners, delassus = new_corners(case.model), np.zeros((chain.friction.size, 2, 3))
 

@@ -36,14 +36,7 @@ import numpy as np
 
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.status import Count
-from archfrag.mechanics.types import (
-    Chain,
-    Frames,
-    GroundMotion,
-    MechanismLog,
-    Options,
-    Outcome,
-)
+from archfrag.mechanics.types import Chain, Frames, GroundMotion, MechanismLog, Options, Outcome
 from archfrag.methods.base import integrate
 from archfrag.methods.contact_dynamics.step import (
     accept_corners,
@@ -63,26 +56,7 @@ NEGLIGIBLE = 1e-6
 
 
 class Programme:
-    """The quadratic programme of a step, in velocities times root mass over gravity times step.
-
-    Parameters
-    ----------
-    case : archfrag.methods.time_stepping.front.Case
-    tolerance : float
-        Residuals and duality gap at which a programme counts as solved.
-
-    Attributes
-    ----------
-    row : ndarray, (n_joint, 2, 2, 6)
-        Two inequalities a corner, of length one, on the bodies before and after the joint.
-    low : ndarray, (n_joint, 2, 2)
-        Their lower bounds; -inf: none.
-    sticks : ndarray of bool, (n_joint, 2, 2)
-        Where the row is an equality.
-    linear, solution : ndarray, (3 n_body,)
-        Minus the free velocities, and what the solver has found.
-    multiplier : ndarray, (n_joint, 2, 2)
-    """
+    """The quadratic programme of a step, in velocities times root mass over gravity times step."""
 
     def __init__(self, case: Case, tolerance: float) -> None:
         # The only use of either package here; whoever calls has seen that they are there.
@@ -150,15 +124,7 @@ class Programme:
         settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = self._tolerance
 
     def solve(self) -> tuple[int, bool, bool]:
-        """Solve the programme as it stands.
-
-        Returns
-        -------
-        iterations : int
-        solved : bool
-        usable : bool
-            Whether what there is may at least be used as an unconverged step.
-        """
+        """Solve the programme as it stands; iterations, solved, usable."""
         fresh = self._set_up_for is None or not np.array_equal(self._set_up_for, self.sticks)
         if fresh:
             self._set_up()
@@ -188,10 +154,7 @@ class Programme:
     def close_rough(self) -> bool:
         """Let corners without friction limit stick where the solved step closes them.
 
-        Returns
-        -------
-        bool
-            Whether there are any, and the programme has to be solved again.
+        Returns whether there are any, and the programme has to be solved again.
         """
         compressive = self.multiplier[..., 0] > NEGLIGIBLE * max(self.multiplier.max(), 0.0)
         closes = compressive & self.rough[:, None] & ~self.sticks[..., 1]
@@ -246,14 +209,7 @@ def run(
     log: MechanismLog,
     solver_tolerance: float,
 ) -> Outcome:
-    """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.front.run`.
-
-    Parameters
-    ----------
-    solver_tolerance : float
-        Residuals and duality gap at which a programme counts as solved, where one is what
-        gravity gives in a step.
-    """
+    """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.front.run`."""
     case = corner_case(chain, ground, from_rest, options, frames, log)
     programme = Programme(case, solver_tolerance)
 

@@ -102,18 +102,7 @@ def _go_to_middle(model, state, work):
 
 @kernel
 def pose_corners(case, corners):
-    """Contacts at the present positions, and the velocities of bodies without them.
-
-    Parameters
-    ----------
-    case : archfrag.methods.time_stepping.front.Case
-    corners : Corners
-        Overwritten but for the impulses.
-
-    Returns
-    -------
-    archfrag.methods.time_stepping.motion.Kick
-    """
+    """Contacts at the present positions, and the velocities of bodies without them."""
     model, state, work = case.model, case.state, case.work
     if state.clock[Clock.PREVIOUS] == 0.0:
         _go_to_middle(model, state, work)

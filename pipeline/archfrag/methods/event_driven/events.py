@@ -215,16 +215,11 @@ def _gap_at(motion, mega, part, k, c):
 def closed_inside(motion, mega, step):
     """Whether a corner that is open at both ends of a step closes inside it, and where.
 
+    Returns part, searched.
+
     A gap that first shrinks and then grows lies above the tangents at the ends of the step, as
     long as its rate changes sign only once. Where these allow it to close, it is looked at on the
     dense output where its rate, taken to be linear, vanishes.
-
-    Returns
-    -------
-    part : float
-        Of the step at which it overlaps; one where none does.
-    searched : bool
-        Whether anything was looked at: then the last solution is lost.
     """
     laws, found, searched = motion.laws, 1.0, False
     for k in range(mega.slip.shape[0]):
@@ -291,26 +286,11 @@ def _root(motion, mega, step, ground, end, joint, law):
 def locate(motion, mega, step, ground, end):
     """First instant of a step at which a law ends.
 
-    The law whose margin is smallest where one is broken is followed back to where it is used
-    up, an impact on the gaps alone; then all others are looked at there, until none is broken.
+    Returns part of the step; nan where no state could be evaluated. ``mega.next_position``,
+    ``next_velocity`` and the last solution are those at that instant.
 
-    Parameters
-    ----------
-    motion : Motion
-        With the margins at `end`, where one is used up, and those at the beginning of the step.
-    mega : archfrag.mechanics.mega_voussoirs.assemble.MegaVoussoirs
-        In use.
-    step : float [s]
-    ground : archfrag.methods.event_driven.runge_kutta.GroundSegment
-        From the beginning of the step on.
-    end : float
-        Part of the step in which to look.
-
-    Returns
-    -------
-    float
-        Part of the step; nan where no state could be evaluated. ``mega.next_position``,
-        ``next_velocity`` and the last solution are those at that instant.
+    The law whose margin is smallest where one is broken is followed back to where it is used up,
+    an impact on the gaps alone; then all others are looked at there, until none is broken.
     """
     trigger, part = motion.laws.trigger, end
     for _ in range(MOST_ROUNDS):

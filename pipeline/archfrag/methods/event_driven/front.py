@@ -9,22 +9,11 @@ from archfrag.mechanics.ground import find_breaks
 from archfrag.mechanics.mega_voussoirs.assemble import new_mega_voussoirs
 from archfrag.mechanics.model import model_of, new_state, new_work
 from archfrag.mechanics.status import Count
-from archfrag.mechanics.types import (
-    Chain,
-    Frames,
-    GroundMotion,
-    MechanismLog,
-    Options,
-    Outcome,
-)
+from archfrag.mechanics.types import Chain, Frames, GroundMotion, MechanismLog, Options, Outcome
 from archfrag.methods.base import is_accurate, refuse
 from archfrag.methods.event_driven.events import Motion, Scales, new_laws
 from archfrag.methods.event_driven.integrate import FIRST, Progress, Run
-from archfrag.methods.event_driven.phases import (
-    ACCUMULATION,
-    BY_UNSOLVED,
-    follow_phases,
-)
+from archfrag.methods.event_driven.phases import ACCUMULATION, BY_UNSOLVED, follow_phases
 from archfrag.methods.event_driven.runge_kutta import FIFTH_ORDER, THIRD_ORDER, new_stages
 from archfrag.methods.time_stepping.at_impacts import Steps
 from archfrag.methods.time_stepping.front import joined_grounds, limits_of, outcome_of, rest_of
@@ -115,26 +104,7 @@ def run(
     frames: Frames,
     log: MechanismLog,
 ) -> Outcome:
-    """Integrate one chain under one ground motion; the signature of every method.
-
-    Parameters
-    ----------
-    chain : archfrag.mechanics.types.Chain
-    ground : archfrag.mechanics.types.GroundMotion
-    position, velocity : ndarray, (n_body, 3)
-        Initial state; overwritten with the final one.
-    from_rest : bool
-        Whether the initial state is the chain at rest in its own geometry.
-    options : archfrag.mechanics.types.Options
-    frames : archfrag.mechanics.types.Frames
-        Overwritten with the history; arrays of length zero for none.
-    log : archfrag.mechanics.types.MechanismLog
-        Overwritten with the changes of the mechanism; arrays of length zero for none.
-
-    Returns
-    -------
-    archfrag.mechanics.types.Outcome
-    """
+    """Integrate one chain; arguments and result as `archfrag.methods.time_stepping.front.run`."""
     return outcome_of(
         results_of(chain, ground, position, velocity, from_rest, options, frames, log), 0
     )

@@ -109,10 +109,7 @@ class Run(NamedTuple):
 def look_outward(run, mega, position, velocity):
     """Keep at which rates the voussoirs move away from where they rest.
 
-    Returns
-    -------
-    bool
-        Whether one that moved away when they were kept last comes back.
+    Returns whether one that moved away when they were kept last comes back.
     """
     comes_back = False
     for k in range(1, position.shape[0] - 1):
@@ -172,11 +169,8 @@ def recover_voussoirs(mega, position, velocity, state):
 def begin_motion(run, mega, x, y):
     """First evaluation after an event; brings the state onto the contacts.
 
-    Returns
-    -------
-    bool
-        Whether the mechanism can be integrated: its equations of motion have a solution, and the
-        state is not too far from its contacts.
+    Returns whether the mechanism can be integrated: its equations of motion have a solution, and
+    the state is not too far from its contacts.
     """
     motion, position, velocity = run.motion, mega.position, mega.velocity
     pose(mega, position)
@@ -271,16 +265,7 @@ def _allowed_errors(mega, motion, farthest):
 
 @inlined
 def check_laws(motion, mega, step, ground):
-    """Look at all laws at the end of a step, and at gaps inside it.
-
-    Returns
-    -------
-    part : float
-        Of the step that can be made; nan where no state in it could be evaluated. The last
-        solution is that at this instant.
-    event : bool
-        Whether a law ends there.
-    """
+    """Look at all laws at the end of a step, and at gaps inside it; part, event."""
     x, y = ground_after(ground, step)
     least = find_margins(motion, mega, mega.next_position, mega.next_velocity, x, y)
     make_dense(mega, motion.stages, motion.scheme, step)
@@ -298,19 +283,7 @@ def check_laws(motion, mega, step, ground):
 def integrate(run, mega, stop, output):
     """Move mega-voussoirs until a law ends or `stop` is reached.
 
-    Parameters
-    ----------
-    run : Run
-        At ``run.state.clock[Clock.TIME]``, which moves on.
-    mega : archfrag.mechanics.mega_voussoirs.assemble.MegaVoussoirs
-        In use, after `begin_motion`; moved on.
-    stop : float [s]
-    output : archfrag.methods.time_stepping.recording.Output
-
-    Returns
-    -------
-    int
-        How it ends; for an event ``run.motion.laws.trigger`` has the law.
+    Returns how it ends; for an event ``run.motion.laws.trigger`` has the law.
     """
     motion, progress, clock, count = run.motion, run.progress, run.state.clock, run.state.count
     scales, last = motion.scales, motion.scheme.time.shape[0] - 1

@@ -403,17 +403,7 @@ def start_in_motion(run):
 
 @kernel
 def follow_phases(run, at_rest, output, results):
-    """A run from its beginning to its end, as a table of phases.
-
-    Parameters
-    ----------
-    run : archfrag.methods.event_driven.integrate.Run
-        With the initial state, unless the chain is at rest in its own geometry.
-    at_rest : bool
-    output : archfrag.methods.time_stepping.recording.Output
-    results : archfrag.methods.time_stepping.service.Results
-        Of one run; overwritten.
-    """
+    """A run from its beginning to its end, as a table of phases."""
     phase = start_at_rest(run, output) if at_rest else start_in_motion(run)
     while phase != DONE:
         if phase <= UPON_EVENT:

@@ -129,29 +129,7 @@ def keep_stage(mega, stages, stage, position, velocity, ground_x, ground_y):
 
 @inlined
 def take_step(mega, stages, scheme, step, ground, scale, allowed):
-    """One step from stage 0, which is known.
-
-    Parameters
-    ----------
-    mega : archfrag.mechanics.mega_voussoirs.assemble.MegaVoussoirs
-        In use; `next_position` and `next_velocity` are overwritten, and the stages from 1 on. The
-        last solution of the first level is that at the end of the step.
-    stages : Stages
-    scheme : Scheme
-    step : float [s]
-    ground : GroundSegment
-        From the beginning of the step on.
-    scale : float
-        Accelerations that count as one [m/s2].
-    allowed : tuple of float
-        Errors in position [m] and in velocity [m/s] that count as one; rotations by the length
-        of the first joint.
-
-    Returns
-    -------
-    float
-        Error; inf where a stage has no solution.
-    """
+    """One step from stage 0, which is known; error; inf where a stage has no solution."""
     position, velocity = mega.next_position, mega.next_velocity
     n_stage, end = scheme.time.shape[0], position.shape[0] - 1
     for stage in range(1, n_stage):

@@ -96,16 +96,7 @@ def _corner_velocity(j, k, work):
 def pose_impact(run, joint, corner):
     """Set up the impact at the present state.
 
-    Parameters
-    ----------
-    run : archfrag.methods.event_driven.integrate.Run
-    joint, corner : int
-        What closes, though its gap may not be exactly none; -1 if that is left to the gaps.
-
-    Returns
-    -------
-    bool
-        Whether there is anything that an impact could change.
+    Returns whether there is anything that an impact could change.
     """
     model, state, work = run.model, run.state, run.work
     place_chain(model, state, work)
@@ -175,13 +166,7 @@ def _approaches(run):
 
 @inlined
 def take_impact(run):
-    """Take the velocities after an impact over, and what it closes for good.
-
-    Parameters
-    ----------
-    run : archfrag.methods.event_driven.integrate.Run
-        With the solution of the impact, or the velocities before it where it changes nothing.
-    """
+    """Take the velocities after an impact over, and what it closes for good."""
     model, state, work = run.model, run.state, run.work
     had = _kinetic(model, state.velocity)
     for j in range(state.slip.size):
@@ -241,17 +226,7 @@ def _find_touching(j, run):
 def pose_accelerations(run, ground_x, ground_y):
     """Set up the problem of accelerations at the present state.
 
-    Parameters
-    ----------
-    run : archfrag.methods.event_driven.integrate.Run
-        With the contacts placed.
-    ground_x, ground_y : float
-        Ground acceleration from now on [m/s2].
-
-    Returns
-    -------
-    bool
-        Whether unlimited friction ends a slip at once.
+    Returns whether unlimited friction ends a slip at once.
     """
     model, state, work, jammed = run.model, run.state, run.work, False
     relative_velocity(state.position, state.velocity, work.pivot, work.relative)

@@ -44,14 +44,7 @@ from archfrag.mechanics.compile import allocating, inlined, kernel
 from archfrag.mechanics.contact.placing import move_faces, place_contacts
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.status import Count, Energy
-from archfrag.mechanics.types import (
-    Chain,
-    Frames,
-    GroundMotion,
-    MechanismLog,
-    Options,
-    Outcome,
-)
+from archfrag.mechanics.types import Chain, Frames, GroundMotion, MechanismLog, Options, Outcome
 from archfrag.methods.base import end_at_rest, finish, stands, start
 from archfrag.methods.penalty.springs import (
     Springs,
@@ -89,18 +82,7 @@ OPEN_STIFFNESS = 0.02
 
 @kernel
 def pose_springs(case, springs):
-    """Forces at the present positions, and the velocities half a step later.
-
-    Parameters
-    ----------
-    case : archfrag.methods.time_stepping.front.Case
-        ``case.work.solved`` is overwritten.
-    springs : archfrag.methods.penalty.springs.Springs
-
-    Returns
-    -------
-    archfrag.methods.time_stepping.motion.Kick
-    """
+    """Forces at the present positions, and the velocities half a step later."""
     model, state, work = case.model, case.state, case.work
     kick = due_kick(case.grounds, state.clock, 0.0)
     press_joints(model, state, work, springs, state.clock[Clock.PREVIOUS])
@@ -144,13 +126,10 @@ def gather_reactions(case, springs, span):
 def balance_energy(case, springs, kick):
     """Bring the energy balance up to the instant of the positions.
 
+    Returns whether by the balance this is still a motion, and not a divergence.
+
     The kinetic energy is that which central differences conserve with the elastic one: half the
     mass times the velocities before and after.
-
-    Returns
-    -------
-    bool
-        Whether by the balance this is still a motion, and not a divergence.
     """
     model, state, sums, energy = case.model, case.state, springs.sums, case.state.energy
     if sums[Sum.FRICTION] + sums[Sum.DAMPING] <= 0.0:  # what both gave in sum stays an error
@@ -186,17 +165,7 @@ def _largest_slip(model, state):
 
 @allocating
 def make_steps(case, springs, most, shifted):
-    """Step until the critical step has to be asked for again, or the run is over.
-
-    Parameters
-    ----------
-    case : archfrag.methods.time_stepping.front.Case
-    springs : archfrag.methods.penalty.springs.Springs
-    most : float
-        Number of steps that the run may take in all.
-    shifted : float
-        Largest slip over length when the critical step was asked for last.
-    """
+    """Step until the critical step has to be asked for again, or the run is over."""
     model, state, work, output = case.model, case.state, case.work, case.output
     clock, limits = state.clock, case.limits
     until = end_of_motion(case.grounds, clock, limits.follow)

@@ -47,18 +47,7 @@ class Springs(NamedTuple):
 
 
 def new_springs(model: Model, stiffness: float, shear_ratio: float, rounding: float) -> Springs:
-    """Joints whose springs bear nothing yet, without damping.
-
-    Parameters
-    ----------
-    model : archfrag.mechanics.model.Model
-    stiffness : float
-        Normal stiffness of a joint, for each unit of its area [Pa/m], at a depth of 1 m.
-    shear_ratio : float
-        Shear over normal stiffness.
-    rounding : float
-        Over the length of a joint.
-    """
+    """Joints whose springs bear nothing yet, without damping."""
     n_joint = model.length.size
     return Springs(
         normal_stiffness=0.5 * stiffness * model.length,
@@ -79,19 +68,7 @@ def new_springs(model: Model, stiffness: float, shear_ratio: float, rounding: fl
 
 @inlined
 def _contact_frame(j, k, work, rounding):
-    """Tangent of a contact, its gap, and where it acts.
-
-    Parameters
-    ----------
-    j, k : int
-    work : archfrag.mechanics.model.Work
-        With the faces where the bodies are.
-    rounding : float [m]
-
-    Returns
-    -------
-    tx, ty, gap, px, py : float
-    """
+    """Tangent of a contact, its gap, and where it acts; tx, ty, gap, px, py."""
     ax, ay = work.tangent[j, BEFORE, 0], work.tangent[j, BEFORE, 1]
     bx, by = work.tangent[j, AFTER, 0], work.tangent[j, AFTER, 1]
     ex, ey = work.face[j, BEFORE, k, 0], work.face[j, BEFORE, k, 1]
@@ -128,12 +105,7 @@ def _corner_rates(j, tx, ty, px, py, state):
 def _law(kn, ks, friction, damping, gap, parting, sliding, shear):
     """Forces of a contact that overlaps: springs without tension, dashpots, Coulomb's limit.
 
-    Returns
-    -------
-    normal, tangential, shear : float
-        Forces, the last one without dashpot [N].
-    slide : float
-        Sense of the friction along the tangent; zero: sticks.
+    Returns normal, tangential, shear, slide.
     """
     normal = max(-kn * gap - damping * kn * parting, 0.0)
     tangential = shear - damping * ks * sliding
@@ -161,19 +133,7 @@ def _add_force(j, k, fx, fy, position, springs):
 
 @kernel
 def press_joints(model, state, work, springs, step):
-    """Forces of all joints at the end of a step, into `springs`; modes into `work`.
-
-    Parameters
-    ----------
-    model : archfrag.mechanics.model.Model
-    state : archfrag.mechanics.model.State
-        Positions after the step, and velocities with which the bodies moved over it.
-    work : archfrag.mechanics.model.Work
-        With the faces there, and the contacts that touched before the step.
-    springs : Springs
-        Shear springs and dashpots hold what they bore before the step.
-    step : float [s]
-    """
+    """Forces of all joints at the end of a step, into `springs`; modes into `work`."""
     sums, touch = springs.sums, work.touch
     springs.total[:, :] = 0.0
     sums[Sum.ELASTIC] = 0.0
@@ -212,14 +172,7 @@ def press_joints(model, state, work, springs, step):
 
 @kernel
 def corner_gradients(state, work, springs, row):
-    """Parting and tangential velocity at each corner by the bodies' coordinates.
-
-    Parameters
-    ----------
-    state, work, springs
-    row : ndarray, (n_joint, 2, 2, 6)
-        Overwritten; coordinates of the bodies before and after the joint.
-    """
+    """Parting and tangential velocity at each corner by the bodies' coordinates."""
     for j in range(row.shape[0]):
         for k in range(2):
             tx, ty, _, px, py = _contact_frame(j, k, work, springs.rounding[j])
@@ -229,14 +182,7 @@ def corner_gradients(state, work, springs, row):
 def stiffness_matrix(
     model: Model, state: State, work: Work, springs: Springs, part: np.ndarray
 ) -> np.ndarray:
-    """Elastic stiffness of the joints about a configuration, (3 n_body, 3 n_body).
-
-    Parameters
-    ----------
-    model, state, work, springs
-    part : ndarray, (n_joint, 2)
-        Of its springs' stiffness that each corner has.
-    """
+    """Elastic stiffness of the joints about a configuration, (3 n_body, 3 n_body)."""
     n_joint = model.length.size
     row = np.zeros((n_joint, 2, 2, 6))
     corner_gradients(state, work, springs, row)

@@ -56,21 +56,10 @@ def _gap(j, k, face, tangent, state, work):
 def time_to_impact(state, work, ahead):
     """When the first of the corners that ask to close will do so, from now on [s].
 
-    The gap g + r t + a t (t + p) / 2 follows from its present value g, its rate r before the
-    step, half a step p back, and the acceleration a over it.
+    Returns step and time ahead where no corner does.
 
-    Parameters
-    ----------
-    state : archfrag.mechanics.model.State
-    work : archfrag.mechanics.model.Work
-        With the solution for the modes that the step sets out with.
-    ahead : float
-        Time after the step that counts too [s].
-
-    Returns
-    -------
-    number
-        Step and time ahead where no corner does.
+    The gap g + r t + a t (t + p) / 2 follows from its present value g, its rate r before the step,
+    half a step p back, and the acceleration a over it.
     """
     step, previous = state.clock[Clock.STEP], state.clock[Clock.PREVIOUS]
     first, per_step = step + ahead, 1.0 / step

@@ -82,12 +82,7 @@ def _impulse_until(time, acceleration, impulse, first, last, per_step, time_step
 
 @kernel
 def kick_between(grounds, clock, start, end):
-    """What ground motion and gravity take from the velocities between two instants [s].
-
-    Returns
-    -------
-    Kick
-    """
+    """What ground motion and gravity take from the velocities between two instants [s]."""
     x = y = 0.0 * start
     for k in range(width(clock[Clock.TIME])):
         motion = int(lane(clock[Clock.MOTION], k))
@@ -135,14 +130,7 @@ def end_of_motion(grounds, clock, follow):
 
 @kernel
 def end_rest(model, grounds, clock, plus, minus):
-    """Until when a chain at rest stays so.
-
-    Returns
-    -------
-    leave : float
-        When it starts to move, or where the record ends [s].
-    for_good : bool
-    """
+    """Until when a chain at rest stays so; leave, for_good."""
     m, factor = int(clock[Clock.MOTION]), clock[Clock.FACTOR]
     first, last, dt = grounds.first[m], grounds.first[m + 1] - 1, grounds.time_step[m]
     wave, rise, g = grounds.horizontal, grounds.vertical, model.gravity

@@ -54,20 +54,7 @@ def mode_of(touch, slide, j):
 
 @kernel
 def write_frame(model, state, work, part, span, output):
-    """Write a frame of the present positions, and count it.
-
-    Parameters
-    ----------
-    model : archfrag.mechanics.model.Model
-    state : archfrag.mechanics.model.State
-    work : archfrag.mechanics.model.Work
-        With the reactions, and the velocities after the step that sets out.
-    part : float
-        Of the change of velocity that lies before the instant of the positions.
-    span : float
-        What reactions are divided by: one, or the time for which impulses act [s].
-    output : Output
-    """
+    """Write a frame of the present positions, and count it."""
     frames, n = output.frames, output.written[0]
     if frames.time.size == 0 or n >= frames.time.size:
         return
@@ -114,15 +101,7 @@ def log_change(state, time, cause, joint, rung, output):
 
 @kernel
 def dominant_change(state, work):
-    """What joints do in a solved step, before it is made.
-
-    Returns
-    -------
-    cause : int
-        archfrag.mechanics.status.Cause of the dominant change; -1 if no mode changes.
-    joint : int
-        Where; -1 if nowhere.
-    """
+    """What joints do in a solved step, before it is made; cause, joint."""
     cause, joint, rank = -1, -1, 0
     for j in range(state.slip.size):
         was = state.touch[j, 0] + state.touch[j, 1]

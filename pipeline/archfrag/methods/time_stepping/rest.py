@@ -31,20 +31,7 @@ def is_as_built(model, state):
 
 @allocating
 def rest_range(model, state, work):
-    """Load factors between which a configuration stays at rest.
-
-    Parameters
-    ----------
-    model : archfrag.mechanics.model.Model
-    state : archfrag.mechanics.model.State
-    work : archfrag.mechanics.model.Work
-        With the faces where the bodies are; its contacts are overwritten.
-
-    Returns
-    -------
-    found : bool
-    plus, minus : float [g]
-    """
+    """Load factors between which a configuration stays at rest; found, plus, minus."""
     place_contacts(model, state.slip, work.face, work.tangent, work)
     n_joint = state.slip.size
     candidate = np.ones((n_joint, 2), np.int8)

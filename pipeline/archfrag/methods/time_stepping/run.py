@@ -69,11 +69,7 @@ MOST_STEPS, ROUNDS_PER_STEP = 2.0, 16.0
 def try_step(model, grounds, state, work, steps, live):
     """Pose the next step of every run, solve it, and shorten it where that is due.
 
-    Returns
-    -------
-    kick : archfrag.methods.time_stepping.motion.Kick
-    solved, unsolved : mask
-        Where the step can be made, and where modes are not reconciled in the shortest step.
+    Returns kick, solved, unsolved.
     """
     step = state.clock[Clock.STEP]
     kick = due_kick(grounds, state.clock, lone_impacts(state, steps))
@@ -259,15 +255,7 @@ def new_four(model: Model) -> Four:
 def next_run(model, grounds, one, steps, limits, jobs, output, results):
     """Start the next run that moves at all; those that do not are over at once.
 
-    Parameters
-    ----------
-    model, grounds, one, steps, limits, output, results
-    jobs : Jobs
-
-    Returns
-    -------
-    int
-        Its number, -1 if there is none.
+    Returns its number, -1 if there is none.
     """
     state = one.state
     while jobs.upcoming[0] < jobs.motion.size:

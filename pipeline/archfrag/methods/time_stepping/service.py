@@ -165,10 +165,8 @@ def serve(model, grounds, state, work, path, steps, limits, output):
 def synchronise(model, grounds, state, work, path):
     """Give velocities the half kick that is due, so that they belong to the positions.
 
-    Returns
-    -------
-    bool
-        Whether the contact problem of these velocities was solved; else they stay as they were.
+    Returns whether the contact problem of these velocities was solved; else they stay as they
+    were.
     """
     clock = state.clock
     previous = clock[Clock.PREVIOUS]
@@ -241,17 +239,7 @@ def read_joints(model, state, work):
 
 @kernel
 def begin(model, grounds, state, work, steps, limits, motion, factor):
-    """Start a run from rest in the chain's own geometry.
-
-    Parameters
-    ----------
-    model, grounds, state, work, steps, limits
-        Of these `state` is overwritten.
-    motion : int
-        Which ground motion.
-    factor : float
-        On it.
-    """
+    """Start a run from rest in the chain's own geometry."""
     for i in range(state.position.shape[0]):
         for c in range(3):
             state.position[i, c] = model.centroid[i, c] if c < 2 else 0.0

@@ -61,18 +61,7 @@ def _own_speed(j, k, work):
 
 @kernel
 def aim_contacts(model, state, work, step):
-    """Bias that makes the contact laws hold at the positions which a step reaches.
-
-    Parameters
-    ----------
-    model : archfrag.mechanics.model.Model
-    state : archfrag.mechanics.model.State
-    work : archfrag.mechanics.model.Work
-        With the contacts placed, and `next_face` where the present velocities lead; `bias` and
-        `candidate` are overwritten, and the normals of joints that both corners may close in
-        this step by themselves.
-    step : number [s]
-    """
+    """Bias that makes the contact laws hold at the positions which a step reaches."""
     velocity, gravity = state.velocity, model.gravity
     relative_velocity(state.position, velocity, work.pivot, work.relative)
     fastest = 0.0
@@ -117,17 +106,7 @@ def free_fall(model, state, work, kick):
 
 @kernel
 def pose_step(model, state, work, kick, step):
-    """Set up the contact problem of a step from a state; modes start from the state's.
-
-    Parameters
-    ----------
-    model : archfrag.mechanics.model.Model
-    state : archfrag.mechanics.model.State
-    work : archfrag.mechanics.model.Work
-        With the faces where the bodies are.
-    kick : Kick
-    step : number [s]
-    """
+    """Set up the contact problem of a step from a state; modes start from the state's."""
     free_fall(model, state, work, kick)
     for i in range(1, state.position.shape[0] - 1):
         for c in range(3):
@@ -248,24 +227,7 @@ def make_step(model, state, work, kick, where, loss_limit):
 
 @kernel
 def accept_step(model, state, work, kick, where, loss_limit):
-    """Make a step whose contact problem is solved, and record what it did.
-
-    Parameters
-    ----------
-    model : archfrag.mechanics.model.Model
-    state : archfrag.mechanics.model.State
-    work : archfrag.mechanics.model.Work
-    kick : Kick
-    where : mask
-        Runs that make it.
-    loss_limit : float
-        See `follow_joints`.
-
-    Returns
-    -------
-    fallen, broken : mask
-        Where the chain has collapsed, and where its state is not finite.
-    """
+    """Make a step whose contact problem is solved, and record what it did; fallen, broken."""
     clock = state.clock
     count_changes(state, work, where)
     lag = larger(clock[Clock.PREVIOUS], 0.0)
