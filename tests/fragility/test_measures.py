@@ -152,21 +152,6 @@ class TestScattered:
         assert np.mean(np.array(p_values) < 0.1) == pytest.approx(0.1, abs=0.07)
 
 
-def test_events_are_resampled_together():
-    """With all of an event's records alike, the advantage is known less well."""
-    verdict, factor, motions = study(7, n=8)
-    repeat = np.repeat(np.arange(8), 6)
-    value = np.asarray(motions.value)[repeat]
-    alone = Motions(NAMES, value, motions.exponent)
-    grouped = Motions(NAMES, value, motions.exponent, event=repeat.astype(str))
-    tables = [
-        compare_measures(verdict[repeat], factor[repeat], each, "PGA", Resampling(1, 2000))
-        for each in (alone, grouped)
-    ]
-    assert tables[0].best == tables[1].best != "PGA"
-    assert tables[1].p_value > tables[0].p_value
-
-
 def test_no_measure_has_a_curve():
     verdict, factor, motions = study(4)
     with pytest.raises(FitError, match="no measure"):
