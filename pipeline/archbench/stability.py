@@ -145,13 +145,13 @@ def judge_cell(scene: Scene, setting: Setting, expected: bool | None, must_rest:
         return {"status": run.status, "kind": NOT_FOR_IT}
     finite = run.status != "not_finite" and math.isfinite(run.peak)
     finite = finite and bool(np.isfinite(run.frames.displacement).all())
-    gain, deepest, drift, settled = math.nan, math.nan, run.peak, 0.0
+    gain, deepest, drift, settlement = math.nan, math.nan, run.peak, 0.0
     if run.response is not None and finite:
         gain = energy_made(scene, run.response) if run.peak > NOTHING else 0.0
         deepest = overlap(arch_of(scene), run.frames.displacement, run.frames.rotation)
         moved = run.frames.displacement
-        settled = float(np.abs(moved[0]).max(initial=0.0))
-        if settled:  # under the own weight, before the record: soft joints only
+        settlement = float(np.abs(moved[0]).max(initial=0.0))
+        if settlement:  # under the own weight, before the record: soft joints only
             depth, held = elastic(scene, setting, run.frames)
             gain, deepest = max(gain - held, 0.0), max(deepest - depth, 0.0)
             drift = float(np.abs(moved[-1] - moved[0]).max())
@@ -159,7 +159,7 @@ def judge_cell(scene: Scene, setting: Setting, expected: bool | None, must_rest:
         "not ended": run.status == "work_bound" or "no answer" in run.status,
         "diverged": not finite,
         "unconverged": run.unconverged,
-        "drifted at rest": must_rest and drift > max(MOST_DRIFT, settled),
+        "drifted at rest": must_rest and drift > max(MOST_DRIFT, settlement),
         "penetrated": deepest > DEEPEST_OVERLAP,
         "gained energy": gain > MOST_ENERGY_GAIN,
         "false collapse": run.collapsed is True and expected is False,

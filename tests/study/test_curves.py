@@ -130,12 +130,17 @@ def test_of_a_study_they_name_the_arch_and_its_unit(copied):
     cube = xr.load_dataset(path)
     cube["verdict"][:] = Verdict.STANDING
     cube.to_netcdf(path)
-    (only,) = study_cautions(copied.study)
-    assert only.startswith("all records are of one earthquake (Test)")
+    *standing, last = study_cautions(copied.study)
+    assert [text.split(";")[0] for text in standing] == [
+        f"{name}: 2 of 2 records stand at 1.2 g, the highest level: theta rests on the others "
+        "and on the shape of the curve" for name in ("ring", "slab")
+    ]  # fmt: skip
+    assert last.startswith("all records are of one earthquake (Test)")
     cube["verdict"][1, :, 2] = Verdict.UNFINISHED
     cube["scale_factor"][0, 1] = 11.0
     cube.to_netcdf(path)
-    first, second, _ = study_cautions(copied.study)
+    first, ring, second, _ = study_cautions(copied.study)
+    assert ring.startswith("ring: 2 of 2")
     assert first.startswith("slab: more than 5 % of the runs")
     assert "(most: 2 of 2 at 1.2 g)" in first
     assert "(most: wave0 by 11)" in second

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 import archfrag
-from archfrag.export.curve_set import CurveSet, Made
+from archfrag.export.curve_set import CurveSet, Made, crossing
 from archfrag.export.in_core import in_core_sets
 from archfrag.export.nrml import nrml_continuous, nrml_discrete
 from archfrag.export.pelicun import pelicun_description, pelicun_table
@@ -28,6 +28,7 @@ from archfrag.study.provenance import commit
 from archfrag.study.steps import require
 
 FOLDER = "export"
+MOST_CROSSING = 0.01  # probability by which curves of two limit states may cross
 _MEASURES = {
     "nrml-continuous": openquake_measure,
     "nrml-discrete": openquake_measure,
@@ -113,7 +114,7 @@ def export_study(study: Study, formats: Sequence[str], folder: Path | None = Non
                 facts_table(cube, "arch"),
             )
             made.files += _write_tables(curves, tables, made.folder, name)
-    made.notes = [*notes, *curves.cautions, *_notes(curves, wanted)]
+    made.notes = [*notes, *_notes(curves, wanted)]
     return made
 
 
@@ -123,7 +124,8 @@ def study_curves(
     """Curves of a finished study, and messages on limit states that were left out.
 
     A limit state short of collapse is exported where every arch with a curve of collapse has one
-    of it too, with medians in order: receivers want the same states of all arches.
+    of it too, whose curve does not cross that of a severer one: receivers
+    take differences of states, and want the same states of all arches.
     """
     levels = cube["intensity"].values
     made = Made(
@@ -151,24 +153,28 @@ def _limit_states(
         }
         for arch, answer in answers.items()
     }
-    # Medians of the next severer state, by arch with a curve of collapse.
-    after = {arch: a.curve.theta for arch, a in answers.items() if isinstance(a.curve, Fragility)}
+    # Curves of the next severer state, by arch with a curve of collapse.
+    after = {arch: a.curve for arch, a in answers.items() if isinstance(a.curve, Fragility)}
     kept: list[str] = []
     notes = []
     for name in reversed(list(dict.fromkeys(state for each in own.values() for state in each))):
         if name == "collapse":
             continue
-        curves = {arch: own[arch].get(name, "") for arch in after}
-        medians = {arch: fit.theta for arch, fit in curves.items() if isinstance(fit, Fragility)}
-        if len(medians) < len(after):
+        found = {arch: own[arch].get(name, "") for arch in after}
+        curves = {arch: fit for arch, fit in found.items() if isinstance(fit, Fragility)}
+        if len(curves) < len(after):
             notes.append(f"limit state {name!r} is left out: not every arch has a curve of it")
-        elif any(median > after[arch] for arch, median in medians.items()):
+            continue
+        worst = max(after, key=lambda arch: crossing(curves[arch], after[arch]), default="")
+        if after and crossing(curves[worst], after[worst]) > MOST_CROSSING:
             notes.append(
-                f"limit state {name!r} is left out: its median is above that of a severer one"
+                f"limit state {name!r} is left out: its curve lies below that of a severer state "
+                f"by up to {crossing(curves[worst], after[worst]):.2g} (arch {worst!r}); more "
+                "levels where it begins, or the design stripes, would distinguish them"
             )
-        else:
-            kept.insert(0, name)
-            after = medians
+            continue
+        kept.insert(0, name)
+        after = curves
     none = "there is no curve of this limit state"
     return {arch: {k: own[arch].get(k, none) for k in kept} for arch in answers}, notes
 

@@ -2,14 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
 from archfrag.errors import FitError
 from archfrag.fragility.fit import Fragility
-
-_NOTED = 1e-3  # probability from which a crossing of two curves is worth a caution
 
 
 @dataclass(frozen=True)
@@ -73,28 +70,22 @@ class CurveSet:
         }
         return {arch: "; ".join(reasons) for arch, reasons in why.items() if reasons}
 
-    @property
-    def cautions(self) -> list[str]:
-        """Where the curve of a severer limit state lies above that of a milder one."""
-        found = []
-        for arch, states in self.curves.items():
-            for (mild, one), (severe, other) in pairwise(_known(states).items()):
-                ends = [f.theta * np.exp(s * 4.0 * f.beta) for f in (one, other) for s in (-1, 1)]
-                im = np.geomspace(min(ends), max(ends), 400)
-                above = float((other.probability(im) - one.probability(im)).max())
-                if above > _NOTED:
-                    found.append(
-                        f"arch {arch!r}: the curve of {severe!r} lies above that of {mild!r} by "
-                        f"up to {above:.2g}; their difference is no probability there"
-                    )
-        return found
-
     def require_curves(self, receiver: str) -> dict[str, dict[str, Fragility]]:
         """`complete`, for a format that holds nothing but curves."""
         if not self.complete:
             reasons = "; ".join(f"{arch}: {why}" for arch, why in self.left_out.items())
             raise FitError(f"there is no curve to export for {receiver}: {reasons}")
         return self.complete
+
+
+def crossing(mild: Fragility, severe: Fragility) -> float:
+    """Largest probability by which the curve of the severer state lies above that of the milder.
+
+    Between them lies no probability there: receivers would take a negative one.
+    """
+    ends = [fit.theta * np.exp(s * 4.0 * fit.beta) for fit in (mild, severe) for s in (-1, 1)]
+    im = np.geomspace(min(ends), max(ends), 400)
+    return float((severe.probability(im) - mild.probability(im)).max())
 
 
 def _known(states: Mapping[str, Fragility | str]) -> dict[str, Fragility]:

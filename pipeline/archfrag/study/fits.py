@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
@@ -145,6 +146,7 @@ def load_fits(path: Path) -> dict[str, Fragility | str]:
 
 MOST_UNDECIDED = 0.05  # fraction of the runs at a level
 MOST_SCALING = 10.0
+MOST_STANDING = 0.25  # fraction of the records
 MOST_NAMED = 12  # arches; of more only their number
 
 
@@ -163,6 +165,9 @@ def cautions_of_cube(study: Study, cube: "xr.Dataset") -> list[str]:
     verdict = cube["verdict"].transpose("arch", "record", "level").values
     counts = [undecided(count_verdicts(own), levels) for own in verdict]
     found = [f"{name}: {message}" for name, message in zip(names, counts) if message]
+    if cube["intensity"].ndim == 1:
+        stand = [standing(own, levels[-1]) for own in verdict]
+        found += [f"{name}: {message}" for name, message in zip(names, stand) if message]
     found += doubts(study, members(study, cube.sizes["record"]))
     found += design_cautions(json.loads(cube.attrs.get("archfrag_design", "{}")))
     return found + [each for each in (scaled_far(cube), one_event(cube)) if each]
@@ -200,6 +205,19 @@ def design_cautions(design: Mapping[str, Any]) -> list[str]:
             "cause collapse is taken"
         )
     return found
+
+
+def standing(verdict: NDArray[np.int8], highest: str) -> str:
+    """Message on records that withstand all levels, (n_record, n_level); else empty."""
+    known = (verdict != Verdict.NOT_SIMULATED).any(axis=1)
+    fell = (verdict == Verdict.COLLAPSED).any(axis=1)
+    stood = (verdict[:, -1] == Verdict.STANDING) & ~fell
+    if stood.sum() <= MOST_STANDING * known.sum():
+        return ""
+    return (
+        f"{stood.sum()} of {known.sum()} records stand at {highest}, the highest level: theta "
+        "rests on the others and on the shape of the curve; add higher levels"
+    )
 
 
 def undecided(counts: VerdictCounts, levels: Sequence[str]) -> str:
