@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 import pytest
-from archbench.closed_forms import Rocking
 from scipy.interpolate import CubicSpline
 from scipy.optimize import nnls
 
 import archfrag as af
+from archbench.exact import Rocking
 from archfrag.errors import InputError
 from archfrag.mechanics.status import Status
 from archfrag.mechanics.types import GroundMotion, Options
