@@ -252,6 +252,15 @@ class TestMechanisms:
                         level = round(0.5 * (left + right))
                         top[level] = max(top[level], high)
                 np.testing.assert_allclose(top, data.counts.collapsed / data.counts.n, atol=1e-3)
+        drawn.clear()
+        data.verdict[0, -1] = Verdict.NOT_SIMULATED
+        picture = mechanism_figures.fractions(mechanism_figures.groupings(data, 0.9), data)
+        assert "all collapses at a level" in picture.caption
+        for panel in drawn[0].panels:
+            tops = [
+                rectangles(drawn[0], panel, colour)[:, 3] for colour, _ in mechanism_figures.LOOKS
+            ]
+            assert np.concatenate(tops).max() == pytest.approx(1.0, abs=2e-3)
 
     def test_table_of_what_ran(self):
         data = results()

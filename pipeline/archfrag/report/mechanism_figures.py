@@ -23,6 +23,14 @@ LOOKS = (
     (look.BLUE, "area"), (look.ORANGE, "slash"), (look.GREEN, "dots"), (look.PURPLE, "cross"),
     (look.GREY, "area"),
 )  # fmt: skip
+OF_RUNS = (
+    "Each column is the observed fraction of collapses at a level, among the runs that collapsed "
+    "or stood"
+)
+OF_COLLAPSES = (
+    "Each column is all collapses at a level (how many of the runs collapse it does not show: "
+    "records were run at levels of their own)"
+)
 _TITLES = ("how it was moving", "joint that was lost", "joints closed by then")
 MODEL_LOOK = {
     Model.REST: Entry(MODEL_WORDS[Model.REST], look.PALE),
@@ -54,10 +62,14 @@ def groupings(results: ArchResults, confidence: float) -> list[Deaggregation]:
 
 
 def fractions(groups: Sequence[Deaggregation], results: ArchResults) -> Picture | None:
-    """Fraction of collapses at each level, split by three criteria; None if none collapsed."""
+    """Fraction of collapses at each level, split by three criteria; None if none collapsed.
+
+    Of all runs where every record was run at every level, else of the collapses.
+    """
     if not groups[0].collapsed.any():
         return None
-    stacks = [_parts(group) for group in groups]
+    every = not bool((results.verdict == Verdict.NOT_SIMULATED).any())
+    stacks = [_parts(group, every) for group in groups]
     keys = [[entry for entry, _ in parts] for parts in stacks]
 
     def draw(width: float) -> Sheet:
@@ -69,7 +81,9 @@ def fractions(groups: Sequence[Deaggregation], results: ArchResults) -> Picture 
         sheet.height = end + rows * LINE
         for box, parts, key, title in zip(boxes, stacks, keys, _TITLES, strict=True):
             panel = Panel(sheet, box, (-0.5, results.levels.size - 0.5), (0.0, 1.0))
-            panel.axis_y([0.0, 0.25, 0.5, 0.75, 1.0], "fraction of the runs")
+            panel.axis_y(
+                [0.0, 0.25, 0.5, 0.75, 1.0], f"fraction of the {'runs' if every else 'collapses'}"
+            )
             panel.stack(parts)
             panel.level_axis(results.levels, results.scale.label)
             panel.heading(title)
@@ -80,10 +94,10 @@ def fractions(groups: Sequence[Deaggregation], results: ArchResults) -> Picture 
         draw,
         alternative=f"Fraction of collapses of {results.arch} by level, split by mode, by joint "
         "and by impacts",
-        caption="Each column is the observed fraction of collapses at a level, among the runs "
-        "that collapsed or stood, split by how the joint that lost all contact had been moving, "
-        "by which joint that was, and by how many joints had closed with an impact since the "
-        "start of the run. Joint 0 is the left springing, or the base of a free-standing chain.",
+        caption=f"{OF_RUNS if every else OF_COLLAPSES}, split by how the joint that lost all "
+        "contact had been moving, by which joint that was, and by how many joints had closed with "
+        "an impact since the start of the run. Joint 0 is the left springing, or the base of a "
+        "free-standing chain.",
     )
 
 
@@ -101,14 +115,17 @@ def fractions_table(groups: Sequence[Deaggregation], results: ArchResults) -> Ta
     return Table([*heads, *map(look.digits, results.levels)], rows)
 
 
-def _parts(group: Deaggregation) -> list[tuple[Entry, FloatArray]]:
-    """Categories that occur: how they look, and their fraction of the runs at each level."""
+def _parts(group: Deaggregation, every: bool) -> list[tuple[Entry, FloatArray]]:
+    """Categories that occur: how they look, and their fraction at each level, as `fractions`."""
     modes = {entry.label: entry for entry in MODE_LOOK.values()}
     found = []
     for i in np.flatnonzero(group.counts.any(axis=1)).tolist():
         name = group.categories[i]
         colours = LOOKS[-1] if name == _OTHER else LOOKS[i % len(LOOKS)]
-        found.append((modes.get(name, Entry(name, *colours)), np.nan_to_num(group.probability[i])))
+        part = group.counts[i] / np.maximum(group.collapsed, 1)
+        if every:
+            part = np.nan_to_num(group.probability[i])
+        found.append((modes.get(name, Entry(name, *colours)), part))
     return found
 
 
