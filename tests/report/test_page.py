@@ -156,7 +156,7 @@ class TestAnswer:
         assert "PGV is best." in text(second)
         assert table(page, "Limit states of thin")[1] == [
             ["motion", "a joint opens", "0.102", "0.400"],
-            ["impact", "a joint closes", "no curve", "–"],
+            ["impact", "a joint closes (no curve: all collapse)", "–", "–"],
         ]
         assert not page.xpath('//table[@aria-label="Limit states of thick"]')
         rows = table(page, "Intensity measures for thick")[1]

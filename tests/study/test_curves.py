@@ -5,7 +5,8 @@ import pytest
 import xarray as xr
 
 from archfrag.fragility.counts import Verdict, count_verdicts
-from archfrag.study.comparisons import dispersion_split
+from archfrag.fragility.curve import Fragility
+from archfrag.study.comparisons import _above, dispersion_split
 from archfrag.study.cube import write_cube
 from archfrag.study.curves import POINTS, Answer, Runs, answer, likeliest
 from archfrag.study.fits import design_cautions, scaled_far, study_cautions, undecided
@@ -58,6 +59,15 @@ class TestTwoFidelities:
         runs, _ = two_stage(n_fine=20)
         runs.coarse[5] = np.where(np.arange(LEVELS.size) == 0, Verdict.STANDING, 4)
         assert "posterior" in answer(runs, 0.9).method
+
+
+def test_a_limit_state_below_the_onset_of_motion_has_no_curve():
+    fit = Fragility(0.744, 0.252, np.eye(2), 0.0, 9, 90, "stripes")
+    message = _above(fit, 0.862)
+    assert message.startswith("it would give a probability of 0.72 at the onset of motion")
+    assert _above(fit, 0.4) is fit
+    assert _above(fit, 0.0) is fit
+    assert _above(None, 0.862) is None
 
 
 class TestDispersionOfAClass:

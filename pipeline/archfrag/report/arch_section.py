@@ -150,11 +150,11 @@ def _limit_states(answer: Answer, results: ArchResults) -> dict[str, Any] | None
     for state in given["states"]:
         fit = curve_of_dict(state["curve"])
         name = state["name"].replace("_", " ")
-        known = ["no curve", "–"]
-        if not isinstance(fit, str):
-            fits[name] = fit
-            known = [scale.digits(fit.theta), f"{fit.beta:.3f}"]
-        rows.append([name, state["meaning"], *known])
+        if isinstance(fit, str):
+            rows.append([name, f"{state['meaning']} (no curve: {fit})", "–", "–"])
+            continue
+        fits[name] = fit
+        rows.append([name, state["meaning"], scale.digits(fit.theta), f"{fit.beta:.3f}"])
     return {
         "figure": curve_figures.limit_states(fits, results) if fits else None,
         "table": tables.Table(["limit state", "meaning", f"θ [{scale.unit}]", "β"], rows, 2),

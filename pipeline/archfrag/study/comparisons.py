@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.brackets import fill_verdicts, find_brackets
 from archfrag.fragility.counts import Verdict
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _SEED = 1
+MOST_BELOW = 0.01  # probability of a limit state at the onset of motion
 
 
 def free_shapes(runs: Runs, confidence: float) -> dict[str, Any]:
@@ -142,13 +144,34 @@ def limit_states(cube: "xr.Dataset", runs: Runs, keys: Mapping[str, float]) -> d
             exceeded[..., i] = np.where(codes == Verdict.NOT_SIMULATED, -1, codes)
     names, meanings = [state[0] for state in states], [state[1] for state in states]
     found = fit_limit_states(exceeded, runs.level, names, meanings)
+    onset = _onset(cube)
     return {
         "message": found.message,
         "states": [
             {"name": each.name, "meaning": each.meaning, "note": each.none,
-             "curve": curve_to_dict(each.fit or each.none)} for each in found.states
+             "curve": curve_to_dict(_above(each.fit, onset) or each.none)}
+            for each in found.states
         ],
     }  # fmt: skip
+
+
+def _onset(cube: "xr.Dataset") -> float:
+    """Level below which nothing can move, 0 where that is not known [m/s2]."""
+    vertical = "record_vertical" not in cube or bool(cube["record_vertical"].any())
+    if vertical or cube["intensity"].attrs["measure"] != "PGA":
+        return 0.0
+    return STANDARD_GRAVITY * min(float(cube["onset_plus"]), float(cube["onset_minus"]))
+
+
+def _above(fit: Fragility | None, onset: float) -> Fragility | str | None:
+    """The curve, or why it is none: it gives a probability where nothing can move."""
+    below = float(fit.probability(onset)) if fit is not None and onset > 0.0 else 0.0
+    if below <= MOST_BELOW:
+        return fit
+    return (
+        f"it would give a probability of {below:.2f} at the onset of motion; too little near "
+        "it was run: add levels there, or take the design stripes"
+    )
 
 
 def dispersion_split(members: Sequence[Runs], answers: Sequence[Answer]) -> dict[str, Any]:
