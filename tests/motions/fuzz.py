@@ -73,11 +73,6 @@ def _ends(content, random):
     )
 
 
-def _tabs(content, random):
-    part = random.random()
-    return re.sub(rb"[ \t]+", lambda m: b"\t" if random.random() < part else m[0], content)
-
-
 def _lines(content, random):
     """Lines left out, doubled, moved or of another file."""
     lines, others = content.split(b"\n"), _any(originals(), random)[1].split(b"\n")
@@ -100,7 +95,7 @@ MUTATIONS = (
     functools.partial(_replaced, _NUMBER, _WORDS),
     functools.partial(_replaced, _INTEGER, _COUNTS, first=4000),
     _ends,
-    _tabs,
+    lambda content, random: re.sub(rb" +", b"\t", content),
     lambda content, random: re.sub(rb"(\d\.\d+)(?![\dE])", rb"\1D+00", content),
     _lines,
     lambda content, random: _inserted(

@@ -8,7 +8,6 @@ Nothing slow is imported here: the process that reads files (`isolated`) starts 
 """
 
 import importlib
-import math
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -137,7 +136,4 @@ def _check_blocks(trace: "Trace", path: str, name: str) -> None:
 def _announced(trace: "Trace") -> int:
     """Number of samples by the header; obspy leaves it in `npts` though it read another."""
     record = trace.stats.get("record", {})
-    if "announced" in record:
-        return record.announced
-    count = trace.stats.get("knet", {}).get("duration", 0.0) * trace.stats.sampling_rate
-    return round(count) if count and math.isfinite(count) else trace.stats.npts
+    return int(record.get("announced", trace.stats.npts))

@@ -8,6 +8,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError
+from archfrag.motions.selection.candidates import numbers
 from archfrag.motions.selection.models import Rupture, correlation, predict
 
 PERIODS = tuple(float(f"{period:.3g}") for period in np.geomspace(0.05, 5.0, 20))
@@ -176,8 +177,8 @@ def read_target(path: str | Path) -> Target:
 
     Raises
     ------
-    InputError
-        Naming the file and, for a value, its line and column.
+    InputError, RecordError
+        Naming the file and, for a value, its column.
 
     Examples
     --------
@@ -194,21 +195,11 @@ def read_target(path: str | Path) -> Target:
         raise InputError(f"{path}: the target cannot be read ({error.strerror})") from None
     except ValueError as error:
         raise InputError(f"{path}: the target is not a table in CSV ({error})") from None
-    for name in ("period_s", "Sa_g"):
-        if name not in rows:
-            has = "a target has period_s, Sa_g and, for its scatter, sd"
-            raise InputError(f"{path}: column {name!r} is missing; {has}")
     if rows.empty:
         raise InputError(f"{path}: the target has no rows")
-    table: dict[str, NDArray[np.float64]] = {}
-    for name in ("period_s", "Sa_g", "sd"):
-        if name in rows:
-            table[name] = pd.to_numeric(rows[name], errors="coerce").to_numpy(dtype=np.float64)
-            wrong = np.flatnonzero(~np.isfinite(table[name]))
-            if wrong.size:
-                where = f"{path}, line {wrong[0] + 2}: {name}"
-                raise InputError(f"{where} = {rows[name][wrong[0]]!r} is not a finite number")
-    return spectrum_target(table["period_s"], table["Sa_g"], table.get("sd"), str(path))
+    rows.attrs["source"] = path
+    sd = numbers(rows, "sd") if "sd" in rows else None
+    return spectrum_target(numbers(rows, "period_s"), numbers(rows, "Sa_g"), sd, str(path))
 
 
 def _rising(periods: ArrayLike, name: str) -> NDArray[np.float64]:
