@@ -92,13 +92,6 @@ class TestOscillator:
         _, reference, _ = lsim(system, record, np.arange(300) * 0.01, interp=True)
         assert np.allclose(ours, reference, rtol=0, atol=1e-10 * np.abs(reference).max())
 
-    def test_refinement_finds_the_peak_between_samples(self):
-        coarse = Motion(wave(200, 0.05, 3.0), 0.05)
-        fine_time = np.arange((200 - 1) * 50 + 1) / 50
-        fine = Motion(np.interp(fine_time, np.arange(200), coarse.acceleration), 0.001)
-        expected = spectral_acceleration(fine, 0.2)
-        assert spectral_acceleration(coarse, 0.2) == pytest.approx(expected, rel=1.5e-3)
-
     @pytest.mark.parametrize("count", [4, 16, 17, 33, 32769, 70000])
     def test_parts_of_a_record_join_and_free_vibration_counts(self, count):
         record = np.full(4, 5.0) if count == 4 else np.append(noise(count), np.zeros(40))

@@ -72,12 +72,6 @@ class TestUnits:
             motion = read_motion(path, unit=unit, accept=["pga"])
             assert np.allclose(motion.acceleration, factor * COUNTS, rtol=1e-6, atol=1e-9)
 
-    @pytest.mark.parametrize(("unit", "factor"), [("G", G), ("CM/S2", 0.01)])
-    def test_at2_is_converted_once(self, tmp_path, unit, factor):
-        motion = read_motion(at2(tmp_path, wave(), unit=unit))
-        assert pga(motion) == pytest.approx(np.abs(wave()).max() * factor, rel=1e-6)
-        assert (motion.id, motion.metadata["unit_in_file"]) == ("a", unit.lower())
-
     @pytest.mark.parametrize("name", ["record.xml", "XX.AB.xml"])
     def test_counts_with_station_xml_beside_are_demeaned(self, tmp_path, name):
         path = write(tmp_path / "record.mseed", trace(data=COUNTS + 5000))

@@ -126,19 +126,13 @@ class TestSuite:
             range(20250101, 20250116), 2
         )
 
-    def test_making_again_gives_the_same_samples_and_index(self, tmp_path):
-        recipes = synthetic.shipped_recipes()
-        shipped = {entry.id: entry for entry in load_index(SHIPPED)}
-        assert list(shipped) == [recipe.id for recipe in recipes]
-        synthetic.make_suite(tmp_path, recipes[::4])
-        for ours in load_index(tmp_path):
-            theirs = shipped[ours.id]
-            assert ours.metadata == theirs.metadata
-            made, motion = load_motion(ours), load_motion(theirs)
-            assert np.array_equal(made.acceleration, motion.acceleration)
-            assert not motion.acceleration[:100].any()
+    def test_the_ground_is_at_rest_before_and_after(self):
+        """That making them again gives the same bytes is in workflow/test_cli_records.py."""
+        for recipe in synthetic.shipped_recipes()[::4]:
+            motion = recipe.make()
             speed = velocity(motion)
             place = np.cumsum(speed)
+            assert not motion.acceleration[:100].any()
             assert abs(speed[-1]) < 1e-4 * np.abs(speed).max()
             assert abs(place[-1]) < 5e-3 * np.abs(place).max()
 
@@ -296,12 +290,3 @@ class TestPlan:
         assert 10.0 < min(distances) < max(distances) < 100.0
         assert np.log(distances).mean() == pytest.approx(np.log(10.0) + np.log(10.0) / 2, abs=0.1)
         assert np.mean([r.options.pulse for r in recipes]) == pytest.approx(0.25, abs=0.08)
-
-    def test_folder_of_a_plan_reads_back(self, tmp_path):
-        recipes = plan_motions(Plan(1, 2, [6.0], [20.0], vertical=True))
-        synthetic.make_suite(tmp_path, recipes)
-        for entry, recipe in zip(load_index(tmp_path), recipes, strict=True):
-            read, made = load_motion(entry), recipe.make()
-            assert (read.id, entry.metadata["event_seed"]) == (recipe.id, recipe.seeds.event)
-            assert np.array_equal(read.acceleration, made.acceleration)
-            assert np.array_equal(read.vertical, made.vertical)

@@ -102,11 +102,6 @@ def _oscillators(dt: float, periods: ArrayLike, damping: float) -> list["_Oscill
     return [_oscillator(float(dt), period, float(damping)) for period in wanted.tolist()]
 
 
-@lru_cache(maxsize=256)
-def _oscillator(dt: float, period: float, damping: float) -> "_Oscillator":
-    return _Oscillator(dt, period, damping)
-
-
 def _windows(record: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
     """Samples of each block with the one before and the one after it, and two free columns."""
     length = _BLOCK * _BLOCKS
@@ -175,3 +170,6 @@ class _Oscillator:
     def free_vibration(self, state: complex) -> NDArray[np.float64]:
         """Displacement [m] in the period after a state."""
         return (state * self.after).real
+
+
+_oscillator = lru_cache(maxsize=256)(_Oscillator)

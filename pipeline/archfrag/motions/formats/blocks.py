@@ -90,11 +90,13 @@ def read_smc(source: Source, **_: Any) -> Stream:
     if peaks:
         samples = values[1::2] if paired else values
         facts.judge_peak(record, f"{max(peaks):.6E}", samples, "cm/s2")
-    if paired:
-        values, step = _even(record, values, count, text.name)
-    else:
-        rate = float(reals[1])
+    rate = float(reals[1])
+    if not paired:
         step = facts.positive_step(1.0 / rate if rate else 0.0, text.place(first - 1))
+    else:  # of time and acceleration
+        record |= {"announced": count // 2, "held": values.size // 2}
+        values, step, done = on_even_steps(values, text.name)
+        record["log"] = (*record.get("log", ()), *filter(None, (done,)))
     codes = ("", head[2].strip().split(" ")[0], "")
     return Stream([facts.trace_of(values, step, record, codes=codes, start=_start(integers))])
 
@@ -106,18 +108,6 @@ def _smc_numbers(text: Text, kind: str) -> NDArray[np.float64]:
         needed = f"{count} {kind} numbers are needed in the header"
         raise RecordError(f"{text.place(place)}: {needed}, there are {values.size}")
     return values
-
-
-def _even(
-    record: dict[str, Any], values: NDArray[np.float64], count: int, name: str
-) -> tuple[NDArray[np.float64], float]:
-    """Samples of pairs of time and acceleration."""
-    record |= {"announced": count // 2, "held": values.size // 2}
-    if values.size < 4:
-        return values[:0], 1.0
-    samples, step, done = on_even_steps(values, name)
-    record["log"] = (*record.get("log", ()), *filter(None, (done,)))
-    return samples, step
 
 
 def _smc_record(

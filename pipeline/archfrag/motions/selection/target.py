@@ -109,7 +109,10 @@ def conditional_spectrum(
                         (f"conditioning period {conditioning} s", conditioning)):  # fmt: skip
         if not (np.isfinite(value) and value > 0.0):
             raise InputError(f"{name} must be a number above 0")
-    grid = _with_period(_rising(periods, "periods"), conditioning)
+    grid = _rising(periods, "periods")
+    near = np.abs(np.log(grid / conditioning)) < _SAME
+    grid = np.where(near, conditioning, grid) if near.any() else np.append(grid, conditioning)
+    grid.sort()
     known = int(np.abs(np.log(grid / conditioning)).argmin())
     rho = correlation(grid[:, None], grid)
     median, sd, notes = predict(rupture, model, grid)
@@ -123,25 +126,13 @@ def conditional_spectrum(
 def spectrum_target(
     periods: ArrayLike, median: ArrayLike, sd: ArrayLike | None = None, source: str = "target"
 ) -> Target:
-    """A target from a spectrum: of a code, of uniform hazard, or with a scatter of its own.
+    """A target from a spectrum [g] at periods [s]: of a code, of uniform hazard, with its scatter.
 
-    Parameters
-    ----------
-    periods : array_like, shape (n_period,) [s]
-    median : array_like, shape (n_period,) [g]
-        exp of the mean of ln Sa.
-    sd : array_like, shape (n_period,), optional
-        Standard deviation of ln Sa. Where it is 0 at one period, this is the conditioning
-        period. Without it, or with zeros only, the target is a mean: records are sought that
-        lie close to it. Correlations are those of Baker and Jayaram (2008).
-    source : str
-        What messages call it.
-
-    Raises
-    ------
-    InputError
-        If numbers are missing, not positive or not finite, a period occurs twice, or the sd is
-        0 at several periods but not at all.
+    `median` is exp of the mean of ln Sa, `sd` its standard deviation. Where that is 0 at one
+    period, this is the conditioning period. Without it, or with zeros only, the target is a mean:
+    records are sought that lie close to it. Correlations are those of Baker and Jayaram (2008).
+    InputError, beginning with `source`, for numbers that are missing, not positive or not finite,
+    a period that occurs twice, or an sd of 0 at several periods but not at all.
     """
     given = np.asarray(periods, dtype=np.float64)
     rising = _rising(given, f"{source}: periods")
@@ -222,8 +213,3 @@ def _like(values: ArrayLike, periods: NDArray[np.float64], name: str) -> NDArray
     if not np.isfinite(row).all():
         raise InputError(f"{name} {row.tolist()} must be finite numbers")
     return row
-
-
-def _with_period(grid: NDArray[np.float64], period: float) -> NDArray[np.float64]:
-    near = np.abs(np.log(grid / period)) < _SAME
-    return np.where(near, period, grid) if near.any() else np.sort(np.append(grid, period))
