@@ -233,7 +233,7 @@ class _Fetching:
 
     def _station(self, quake: _Quake, site: _Site, place: Path) -> None:
         label = f"{quake.id} {site.name}"
-        if not (_CODE.fullmatch(site.network) and _CODE.fullmatch(site.station.code)):
+        if not all(map(_CODE.fullmatch, (site.network, site.station.code))):
             raise Refusal("unusable", f"{label!r}: the codes of this station cannot name a file")
         same = {"event": quake.id, "station": site.name, "window_s": quake.facts["window_s"]}
         for row in self.rows.values():
