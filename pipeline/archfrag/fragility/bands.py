@@ -69,10 +69,8 @@ def capacity_band(fit: Fragility, im: ArrayLike, confidence: float = 0.9) -> Ban
     True
     """
     if fit.kind not in _OF_CAPACITIES:
-        raise InputError(
-            f"the fit is of kind {fit.kind!r}; Student's t needs capacities, of kind "
-            + " or ".join(repr(kind) for kind in _OF_CAPACITIES)
-        )
+        kinds = " or ".join(map(repr, _OF_CAPACITIES))
+        raise InputError(f"the fit is of kind {fit.kind!r}; Student's t needs one of {kinds}")
     freedom, stretch = _freedom(fit)
     t = float(stdtrit(freedom, tails(confidence)[1]))
     beta = fit.beta * stretch
@@ -81,15 +79,12 @@ def capacity_band(fit: Fragility, im: ArrayLike, confidence: float = 0.9) -> Ban
     x = log_intensity(im)
     away = np.log(fit.theta) - np.where(np.isfinite(x), x, 0.0)
     leading = beta * beta - e
-    if leading <= 0.0:
-        lower, upper = np.zeros(x.shape), np.ones(x.shape)
-    else:
+    ends = np.zeros(x.shape), np.ones(x.shape)
+    if leading > 0.0:
         linear = beta * away - d
         root = np.sqrt(np.maximum(linear**2 - leading * (away**2 - c), 0.0))
-        lower, upper = ndtr((-linear - root) / leading), ndtr((-linear + root) / leading)
-    lower, upper = (
-        np.where(np.isneginf(x), 0.0, np.where(np.isposinf(x), 1.0, end)) for end in (lower, upper)
-    )
+        ends = ndtr((-linear - root) / leading), ndtr((-linear + root) / leading)
+    lower, upper = (np.where(np.isfinite(x), end, np.where(x > 0.0, 1.0, 0.0)) for end in ends)
     return Band(lower[()], upper[()], confidence)
 
 
@@ -116,10 +111,8 @@ def beta_interval(fit: Fragility, confidence: float = 0.9) -> tuple[float, float
     ends = tails(confidence)
     if fit.kind in _OF_CAPACITIES:
         freedom, stretch = _freedom(fit)
-        low, high = (
-            fit.beta * stretch * float(np.sqrt(freedom / chdtri(freedom, tail))) for tail in ends
-        )
-        return low, high
+        low, high = (float(np.sqrt(freedom / chdtri(freedom, tail))) for tail in ends)
+        return fit.beta * stretch * low, fit.beta * stretch * high
     reach = float(ndtri(ends[1]) * fit.standard_errors[1] / fit.beta)
     return fit.beta * np.exp(-reach), fit.beta * np.exp(reach)
 
@@ -134,8 +127,8 @@ def _freedom(fit: Fragility) -> tuple[float, float]:
 
 
 def record_bootstrap_band(
-    verdict: ArrayLike, levels: ArrayLike, im: ArrayLike, resampling: Resampling,
-    *, groups: ArrayLike | None = None,
+    verdict: ArrayLike, levels: ArrayLike, im: ArrayLike, resampling: Resampling, *,
+    groups: ArrayLike | None = None,
 ) -> Band:  # fmt: skip
     """Pointwise band where the same records serve at all levels, arguments as of `gather_runs`.
 

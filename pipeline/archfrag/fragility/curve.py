@@ -69,14 +69,11 @@ class Fragility:
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, lists and strings, for JSON."""
         return {
-            "kind": self.kind,
-            "theta": self.theta,
-            "beta": self.beta,
+            "kind": self.kind, "theta": self.theta, "beta": self.beta,
             "covariance_ln_theta_beta": self.covariance.tolist(),
             "log_likelihood": self.log_likelihood,
-            "n_levels": self.n_levels,
-            "n_total": self.n_total,
-        }
+            "n_levels": self.n_levels, "n_total": self.n_total,
+        }  # fmt: skip
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> "Fragility":

@@ -72,15 +72,9 @@ def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Fragility:
     many = fit_many(im, collapses[None], n)
     if not many.fitted[0]:
         raise _not_rising(im)
-    return Fragility(
-        theta=float(many.theta[0]),
-        beta=float(many.beta[0]),
-        covariance=many.covariance[0],
-        log_likelihood=float(many.log_likelihood[0]),
-        n_levels=int(np.unique(im).size),
-        n_total=int(n.sum()),
-        kind="stripes",
-    )
+    theta, beta, likelihood = map(float, (many.theta[0], many.beta[0], many.log_likelihood[0]))
+    sizes = int(np.unique(im).size), int(n.sum())
+    return Fragility(theta, beta, many.covariance[0], likelihood, *sizes, "stripes")
 
 
 def fit_many(levels: FloatArray, collapses: ArrayLike, n: ArrayLike) -> ManyCurves:
@@ -92,7 +86,7 @@ def fit_many(levels: FloatArray, collapses: ArrayLike, n: ArrayLike) -> ManyCurv
 
 def curves_of_lines(lines: Lines, collapses: FloatArray, n: FloatArray) -> ManyCurves:
     """Curves of probit lines in ln im, (n_draw,), of draws (n_draw, n_level)."""
-    theta, beta, log_likelihood = (np.full(len(n), np.nan) for _ in range(3))
+    theta, beta, log_likelihood = np.full((3, len(n)), np.nan)
     covariance = np.full((len(n), 2, 2), np.nan)
     # Where the line is as good as level the median lies beyond all numbers.
     fitted = ~lines.degenerate & (lines.slope > np.abs(lines.intercept) / _LARGEST_LOG)
@@ -163,15 +157,11 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragilit
     if known.all():
         return _fit_moments(values)
     if not known.any():
-        raise FitError(
-            f"no capacity lies at or below truncate_at = {limit:g}: theta lies above it; try "
-            "higher intensities"
-        )
+        why = f"no capacity lies at or below truncate_at = {limit:g}: theta lies above it"
+        raise FitError(f"{why}; try higher intensities")
     if np.all(values[known] == limit):
-        raise FitError(
-            f"all observed capacities equal truncate_at = {limit:g}, so beta tends to 0; "
-            "resolve the capacities more finely"
-        )
+        why = f"all observed capacities equal truncate_at = {limit:g}, so beta tends to 0"
+        raise FitError(f"{why}; resolve the capacities more finely")
     fit = _fit(np.where(known, values, limit), np.where(known, values, np.inf), "ida_truncated")
     return replace(fit, n_levels=int(np.unique(values[known]).size))
 
@@ -186,15 +176,10 @@ def _fit_moments(values: FloatArray) -> Fragility:
         )
     mean, deviation = float(logs.mean()), float(logs.std(ddof=1))
     z = (logs - mean) / deviation
-    return Fragility(
-        theta=float(np.exp(mean)),
-        beta=deviation,
-        covariance=deviation**2 * np.diag([1.0 / n, 0.5 / (n - 1)]),
-        log_likelihood=float(-0.5 * z @ z - n * (np.log(deviation) + LOG_ROOT_TWO_PI)),
-        n_levels=int(np.unique(logs).size),
-        n_total=n,
-        kind="ida",
-    )
+    covariance = deviation**2 * np.diag([1.0 / n, 0.5 / (n - 1)])
+    likelihood = float(-0.5 * z @ z - n * (np.log(deviation) + LOG_ROOT_TWO_PI))
+    sizes = int(np.unique(logs).size), n
+    return Fragility(float(np.exp(mean)), deviation, covariance, likelihood, *sizes, "ida")
 
 
 def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Fragility:
@@ -217,10 +202,8 @@ def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Fragility:
 
     Raises
     ------
-    InputError
-        If an argument cannot be.
-    FitError
-        If the likelihood has no maximum with beta > 0.
+    InputError, FitError
+        If an argument cannot be; if the likelihood has no maximum with beta > 0.
 
     Examples
     --------
@@ -258,15 +241,8 @@ def _fit(lower: FloatArray, upper: FloatArray, kind: str) -> Fragility:
     line = np.array([[-found.coefficients[0, 0], 1.0]]) / found.deviation[0]
     sign = np.array([[1.0, -1.0], [-1.0, 1.0]])  # the intercept is minus the first parameter
     theta, beta, covariance = _curves(line, found.information * sign)
-    return Fragility(
-        theta=float(theta[0]),
-        beta=float(beta[0]),
-        covariance=covariance[0],
-        log_likelihood=constant - float(found.loss[0]),
-        n_levels=int(np.unique(ends).size),
-        n_total=lower.size,
-        kind=kind,
-    )
+    likelihood, sizes = constant - float(found.loss[0]), (int(np.unique(ends).size), lower.size)
+    return Fragility(float(theta[0]), float(beta[0]), covariance[0], likelihood, *sizes, kind)
 
 
 def _require_overlap(im: FloatArray, collapses: FloatArray, n: FloatArray) -> None:

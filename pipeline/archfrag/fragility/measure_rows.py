@@ -81,11 +81,11 @@ def log_capacities(found: Brackets, log_value: FloatArray, exponent: FloatArray)
     low, high = np.where(known, (found.lower, found.upper), 1.0)
     power = exponent[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
-        ends = (
+        low_end, high_end = (
             np.where(np.isfinite(end), log_value + power * end, end)
             for end in (np.log(lower), np.log(upper))
         )
-        return LogCapacities(*ends, (power * np.log(high / low)) ** 2 / 12.0)
+        return LogCapacities(low_end, high_end, (power * np.log(high / low)) ** 2 / 12.0)
 
 
 def weighted_normal(known: LogCapacities, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -276,14 +276,14 @@ def _rows(
     rows = []
     for i, name in enumerate(names):
         theta, beta, likelihood = (float(part[i]) for part in fits[:3])
-        tests = np.stack([fits.slopes[i], fits.p_values[i]], axis=1)
-        tested = tests[np.isfinite(tests[:, 1]), 1]
+        slopes, p_values = fits.slopes[i].tolist(), fits.p_values[i].tolist()
+        tested = [p for p in p_values if np.isfinite(p)]
         why = "" if np.isfinite(beta) else none
-        sufficient = bool(np.all(tested >= SIGNIFICANCE)) if tested.size and not why else None
+        sufficient = min(tested) >= SIGNIFICANCE if tested and not why else None
         power = float(exponent[i])
         row = MeasureRow(
             name, float(np.exp(theta)), beta, beta / power, 1.0 / power, beta,
-            *map(float, tests.ravel()), sufficient, likelihood, *counts, why,
+            slopes[0], p_values[0], slopes[1], p_values[1], sufficient, likelihood, *counts, why,
         )  # fmt: skip
         rows.append(row)
     return tuple(rows)
