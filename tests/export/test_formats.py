@@ -15,7 +15,7 @@ from archfrag.export.curve_set import crossing
 from archfrag.export.in_core import in_core_sets
 from archfrag.export.nrml import NAMESPACE, nrml_continuous, nrml_discrete
 from archfrag.export.pelicun import pelicun_description, pelicun_table
-from archfrag.export.receivers import in_core_measure, openquake_measure, pelicun_measure
+from archfrag.export.receivers import named_measure
 from tests.export.made import STATES, curve_set, fragility, lognormal
 
 G = 9.80665
@@ -55,27 +55,27 @@ class TestReceivers:
         ],
     )
     def test_openquake(self, measure, name, unit, si):
-        named = openquake_measure(measure)
+        named = named_measure("OpenQuake", measure)
         assert named[:2] == (name, unit)
         assert named.factor * si == pytest.approx(1.0, rel=1e-15)
 
     @pytest.mark.parametrize(
         ("ask", "measure", "message"),
         [
-            (openquake_measure, "HI", "no name for the intensity measure HI"),
-            (pelicun_measure, "AvgSA(0.2,1)", "no name for the intensity measure"),
-            (in_core_measure, "CAV", "no name for the intensity measure CAV"),
-            (pelicun_measure, "PGD", "its PGD is permanent ground deformation"),
+            ("OpenQuake", "HI", "no name for the intensity measure HI"),
+            ("pelicun", "AvgSA(0.2,1)", "no name for the intensity measure"),
+            ("IN-CORE", "CAV", "no name for the intensity measure CAV"),
+            ("pelicun", "PGD", "its PGD is permanent ground deformation"),
         ],
     )
     def test_measures_that_a_receiver_does_not_know(self, ask, measure, message):
         with pytest.raises(InputError, match=message):
-            ask(measure)
+            named_measure(ask, measure)
 
     def test_notes_state_what_the_measure_must_be(self):
-        assert "RotD50 of two horizontal" in openquake_measure("RotD50(Sa(0.5))").note
-        assert "from 0.2 to 1 s" in openquake_measure("AvgSA(0.2,1)").note
-        assert openquake_measure("PGA").note == ""
+        assert "RotD50 of two horizontal" in named_measure("OpenQuake", "RotD50(Sa(0.5))").note
+        assert "from 0.2 to 1 s" in named_measure("OpenQuake", "AvgSA(0.2,1)").note
+        assert named_measure("OpenQuake", "PGA").note == ""
 
 
 class TestNrml:

@@ -15,7 +15,7 @@ import pytest
 from archfrag.export.in_core import in_core_sets
 from archfrag.export.nrml import nrml_continuous, nrml_discrete
 from archfrag.export.pelicun import pelicun_table
-from archfrag.export.receivers import in_core_measure, openquake_measure
+from archfrag.export.receivers import named_measure
 from tests.export.made import curve_set, lognormal
 
 SCRIPTS = Path(__file__).parent / "receivers"
@@ -72,7 +72,7 @@ def test_openquake_continuous(tmp_path, measure):
     curves = curve_set(measure)
     path, levels = tmp_path / "model.xml", asked(curves)
     path.write_text(nrml_continuous(curves), encoding="utf-8")
-    named = openquake_measure(measure)
+    named = named_measure("OpenQuake", measure)
     found = ask("OPENQUAKE", "read_openquake.py", path, json.dumps(in_unit(levels, named.factor)))
     assert found["measures"] == [named.name]
     assert "0" * 64 in found["description"]
@@ -103,7 +103,7 @@ def test_in_core(tmp_path, measure, states):
     for arch, text in in_core_sets(curves).items():
         path = tmp_path / f"{arch}.json"
         path.write_text(text, encoding="utf-8")
-        named = in_core_measure(measure)
+        named = named_measure("IN-CORE", measure)
         given = in_unit(levels, named.factor)[arch]
         found = ask("INCORE", "read_in_core.py", path, json.dumps(given))
         assert (found["measures"], found["units"]) == ([named.name], [named.unit])
