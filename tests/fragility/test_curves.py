@@ -64,18 +64,18 @@ class TestRuns:
             assert weighted == pytest.approx(np.log(im).sum(), abs=1e-6)
 
     @pytest.mark.parametrize(
-        ("arguments", "key"),
+        ("verdict", "im", "event", "key"),
         [
-            ({"verdict": [2, 3], "im": 0.1}, "no run that"),
-            ({"verdict": [0, 1], "im": [0.1, 0.2, 0.3]}, "one intensity per run"),
-            ({"verdict": [0, 1], "im": [0.1, -0.2]}, "-0.2"),
-            ({"verdict": [0, 1], "im": [0.1, 0.2], "event": ["a"]}, "event"),
-            ({"verdict": 1, "im": 0.1}, "n_record"),
+            ([2, 3], 0.1, None, "no run that"),
+            ([0, 1], [0.1, 0.2, 0.3], None, "one intensity per run"),
+            ([0, 1], [0.1, -0.2], None, "-0.2"),
+            ([0, 1], [0.1, 0.2], ["a"], "event"),
+            (1, 0.1, None, "n_record"),
         ],
     )
-    def test_refusals(self, arguments, key):
+    def test_refusals(self, verdict, im, event, key):
         with pytest.raises(InputError, match=key):
-            gather_runs(**arguments)
+            gather_runs(verdict, im, event=event)
 
 
 class TestIsotonic:
@@ -131,10 +131,8 @@ class TestOfFit:
         """
         p = []
         for i in range(60):
-            generator = np.random.default_rng(i)
-            given = (
-                scattered(generator, 150) if rho is None else (grid(generator, 30, rho), LEVELS)
-            )
+            draw = np.random.default_rng(i)
+            given = scattered(draw, 150) if rho is None else (grid(draw, 30, rho), LEVELS)
             p.append(check_lognormal(gather_runs(*given), Resampling(i, 100)).p_value)
         assert np.mean(np.array(p) < 0.5) == pytest.approx(0.5, abs=0.19)
         assert np.mean(np.array(p) < 0.1) == pytest.approx(0.1, abs=0.12)
@@ -178,10 +176,8 @@ class TestClouds:
         line = linregress(x, y)
         residual = y - line.intercept - line.slope * x
         deviation = np.sqrt(residual @ residual / 298)
-        theta = np.exp((np.log(0.5) - line.intercept) / line.slope)
-        assert (curve.theta, curve.beta) == pytest.approx(
-            (theta, deviation / line.slope), rel=1e-9
-        )
+        theta, beta = np.exp((np.log(0.5) - line.intercept) / line.slope), deviation / line.slope
+        assert (curve.theta, curve.beta) == pytest.approx((theta, beta), rel=1e-9)
         assert "no run collapsed" in curve.notes[0]
 
     def test_total_probability(self):
