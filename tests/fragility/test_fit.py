@@ -10,7 +10,7 @@ from scipy.optimize import approx_fprime, minimize
 from scipy.stats import binom, norm
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.fit import Fragility, fit_brackets, fit_ida, fit_many, fit_stripes
+from archfrag.fragility.fit import Fragility, fit_brackets, fit_ida, fit_stripes
 
 STRIPES = np.array([0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0])
 COLLAPSES = np.array([0, 0, 0, 4, 6, 13, 12, 16])
@@ -69,38 +69,15 @@ def test_maximum_and_information_of_an_independently_written_likelihood(make, lo
     assert fit.covariance == pytest.approx(np.linalg.inv(information), rel=3e-3, abs=1e-6)
 
 
-class TestMany:
-    LEVELS = np.exp(0.35 * np.linspace(-2.2, 2.2, 15))
-
-    @pytest.mark.parametrize("n_record", [3, 30])
-    def test_draws_are_fitted_as_one_by_one(self, n_record):
-        generator = np.random.default_rng(n_record)
-        capacity = np.exp(0.35 * generator.standard_normal(n_record))
-        times = generator.multinomial(n_record, np.full(n_record, 1.0 / n_record), 60)
-        draws = times @ (capacity[:, None] <= self.LEVELS).astype(float)
-        many = fit_many(self.LEVELS, draws, n_record)
-        assert (0 < many.fitted.sum() < 60) or n_record > 3
-        for i, draw in enumerate(draws):
-            try:
-                one = fit_stripes(self.LEVELS, draw, n_record)
-            except FitError:
-                assert np.isnan([many.theta[i], many.beta[i], many.log_likelihood[i]]).all()
-                continue
-            assert (many.theta[i], many.beta[i]) == pytest.approx((one.theta, one.beta), rel=1e-9)
-            assert many.covariance[i] == pytest.approx(one.covariance, rel=1e-7)
-
-    def test_nearly_separated_draws_reach_their_maximum(self):
-        """Where one run in 40,000 keeps beta from 0 the gradient still vanishes."""
-        levels, k, n = (
-            np.array([0.3, 0.30001, 0.6, 0.61]),
-            np.array([1, 0, 19_999, 20_000]),
-            20_000,
-        )
-        many = fit_many(levels, k[None], n)
-        z = (np.log(levels) - np.log(many.theta[0])) / many.beta[0]
-        up, down = (np.exp(norm.logpdf(z) - tail) for tail in (norm.logcdf(z), norm.logsf(z)))
-        slope = k * up - (n - k) * down
-        assert np.abs([slope.sum(), (slope * z).sum()]).max() < 1e-8
+def test_nearly_separated_counts_reach_their_maximum():
+    """Where one run in 40,000 keeps beta from 0 the gradient still vanishes."""
+    levels, n = np.array([0.3, 0.30001, 0.6, 0.61]), 20_000
+    k = np.array([1, 0, n - 1, n])
+    fit = fit_stripes(levels, k, n)
+    z = (np.log(levels) - np.log(fit.theta)) / fit.beta
+    up, down = (np.exp(norm.logpdf(z) - tail) for tail in (norm.logcdf(z), norm.logsf(z)))
+    slope = k * up - (n - k) * down
+    assert np.abs([slope.sum(), (slope * z).sum()]).max() < 1e-8
 
 
 class TestAnyData:

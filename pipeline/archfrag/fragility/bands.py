@@ -6,7 +6,6 @@ from scipy.special import chdtri, ndtr, ndtri, stdtrit
 
 from archfrag.errors import InputError
 from archfrag.fragility.curve import Band, Fragility, log_intensity, tails
-from archfrag.fragility.fit import curves_of_lines
 from archfrag.fragility.lines import binomial_lines
 from archfrag.fragility.runs import Resampling, gather_runs
 
@@ -157,14 +156,7 @@ def record_bootstrap_band(
     decided = n.sum(axis=1) > 0
     x = np.maximum(log_intensity(im), -1e3)
     lines = binomial_lines(np.log(runs.levels), collapses[decided], n[decided])
-    many = curves_of_lines(lines, collapses[decided], n[decided])
     column = (slice(None), *(None,) * x.ndim)
     curves = ndtr(lines.intercept[column] + lines.slope[column] * x)
     lower, upper = np.quantile(curves, resampling.tails, axis=0)
-    theta, beta = (
-        np.quantile(values[many.fitted], resampling.tails) if many.fitted.any() else [np.nan] * 2
-        for values in (many.theta, many.beta)
-    )
-    lost = resampling.resamples - int(np.count_nonzero(many.fitted))
-    ends = (float(theta[0]), float(theta[1])), (float(beta[0]), float(beta[1]))
-    return Band(lower, upper, resampling.confidence, lost, *ends)
+    return Band(lower, upper, resampling.confidence, int(np.count_nonzero(lines.degenerate)))

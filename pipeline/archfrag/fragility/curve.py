@@ -107,9 +107,6 @@ class Band:
     upper: FloatArray
     confidence: float  #: two-sided, at each intensity
     n_degenerate: int = 0  #: bootstrap only: resamples without a lognormal curve
-    #: Bootstrap only: quantiles over the resamples that have a lognormal curve; nan if none has.
-    theta: tuple[float, float] = (np.nan, np.nan)
-    beta: tuple[float, float] = (np.nan, np.nan)
 
 
 def log_intensity(im: ArrayLike) -> FloatArray:

@@ -18,7 +18,7 @@ from archfrag.errors import FitError, InputError
 from archfrag.fragility.brackets import checked_brackets
 from archfrag.fragility.counts import checked_stripes
 from archfrag.fragility.curve import Band, FloatArray, Fragility, log_intensity, tails
-from archfrag.fragility.fit import fit_many
+from archfrag.fragility.fit import likeliest_curve
 from archfrag.fragility.grid import LineGrid, line_grid
 from archfrag.fragility.lines import log_between
 
@@ -145,12 +145,11 @@ def fit_capacity_posterior(
 
 def _known_slopes(levels: FloatArray, k: FloatArray, m: FloatArray) -> tuple[float, float] | None:
     """Slopes beyond which there is nothing, where runs are many and the likelihood narrow."""
-    many = fit_many(levels, k[None], m)
-    beta, error = many.beta[0], np.sqrt(many.covariance[0, 1, 1])
-    if not error < 0.2 * beta:
+    curve = likeliest_curve(levels, k, m)
+    if curve is None or not curve.standard_errors[1] < 0.2 * curve.beta:
         return None
-    reach = np.exp(9.0 * error / beta)
-    return 1.0 / (beta * reach), reach / beta
+    reach = np.exp(9.0 * curve.standard_errors[1] / curve.beta)
+    return 1.0 / (curve.beta * reach), reach / curve.beta
 
 
 def _require_two(levels: FloatArray) -> None:
