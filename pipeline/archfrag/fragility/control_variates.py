@@ -64,9 +64,15 @@ def estimate_two_fidelity(coarse: ArrayLike, fine: ArrayLike) -> TwoFidelity:
     >>> found.standard_errors[0] < 0.5 * found.beta / 20**0.5
     True
     """
-    x, y = _checked(coarse, fine)
-    both = ~np.isnan(y)
+    cheap = positive(coarse, "coarse")
+    costly = shaped(positive(fine, "fine", unknown=True), (cheap.size,), "fine")
+    both = ~np.isnan(costly)
     m = int(np.count_nonzero(both))
+    if m < 4:
+        raise FitError(f"{m} records have capacities by both settings; 4 are needed")
+    if np.ptp(cheap[both]) == 0.0 or np.ptp(costly[both]) == 0.0:
+        raise FitError("capacities by both settings do not vary, so nothing can be estimated")
+    x, y = np.log(cheap), np.log(costly)
     estimates = _estimates(x, y, _leaving_one_out(both))
     square_error, bias = np.zeros(2), np.zeros(2)
     for without in (estimates[1:][both], estimates[1:][~both]):
@@ -112,14 +118,3 @@ def _estimates(x: FloatArray, y: FloatArray, weight: FloatArray) -> FloatArray:
     square = var_y + c * c * (var_all - var_x)
     log_theta = x0 + mean_y + c * (mean_all - mean_x)
     return np.stack([log_theta, np.sqrt(np.maximum(square, 0.0))], axis=1)
-
-
-def _checked(coarse: ArrayLike, fine: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    cheap = positive(coarse, "coarse")
-    costly = shaped(positive(fine, "fine", unknown=True), (cheap.size,), "fine")
-    both = ~np.isnan(costly)
-    if (m := np.count_nonzero(both)) < 4:
-        raise FitError(f"{m} records have capacities by both settings; 4 are needed")
-    if np.ptp(cheap[both]) == 0.0 or np.ptp(costly[both]) == 0.0:
-        raise FitError("capacities by both settings do not vary, so nothing can be estimated")
-    return np.log(cheap), np.log(costly)

@@ -95,10 +95,10 @@ class HazardCurve:
         if im.shape != rate.shape:
             return cls(im, rate)  # which refuses it
         known = ~((rate == 0.0) | (rate == np.inf))
-        if np.count_nonzero(known) < 2:
+        if (n := np.count_nonzero(known)) < 2:
             raise InputError(
-                f"the hazard curve has {np.count_nonzero(known)} of {rate.size} points with a "
-                "rate above 0 that is known; at least two are needed"
+                f"the hazard curve has {n} of {rate.size} points with a rate above 0 that is "
+                "known; at least two are needed"
             )
         return cls(im[known], rate[known])
 

@@ -198,24 +198,16 @@ def _ordered_probit(x: FloatArray, nested: IntArray) -> list[Fragility] | None:
     slope = p[-1]
     if not (slope > _FLAT and np.isfinite(loss)):
         return None
-    covariance = np.linalg.inv(hessian)
+    inverse = np.linalg.inv(hessian)
     fits = []
-    for i in range(n_state):
+    for a, codes, unit in zip(p, nested.T, np.eye(n_state + 1)):
         # ln theta = centre - width a / slope, beta = width / slope.
-        jacobian = np.zeros((2, n_state + 1))
-        jacobian[0, i] = -width / slope
-        jacobian[:, -1] = width * p[i] / slope**2, -width / slope**2
-        fits.append(
-            Fragility(
-                theta=float(np.exp(centre - width * p[i] / slope)),
-                beta=float(width / slope),
-                covariance=jacobian @ covariance @ jacobian.T,
-                log_likelihood=-loss,
-                n_levels=int(np.unique(x).size),
-                n_total=int(np.count_nonzero(nested[:, i] >= 0)),
-                kind="ordered",
-            )
-        )
+        jacobian = np.outer([-width / slope, 0.0], unit)
+        jacobian[:, -1] = width * a / slope**2, -width / slope**2
+        theta, beta = float(np.exp(centre - width * a / slope)), float(width / slope)
+        covariance = jacobian @ inverse @ jacobian.T
+        sizes = int(np.unique(x).size), int(np.count_nonzero(codes >= 0))
+        fits.append(Fragility(theta, beta, covariance, -loss, *sizes, "ordered"))
     return fits
 
 

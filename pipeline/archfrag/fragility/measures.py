@@ -56,11 +56,7 @@ class MeasureTable:
 
 
 def compare_measures(
-    verdict: ArrayLike,
-    factor: ArrayLike,
-    motions: Motions,
-    own: str,
-    resampling: Resampling,
+    verdict: ArrayLike, factor: ArrayLike, motions: Motions, own: str, resampling: Resampling
 ) -> MeasureTable:
     """Curve and qualities of each measure, from the runs of one arch.
 

@@ -109,21 +109,16 @@ def rate_by_level(hazard: HazardCurve, curve: Fragility, edges: ArrayLike) -> Fl
 
     Parameters
     ----------
-    hazard : HazardCurve
-    curve : Fragility
+    hazard, curve
+        As of `collapse_rate`.
     edges : array_like, (n_edge,)
-        Increasing, > 0.
+        Increasing, > 0; else InputError.
 
     Returns
     -------
     ndarray, (n_edge + 1,)
         [1/year], from 0 to the first edge, between edges, and from the last edge on; they add up
         to the rate of collapse.
-
-    Raises
-    ------
-    InputError
-        If the edges are not positive and increasing.
     """
     edges = np.log(rising(edges, "edges"))
     cuts = np.union1d(np.log(hazard.im), edges)
