@@ -184,6 +184,7 @@ def measure(
     Example:
       archfrag records measure records/*.AT2 --out flatfile.csv --figure spectra.svg
     """
+    from archfrag.files import counted
     from archfrag.motions.flatfile import write_flatfile
     from archfrag.study.record_commands import measure_files, table_rows, table_spectra
 
@@ -194,7 +195,7 @@ def measure(
         from archfrag.report.record_figures import measured
 
         _save(measured(table_spectra(table)), figure)
-    _print(table_rows(table), f"{len(table)} components measured: {out}", as_json)
+    _print(table_rows(table), f"{counted(len(table), 'component')} measured: {out}", as_json)
 
 
 @records.command()
@@ -314,6 +315,7 @@ def fetch(
       archfrag records fetch nc72282711 --from NCEDC --radius 50 --out napa
     """
     from archfrag.errors import ServiceError
+    from archfrag.files import counted
     from archfrag.motions.fetch import Limits, Request, fetch_records
 
     kinds = tuple(kind.strip() for kind in channels.split(","))
@@ -322,7 +324,7 @@ def fetch(
     fetched = fetch_records(request, out, _note)
     failures = [{"kind": refusal.kind, "message": str(refusal)} for refusal in fetched.refused]
     facts = {"folder": str(out), "new": fetched.new, "kept": fetched.kept, "failures": failures}
-    text = f"{len(fetched.new)} records fetched, {len(fetched.kept)} were there: {out}"
+    text = f"{counted(len(fetched.new), 'record')} fetched, {len(fetched.kept)} were there: {out}"
     _print(facts, text, as_json)
     if fetched.passing:
         count = f"{len(fetched.passing)} of {len(failures)}"
@@ -360,8 +362,9 @@ def make(out: Path, as_json: bool, **wanted: Any) -> None:
       archfrag records make --events 10 --records-per-event 3 --magnitude 5.5:7.5 \\
         --distance-km 10:100 --out synthetic
     """
+    from archfrag.files import counted
     from archfrag.study.record_commands import make_chosen
 
     paths = make_chosen(out, wanted)
     facts = {"folder": str(out), "files": [str(path) for path in paths]}
-    _print(facts, f"{len(paths)} records and index.csv written to {out}", as_json)
+    _print(facts, f"{counted(len(paths), 'record')} and index.csv written to {out}", as_json)

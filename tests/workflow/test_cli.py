@@ -200,7 +200,7 @@ class TestSteps:
         )
         assert log.read_text().endswith("makes them and the cube [exit code 2]\n")
         result = call("batch", path, "--workers", "1", "--quiet")
-        assert "12 runs in 1 rounds, 0 of them kept from before" in result.stderr
+        assert "12 runs in 1 round, 0 of them kept from before" in result.stderr
         for command, result_file in {
             "cube": "cube.nc",
             "fit": "fits.json",

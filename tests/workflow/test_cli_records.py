@@ -101,6 +101,9 @@ class TestInspect:
 
     def test_an_unreadable_file_among_others(self, at2, tmp_path):
         lost, odd = tmp_path / "lost.AT2", tmp_path / "odd.bin"
+        whole = at2.read_text().rstrip()
+        (tmp_path / "cut.AT2").write_text(f"{whole[:-20]} .3001400E")
+        assert refused("show", tmp_path / "cut.AT2").endswith("seems to be cut off there")
         odd.write_bytes(b"\1\2\3")
         result = call("inspect", lost, at2, odd)
         assert result.exit_code == 2

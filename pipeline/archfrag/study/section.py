@@ -141,8 +141,18 @@ def _message(problem: Any, given: Any) -> str:
         return f"{key} is missing"
     rule = _KINDS.get(kind, "is of a kind that has no place here").format(**context)
     value = problem["input"]
+    if kind in ("int_type", "float_type") and isinstance(value, str) and _is_number(value):
+        return f"{key} = {value!r} {rule} without quotes"
     shown = "" if isinstance(value, Mapping) else f" = {_shown(value)}"
     return f"{key}{shown} {rule}"
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _shown(value: Any) -> str:
