@@ -83,39 +83,6 @@ def records() -> None:
     """Inspect, measure, select, convert, fetch and make records."""
 
 
-@records.command(name="list")
-@click.argument("index", type=_path, default=Path("records/index.csv"))
-@json_option
-def list_records(index: Path, as_json: bool) -> None:
-    """Records of an INDEX (records/index.csv if not given)."""
-    from archfrag.study.single import index_rows
-
-    rows = index_rows(index)
-    lines = []
-    for row in rows:
-        facts = (f"{key} {row[key]}" for key in ("Mw", "distance_km", "unit") if row.get(key))
-        lines.append(f"{row['id']:24s} {', '.join(facts)}")
-    _print(rows, "\n".join(lines), as_json)
-
-
-@records.command()
-@_files
-@reads_record
-@json_option
-def show(files: tuple[Path, ...], as_json: bool, **reading: Any) -> None:
-    """Read record FILES as a study does, step by step.
-
-    \b
-    Example:
-      archfrag records show RSN6_I-ELC180.AT2
-    """
-    from archfrag.study.record_commands import reading_of
-    from archfrag.study.single import motion_facts, motion_text
-
-    facts = [entry for file in files for entry in motion_facts(file, **reading_of(file, reading))]
-    _print(facts, "\n".join(map(motion_text, facts)), as_json)
-
-
 @records.command()
 @_files
 @_known

@@ -19,7 +19,7 @@ ARCH = ["--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoi
         "--friction", "0.7"]  # fmt: skip
 COMMANDS = ("onset", "simulate", "records", "validate", "warmup", "run", "motions", "batch",
             "cube", "fit", "report", "risk", "export", "evidence")  # fmt: skip
-RECORDS = ("list", "show", "inspect", "measure", "select", "convert", "fetch", "make")
+RECORDS = ("inspect", "measure", "select", "convert", "fetch", "make")
 
 
 def call(*arguments):
@@ -62,8 +62,7 @@ class TestHelp:
             assert command in call("records", "--help").output
             text = call("records", command, "--help").output
             assert "--json" in text
-            if command != "list":
-                assert f"archfrag records {command}" in text.split("Example:")[1]
+            assert f"archfrag records {command}" in text.split("Example:")[1]
 
 
 class TestOnset:
