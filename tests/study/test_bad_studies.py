@@ -131,6 +131,7 @@ BAD += [
     # Intensity.
     ("unit: g", "unit: cm/s", "unit 'cm/s' is not one of g, m/s2"),
     # Method and execution.
+    ("time_stepping", "euler", "method.name = euler must be one of auto"),
     ("dt: 2.0e-3", "dt: 2.0e-3, rtol: 1e-6", "method time_stepping takes one of them"),
     ("time_stepping", "four_link", "method four_link does not use it"),
     ("dt: 2.0e-3", "settings: {stiffness: 1e9}", "settings has 'stiffness'; allowed for"),
