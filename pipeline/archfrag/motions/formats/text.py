@@ -126,7 +126,12 @@ def numbers(
     values: list[float] = []
     for number, line in enumerate(lines, start=first):
         for word in _words(line, width):
-            values += _taken_apart(word, f"{name}, line {number}")
+            try:
+                values += _taken_apart(word, f"{name}, line {number}")
+            except RecordError as error:
+                if number - first + 1 < len(lines):
+                    raise
+                raise RecordError(f"{error}; the file seems to be cut off there") from None
     return np.array(values)
 
 
