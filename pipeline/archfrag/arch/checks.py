@@ -131,11 +131,13 @@ def joint_positions(
     return position
 
 
-def points(name: str, value: ArrayLike, least: int, why: str) -> NDArray[np.float64]:
-    """Corners of joints, ``(n, 2)`` [m] ``n >= least``; `why` states where `least` is from."""
+def points(
+    name: str, value: ArrayLike, least: int, why: str, widest: int = 2
+) -> NDArray[np.float64]:
+    """Corners ``(n, 2)`` to ``(n, widest)`` [m] ``n >= least``; `why`: where `least` is from."""
     allowed = f"an (n, 2) table of finite coordinates in metres with n at least {least} ({why})"
     array = _real_array(name, value, allowed)
-    if array.ndim != 2 or array.shape[1] != 2 or array.shape[0] < least:
+    if array.ndim != 2 or not 2 <= array.shape[1] <= widest or array.shape[0] < least:
         raise GeometryError(f"{name} has shape {array.shape}; it must be {allowed}")
     good = (np.abs(array) <= LARGEST).all(axis=1)
     if not good.all():
