@@ -5,7 +5,7 @@ from typing import Any
 
 from archfrag.errors import InputError
 from archfrag.export.curve_set import CurveSet
-from archfrag.export.receivers import in_core_measure
+from archfrag.export.receivers import named_measure
 
 _MOST = 4
 
@@ -18,7 +18,7 @@ def in_core_sets(curves: CurveSet) -> dict[str, str]:
     fourth: the damage states between then have probability 0, and the last has that of the
     severest.
     """
-    demand = in_core_measure(curves.measure)
+    demand = named_measure("IN-CORE", curves.measure)
     if len(curves.limit_states) > _MOST:
         raise InputError(
             f"IN-CORE takes {_MOST} limit states at most; there are {len(curves.limit_states)}: "
@@ -29,18 +29,13 @@ def in_core_sets(curves: CurveSet) -> dict[str, str]:
     note = f" Note: {demand.note}." if demand.note else ""
     sets = {}
     for arch, states in complete.items():
+        last, severest = list(states.items())[-1]
+        repeated = f"{last}, repeated since IN-CORE takes {_MOST} limit states"
+        four = [*states.items(), *[(repeated, severest)] * (_MOST - len(states))]
         rules = [
             _curve(f"LS_{n}: {state}", variable, demand.factor * fit.theta, fit.beta)
-            for n, (state, fit) in enumerate(states.items())
+            for n, (state, fit) in enumerate(four)
         ]
-        last, fit = list(states.items())[-1]
-        rules += [
-            _curve(
-                f"LS_{n}: {last}, repeated since IN-CORE takes {_MOST} limit states",
-                variable, demand.factor * fit.theta, fit.beta,
-            )
-            for n in range(len(states), _MOST)
-        ]  # fmt: skip
         content = {
             "description": f"Masonry arch {arch}. {curves.made.text}{note}",
             "creator": f"archfrag {curves.made.archfrag}",

@@ -69,14 +69,11 @@ class Fragility:
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, lists and strings, for JSON."""
         return {
-            "kind": self.kind,
-            "theta": self.theta,
-            "beta": self.beta,
+            "kind": self.kind, "theta": self.theta, "beta": self.beta,
             "covariance_ln_theta_beta": self.covariance.tolist(),
             "log_likelihood": self.log_likelihood,
-            "n_levels": self.n_levels,
-            "n_total": self.n_total,
-        }
+            "n_levels": self.n_levels, "n_total": self.n_total,
+        }  # fmt: skip
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> "Fragility":
@@ -110,9 +107,6 @@ class Band:
     upper: FloatArray
     confidence: float  #: two-sided, at each intensity
     n_degenerate: int = 0  #: bootstrap only: resamples without a lognormal curve
-    #: Bootstrap only: quantiles over the resamples that have a lognormal curve; nan if none has.
-    theta: tuple[float, float] = (np.nan, np.nan)
-    beta: tuple[float, float] = (np.nan, np.nan)
 
 
 def log_intensity(im: ArrayLike) -> FloatArray:

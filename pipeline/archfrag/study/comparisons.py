@@ -37,10 +37,9 @@ def free_shapes(runs: Runs, confidence: float) -> dict[str, Any]:
     try:
         own = gather_runs(verdict, level, event=runs.group)
         for curve in (isotonic_curve(own, resampling), kernel_curve(own, resampling)):
-            band = curve.band(curve.im)
             shaped[curve.kind] = {
                 "im": curve.im.tolist(), "probability": curve.value.tolist(),
-                "lower": band.lower.tolist(), "upper": band.upper.tolist(),
+                "lower": curve.lower.tolist(), "upper": curve.upper.tolist(),
             }  # fmt: skip
         test = check_lognormal(own, resampling)
         shaped["test_of_fit"] = {"p_value": test.p_value, "message": test.message}
