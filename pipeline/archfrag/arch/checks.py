@@ -112,20 +112,10 @@ def joint_positions(
         "at the right one"
     )
     array = _real_array("joints", value, allowed)
-    finite = np.isfinite(array)
-    if array.shape != (voussoirs + 1,):
-        wrong = f" has shape {array.shape} with voussoirs = {voussoirs}"
-    elif not finite.all():
-        wrong = f"[{np.argmin(finite)}] = {array[np.argmin(finite)]} is not finite"
-    elif abs(array[0]) > 1e-9 * end or abs(array[-1] - end) > 1e-9 * end:
-        wrong = f" run from {array[0]:.9g} to {array[-1]:.9g}"
-    elif not np.all(np.diff(array) > 0.0):
-        place = int(np.argmin(np.diff(array) > 0.0)) + 1
-        wrong = f"[{place}] = {array[place]:.9g} does not exceed the one before it"
-    else:
-        wrong = ""
-    if wrong:
-        raise GeometryError(f"joints{wrong}; it must be {allowed}")
+    good = array.shape == (voussoirs + 1,) and bool(np.isfinite(array).all())
+    ends = good and max(abs(array[0]), abs(array[-1] - end)) <= 1e-9 * end
+    if not ends or (np.diff(array) <= 0.0).any():
+        raise GeometryError(f"joints = {reprlib.repr(value)} cannot be; it must be {allowed}")
     position: NDArray[np.float64] = array - 0.5 * end
     position[0], position[-1] = -0.5 * end, 0.5 * end
     return position
