@@ -96,15 +96,14 @@ def test_bad_text_is_refused_in_one_line(tmp_path, text, columns, parts):
     assert all(part in message for part in parts), message
 
 
-def test_limits_of_size(tmp_path, monkeypatch):
-    path, module = write(tmp_path, rows()), "archfrag.motions.formats.columns"
-    for limit, value, reason in (
-        ("LONGEST_LINE", 10, "line 1: has more than 10 characters"),
-        ("LARGEST_FILE", 100, "a text of numbers may have at most"),
-    ):
-        monkeypatch.setattr(f"{module}.{limit}", value)
-        with pytest.raises(RecordError, match=reason):
-            read_columns(path, TIMED)
+@pytest.mark.parametrize(
+    ("limit", "reason"), [("LONGEST_LINE", "line 1: has more than 10 char"),
+                          ("LARGEST_FILE", "a text of numbers may have at most")],
+)  # fmt: skip
+def test_limits_of_size(tmp_path, monkeypatch, limit, reason):
+    monkeypatch.setattr(f"archfrag.motions.formats.columns.{limit}", 10)
+    with pytest.raises(RecordError, match=reason):
+        read_columns(write(tmp_path, rows()), TIMED)
 
 
 REFUSED = [

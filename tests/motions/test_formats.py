@@ -1,7 +1,6 @@
 """Text formats of agencies: claims, one motion in each, headers, faults and refusals."""
 
 import time
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -64,16 +63,6 @@ def refused(folder, text, *parts, name="record.txt", **options):
 
 
 class TestClaims:
-    def test_every_reader_is_a_plug_in_of_obspy(self):
-        with open(Path(__file__).parents[2] / "pyproject.toml", "rb") as file:
-            points = tomllib.load(file)["project"]["entry-points"]
-        for name, module in OWN.items():
-            place = f"archfrag.motions.formats.{module}"
-            functions = {"isFormat": f"{place}:is_{name.lower()}",
-                         "readFormat": f"{place}:read_{name.lower()}"}  # fmt: skip
-            assert points["obspy.plugin.waveform"][name] == place
-            assert points[f"obspy.plugin.waveform.{name}"] == functions
-
     def test_no_file_of_obspy_and_no_other_content_is_claimed(self, tmp_path):
         for content in (b"", bytes(range(256)) * 20, b"ACCELERATION\n" * 50, b"\xff\xfe" * 3000,
                         at2_text(EAST).replace("NPTS", "N").encode()):  # fmt: skip
@@ -327,26 +316,19 @@ class TestFaults:
         (at2_text(EAST, count=0), ["line 4", "'0' samples"]),
         (at2_text(EAST).replace("NPTS", "N"), ["line 4", "NPTS"]),
         (smc(kind="3 VELOCITY"), ["line 1", "an accelerogram (type 1 or 2)"]),
-        (smc(count=1), ["line 14", "'1' samples"]),
         (cosmos().replace("1       1       2     120", "1       2       2     120"),
          ["none of the channels"]),
         (cosmos(0, 50, factor=5e6), ["does not state the unit"]),
-        (cosmos(r61=0.0), ["time step 0 s"]),
         (cosmos(r33=-999.0, r61=-999.0), ["no time step"]),
-        (cosmos().replace("   400 accel", "   4x0 accel"), ["'4x0' samples"]),
         (cosmos().replace(" 100 Real-header", " 999999 Real-header"), ["999999 real-header"]),
         (dmg_v1().replace("100 pts/sec", "0 pts/sec"), ["time step 0 s"]),
         (dmg_v1().replace("at 100 pts/sec", ""), ["no time step"]),
         (dmg_v1() + "PROSE AFTER ALL\n", ["(UN)CORRECTED ACCELEROGRAM"]),
-        (dyna_text(SAMPLES, units="cm/s"), ["line 22", "'cm/s'"]),
         (dyna_text(SAMPLES, data_type="VELOCITY"), ["line 27", "'VELOCITY'"]),
         (dyna_text(SAMPLES, units=None), ["gives no UNITS"]),
-        (dyna_text(SAMPLES, ndata="1e99"), ["line 20", "'1e99' samples"]),
         (dyna_text(SAMPLES, sampling_interval_s="nan"), ["line 19", "time step nan s"]),
         (dyna_text(SAMPLES, user5="\nUSER5: "), ["line 29", "USER5", "a second time"]),
         (dyna_text(SAMPLES, count=500), ["announces 500 samples of channel HNE", "only 400"]),
-        (resorce_text(EAST).replace("Accelaration", "Velocity"), ["line 10", "'Velocity'"]),
-        (resorce_text(EAST).replace(": 0.005", ": -1"), ["Time Increment", "time step -1 s"]),
         (resorce_text(EAST, count="4" * 3000), ["samples are announced"]),
         ("\n".join(geonet_text(ONE).splitlines()[:20]), ["26 header lines"]),
         (geonet_text(ONE, count=500), ["announces 500 samples of channel N00E"]),

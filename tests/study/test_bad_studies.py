@@ -54,8 +54,8 @@ BAD += [
         ("\n" + "- " * 200 + "a", DEEP),
         ("&a [*a]", "line 2: the alias a stands inside what it repeats"),
         ("*nothing", "line 2: found undefined alias"),
-        ('"abc', "line 9: expected <block end>, but found"),
-        ("\t- a", "line 2: found character '\\t' that cannot start any token"),
+        ('"abc', "line 9: does not fit the lines before it; check its indent"),
+        ("\t- a", "line 2: does not fit the lines before it"),
     ]
 ]
 BAD += [
@@ -103,6 +103,7 @@ BAD += [
     ("profile: block", "profile: blok", "arches[1].profile = blok must be one of circular"),
     ("profile: block, ", "", "arches[1].profile is missing"),
     ("voussoirs: 7", "voussoirs: 1000000000", "it must be at most 2000"),
+    ("voussoirs: 7", "voussoirs: '15'", "arches[0].voussoirs = '15' must be an integer without q"),
     ("voussoirs: 7", "voussoirs: 7.5", "arches[0].voussoirs = 7.5 must be an integer"),
     ("friction: 0.7", "friction: -0.1", "friction = -0.1 is impossible"),
     ("friction: 0.7", "friction: 1e9", "must be at most 1e+06, or inf"),
@@ -130,6 +131,7 @@ BAD += [
     # Intensity.
     ("unit: g", "unit: cm/s", "unit 'cm/s' is not one of g, m/s2"),
     # Method and execution.
+    ("time_stepping", "euler", "method.name = euler must be one of auto"),
     ("dt: 2.0e-3", "dt: 2.0e-3, rtol: 1e-6", "method time_stepping takes one of them"),
     ("time_stepping", "four_link", "method four_link does not use it"),
     ("dt: 2.0e-3", "settings: {stiffness: 1e9}", "settings has 'stiffness'; allowed for"),

@@ -33,7 +33,7 @@ from archfrag.study.design import (
 )
 from archfrag.study.members import check_buildable, members
 from archfrag.study.processing import Steps
-from archfrag.study.section import PathText, Section, first_message, refuse, refuse_key
+from archfrag.study.section import PathText, Rising, Section, first_message, refuse, refuse_key
 from archfrag.study.synthetic import Synthetic
 from archfrag.study.yaml_file import DEEPEST, dump_yaml, parse_value, read_yaml
 
@@ -141,7 +141,7 @@ MOST_ARCHES, MOST_LEVELS = 1000, 1000
 Level = Annotated[float, Field(gt=0.0, le=1e6)]
 
 
-class LevelRange(Section):
+class LevelRange(Rising):
     """Equally spaced levels."""
 
     start: Level
@@ -152,9 +152,7 @@ class LevelRange(Section):
     """How many, both ends included."""
 
     @model_validator(mode="after")
-    def _rise(self) -> Self:
-        if self.stop <= self.start:
-            raise refuse(f"must have stop above start = {self.start:g}, not {self.stop:g}")
+    def _differ(self) -> Self:
         if len(set(self.values())) < self.count:
             ends = f"start = {self.start!r} and stop = {self.stop!r}"
             raise refuse(f"must have {self.count} different levels; {ends} are too close for that")

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from archfrag.errors import GeometryError, InputError, StabilityError, StudyError
+from archfrag.files import counted
 from archfrag.study.arches import Chain, FromDrawing, StudyArch, Table, file_of
 from archfrag.study.fleet import draw, listed, read_fleet
 
@@ -155,7 +156,7 @@ class ClassSummary:
     attributes: dict[str, int]  # number of different texts of each attribute
 
     def __str__(self) -> str:
-        parts = [f"{self.id}: {self.arches} arches"]
+        parts = [f"{self.id}: {counted(self.arches, 'arch')}"]
         for name, (low, high) in self.ranges.items():
             parts.append(f"{name} {low:.4g}" + (f" to {high:.4g}" if high > low else ""))
         parts += [f"{count} of {name}" for name, count in self.attributes.items()]
