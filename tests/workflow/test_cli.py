@@ -227,21 +227,13 @@ class TestSteps:
 
     def what_is_not_of_the_study_goes(self, path, out):
         (out / "curve-mine.svg").write_text("drawn by hand")
-        parts = set((out / ".archfrag" / "parts").iterdir())
         path.write_text(path.read_text().replace("id: slab", "id: plate"))
-        path.write_text(path.read_text().replace("height: 2.0", "height: 2.5"))
         make_runs(make_plan(load_study(path)))
-        assert parts < set((out / ".archfrag" / "parts").iterdir())
         for command in ("cube", "fit", "report"):
             assert call(command, path).exit_code == 0
         assert {p.name for p in out.glob("curve-*")} == {
             "curve-ring.svg", "curve-plate.svg", "curve-mine.svg"
         }  # fmt: skip
-        left = set((out / ".archfrag" / "parts").iterdir())
-        # Results of the ring stand; those of the slab, and the plan, are others.
-        assert len([p for p in left & parts if p.suffix == ".npy"]) >= 1
-        assert len([p for p in left if p.suffix == ".json"]) == 1
-        assert len([p for p in parts - left if p.suffix == ".npy"]) >= 1
 
     @pytest.mark.parametrize(
         ("error", "message"),
