@@ -7,6 +7,7 @@ import os
 import shlex
 import sys
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -222,7 +223,7 @@ def simulate(
     click.echo(json.dumps(facts) if as_json else response_text(response, scale))
 
 
-@main.command()
+@main.command(hidden=find_spec("archbench") is None)
 @click.argument("parts", nargs=-1, metavar="[PART]...")
 @takes(
     click.option("--quick", is_flag=True, help="The reduced set: 12 minutes on two cores."),
@@ -334,12 +335,13 @@ def run(study_file: Path, overrides: tuple[str, ...], quiet: bool, **options: An
 @_step
 def motions(study: Any, note: Callable[[str], None]) -> None:
     """Read the study's records, scale them, store them for the workers."""
+    from archfrag.files import counted
     from archfrag.study.checks import check_output
     from archfrag.study.records import prepare_motions
 
     check_output(study)
     stored = prepare_motions(study)
-    note(f"motions: {len(stored)} records ready")
+    note(f"motions: {counted(len(stored), 'record')} ready")
 
 
 @_step
@@ -351,12 +353,14 @@ def batch(
     study: Any, note: Callable[[str], None], batch: int, cores: int | None, quiet: bool
 ) -> None:
     """Run the simulations of a batch; those that are done are kept."""
+    from archfrag.files import counted
     from archfrag.study.batch import run_batch
 
     log = run_batch(study, batch, cores, quiet)
     count = study.execution.batches
-    runs = f"{log.runs} runs, {log.kept} kept from before and {log.runs - log.kept} new"
-    note(f"batch {batch + 1} of {count}: {runs}, {log.wall_time:.1f} s, cores: {log.workers}")
+    runs = f"{counted(log.runs, 'run')}, {log.kept} kept from before, {log.runs - log.kept} new"
+    took = f"{log.wall_time:.1f} s on {counted(log.workers, 'core')}"
+    note(f"batch {batch + 1} of {count}: {runs}; {took}")
 
 
 @_step

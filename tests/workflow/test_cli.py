@@ -19,7 +19,7 @@ ARCH = ["--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoi
         "--friction", "0.7"]  # fmt: skip
 COMMANDS = ("onset", "simulate", "records", "validate", "warmup", "run", "motions", "batch",
             "cube", "fit", "report", "risk", "export", "evidence")  # fmt: skip
-RECORDS = ("list", "show", "inspect", "measure", "select", "convert", "fetch", "make")
+RECORDS = ("inspect", "measure", "select", "convert", "fetch", "make")
 
 
 def call(*arguments):
@@ -62,8 +62,7 @@ class TestHelp:
             assert command in call("records", "--help").output
             text = call("records", command, "--help").output
             assert "--json" in text
-            if command != "list":
-                assert f"archfrag records {command}" in text.split("Example:")[1]
+            assert f"archfrag records {command}" in text.split("Example:")[1]
 
 
 class TestOnset:
@@ -150,11 +149,7 @@ class TestValidate:
         ("old", "new", "code", "message"),
         [
             ("radius:", "radus:", 2, "arches[0].radus is no known key; did you mean radius?"),
-            ("time_stepping", "euler", 2, "method.name = euler must be one of auto"),
-            ("[0.1, 0.6", "[-0.1, 0.6", 2, "intensity.levels = [-0.1, 0.6, 1.2] must be greater"),
-            ("radius: 10.0", "radius: .nan", 2, "arches[0].radius = nan must be a finite number"),
             ("thickness: 1.5", "thickness: 0.3", 3, "arches[0] (ring): does not stand under"),
-            ("*.AT2", "lost.AT2", 2, "records/lost.AT2: there is no such record file"),
             ("output: out", "output: small.yaml/out", 4, "small.yaml/out: cannot be written (Not"),
         ],
     )  # fmt: skip
@@ -200,7 +195,7 @@ class TestSteps:
         )
         assert log.read_text().endswith("makes them and the cube [exit code 2]\n")
         result = call("batch", path, "--workers", "1", "--quiet")
-        assert "12 runs, 0 kept from before and 12 new" in result.stderr
+        assert "12 runs, 0 kept from before, 12 new" in result.stderr
         for command, result_file in {
             "cube": "cube.nc",
             "fit": "fits.json",
