@@ -39,10 +39,8 @@ def ask(receiver, script, *arguments):
 
 def asked(curves):
     """Intensities by arch [SI]: the median of collapse and two others."""
-    return {
-        arch: [times * states["collapse"].theta for times in AT]
-        for arch, states in curves.complete.items()
-    }
+    fits = {arch: states["collapse"] for arch, states in curves.complete.items()}
+    return {arch: [times * fit.theta for times in AT] for arch, fit in fits.items()}
 
 
 def compare(found, curves, levels):

@@ -120,7 +120,6 @@ COARSE, FINE = pair(np.random.default_rng(4))
     [
         (split_capacities, ([[1.0, 2.0]],), {}, FitError, "1 arches"),
         (split_capacities, ([[1.0, np.nan], [1.0, 2.0]],), {}, FitError, "1 records"),
-        (split_capacities, ([[1.0, np.inf], [1.0, 2.0]],), {}, InputError, "inf"),
         (split_capacities, (np.eye(2) + 1,), {"numerical": -1.0}, InputError, "dispersion is -1"),
         (split_curves, ([1, 2], [0.4] * 2, [0.1] * 2), {"shared": 1.0}, InputError, "shared is 1"),
         (split_curves, ([1, 2], [0.4, 0.4], [0.1]), {}, InputError, "standard_error"),

@@ -147,7 +147,6 @@ def test_no_measure_has_a_curve():
     [
         ({}, "own is 'PGD'"),
         ({"exponent": [1.0, 1.0, 0.0]}, "exponent holds 0"),
-        ({"exponent": [1.0]}, "exponent has shape"),
         ({"magnitude": [6.0]}, "magnitude"),
         ({"value": [[-1.0]]}, "-1"),
     ],

@@ -15,7 +15,7 @@ from archfrag.motions.formats.waveform import OWN, _function, recognise
 from archfrag.motions.measures import pga
 from archfrag.motions.read import read_motion, read_motions
 
-from .helpers import FOURTH_LINES, at2_text, wave
+from .helpers import FOURTH_LINES, at2_text, refused, wave
 from .samples import (
     KIKNET,
     MADE_UP,
@@ -50,16 +50,9 @@ def read_all(folder, text, **options):
     return read_motions(put(folder, text), **options)
 
 
-def refused(folder, text, *parts, name="record.txt", **options):
-    """The file is refused in one line that begins with its name and holds these parts."""
+def refuse(folder, text, *parts, name="record.txt"):
     path = put(folder, text, name)
-    with pytest.raises(RecordError) as caught:
-        read_motions(path, **options)
-    message = str(caught.value)
-    assert message.startswith(str(path))
-    assert "\n" not in message
-    assert len(message) < 1000
-    assert all(part in message for part in parts), message
+    refused(lambda: read_motions(path), *parts, start=path)
 
 
 class TestClaims:
@@ -115,7 +108,7 @@ class TestEachFormat:
         ends = (" 400 POINTS OF VELOC", "End of Data", "End-of-data", "\nCorrected acc")
         first = min(found for end in ends if (found := text.find(end) % (len(text) + 900)) > 0)
         for end in range(0, max(first - 900, 1), 900):
-            refused(tmp_path, text[:end])
+            refuse(tmp_path, text[:end])
 
     @pytest.mark.parametrize(
         ("text", "rounding"),
@@ -260,7 +253,7 @@ class TestTimes:
 
     def test_a_last_row_from_memory_is_left_out(self, tmp_path):
         assert read_all(tmp_path, smc(filler=8))[0].acceleration.size == 400
-        refused(tmp_path, smc(filler=9), "announces 400 samples", "holds 409")
+        refuse(tmp_path, smc(filler=9), "announces 400 samples", "holds 409")
 
 
 class TestFaults:
@@ -286,7 +279,7 @@ class TestFaults:
         assert "no end-of-data line" in read_all(tmp_path, cut)[1].metadata["faults"][0]
         short = text[: text.upper().rindex("END") - 1500]
         if "VELOC DATA" not in text:
-            refused(tmp_path, short, "announces 400 samples", "holds only")
+            refuse(tmp_path, short, "announces 400 samples", "holds only")
         assert read_all(tmp_path, short, accept=["samples"])
 
     @pytest.mark.parametrize(
@@ -303,7 +296,7 @@ class TestFaults:
         assert "faults" not in good
         assert "the header states a peak of" in odd["faults"][0]
         assert wrong["accepted"]
-        refused(tmp_path, make(2.0 * peak), "the header states a peak of", "accept` with header")
+        refuse(tmp_path, make(2.0 * peak), "the header states a peak of", "accept` with header")
 
 
 @pytest.mark.parametrize(
@@ -338,11 +331,11 @@ class TestFaults:
     ],
 )  # fmt: skip
 def test_refusals(tmp_path, text, parts):
-    refused(tmp_path, text, *parts, name="a.AT2" if "PEER" in text[:9] else "record.txt")
+    refuse(tmp_path, text, *parts, name="a.AT2" if "PEER" in text[:9] else "record.txt")
 
 
 def test_a_header_line_without_end_takes_no_time(tmp_path):
     begun = time.process_time()
     read_all(tmp_path, dmg_v1().replace("HYPOCENTER", "9" * 2000 + " HYPOCENTER"))
-    refused(tmp_path, cosmos() + "(Format v" * 20_000)
+    refuse(tmp_path, cosmos() + "(Format v" * 20_000)
     assert time.process_time() - begun < 1.0

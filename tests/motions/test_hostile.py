@@ -111,7 +111,7 @@ def test_nothing_runs_and_one_line_names_the_file(tmp_path, name):
     marker, path = tmp_path / "ran", tmp_path / name
     path.write_bytes(ATTACKS[name](marker))
     before = set(tmp_path.iterdir())
-    result = CliRunner().invoke(main, ["records", "show", str(path), "--unit", "cm/s2"])
+    result = CliRunner().invoke(main, ["records", "inspect", str(path), "--unit", "cm/s2"])
     assert set(tmp_path.iterdir()) == before
     assert (result.exit_code, result.stdout, result.output.count("\n")) == (2, "", 1)
     assert result.output.startswith(f"archfrag: error: {path}")

@@ -96,7 +96,7 @@ BAD += [
     ("id: small\n", "", "id is missing"),
     ("id: small", f"id: {'i' * 200}", "must have at most 80 characters"),
     ("id: small", "id: a/b", "must begin with a letter or a digit"),
-    ("id: slab", "id: ring", "arches[1].id: 'ring' is the id of arches[0] too"),
+    ("id: slab", "id: ring", "arches[1] (ring): an arch has the id 'ring', which"),
     # Arches.
     ("  - {id: slab", "  - []\n  - {id: slab", "arches[1] = [] must be a map"),
     ("  - {id: slab", f"{MANY}  - {{id: slab", "must have at most 1000 entries"),
@@ -154,10 +154,10 @@ BAD += [
     for value, part in [
         ("[.nan]", "intensity.levels[0] = nan must be a finite number"),
         ("0.5", "intensity.levels = 0.5 must be a list"),
-        ("[0.0, 0.6]", "must be greater than 0, but entry 0 is 0"),
+        ("[0.0, 0.6]", "intensity.levels[0] = 0.0 must be greater than 0"),
         ("[1, 1]", "must increase, but 1 follows 1"),
         ("[]", "must have at least one entry"),
-        ("[1, 1e9]", "must be at most 1e+06, but entry 1 is 1e+09"),
+        ("[1, 1e9]", "levels[1] = 1000000000.0 must be less than or equal to 1e+06"),
         (str(list(range(1, 1002))), "must have at most 1000 entries, not 1001"),
         ("{start: 1, stop: 2, count: 100000000}", "less than or equal to 1000"),
         ("{start: 1.0, stop: 0.5, count: 3}", "must have stop above start = 1, not 0.5"),

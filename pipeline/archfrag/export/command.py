@@ -41,7 +41,7 @@ TEXTS: dict[str, Callable[[CurveSet], dict[str, str]]] = {
         "pelicun.csv": pelicun_table(curves), "pelicun.json": pelicun_description(curves),
     },
     "in-core": lambda curves: {
-        f"in-core-{arch}.json": text for arch, text in in_core_sets(curves.severest(4)).items()
+        f"in-core-{arch}.json": text for arch, text in in_core_sets(curves).items()
     },
 }  # fmt: skip
 

@@ -3,7 +3,6 @@
 import json
 from typing import Any
 
-from archfrag.errors import InputError
 from archfrag.export.curve_set import CurveSet
 from archfrag.export.receivers import named_measure
 
@@ -14,16 +13,12 @@ def in_core_sets(curves: CurveSet) -> dict[str, str]:
     """A set for each arch, as JSON.
 
     IN-CORE takes four curves for a bridge under an earthquake, no more and, in its analysis of
-    bridge damage, no fewer. Where there are fewer limit states, the severest is repeated up to the
-    fourth: the damage states between then have probability 0, and the last has that of the
-    severest.
+    bridge damage, no fewer: the severest four. Where there are fewer limit states, the severest is
+    repeated up to the fourth: the damage states between then have probability 0, and the last has
+    that of the severest.
     """
+    curves = curves.severest(_MOST)
     demand = named_measure("IN-CORE", curves.measure)
-    if len(curves.limit_states) > _MOST:
-        raise InputError(
-            f"IN-CORE takes {_MOST} limit states at most; there are {len(curves.limit_states)}: "
-            f"{', '.join(curves.limit_states)}"
-        )
     complete = curves.require_curves("IN-CORE")
     variable = demand.name.rsplit(maxsplit=1)[-1].lower()  # pga, pgv, pgd or sa
     note = f" Note: {demand.note}." if demand.note else ""

@@ -62,10 +62,8 @@ def cloud_binary(
 
     Raises
     ------
-    InputError
-        If an argument cannot be.
-    FitError
-        If the likelihood has no maximum with a curve that rises.
+    InputError, FitError
+        If an argument cannot be; if the likelihood has no maximum with a curve that rises.
 
     Examples
     --------

@@ -222,9 +222,9 @@ def value_bins(
     Examples
     --------
     >>> from archfrag.fragility.contributions import value_bins
-    >>> place, names = value_bins([5.9, 7.4, float("nan")], [6.0, 7.0])
+    >>> place, names = value_bins([5.9, 6.0, 7.4, float("nan")], [6.0, 7.0], "km")
     >>> place.tolist(), names
-    ([0, 2, 3], ('below 6', '6 to 7', '7 and more', 'not known'))
+    ([0, 1, 2, 3], ('below 6 km', '6 to 7 km', '7 km and more', 'not known'))
     """
     values, edges = np.asarray(values, dtype=float), rising(edges, "edges of bins")
     unit = f" {unit}" if unit else ""

@@ -140,8 +140,10 @@ def shaped(values: ArrayLike, shape: tuple[int, ...], name: str) -> NDArray[Any]
 def rising(values: ArrayLike, name: str) -> FloatArray:
     """A list of positive finite numbers that increase; else InputError."""
     given = positive(values, name)
-    if given.ndim != 1 or not np.all(np.diff(given) > 0.0):
-        raise InputError(f"{name} must be a list of positive numbers that increase")
+    if given.ndim != 1:
+        raise InputError(f"{name} has shape {given.shape}; a list is needed")
+    for i in np.flatnonzero(np.diff(given) <= 0.0)[:1]:
+        raise InputError(f"{name} has {given[i + 1]:g} after {given[i]:g}; it must increase")
     return given
 
 

@@ -60,7 +60,10 @@ def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Fragility:
     _require_overlap(im, collapses, n)
     curve = likeliest_curve(im, collapses, n)
     if curve is None:
-        raise _not_rising(im)
+        raise FitError(
+            f"the fraction of collapses does not rise with intensity over the levels from "
+            f"{im.min():g} to {im.max():g}, so no lognormal curve fits; add levels or records"
+        )
     return curve
 
 
@@ -216,7 +219,7 @@ def _fit(lower: FloatArray, upper: FloatArray, kind: str) -> Fragility:
 
 
 def _require_overlap(im: FloatArray, collapses: FloatArray, n: FloatArray) -> None:
-    """Raise FitError unless the likelihood has a maximum (Albert and Anderson 1984)."""
+    """Raise FitError where the data are separated (Albert and Anderson 1984)."""
     if im.size == 0:
         raise FitError("no level has a run that collapsed or stood, so there is nothing to fit")
     low, high, fell, stood = im.min(), im.max(), im[collapses > 0], im[collapses < n]
@@ -241,12 +244,3 @@ def _require_overlap(im: FloatArray, collapses: FloatArray, n: FloatArray) -> No
             f"only the level {first:g} has both collapses and standing runs (perfect "
             f"separation), so beta tends to 0 and theta to {first:g}; add levels close to it"
         )
-    if fell.max() <= stood.min():
-        raise _not_rising(im)
-
-
-def _not_rising(im: FloatArray) -> FitError:
-    return FitError(
-        f"the fraction of collapses does not rise with intensity over the levels from "
-        f"{im.min():g} to {im.max():g}, so no lognormal curve fits; add levels or records"
-    )

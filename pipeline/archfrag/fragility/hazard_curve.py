@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from archfrag.errors import InputError
-from archfrag.fragility.curve import FloatArray, log_intensity, positive
+from archfrag.fragility.curve import FloatArray, log_intensity, positive, rising
 
 
 @dataclass(frozen=True)
@@ -42,18 +42,13 @@ class HazardCurve:
     rate: FloatArray
 
     def __post_init__(self) -> None:
-        for name in ("im", "rate"):
-            values = positive(getattr(self, name), f"the hazard curve's {name}")
+        for name, check in (("im", rising), ("rate", positive)):
+            values = check(getattr(self, name), f"the hazard curve's {name}")
             object.__setattr__(self, name, values)
-        if self.im.ndim != 1 or self.im.shape != self.rate.shape or self.im.size < 2:
+        if self.im.shape != self.rate.shape or self.im.size < 2:
             raise InputError(
                 f"the hazard curve's im has shape {self.im.shape}, its rate {self.rate.shape}; "
                 "two lists of at least two points are needed"
-            )
-        for i in np.flatnonzero(np.diff(self.im) <= 0.0)[:1]:
-            raise InputError(
-                f"the hazard curve's im has {self.im[i + 1]:g} after {self.im[i]:g}; intensities "
-                "increase"
             )
         for i in np.flatnonzero(np.diff(self.rate) > 0.0)[:1]:
             raise InputError(

@@ -23,7 +23,6 @@ class LimitState:
     """One limit state and its curve."""
 
     name: str
-    meaning: str
     #: Kind "stripes" if fitted by itself, "ordered" if together with the others, "posterior" if
     #: the state has no likeliest curve.
     fit: Fragility | None
@@ -39,9 +38,7 @@ class LimitStates:
     message: str
 
 
-def fit_limit_states(
-    exceeded: ArrayLike, im: ArrayLike, names: Sequence[str], meanings: Sequence[str] = ()
-) -> LimitStates:
+def fit_limit_states(exceeded: ArrayLike, im: ArrayLike, names: Sequence[str]) -> LimitStates:
     """Fit a lognormal curve to each of several ordered limit states.
 
     A state counts as exceeded where it or a more severe one is, so the fractions are ordered by
@@ -61,8 +58,7 @@ def fit_limit_states(
         1 exceeded, 0 not, any other number not decided; states from the least severe to the most.
     im : array_like, (n_level,) or (n_record, n_level)
         Intensity of each run, any unit, > 0.
-    names, meanings : sequence of str, (n_state,)
-        Of the states.
+    names : sequence of str, (n_state,)
 
     Raises
     ------
@@ -82,10 +78,9 @@ def fit_limit_states(
     codes, intensity = _checked(exceeded, im)
     n_state = codes.shape[2]
     labels = shaped(list(names), (n_state,), "names").tolist()
-    texts = shaped(list(meanings) or [""] * n_state, (n_state,), "meanings").tolist()
     flat = nest_exceedance(codes).reshape(-1, n_state)
     levels, column = np.unique(intensity.ravel(), return_inverse=True)
-    states = [_single(levels, column, *each) for each in zip(flat.T, labels, texts)]
+    states = [_single(levels, column, *each) for each in zip(flat.T, labels)]
     known = {i: fit for i, state in enumerate(states) if (fit := state.fit) is not None}
     crossing = _crossing(states, levels)
     message = "The curves of all limit states are ordered at the levels that were run."
@@ -112,22 +107,20 @@ def nest_exceedance(codes: IntArray) -> IntArray:
     return np.where(yes, 1, np.where(no, 0, -1)).astype(np.int64)
 
 
-def _single(
-    levels: FloatArray, column: IntArray, codes: IntArray, name: str, meaning: str
-) -> LimitState:
+def _single(levels: FloatArray, column: IntArray, codes: IntArray, name: str) -> LimitState:
     n = np.bincount(column, codes >= 0, levels.size)
     collapses = np.bincount(column, codes == 1, levels.size)
     try:
-        return LimitState(name, meaning, fit_stripes(levels, collapses, n))
+        return LimitState(name, fit_stripes(levels, collapses, n))
     except FitError as error:
         none = f"limit state {name!r} has no curve (to collapse means to exceed it): {error}"
     fell, stood = levels[collapses > 0], levels[collapses < n]
     known = fell.size and stood.size and np.count_nonzero(n) > 1
     if not known or fell.min() < stood.max():
-        return LimitState(name, meaning, None, none)
+        return LimitState(name, None, none)
     fit = fit_posterior(levels, collapses, n).fragility
     none = none.replace("has no curve", "has no likeliest curve")
-    return LimitState(name, meaning, fit, f"{none}; its curve is the median of the posterior")
+    return LimitState(name, fit, f"{none}; its curve is the median of the posterior")
 
 
 def _crossing(states: list[LimitState], levels: FloatArray) -> str:

@@ -85,10 +85,8 @@ def compare_measures(
 
     Raises
     ------
-    InputError
-        If an argument cannot be.
-    FitError
-        If no measure has a curve.
+    InputError, FitError
+        If an argument cannot be; if no measure has a curve.
 
     Examples
     --------

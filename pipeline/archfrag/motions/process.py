@@ -18,7 +18,6 @@ from archfrag.motions.motion import Motion
 from archfrag.motions.units import STANDARD_GRAVITY
 
 Samples = NDArray[np.float64]
-_PART = 2**16  # samples
 _MOST_PARTS = 1000  # of a time step, in the ratio of two of them
 
 
@@ -233,22 +232,12 @@ def _around(motion: Motion, first: float, last: float, margin: float) -> Motion:
 def _fitted(values: Samples, powers: Sequence[int]) -> np.polynomial.Polynomial:
     """Polynomial of some powers that fits values best, over the record brought to 0 to 1."""
     exponents = np.array(powers)
-    matrix, right = np.zeros((exponents.size, exponents.size)), np.zeros(exponents.size)
-    for start in range(0, values.size, _PART):
-        part = values[start : start + _PART]
-        rows = ((start + np.arange(part.size)) / (values.size - 1)) ** exponents[:, None]
-        matrix += rows @ rows.T
-        right += rows @ part
+    rows = (np.arange(values.size) / (values.size - 1)) ** exponents[:, None]
     coefficients = np.zeros(exponents[-1] + 1)
-    coefficients[exponents] = np.linalg.solve(matrix, right)
+    coefficients[exponents] = np.linalg.solve(rows @ rows.T, rows @ values)
     return np.polynomial.Polynomial(coefficients)
 
 
 def _without(samples: Samples, shape: np.polynomial.Polynomial) -> Samples:
     """Samples less a polynomial over the record brought to 0 to 1."""
-    remainder = np.empty(samples.size)
-    for start in range(0, samples.size, _PART):
-        part = samples[start : start + _PART]
-        place = (start + np.arange(part.size)) / (samples.size - 1)
-        remainder[start : start + _PART] = part - shape(place)
-    return remainder
+    return samples - shape(np.arange(samples.size) / (samples.size - 1))

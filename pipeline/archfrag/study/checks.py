@@ -17,7 +17,6 @@ from archfrag.study.cube import refuse_foreign_cube
 from archfrag.study.design import Cloud, Design, Ida, Scattered, TwoStage
 from archfrag.study.files import cannot_write
 from archfrag.study.members import (
-    ClassSummary,
     Members,
     check_buildable,
     check_standing,
@@ -131,7 +130,7 @@ class Summary:
     extent: str = "exactly"  # what is meant by `runs`: exactly, about, or at most so many
     # About so many runs by the coarse method come before, for a design in two stages.
     coarse_runs: int = 0
-    classes: tuple[ClassSummary, ...] = ()  # of arches that were drawn or come from a table
+    classes: tuple[str, ...] = ()  # of arches that were drawn or come from a table
     cautions: tuple[str, ...] = ()  # what is possible but doubtful
 
     def __str__(self) -> str:

@@ -141,15 +141,14 @@ def limit_states(cube: "xr.Dataset", runs: Runs, keys: Mapping[str, float]) -> d
                 np.where(unknown, Verdict.NOT_SIMULATED, exceeded[..., i]), "first"
             )
             exceeded[..., i] = np.where(codes == Verdict.NOT_SIMULATED, -1, codes)
-    names, meanings = [state[0] for state in states], [state[1] for state in states]
-    found = fit_limit_states(exceeded, runs.level, names, meanings)
+    found = fit_limit_states(exceeded, runs.level, [name for name, *_ in states])
     onset = _onset(cube)
     return {
         "message": found.message,
         "states": [
-            {"name": each.name, "meaning": each.meaning, "note": each.none,
+            {"name": each.name, "meaning": meaning, "note": each.none,
              "curve": curve_to_dict(_above(each.fit, onset) or each.none)}
-            for each in found.states
+            for each, (_, meaning, _) in zip(found.states, states, strict=True)
         ],
     }  # fmt: skip
 

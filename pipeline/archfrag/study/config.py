@@ -4,6 +4,7 @@ import json
 import os
 import re
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
@@ -165,13 +166,9 @@ class LevelRange(Rising):
 
 
 def _rising(levels: tuple[float, ...]) -> tuple[float, ...]:
-    for i, level in enumerate(levels):
-        if level <= 0.0:
-            raise refuse(f"must be greater than 0, but entry {i} is {level:g}")
-        if level > 1e6:
-            raise refuse(f"must be at most 1e+06, but entry {i} is {level:g}")
-        if i and level <= levels[i - 1]:
-            raise refuse(f"must increase, but {level:g} follows {levels[i - 1]:g}")
+    for before, level in pairwise(levels):
+        if level <= before:
+            raise refuse(f"must increase, but {level:g} follows {before:g}")
     return _sized(levels)
 
 
@@ -180,9 +177,7 @@ def _listed_or_range(given: Any) -> str:
 
 
 Levels = Annotated[
-    tuple[Annotated[float, Field(json_schema_extra={"exclusiveMinimum": 0, "maximum": 1e6})], ...],
-    Field(strict=False, max_length=MOST_LEVELS),
-    AfterValidator(_rising),
+    tuple[Level, ...], Field(strict=False, max_length=MOST_LEVELS), AfterValidator(_rising)
 ]
 
 
@@ -279,15 +274,6 @@ class Study(Section):
     risk: Hazard | None = None
     report: ReportKeys = ReportKeys()
     execution: Execution = Execution()
-
-    @model_validator(mode="after")
-    def _names_differ(self) -> Self:
-        names = [entry.id for entry in self.arches]
-        for i, name in enumerate(names):
-            if (first := names.index(name)) < i:
-                text = f"{name!r} is the id of arches[{first}] too; each arch needs its own"
-                raise refuse_key(f"arches[{i}].id", text)
-        return self
 
     @property
     def folder(self) -> Path:

@@ -153,18 +153,13 @@ class JointScatter(Section):
 
     @model_validator(mode="after")
     def _have_something(self) -> Self:
-        given = self.given()
+        given = {name: value for name, value in self if value is not None}
         if not given:
             raise refuse(f"must have one of {', '.join(JointScatter.model_fields)}")
         for name, distribution in given.items():
             if distribution.relative:
                 raise refuse_key(f"{name}.relative", "has no place among the joints")
         return self
-
-    def given(self) -> dict[str, AnyDistribution]:
-        """Distributions that are there, by name."""
-        named = {name: getattr(self, name) for name in JointScatter.model_fields}
-        return {name: value for name, value in named.items() if value is not None}
 
 
 class Vary(Section):
