@@ -1,17 +1,15 @@
-"""What `import archfrag` offers, and what it does not cost."""
+"""What `import archfrag` offers, what it does not cost, and what docstrings show and refer to."""
 
+import importlib.util
+import inspect
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 import archfrag as af
-
-
-def ask(code):
-    return subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    ).stdout.strip()
 
 
 @pytest.mark.parametrize("name", af.__all__)
@@ -25,24 +23,45 @@ def test_an_unknown_name_is_refused():
         _ = af.simulat
 
 
-def test_importing_loads_nothing_heavy():
-    heavy = ("numpy", "numba", "scipy", "obspy", "xarray", "matplotlib", "dask")
-    code = f"import sys, archfrag; print([m for m in {heavy} if m in sys.modules])"
-    assert ask(code) == "[]"
+@pytest.mark.parametrize(
+    ("code", "printed"),
+    [
+        ("import archfrag; print([m for m in ('numpy', 'numba', 'scipy', 'obspy', 'xarray', "
+         "'matplotlib', 'dask') if m in sys.modules])", "[]"),
+        ("import archfrag, archfrag.simulate; from archfrag.simulate import simulate;"
+         "print(callable(archfrag.simulate), archfrag.simulate is simulate)", "True True"),
+        ("import numpy as np, archfrag as af;"
+         "af.simulate(af.Block(1.0, 2.0, 0.6), af.Motion(np.zeros(5), 0.01));"
+         "print([m for m in ('obspy', 'matplotlib', 'dask', 'xarray') if m in sys.modules])",
+         "[]"),
+    ],
+    ids=["importing loads nothing heavy", "simulate is a function", "a worker loads no reader"],
+)  # fmt: skip
+def test_a_new_process(code, printed):
+    command = [sys.executable, "-c", f"import sys; {code}"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == printed
 
 
-def test_simulate_is_the_function_though_its_module_has_the_same_name():
-    code = (
-        "import archfrag, archfrag.simulate; from archfrag.simulate import simulate;"
-        "print(callable(archfrag.simulate), archfrag.simulate is simulate)"
-    )
-    assert ask(code) == "True True"
+@pytest.mark.parametrize(
+    "name", sorted({*af.__all__} - {"Arch", "Fragility", "Onset", "Response", "__version__"})
+)
+def test_public_function_has_an_example(name):
+    assert ">>>" in inspect.getdoc(getattr(af, name))
 
 
-def test_a_worker_that_simulates_loads_neither_obspy_nor_matplotlib():
-    code = (
-        "import sys, numpy as np, archfrag as af;"
-        "af.simulate(af.Block(1.0, 2.0, 0.6), af.Motion(np.zeros(5), 0.01));"
-        "print([m for m in ('obspy', 'matplotlib', 'dask', 'xarray') if m in sys.modules])"
-    )
-    assert ask(code) == "[]"
+def exists(name):
+    """Whether a dotted name is that of a module or of something in one."""
+    module, _, last = name.rpartition(".")
+    try:
+        found = importlib.util.find_spec(module) and hasattr(importlib.import_module(module), last)
+        return bool(found or importlib.util.find_spec(name))
+    except ModuleNotFoundError:
+        return False
+
+
+def test_what_docstrings_refer_to_exists():
+    texts = [path.read_text("utf-8") for path in Path(af.__file__).parent.rglob("*.py")]
+    names = set(re.findall(r"`(archfrag\.[\w.]+\w)`", " ".join(texts)))
+    assert len(names) > 20
+    assert [name for name in sorted(names) if not exists(name)] == []

@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 BETA = 0.35
 LEVELS = np.exp(BETA * np.linspace(-2.2, 2.2, 15))
 P = np.array([0.1, 0.25, 0.5, 0.75, 0.9])
+COLUMNS = [*(f"p_{p:g}" for p in P), "theta", "beta"]
 STUDIES = {True: 200, False: 2000}
 SEED = 20261122
 CORRELATION, RECORDS_PER_EVENT = 0.5, 3
@@ -70,27 +71,27 @@ def coverage_of(sampling: str, family: str, size: int, studies: int) -> dict[str
         held[-1] += known.beta[0] <= BETA <= known.beta[1]
     if family != "lognormal":
         held[-1] = np.nan
-    names = [*(f"p_{p:g}" for p in P), "theta", "beta"]
-    return dict(zip(names, (held / studies).tolist(), strict=True))
+    return dict(zip(COLUMNS, (held / studies).tolist(), strict=True))
 
 
 def _study(
     sampling: str, quantile: Callable[[Array], Array], size: int, generator: np.random.Generator
 ) -> tuple[NDArray[np.int64], Array, NDArray[np.int64] | None]:
     """Verdicts, intensities and events of one simulated study."""
+    at, groups = LEVELS, None
+    if sampling == EVENTS:
+        groups = np.arange(size) // RECORDS_PER_EVENT
+        shared = generator.standard_normal(size // RECORDS_PER_EVENT)[groups]
+        own = generator.standard_normal(size)
+        u = norm.cdf(np.sqrt(CORRELATION) * shared + np.sqrt(1.0 - CORRELATION) * own)
+    else:
+        u = generator.random(size)
+    capacity = np.exp(BETA * quantile(u))
     if sampling == SINGLE:
         at = LEVELS[np.linspace(0, LEVELS.size - 1, size).round().astype(int)]
-        return (np.exp(BETA * quantile(generator.random(size))) <= at).astype(int), at, None
-    if sampling == EVENTS:
-        shape = size // RECORDS_PER_EVENT, RECORDS_PER_EVENT
-        shared = generator.standard_normal((shape[0], 1))
-        own = generator.standard_normal(shape)
-        z = (np.sqrt(CORRELATION) * shared + np.sqrt(1.0 - CORRELATION) * own).ravel()
-        capacity = np.exp(BETA * quantile(norm.cdf(z)))
-        groups = np.arange(size) // RECORDS_PER_EVENT
     else:
-        capacity, groups = np.exp(BETA * quantile(generator.random(size))), None
-    return (capacity[:, None] <= LEVELS).astype(int), LEVELS, groups
+        capacity = capacity[:, None]
+    return (capacity <= at).astype(int), at, groups
 
 
 def measure(bench: Bench) -> dict[str, pd.DataFrame]:

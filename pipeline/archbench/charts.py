@@ -76,10 +76,8 @@ def _log(axes: Axes, x: str, y: str, title: str = "", both: bool = True) -> None
 
 
 def _legend(figure: Figure, methods: Iterable[str], floor: bool = True) -> None:
-    handles = [
-        Line2D([], [], color=colour, marker=marker, linestyle=stroke, lw=1.0, ms=4.0, label=label)
-        for label, colour, marker, stroke in map(style_of, methods)
-    ]
+    handles = [Line2D([], [], color=colour, marker=marker, ls=stroke, lw=1.0, ms=4.0, label=label)
+               for label, colour, marker, stroke in map(style_of, methods)]  # fmt: skip
     if floor:
         handles.append(Line2D([], [], color=GREY, marker="o", mfc="white", lw=0.0, ms=4.0,
                               label="at most"))  # fmt: skip
@@ -141,12 +139,11 @@ def fragility_chart(curves: pd.DataFrame) -> Figure:
     figure, panels = _panels(3.9, 1, 2, 2)
     methods = _ordered(curves["method"])
     for axes, name in zip(panels, ("theta", "beta"), strict=True):
-        first = 100.0 * curves[[f"{name}_known_to", f"{name}_sampling"]].iloc[0]
-        known, sampling = first.tolist()
+        known, sampling = 100.0 * curves[[f"{name}_known_to", f"{name}_sampling"]].iloc[0]
         for method in methods:
             group = curves[curves["method"] == method].sort_values("seconds")
-            columns = [f"{name}_{kind}" for kind in ("difference", "low", "high")]
-            middle, low, high = (100.0 * group[column] for column in columns)
+            middle, low, high = (100.0 * group[f"{name}_{end}"]
+                                 for end in ("difference", "low", "high"))  # fmt: skip
             style = style_of(method)
             axes.vlines(group["seconds"], low, high, color=style.colour, lw=1.5, alpha=0.5)
             _marked(axes, group["seconds"], middle, [False] * len(group), style)
@@ -222,11 +219,8 @@ def corner_chart(runs: pd.DataFrame) -> Figure:
     keys = list(zip(runs["case"], variants, strict=True))
     lines = list(dict.fromkeys(keys))
     figure, (axes,) = _panels(1.3 + 0.19 * len(lines))
-    _cells(
-        axes,
-        zip(map(methods.index, runs["method"]), map(lines.index, keys), strict=True),
-        runs["result"].map(RESULTS),
-    )
+    places = zip(map(methods.index, runs["method"]), map(lines.index, keys), strict=True)
+    _cells(axes, places, runs["result"].map(RESULTS))
     axes.set(xlim=(-0.5, len(methods) - 0.5), ylim=(len(lines) - 0.5, -0.5))
     labels = [style_of(method).label for method in methods]
     axes.set_xticks(range(len(methods)), labels, rotation=30.0, ha="left")

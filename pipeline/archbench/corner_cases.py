@@ -3,7 +3,7 @@
 import json
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -37,9 +37,8 @@ NPTS= {count}, DT= {step:.7f} SEC
 class CornerCase:
     """A file of the folder `cases`: a scene, and `why` it is hard.
 
-    `expect` are facts of `archbench.facts` with their arguments, of every variant; `variants` what
-    differs from the scene, each with its own `expect` beside that of the case. Without a `history`
-    only the answer and its cost are judged.
+    `expect` are facts of `archbench.facts` with their arguments; `variants` what differs from the
+    scene, each with its own `expect` besides. Without a `history` only the answer is judged.
     """
 
     scene: Scene
@@ -64,9 +63,8 @@ class CornerCase:
 
 def load_case(name: str) -> CornerCase:
     """Corner case of a file, by its name."""
-    content = json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
-    names = ("why", "expect", "variants", "history")
-    own = {key: content.pop(key) for key in names if key in content}
+    own = json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
+    content = {each.name: own.pop(each.name) for each in fields(Scene) if each.name in own}
     return CornerCase(Scene(name=name, **content), **own)
 
 
@@ -78,9 +76,9 @@ def case_names() -> list[str]:
 def resolved(scene: Scene) -> Scene:
     """The scene with numbers where its file gives them in parts of a threshold.
 
-    `of_rest_limit`: its amplitude is in parts of the largest steady acceleration that the chain
-    bears; `of_least_friction`: its friction in parts of the least that bears its own weight;
-    `grazing`: its initial speed in parts of that which brings it back without any left.
+    `of_rest_limit`: amplitude over the largest steady acceleration that the chain bears;
+    `of_least_friction`: friction over the least that bears the own weight; `grazing`: initial
+    speed over that which brings it back without any left.
     """
     chain, motion, initial = dict(scene.chain), dict(scene.motion), dict(scene.initial or {})
     if chain.pop("of_least_friction", False):
@@ -116,9 +114,8 @@ def run_case(case: CornerCase, method: str) -> list[Row]:
             done[variant] = Run(scene, run.response, done, setting.parameter)
             findings = judge_run(done[variant], expect)
             broke = "; ".join(name for name, found in findings.items() if not found.held)
-            result = BROKE if broke else HELD
-            figures = "; ".join(found.figure for found in findings.values())
-            own = _row(result if findings["answers"].held else NO_ANSWER, broke, figures)
+            result = NO_ANSWER if not findings["answers"].held else BROKE if broke else HELD
+            own = _row(result, broke, "; ".join(found.figure for found in findings.values()))
         rows.append(head | own | {"status": run.status, "seconds": run.seconds})
     return rows
 
@@ -136,10 +133,8 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
             found = [{"case": name, "variant": variant, "method": method} | late
                      for variant, _, _ in cases[name].runs()]  # fmt: skip
         rows += found
-    about = [
-        (name, case.scene.title, case.why, case.scene.source, len(case.runs()))
-        for name, case in cases.items()
-    ]
+    about = [(name, case.scene.title, case.why, case.scene.source, len(case.runs()))
+             for name, case in cases.items()]  # fmt: skip
     heads = ["case", "title", "why", "source", "variants"]
     return {"runs": pd.DataFrame(rows), "cases": pd.DataFrame(about, columns=heads)}
 
@@ -153,7 +148,7 @@ def _refused(message: str, expect: Mapping[str, Any]) -> Row:
     own = _row(NOT_FOR_IT, message)
     if "refused" in expect:
         held = "\n" not in message and all(word in message for word in expect["refused"])
-        own = _row(HELD if held else BROKE, "" if held else "refused", message.rsplit("/", 1)[-1])
+        own = _row(*((HELD, "") if held else (BROKE, "refused")), message.rsplit("/", 1)[-1])
     return own | {"status": "refused", "seconds": 0.0}
 
 

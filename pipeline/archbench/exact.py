@@ -21,8 +21,8 @@ _NODE, _WEIGHT = 0.5 * (_NODE + 1.0), 0.5 * _WEIGHT
 class Rocking:
     """A rigid rectangle that rocks on its base corners without slipping (Housner 1963).
 
-    `alpha` is the angle between its side and its diagonal [rad], `frequency` the square root of
-    3 g / (4 R) with R half its diagonal [1/s].
+    `alpha`: angle between its side and its diagonal [rad]; `frequency`: sqrt(3 g / (4 R)) with R
+    half its diagonal [1/s].
     """
 
     alpha: float
@@ -85,8 +85,7 @@ def largest_load(scene: Scene, sense: float = 1.0) -> float:
     """Largest steady ground acceleration for which admissible reactions exist.
 
     A normal and a shear force at both ends of each joint, in balance with the weights and the
-    inertia forces, within Coulomb's cone (Livesley 1978, *Int. J. Numer. Meth. Eng.* 12; with
-    friction the bound is that of the static theorem).
+    inertia forces, within Coulomb's cone (Livesley 1978, *Int. J. Numer. Meth. Eng.* 12).
     """
     found = _programme(scene, sense)
     if found.status == 3:
@@ -118,13 +117,10 @@ def _programme(scene: Scene, sense: float) -> OptimizeResult:
     normal = np.arange(0, count, 2)
     for row, sign in ((normal, 1.0), (normal + 1, -1.0)):
         cone[row, normal], cone[row, normal + 1] = -scene.friction, sign
-    free = math.isinf(scene.friction)
+    within = (None, None) if math.isinf(scene.friction) else (cone, np.zeros(count))
     return linprog(
-        np.append(np.zeros(count), -1.0 if sense else 0.0),
-        None if free else cone,
-        None if free else np.zeros(count),
-        np.column_stack([wrench.reshape(count, -1).T[:-3], inertia]),
-        balance,
+        np.append(np.zeros(count), -1.0 if sense else 0.0), *within,
+        np.column_stack([wrench.reshape(count, -1).T[:-3], inertia]), balance,
         bounds=[*[(0, None), (None, None)] * (count // 2), (None, None)],
-        options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
-    )
+        options={f"{kind}_feasibility_tolerance": 1e-10 for kind in ("primal", "dual")},
+    )  # fmt: skip

@@ -37,10 +37,7 @@ Fact = Callable[..., Finding]
 
 @dataclass(frozen=True)
 class Run:
-    """A run with what it is to be judged by.
-
-    `others` are the case's other runs by their names, `parameter` is that of the method.
-    """
+    """A run with what it is judged by; `others` are those of the case, by their variants."""
 
     scene: Scene
     response: Response
@@ -68,8 +65,8 @@ class Run:
 def energy_made(scene: Scene, response: Response) -> float:
     """Energy that a run made, over its largest kinetic energy.
 
-    The smaller of two measures, by velocities and by positions alone: each may err upwards only,
-    the first where velocities lag behind positions, the second over impacts.
+    The smaller of two measures, which err upwards only: by velocities, where these lag behind
+    positions, and by positions alone, over impacts.
     """
     arch, motion, history = arch_of(scene), motion_of(scene), response.history
     assert history is not None
@@ -182,10 +179,9 @@ def zeno(run: Run, tolerance: float) -> Finding:
 
 
 def newmark(run: Run, tolerance: float) -> Finding:
-    """Slip of a block that only slides under a rectangular pulse.
+    """Slip of a block that only slides under a rectangular pulse: (A − mu) g t_p² / 2 · A / mu.
 
-    It gains (A − mu) g t_p and loses it at mu g: (A − mu) g t_p² / 2 · A / mu (Newmark 1965,
-    Géotechnique 15, 139-160).
+    Newmark 1965, Géotechnique 15, 139-160.
     """
     pulse, friction = run.scene.motion, run.scene.friction
     push, time = pulse["amplitude"], pulse["duration"]
@@ -202,16 +198,12 @@ def grazes(run: Run, tolerance: float) -> Finding:
 
 def same_peak(run: Run, variant: str, tolerance: float) -> Finding:
     """The same peak displacement as another run of the case."""
-    if variant not in run.others:
-        return Finding(False, f"no run to compare with: {variant}")
     other = run.others[variant].response.peak_displacement
     return _close(abs(run.response.peak_displacement - other) / other, tolerance, "peak")
 
 
 def mirrors(run: Run, variant: str, tolerance: float, until: float) -> Finding:
     """The mirror image of another run of the case until a time [s], over its peak."""
-    if variant not in run.others:
-        return Finding(False, f"no run to compare with: {variant}")
     times = np.linspace(0.0, until, 200)
     angle, image = (
         np.array([np.interp(times, each.time, row) for row in each.rotation.values.T])
@@ -261,9 +253,11 @@ def judge_run(run: Run, expect: Mapping[str, Any]) -> dict[str, Finding]:
 
     for name, given in expect.items():
         own = chosen(given)
-        if isinstance(own, Mapping):
+        if not isinstance(own, Mapping):
+            findings[name] = FACTS[name](run, own)
+        elif own.get("variant", "") not in {"", *run.others}:
+            findings[name] = Finding(False, f"no run to compare with: {own['variant']}")
+        else:
             named = {key: chosen(value) for key, value in own.items()}
             findings[name] = FACTS[name](run, **named)
-        else:
-            findings[name] = FACTS[name](run, own)
     return findings

@@ -38,10 +38,7 @@ RESAMPLES, SEED = 200, 20250101
 
 
 class Study(NamedTuple):
-    """A study made: its role "reference" or "setting", its CPU seconds, and outcomes 1, 0 or None.
-
-    Outcomes are (n_record, n_level), as lists.
-    """
+    """A study of role "reference" or "setting": outcomes by record and level, 1, 0 or None."""
 
     role: str
     setting: Setting
@@ -58,18 +55,13 @@ class Study(NamedTuple):
 
 @lru_cache(maxsize=2)
 def scenes_of(folder: Path, real: bool, quick: bool) -> tuple[list[Scene], list[float]]:
-    """A scene for each record, at a peak of 1 g, and the levels [g].
-
-    The shipped records, two of three of them with every second level if quick; or the real ones
-    of a folder `at2`.
-    """
+    """A scene for each record, at a peak of 1 g, and the levels [g]; if quick fewer of both."""
     if real:
         paths = sorted(path for path in folder.glob("at2/*") if path.suffix.lower() == ".at2")
-        motions, levels = [read_motion(path) for path in paths], np.linspace(0.4, 5.3, 15)
+        motions, levels = map(read_motion, paths), np.linspace(0.4, 5.3, 15)
     else:
-        entries = load_index(folder)
-        motions = [load_motion(each) for k, each in enumerate(entries) if not quick or k % 3 != 2]
-        levels = np.linspace(0.2, 3.0, 15)
+        entries = [each for k, each in enumerate(load_index(folder)) if not quick or k % 3 != 2]
+        motions, levels = map(load_motion, entries), np.linspace(0.2, 3.0, 15)
     arch, scenes = load_scene("arch7_pulse"), []
     for motion in motions:
         duration = float(math.ceil(motion.dt * motion.acceleration.size + FALL))
@@ -84,8 +76,7 @@ def run_study(setting: Setting, repeat: int, folder: Path, real: bool, quick: bo
     outcomes, seconds = [], 0.0
     for scene in scenes:
         runs = solve_many(scene, setting, factors)
-        known = [run.collapsed for run in runs]
-        outcomes.append([None if each is None else int(each) for each in known])
+        outcomes.append([None if run.collapsed is None else int(run.collapsed) for run in runs])
         seconds += sum(run.seconds for run in runs if math.isfinite(run.seconds))
     return {"outcomes": outcomes, "seconds": seconds}
 
@@ -123,14 +114,10 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
                 continue
             why = seconds if isinstance(seconds, str) else f"about {seconds:.0f} s of CPU"
             left_out.append((name, setting.method, setting.value, why))
-        roles = [
-            (role, each, k)
-            for k in range(REPEATS)
-            for role, each in (
-                *(("reference", each.finer(1.0 - APART * k)) for each in REFERENCES),
-                *(("setting", each) for each in chosen),
-            )
-        ]
+        roles = []
+        for k in range(REPEATS):
+            roles += [("reference", each.finer(1.0 - APART * k), k) for each in REFERENCES]
+            roles += [("setting", each, k) for each in chosen]
         tasks = {(name, bench.quick, *each.columns.values(), k): (each, k, *place)
                  for _, each, k in roles}  # fmt: skip
         found = bench.run("fragility", run_study, tasks, 10.0 * longest)
@@ -198,10 +185,9 @@ def curve_of(levels: Array, counts: Array) -> tuple[float, float]:
 
 
 def known_to(together: Sequence[Sequence[float]], alone: Sequence[Any]) -> Array:
-    """Error of the reference's ln theta and beta.
+    """Error of the reference's ln theta and beta: half of the distance between its two methods.
 
-    Half of the distance between its two methods; or, if that is larger, the standard error of its
-    mean from how studies of one method scatter: methods that agree by chance prove no more.
+    If that is larger, the standard error of its mean: methods that agree by chance prove no more.
     """
     half = 0.5 * np.abs(np.subtract(together[0], together[1]))
     variance = [np.var(each, axis=0, ddof=1) for each in alone if len(each) > 1]

@@ -1,8 +1,7 @@
 """Growth: of the cost with the number of voussoirs, and of a difference in the ground's motion.
 
-Cost: the pulse of the scene `arch7_pulse` on the same arch cut into more and more equal voussoirs,
-from the start to a fixed instant; every method at its defaults. A difference of 1e-9 of the
-motion: how long a run can be predicted.
+Cost: one arch cut into more and more equal voussoirs, under one pulse to a fixed instant, every
+method at its defaults. A difference of 1e-9 of the motion: how long a run can be predicted.
 """
 
 import math
@@ -51,12 +50,12 @@ def costs_of(setting: Setting, quick: bool) -> list[Row]:
                 return [*rows, {**base, "status": str(reason)}]
             if not math.isfinite(run.seconds):
                 return [*rows, {**base, "status": run.status}]
-            if repeat < 0:
-                last, seconds = number, run.seconds
-                continue
             at_rest = run.response.model_time["rest"] if run.response else 0.0
             own = (repeat, run.seconds, run.end_time - at_rest, run.steps, run.status)
-            rows.append(base | dict(zip(RUNS[-5:], own, strict=True)))
+            if repeat < 0:
+                last, seconds = number, run.seconds
+            else:
+                rows.append(base | dict(zip(RUNS[-5:], own, strict=True)))
     return rows
 
 
@@ -81,28 +80,23 @@ def medians(runs: pd.DataFrame) -> pd.Series:
 def exponents_table(runs: pd.DataFrame) -> pd.DataFrame:
     """Exponent of the cost in the number of voussoirs, with its 90 % interval, by method."""
     rows = []
+    heads = ["method", "voussoirs_from", "voussoirs_to", "exponent", "low", "high",
+             "seconds_at_first", "seconds_at_last"]  # fmt: skip
     for method, group in runs.groupby("method", sort=False):
         cost = medians(group)
-        if cost.empty:
-            continue
-        numbers = np.log(cost.index.to_numpy(float))
-        exponent, low, high = slope_interval(numbers, np.log(cost.to_numpy()))
-        rows.append({
-            "method": method, "voussoirs_from": cost.index[0], "voussoirs_to": cost.index[-1],
-            "exponent": exponent, "low": low, "high": high, "seconds_at_first": cost.iloc[0],
-            "seconds_at_last": cost.iloc[-1],
-        })  # fmt: skip
-    return pd.DataFrame(rows)
+        if cost.size:
+            fit = slope_interval(np.log(cost.index.to_numpy(float)), np.log(cost.to_numpy()))
+            ends = cost.index[0], cost.index[-1]
+            rows.append((method, *ends, *fit, cost.iloc[0], cost.iloc[-1]))
+    return pd.DataFrame(rows, columns=heads)
 
 
 def slope_interval(x: Array, y: Array) -> tuple[float, float, float]:
     """Least-squares slope and its interval at 90 % (Student's t); nan if points are missing."""
     if np.unique(x).size < 2:
         return math.nan, math.nan, math.nan
-    fit = stats.linregress(x, y)
-    half = math.nan
-    if x.size > 2:
-        half = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, x.size - 2) * fit.stderr)
+    fit = stats.linregress(x, y)  # the quantile is nan of two points
+    half = stats.t.ppf(0.5 + 0.5 * CONFIDENCE, x.size - 2) * fit.stderr
     return float(fit.slope), float(fit.slope - half), float(fit.slope + half)
 
 

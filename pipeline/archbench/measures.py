@@ -28,19 +28,17 @@ def joint_faces(arch: Arch, displacement: Array, rotation: Array) -> tuple[Array
     after = np.broadcast_to(chain.face_after, shape).copy()
     for faces, first in ((before, 1), (after, 0)):
         own = faces[0, first : n_body + first]
-        count = len(own)
-        rotated = np.einsum("tbij,bcj->tbci", matrix[:, :count], own)
-        faces[:, first : n_body + first] = place[:, :count] + rotated
+        rotated = np.einsum("tbij,bcj->tbci", matrix[:, : len(own)], own)
+        faces[:, first : n_body + first] = place[:, : len(own)] + rotated
     return before, after
 
 
 def overlap_depth(before: Array, after: Array) -> Array:
     """How deep the bodies on both sides of a joint are inside each other.
 
-    The deepest point of one face behind the other, of those that lie between the other's ends,
-    or the same with faces exchanged where that is less: a vertex that has sunk into a face, and
-    the edge of a wedge where one body is rotated into the other about a corner. At most the width
-    in which the faces face each other, across which the bodies may part as well.
+    The deepest point of one face behind the other, of those that lie between the other's ends, or
+    the same with faces exchanged where that is less. At most the width in which the faces face
+    each other, across which the bodies may part as well.
     """
     least = np.full(before.shape[:-2], np.inf)
     for face, other, sense in ((before, after, 1.0), (after, before, -1.0)):
@@ -81,9 +79,8 @@ def energy_gain(
 ) -> float:
     """Largest rise of mechanical energy that the ground's work does not explain.
 
-    The work of the ground is taken from the motion itself: the sum over voussoirs of minus mass
-    times ground acceleration, integrated over the displacement between frames. Contacts can only
-    take energy, so that what rises was made by the method.
+    That work is minus mass times ground acceleration over the displacement between frames, of all
+    voussoirs. Contacts can only take energy, so that what rises was made by the method.
     """
     kinetic = kinetic_energy(arch.chain, velocity, angular_velocity)
     return _largest_rise(kinetic + _surplus_of_place(arch, motion, time, displacement), kinetic)
@@ -94,11 +91,9 @@ def path_energy_gain(
 ) -> float:
     """The same as `energy_gain` from positions alone.
 
-    Velocities are differences over the intervals between frames, so that it does not matter at
-    which instant a method gives its velocities (those of leapfrog schemes lag by half a
-    step). An interval with an impact in it has too little kinetic energy, one with a jump of the
-    ground's acceleration a little too much: dips and peaks of less than `LASTING` intervals do
-    not count.
+    Velocities are differences between frames: those of leapfrog schemes lag by half a step. An
+    interval with an impact in it has too little kinetic energy, one with a jump of the ground's
+    acceleration a little too much: dips and peaks of less than `LASTING` intervals do not count.
     """
     distinct = np.append(True, np.diff(time) > 1e-9)
     time, displacement, rotation = time[distinct], displacement[distinct], rotation[distinct]

@@ -48,8 +48,7 @@ def figures_of(part: str, tables: dict[str, pd.DataFrame]) -> Iterator[tuple[str
     elif part == "speed":
         yield "speed_overview", charts.overview_chart(tables["points"])
         for quantity in QUANTITIES:
-            figure = charts.cost_chart(tables["points"], quantity)
-            if figure is not None:
+            if figure := charts.cost_chart(tables["points"], quantity):
                 yield f"speed_{quantity}", figure
     elif part == "growth":
         yield "growth", charts.growth_chart(tables["runs"], tables["exponents"])
@@ -110,10 +109,10 @@ def gather(
 ) -> Path:
     """Measure parts one after the other, save each as soon as it is there, write the page.
 
-    `parts` are keys of `archbench.page.PARTS`, all if empty; tables in `output` of parts not asked
-    for are left and shown, and what a killed run has finished is not done again. `records` are
-    those of the working folder, or of the checkout, if not given. `solvers` may be "all" of those
-    that are installed. InputError if there is no part or solver of a name, or it is not installed.
+    `parts` are of `PARTS`, all if empty; tables in `output` of other parts are left and shown, and
+    what a killed run has finished is not done again. `records` are those of the working folder, or
+    of the checkout, if not given. `solvers` may be "all" of those that are installed. InputError
+    if there is no part or solver of a name, or it is not installed.
     """
     for name in parts:
         if name not in PARTS:
@@ -128,14 +127,11 @@ def gather(
         report(f"{name}: {text}")
     here, checkout = Path("records"), Path(__file__).parents[2] / "records"
     bench = Bench(
-        output,
-        quick=quick,
-        records=(records or (here if here.is_dir() else checkout)).resolve(),
-        real=None if real is None else real.resolve(),
-        solvers=tuple(name for name in found if not found[name].startswith("not installed")),
-        workers=workers or available_cores(),
-        report=report,
-    )
+        output, quick, (records or (here if here.is_dir() else checkout)).resolve(),
+        None if real is None else real.resolve(),
+        tuple(name for name in found if not found[name].startswith("not installed")),
+        workers or available_cores(), report,
+    )  # fmt: skip
     for part in parts or PARTS:
         began = time.perf_counter()
         bench.save(part, import_module(f"archbench.{part}").measure(bench))

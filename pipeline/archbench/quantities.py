@@ -32,9 +32,8 @@ _INSTANTS = 8
 class Marks:
     """Instants at which a scene's runs are compared, from the reference's run [s].
 
-    `onset` of the motion; `position`, a multiple of 10 ms before the first impact, nan if there is
-    none after the onset; `reactions`, frames at which resultants are unique and smooth; `peak`,
-    when the largest displacement is reached.
+    `position` is a multiple of 10 ms before the first impact, nan if there is none after the
+    onset; `reactions` are frames at which resultants are unique and smooth.
     """
 
     onset: float
@@ -69,8 +68,8 @@ def marks_of(scene: Scene, reference: Solution) -> Marks:
     found = time[_smooth(scene, changes, time, last) & (time < last - _QUIET)]
     if found.size > _INSTANTS:
         found = found[np.linspace(0, found.size - 1, _INSTANTS).astype(int)]
-    highest = float(time[int(np.argmax(moved))])
-    return Marks(onset, position if position > onset else math.nan, found.tolist(), highest)
+    position = position if position > onset else math.nan
+    return Marks(onset, position, found.tolist(), float(time[np.argmax(moved)]))
 
 
 def _smooth(scene: Scene, changes, time: Array, last: float) -> NDArray[np.bool_]:
@@ -101,10 +100,9 @@ def largest_distance(one: Array, other: Array) -> float:
 
 
 def positions_at(frames: Frames, instants: Array) -> Array:
-    """Displacements of the centroids between frames, (n, n_voussoir, 2) [m].
+    """Displacements between frames, (n, n_voussoir, 2) [m]; the last frame's beyond the end.
 
-    Cubic Hermite interpolation, linear where there are no velocities; the last frame's beyond the
-    end.
+    Cubic Hermite interpolation, linear where there are no velocities.
     """
     time, place = frames.time, frames.displacement
     if time.size < 2:
@@ -122,10 +120,7 @@ def positions_at(frames: Frames, instants: Array) -> Array:
 
 
 def resultants_at(frames: Frames, instants: Array) -> Array:
-    """Force and moment in every joint, cubic through four frames, (n, n_joint, 3) [N], [N m].
-
-    Linear where frames are fewer or coincide.
-    """
+    """Resultants between frames: cubic through four, linear where they are fewer or coincide."""
     time = frames.time
     found = np.empty((instants.size, *frames.resultant.shape[1:]))
     for k, instant in enumerate(np.clip(instants, time[0], time[-1])):
@@ -157,7 +152,7 @@ def observe(scene: Scene, run: Solution, marks: Marks) -> Observed:
 def errors_of(seen: Observed, true: Observed, thickness: float) -> dict[str, float]:
     """Errors of one run against another by `OF_A_RUN`; nan where there is nothing to compare.
 
-    A run that collapses, or whose reference does, has no peak displacement to be compared.
+    Where one of them collapses there is no peak displacement to be compared.
     """
     if seen.collapsed is None:
         return dict.fromkeys(OF_A_RUN, math.nan)

@@ -8,7 +8,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Self
 
 import numpy as np
 
@@ -39,13 +38,13 @@ _STRIDES = (1, 2, 4, 8, 16, 32)
 
 @dataclass
 class Reference:
-    """What a scene's runs are compared with.
+    """What a scene's runs are compared with: a run at a tolerance `tight`.
 
-    `tight` is its tolerance, `loose` the one ten times as coarse that gives its error; `interval`
-    is between its frames [s]; `amplitude` where outcomes change [g], nan if there is none; `error`
-    its own, by quantity; `blur` its errors read from every 1st, 2nd, 4th … frame; `grid` the
-    amplitudes [g] at which two tolerances agree, `truth` whether it collapses there; `second` the
-    distance and the uncertainty of the second method's limit; `growth` as of `growth_of`.
+    `loose` is ten times as coarse and gives its `error`, by quantity; `interval` is between frames
+    [s]; `amplitude` where outcomes change [g], nan if there is none; `blur` its errors read from
+    every 1st, 2nd, 4th … frame; `grid` the amplitudes [g] at which two tolerances agree, `truth`
+    whether it collapses there; `second` the distance and the uncertainty of the second method's
+    limit; `growth` as of `growth_of`.
     """
 
     scene: str
@@ -63,12 +62,6 @@ class Reference:
     second: dict[str, list[float]] = field(default_factory=dict)
     growth: dict[str, float] = field(default_factory=dict)
 
-    @classmethod
-    def of(cls, content: dict[str, Any]) -> Self:
-        """From what `dataclasses.asdict` gave."""
-        own = {"marks": Marks(**content["marks"]), "seen": Observed(**content["seen"])}
-        return cls(**{**content, **own})
-
     def why_not(self, quantity: str) -> str:
         """Why a quantity is not drawn; empty if it is."""
         error = self.error.get(quantity, math.nan)
@@ -80,11 +73,7 @@ class Reference:
         return f"the reference's own error is {error:.1e}" if too_large else ""
 
     def floor(self, quantity: str, interval: float) -> float:
-        """Smallest error that is drawn of a run with frames `interval` [s] apart.
-
-        What is judged from frames is not judged better than the reference is from frames as far
-        apart.
-        """
+        """Smallest error that is drawn, no less than the reference's from frames as far apart."""
         own = MARGIN * self.error.get(quantity, math.nan)
         if quantity not in self.blur:
             return own
@@ -126,13 +115,10 @@ def find_reference(scene: Scene, quick: bool) -> Reference:
     grid, truth = _outcomes(scene, loose, amplitude, quick)
     # Amplitudes about which the reference is in doubt are left out; none is wrong.
     error["verdicts"] = 0.0 if grid else math.nan
-    rows = [
-        errors_of(observe(scene, _thinned(base, stride), marks), seen, scene.thickness)
-        for stride in _STRIDES
-    ]
-    blurs = {
-        name: [row[name] for row in rows] for name in ("energy_gain", "position", "reactions")
-    }
+    rows = [errors_of(observe(scene, _thinned(base, stride), marks), seen, scene.thickness)
+            for stride in _STRIDES]  # fmt: skip
+    blurs = {name: [row[name] for row in rows]
+             for name in ("energy_gain", "position", "reactions")}  # fmt: skip
     reference = Reference(
         scene.name, tight.value, loose.value, marks, seen, base.end_time,
         float(np.median(np.diff(base.frames.time))), amplitude, error, blurs, grid, truth,
@@ -153,10 +139,10 @@ def _amplitude(scene: Scene, tight: Setting, loose: Setting, quick: bool) -> tup
         return math.nan, math.nan
     rough = partial(collapses, scene, Setting("event_driven", "rtol", 1e-4))
     place = least_collapsing(rough, scene.low, scene.high, 1e-3)
-    if math.isnan(place):
-        return math.nan, math.nan
     floor = 1e-7 if quick else 1e-8
     for setting, fraction in ((loose, 0.0), (tight, 0.05)):
+        if math.isnan(place):
+            return math.nan, math.nan
         found = nearest_change(partial(collapses, scene, setting), place, floor, 0.3, fraction)
         if math.isnan(found.offset):
             return place, math.nan
@@ -169,11 +155,9 @@ def _outcomes(
 ) -> tuple[list[float], list[bool]]:
     """Amplitudes about the threshold at which two tolerances agree, and what they agree on."""
     known: dict[float, bool] = {}
-    distances = DISTANCES[1::2] if quick else DISTANCES
+    distances = () if math.isnan(amplitude) else DISTANCES[1::2] if quick else DISTANCES
     for factor in sorted(1.0 + side * each for each in distances for side in (-1.0, 1.0)):
         at = factor * amplitude
-        if math.isnan(at):
-            continue
         first, second = (collapses(scene, each, at) for each in (setting, setting.finer(10.0)))
         if first is not None and first is second:
             known[at] = first

@@ -33,8 +33,7 @@ class Bench:
     """How and where a part is measured.
 
     `output` is the folder of the tables, in which the same command continues; `quick` the reduced
-    set; `records` the shipped records, `real` a folder of real ones; `solvers` are other solvers
-    by `archbench.adapters.client.NAMES`; `report` takes a line for the user.
+    set; `real` a folder of real records; `report` takes a line for the user.
     """
 
     output: Path
@@ -48,10 +47,7 @@ class Bench:
     def run(
         self, name: str, function: Callable[..., Any], tasks: Mapping[Key, tuple], limit: float
     ) -> dict[Key, Any]:
-        """Results of ``function(*task)`` by key, in the order of tasks.
-
-        What an earlier run of the same sources has finished is not done again.
-        """
+        """Results of ``function(*task)`` by key; what the same sources have done is kept."""
         path = make_folder(self.output / "finished") / f"{name}-{sources()}.jsonl"
         done = {}
         for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.arch.geometry import cross, polygon_section
 
-__all__ = ["STANDARD_GRAVITY", "Bodies", "Scene", "load_scene", "scene_names"]
 FOLDER = Path(__file__).parent / "scenes"
 NO_SLIDING = 5.0  # the friction of joints without limit in solvers that have none
 
@@ -34,29 +33,19 @@ class Bodies(NamedTuple):
 class Scene:
     """Straight-sided voussoirs in a row, on the ground or between two springings, and a motion.
 
-    Attributes
-    ----------
-    name, title, source : str
-        `source` names the section of the comparison that the scene belongs to.
-    chain : dict
-        As in the file: `kind` "circular" (radius [m], thickness [m], embrace [degrees],
-        voussoirs, and `joints` if they are not equal: angles from the left springing [degrees]),
-        "block" (width [m], height [m]) or "column" (width and top_width [m], heights of its drums
-        [m]); friction, a number or "inf"; density [kg/m3]; depth [m]; `dead_load`, a weight on
-        each back [N].
-    motion : dict
-        As in the file: `kind` "none", "rectangle" (amplitude for `duration`), "pulse" (the same,
-        then minus half of it for twice as long), "sine" (`cycles` of `period`; in the
-        middle of a `background` that goes on for `length` [s] if there is one), "record"
-        (`file` in the shipped records or in a folder of real ones) or "samples" (`values` in
-        units of the amplitude, linear between them where `each` divides their step); amplitude in
-        multiples of standard gravity, of a record its peak; `sample_step` [s].
-    duration : float
-        Simulated time [s].
-    low, high : float
-        Amplitudes between which collapse begins, for searches; nan if it is not searched.
-    initial : dict or None
-        State at time 0, see `initial_state`; None: at rest.
+    `source` names the sets that the scene belongs to, or where its facts are from.
+    `chain`: `kind` "circular" (radius [m], thickness [m], embrace [degrees], voussoirs, and
+    `joints` if they are not equal: angles from the left springing [degrees]), "block" (width [m],
+    height [m]) or "column" (width and top_width [m], heights of its drums [m]); friction, a number
+    or "inf"; density [kg/m3]; depth [m]; `dead_load`, a weight on each back [N].
+    `motion`: `kind` "none", "rectangle" (amplitude for `duration`), "pulse" (the same, then minus
+    half of it for twice as long), "sine" (`cycles` of `period`; in the middle of a `background`
+    that goes on for `length` [s] if there is one), "record" (`file` in the shipped records or in a
+    folder of real ones) or "samples" (`values` in units of the amplitude, linear between them
+    where `each` divides their step); amplitude in multiples of standard gravity, of a record its
+    peak; `sample_step` [s].
+    `duration` is simulated time [s]; collapse begins between the amplitudes `low` and `high`, nan
+    if it is not searched; `initial` is the state at time 0, see `initial_state`, None: at rest.
     """
 
     name: str
@@ -120,10 +109,9 @@ class Scene:
         return [_anticlockwise(*each) for each in corners]
 
     def supports(self) -> list[Array]:
-        """Outlines of rigid ground blocks that hold the springing faces, anticlockwise [m].
+        """Outlines of ground blocks at the springing faces, anticlockwise [m].
 
-        Each reaches a thickness beyond both ends of the face, so that a voussoir that slides
-        finds ground under it, and two thicknesses behind it.
+        Each reaches a thickness beyond both ends of the face, for voussoirs that slide.
         """
         inner, outer = self.joint_lines()
         blocks = []
@@ -131,8 +119,7 @@ class Scene:
             along = (outer[end] - inner[end]) / np.linalg.norm(outer[end] - inner[end])
             away = np.array([-along[1], along[0]])
             away *= -math.copysign(2.0 * self.thickness, away @ (inner[inside] - inner[end]))
-            near = inner[end] - self.thickness * along
-            far = outer[end] + self.thickness * along
+            near, far = inner[end] - self.thickness * along, outer[end] + self.thickness * along
             blocks.append(_anticlockwise(near, far, far + away, near + away))
         return blocks
 
@@ -159,30 +146,29 @@ class Scene:
         motion, kind = self.motion, self.motion["kind"]
         if kind == "none":
             return np.zeros(2), motion.get("sample_step", self.duration)
-        step = float(motion["sample_step"])
-        peak = motion["amplitude"] * STANDARD_GRAVITY
+        step, parts = float(motion["sample_step"]), motion.get("each", 1)
         if kind in ("pulse", "rectangle"):
             count = round(motion["duration"] / step)
             after = [-0.5] * (2 * count) if kind == "pulse" else [0.0]
-            middle = 0.25 if kind == "pulse" else 0.5
-            return peak * np.array([1.0] * count + [middle, *after]), step
-        if kind == "samples":
-            values, parts = np.asarray(motion["values"], float), motion.get("each", 1)
+            samples = np.array([1.0] * count + [0.5 * (1.0 + after[0]), *after])
+        elif kind == "samples":
+            values = np.asarray(motion["values"], float)
             place = np.arange((len(values) - 1) * parts + 1) / parts
-            return peak * np.interp(place, np.arange(len(values)), values), step / parts
-        if kind != "sine":
+            samples = np.interp(place, np.arange(len(values)), values)
+        elif kind == "sine":
+            samples = self._sine(motion["cycles"] * motion["period"])
+            if "length" in motion:
+                burst, samples = samples, motion["background"] * self._sine(motion["length"])
+                first = (len(samples) - len(burst)) // 2
+                samples[first : first + len(burst)] = burst
+        else:
             raise ValueError(f"motion of kind {kind!r} in scene {self.name} has no samples")
+        return motion["amplitude"] * STANDARD_GRAVITY * samples, step / parts
 
-        def sine(duration: float) -> Array:
-            time = step * np.arange(round(duration / step) + 1)
-            return np.sin(2.0 * math.pi * time / motion["period"])
-
-        samples = sine(motion["cycles"] * motion["period"])
-        if "length" in motion:
-            burst, samples = samples, motion["background"] * sine(motion["length"])
-            first = (len(samples) - len(burst)) // 2
-            samples[first : first + len(burst)] = burst
-        return peak * samples, step
+    def _sine(self, duration: float) -> Array:
+        step = float(self.motion["sample_step"])
+        time = step * np.arange(round(duration / step) + 1)
+        return np.sin(2.0 * math.pi * time / self.motion["period"])
 
     def initial_state(self) -> tuple[Array, Array]:
         """Displacements from rest and velocities at time 0, (n, 3) each [m, m, rad], [.../s].
@@ -226,13 +212,7 @@ def means_between(time: Array, samples: Array, step: float) -> Array:
 
 
 def load_scene(name: str) -> Scene:
-    """Scene of a file in the folder `scenes`, by its name.
-
-    Raises
-    ------
-    FileNotFoundError, KeyError, TypeError
-        If there is no such file, or a key is missing or unknown.
-    """
+    """Scene of a file in the folder `scenes`, by its name."""
     return Scene(name=name, **json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8")))
 
 

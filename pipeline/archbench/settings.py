@@ -35,10 +35,10 @@ class Setting:
     @property
     def options(self) -> dict[str, Any]:
         """Keyword arguments of `archfrag.simulate`."""
-        own = {self.parameter: self.value}
+        own, given = {self.parameter: self.value}, {"method": self.method}
         if self.parameter in ("dt", "rtol"):
-            return {"method": self.method, **own, "settings": dict(self.settings)}
-        return {"method": self.method, "settings": {**self.settings, **own}}
+            return given | own | {"settings": dict(self.settings)}
+        return given | {"settings": {**self.settings, **own}}
 
     @property
     def columns(self) -> dict[str, Any]:

@@ -28,10 +28,9 @@ Outcome = Callable[[float], bool | None]
 
 
 class Frames(NamedTuple):
-    """A motion at instants `time` [s]; what a solver does not give is empty.
+    """A motion at instants `time` [s], by the shapes of `archbench.measures`.
 
-    displacement, velocity (n_time, n_voussoir, 2) [m], [m/s]; rotation, angular_velocity (n_time,
-    n_voussoir) [rad], [rad/s]; resultant (n_time, n_joint, 3) [N], [N], [N m].
+    resultant (n_time, n_joint, 3) [N], [N], [N m]; what a solver does not give is empty.
     """
 
     time: Array = NONE
@@ -82,18 +81,18 @@ def with_samples(scene: Scene, folders: Sequence[Path | None]) -> Scene:
     if scene.motion["kind"] != "record":
         return scene
     places = [folder / scene.motion["file"] for folder in folders if folder is not None]
-    path = next((place for place in places if place.is_file()), None)
-    if path is None:
-        raise InputError(f"scene {scene.name} needs the record {scene.motion['file']}; not found "
-                         f"in {', '.join(str(place.parent) for place in places)}")  # fmt: skip
-    return with_motion(scene, read_motion(path), scene.motion["amplitude"])
+    for place in places:
+        if place.is_file():
+            return with_motion(scene, read_motion(place), scene.motion["amplitude"])
+    raise InputError(f"scene {scene.name} needs the record {scene.motion['file']}; not found "
+                     f"in {', '.join(str(place.parent) for place in places)}")  # fmt: skip
 
 
 def with_motion(scene: Scene, motion: Motion, amplitude: float) -> Scene:
     """A scene under a record with this peak [g]."""
     values = (motion.acceleration / np.max(np.abs(motion.acceleration))).tolist()
-    samples = {"kind": "samples", "amplitude": amplitude, "sample_step": motion.dt}
-    return replace(scene, motion={**samples, "values": values})
+    samples = {"kind": "samples", "values": values, "sample_step": motion.dt}
+    return replace(scene, motion={**samples, "amplitude": amplitude})
 
 
 def solve(
@@ -106,10 +105,9 @@ def solve(
     if scene.initial is not None or scene.motion["kind"] == "none":
         # An initial state lets an arch that cannot stand fall instead of being refused.
         given["initial"] = scene.initial_state()
+    given |= {"history": history, "follow": _follow(scene, motion)}
     wall, cpu = time.perf_counter(), time.process_time()
-    response = af.simulate(
-        arch, motion, scale, history=history, follow=_follow(scene, motion), **given
-    )
+    response = af.simulate(arch, motion, scale, **given)
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     return _solution(response, cpu * response.wall_time / wall)
 
@@ -122,10 +120,10 @@ def collapses(scene: Scene, setting: Setting, amplitude: float) -> bool | None:
 def solve_many(scene: Scene, setting: Setting, factors: Sequence[float]) -> list[Solution]:
     """Run a scene with its motion scaled by several factors, in one call where a study does so."""
     if setting.ours and scene.initial is None and scene.motion["kind"] != "none":
-        motion = motion_of(scene)
+        arch, motion = arch_of(scene), motion_of(scene)
         given = {"follow": _follow(scene, motion), **setting.options}
         wall, cpu = time.perf_counter(), time.process_time()
-        runs = simulate_runs(arch_of(scene), [motion] * len(factors), list(factors), **given)
+        runs = simulate_runs(arch, [motion] * len(factors), list(factors), **given)
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
         if runs:
             seconds = cpu * sum(run.wall_time for run in runs) / wall / len(runs)
@@ -141,9 +139,9 @@ def _follow(scene: Scene, motion: Motion) -> float:
 def _solution(response: Response, seconds: float) -> Solution:
     frames, history = NO_FRAMES, response.history
     if history is not None:
-        values = {name: history[name].to_numpy() for name in history.variables}
-        resultant = np.concatenate([values["reaction"], values["moment"][..., None]], axis=2)
-        own = {name: values[name] for name in Frames._fields[:-1]}
+        moment = history["moment"].to_numpy()[..., None]
+        resultant = np.concatenate([history["reaction"].to_numpy(), moment], axis=2)
+        own = {name: history[name].to_numpy() for name in Frames._fields[:-1]}
         frames = Frames(**own, resultant=resultant)
     return Solution(
         False if response.status is Status.UNFINISHED else response.collapsed,
@@ -173,10 +171,9 @@ def _other(scene: Scene, setting: Setting, history: bool) -> Solution:
 
 
 class Change(NamedTuple):
-    """Where outcomes change, relative to where they were expected to.
+    """Where outcomes change, relative to where they were expected to: `offset`, plus or minus.
 
-    `offset` has a sign, nan if there is no change within reach or a run gave no outcome, which is
-    `failed`; `width` is that of the bracket that remains.
+    nan if there is no change within reach or a run `failed`; `width` is that of the last bracket.
     """
 
     offset: float = math.nan
@@ -190,8 +187,7 @@ def nearest_change(
     """Distance of the change from standing to collapse that is nearest to `centre`.
 
     Probes go away from the centre by factors of ten, towards smaller values if it collapses and
-    larger ones if it stands, until outcomes differ; what lies between is bisected on the log
-    scale.
+    larger ones if it stands, until outcomes differ; what is between is bisected on the log scale.
     """
     at_centre = outcome(centre)
     if at_centre is None:
@@ -199,8 +195,7 @@ def nearest_change(
     side, inner, outer, changed = -1.0 if at_centre else 1.0, 0.0, floor, False
     while not changed or outer - inner > max(floor, fraction * inner):
         middle = math.sqrt(inner * outer) if inner > 0.0 else 0.5 * outer
-        probe = middle if changed else outer
-        seen = outcome(centre * (1.0 + side * probe))
+        seen = outcome(centre * (1.0 + side * (middle if changed else outer)))
         if seen is None:
             return Change(failed=True)
         if changed:
@@ -218,12 +213,11 @@ def least_collapsing(
     outcome: Outcome, low: float, high: float, width: float = 1e-4, grid: int = 12
 ) -> float:
     """First collapse on a grid, because outcomes are not monotone, then bisected."""
-    stands, least = low, math.nan
-    for amplitude in np.geomspace(low, high, grid).tolist():
-        if outcome(amplitude):
-            least = amplitude
-            break
-        stands = amplitude
+    amplitudes = np.geomspace(low, high, grid).tolist()
+    first = next((k for k, each in enumerate(amplitudes) if outcome(each)), None)
+    if first is None:
+        return math.nan
+    stands, least = amplitudes[max(first - 1, 0)], amplitudes[first]
     while least - stands > width * least:
         middle = 0.5 * (least + stands)
         stands, least = (stands, middle) if outcome(middle) else (middle, least)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from pydantic import TypeAdapter
 
 from archbench.quantities import OF_A_RUN, QUANTITIES, errors_of, observe
 from archbench.reference import MARGIN, Reference, find_reference
@@ -46,7 +47,7 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
         if isinstance(content, str):
             left_out.append((name, "all", content))
         else:
-            references[name] = Reference.of(content)
+            references[name] = TypeAdapter(Reference).validate_python(content)
     runs = {
         (scene, method, quick): (reference, settings, *place)
         for scene, reference in references.items()
@@ -59,14 +60,10 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
         points += result["points"]
         left_out += [(scene, method, reason) for reason in result["left_out"]]
     table = pd.DataFrame(points, columns=list(POINTS))
-    return {
-        "points": table,
-        "references": pd.DataFrame(
-            [row for each in references.values() for row in _reference_rows(each)]
-        ),
-        "levels": levels_table(table),
-        "left_out": pd.DataFrame(left_out, columns=["scene", "method", "reason"]),
-    }
+    known = [row for each in references.values() for row in _reference_rows(each)]
+    left = pd.DataFrame(left_out, columns=["scene", "method", "reason"])
+    return {"points": table, "references": pd.DataFrame(known), "levels": levels_table(table),
+            "left_out": left}  # fmt: skip
 
 
 def reference_of(name: str, quick: bool, folders: Sequence[Path | None]) -> Row | str:
@@ -177,8 +174,8 @@ def _reference_rows(each: Reference) -> list[Row]:
 def kept_errors(points: pd.DataFrame) -> pd.DataFrame:
     """Drawn points with the error that a ladder keeps: the largest at this or a finer setting.
 
-    A coarse setting that is right by chance, where its error changes sign, does not count as
-    accurate. Errors below the floor stand at the floor.
+    A coarse setting that is right by chance does not count as accurate. Errors below the floor
+    stand at the floor.
     """
     frame = points[points["drawn"].astype(bool)].reset_index(drop=True)
     frame = frame.assign(kept=np.maximum(frame["error"], frame["floor"]))

@@ -45,11 +45,7 @@ REFERENCES = {
 NUDGES = (0.99, 1.0, 1.01)
 # What differs in each plane, quick and in full; of `stiffness` in parts of a method's default.
 PLANES = json.loads(Path(__file__).with_suffix(".json").read_text(encoding="utf-8"))
-
-
-def values_of(plane: str, quick: bool) -> list[float]:
-    """Values of a plane in the quick or in the full set."""
-    return [float(value) for value in PLANES[plane]["quick" if quick else "values"]]
+SET = {True: "quick", False: "values"}
 
 
 class Case(NamedTuple):
@@ -64,23 +60,17 @@ class Case(NamedTuple):
 def cases(quick: bool) -> list[Case]:
     """Scenes of the quick or of the full set."""
     arch = replace(load_scene("arch7_pulse"), duration=6.0)
-
-    def scene_of(plane: str, value: float) -> Scene:
-        if plane == "level":
-            return arch.at(value)
-        changed: Row = {plane: value}
-        if plane == "friction":
-            changed["thickness"] = 2.0
-        elif plane == "slenderness":
-            changed = {"thickness": 10.0 * value}
-        elif plane == "voussoirs":
-            changed = {"voussoirs": int(value)}
-        scene = replace(arch, chain={**arch.chain, **changed})
-        return scene.at(2.1 * largest_load(scene))
-
-    found = [Case(name, value, scene_of(name, value))
-             for name in PLANES if name != "stiffness"
-             for value in values_of(name, quick)]  # fmt: skip
+    values = {name: map(float, row[SET[quick]]) for name, row in PLANES.items()}
+    found = [Case("level", value, arch.at(value)) for value in values["level"]]
+    changes: dict[str, list[tuple[float, Row]]] = {
+        "friction": [(each, {"friction": each, "thickness": 2.0}) for each in values["friction"]],
+        "slenderness": [(each, {"thickness": 10.0 * each}) for each in values["slenderness"]],
+        "voussoirs": [(each, {"voussoirs": int(each)}) for each in values["voussoirs"]],
+    }
+    for plane, rows in changes.items():
+        for value, changed in rows:
+            scene = replace(arch, chain={**arch.chain, **changed})
+            found.append(Case(plane, value, scene.at(2.1 * largest_load(scene))))
     return [*found, Case("stiffness", 1.0, arch.at(0.6), "stiffness")]
 
 
@@ -143,13 +133,12 @@ def judge_cell(scene: Scene, setting: Setting, expected: bool | None, must_rest:
         return {"status": "refused", "kind": NOT_FOR_IT}
     if run.status == "not_applicable":
         return {"status": run.status, "kind": NOT_FOR_IT}
-    finite = run.status != "not_finite" and math.isfinite(run.peak)
-    finite = finite and bool(np.isfinite(run.frames.displacement).all())
+    moved = run.frames.displacement
+    finite = run.status != "not_finite" and bool(np.isfinite(np.append(moved, run.peak)).all())
     gain, deepest, drift, settlement = math.nan, math.nan, run.peak, 0.0
     if run.response is not None and finite:
         gain = energy_made(scene, run.response) if run.peak > NOTHING else 0.0
-        deepest = overlap(arch_of(scene), run.frames.displacement, run.frames.rotation)
-        moved = run.frames.displacement
+        deepest = overlap(arch_of(scene), moved, run.frames.rotation)
         settlement = float(np.abs(moved[0]).max(initial=0.0))
         if settlement:  # under the own weight, before the record: soft joints only
             depth, held = elastic(scene, setting, run.frames)
@@ -189,18 +178,16 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
         peak = np.max(np.abs(case.scene.ground_acceleration()[0])) / STANDARD_GRAVITY
         must_rest = bool(peak <= largest_load(case.scene))
         for row, setting in _settings(case, bench):
-            tasks[case.plane, row, *setting.columns.values()] = (
-                case.scene, setting, known, must_rest,
-            )  # fmt: skip
+            key = case.plane, row, *setting.columns.values()
+            tasks[key] = (case.scene, setting, known, must_rest)
             heads.append({
                 "plane": case.plane, "axis": PLANES[case.plane]["axis"], "row": row,
                 **setting.columns, "expected": known, "must_rest": must_rest,
             })  # fmt: skip
-    late = {"status": f"not within {limit:g} s", "kind": FAILURES[0], "failures": FAILURES[0]}
+    late = {"kind": FAILURES[0], "failures": FAILURES[0]}
     results = bench.run("stability", judge_cell, tasks, limit).values()
-    cells = pd.DataFrame([
-        head | (late if isinstance(found, str) else found) for head, found in zip(heads, results)
-    ])  # fmt: skip
+    cells = pd.DataFrame([head | ({"status": found} | late if isinstance(found, str) else found)
+                          for head, found in zip(heads, results)])  # fmt: skip
     counts = cells.groupby(["method", "kind"], sort=False).size().unstack(fill_value=0)
     kinds = [kind for kind in (RIGHT, UNDECIDED, NOT_FOR_IT, *FAILURES) if kind in counts]
     return {"cells": cells, "counts": counts[kinds].reset_index()}
@@ -208,17 +195,15 @@ def measure(bench: Bench) -> dict[str, pd.DataFrame]:
 
 def _settings(case: Case, bench: Bench) -> Iterator[tuple[float, Setting]]:
     """Row and setting of each cell of a scene; other solvers in those of the quick set only."""
-    others = bench.solvers if case.value in values_of(case.plane, True) else ()
-    for method in (*available_methods(), *others):
-        if not case.parameter:
-            for setting in settings_of(method, bench.quick):
-                yield case.value, setting
-            continue
-        own = METHODS[method].parameters if method in METHODS else ()
-        for each in own:
-            parts = values_of(case.plane, bench.quick) if each.name == case.parameter else ()
-            for part in parts:
-                if each.least <= part * each.default <= each.most:
-                    given = {case.parameter: part * each.default}
-                    for setting in settings_of(method, bench.quick, **given):
-                        yield part, setting
+    plane, quick = PLANES[case.plane], bench.quick
+    if not case.parameter:
+        others = bench.solvers if case.value in map(float, plane["quick"]) else ()
+        for method in (*available_methods(), *others):
+            yield from ((case.value, each) for each in settings_of(method, quick))
+        return
+    for method in available_methods():
+        for own in METHODS[method].parameters:
+            for part in plane[SET[quick]] if own.name == case.parameter else ():
+                if own.least <= part * own.default <= own.most:
+                    given = {case.parameter: part * own.default}
+                    yield from ((part, each) for each in settings_of(method, quick, **given))

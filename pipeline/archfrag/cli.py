@@ -7,6 +7,7 @@ import os
 import shlex
 import sys
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -222,7 +223,7 @@ def simulate(
     click.echo(json.dumps(facts) if as_json else response_text(response, scale))
 
 
-@main.command()
+@main.command(hidden=find_spec("archbench") is None)
 @click.argument("parts", nargs=-1, metavar="[PART]...")
 @takes(
     click.option("--quick", is_flag=True, help="The reduced set: 12 minutes on two cores."),
@@ -236,8 +237,8 @@ def simulate(
                  "skipped."),
     click.option("--solvers", multiple=True, metavar="NAME",
                  help="Other solver to run beside ours, or all that are installed. Repeatable."),
-    click.option("--workers", type=click.IntRange(min=1),
-                 help="Processes; all cores if not given."),
+    click.option("--cores", "--workers", "workers", type=click.IntRange(min=1),
+                 help="Cores to use; all if not given."),
 )  # fmt: skip
 def evidence(parts: tuple[str, ...], output: Path, **options: Any) -> None:
     """Cost against error, and where methods fail: tables, charts and a page.
@@ -303,7 +304,8 @@ def warmup(method: str | None) -> None:
 @study_argument
 @set_option
 @click.option("--resume", is_flag=True, help="Go on where a run was killed.")
-@click.option("--cores", type=click.IntRange(min=1), help="Cores to use; all if not given.")
+@click.option("--cores", "--workers", type=click.IntRange(min=1),
+              help="Cores to use; all if not given.")  # fmt: skip
 @click.option("--profile", type=_folder,
               help="Snakemake profile, e.g. configs/profiles/slurm.")  # fmt: skip
 @click.option("--quiet", is_flag=True, help="Nothing but errors.")
@@ -333,37 +335,43 @@ def run(study_file: Path, overrides: tuple[str, ...], quiet: bool, **options: An
 @_step
 def motions(study: Any, note: Callable[[str], None]) -> None:
     """Read the study's records, scale them, store them for the workers."""
+    from archfrag.files import counted
     from archfrag.study.checks import check_output
     from archfrag.study.records import prepare_motions
 
     check_output(study)
     stored = prepare_motions(study)
-    note(f"motions: {len(stored)} records ready")
+    note(f"motions: {counted(len(stored), 'record')} ready")
 
 
 @_step
 @click.option("--batch", type=int, default=0, show_default=True, help="Which, counted from 0.")
-@click.option("--workers", type=click.IntRange(min=1), help="Processes; overrides the study.")
+@click.option("--cores", "--workers", type=click.IntRange(min=1),
+              help="Cores to use, a worker on each; overrides the study.")  # fmt: skip
 @click.option("--quiet", is_flag=True, help="No progress bar.")
 def batch(
-    study: Any, note: Callable[[str], None], batch: int, workers: int | None, quiet: bool
+    study: Any, note: Callable[[str], None], batch: int, cores: int | None, quiet: bool
 ) -> None:
     """Run the simulations of a batch; those that are done are kept."""
+    from archfrag.files import counted
     from archfrag.study.batch import run_batch
 
-    log = run_batch(study, batch, workers, quiet)
+    log = run_batch(study, batch, cores, quiet)
     count = study.execution.batches
-    runs = f"{log.runs} runs in {log.rounds} rounds, {log.kept} of them kept from before"
-    note(f"batch {batch + 1} of {count}: {runs}, {log.wall_time:.1f} s on {log.workers} workers")
+    runs = f"{counted(log.runs, 'run')}, {log.kept} kept from before, {log.runs - log.kept} new"
+    took = f"{log.wall_time:.1f} s on {counted(log.workers, 'core')}"
+    note(f"batch {batch + 1} of {count}: {runs}; {took}")
 
 
 @_step
 def cube(study: Any, note: Callable[[str], None]) -> None:
     """Gather the results into one CF netCDF cube."""
-    from archfrag.study.cube import write_cube, write_timings
+    from archfrag.study.cube import forget_other_code, write_cube, write_timings
 
     path = write_cube(study)
     write_timings(study)
+    if forget_other_code(study):
+        note("cube: runs made by other versions of archfrag, of use to no study now, are removed")
     note(f"cube: {path}")
 
 

@@ -83,39 +83,6 @@ def records() -> None:
     """Inspect, measure, select, convert, fetch and make records."""
 
 
-@records.command(name="list")
-@click.argument("index", type=_path, default=Path("records/index.csv"))
-@json_option
-def list_records(index: Path, as_json: bool) -> None:
-    """Records of an INDEX (records/index.csv if not given)."""
-    from archfrag.study.single import index_rows
-
-    rows = index_rows(index)
-    lines = []
-    for row in rows:
-        facts = (f"{key} {row[key]}" for key in ("Mw", "distance_km", "unit") if row.get(key))
-        lines.append(f"{row['id']:24s} {', '.join(facts)}")
-    _print(rows, "\n".join(lines), as_json)
-
-
-@records.command()
-@_files
-@reads_record
-@json_option
-def show(files: tuple[Path, ...], as_json: bool, **reading: Any) -> None:
-    """Read record FILES as a study does, step by step.
-
-    \b
-    Example:
-      archfrag records show RSN6_I-ELC180.AT2
-    """
-    from archfrag.study.record_commands import reading_of
-    from archfrag.study.single import motion_facts, motion_text
-
-    facts = [entry for file in files for entry in motion_facts(file, **reading_of(file, reading))]
-    _print(facts, "\n".join(map(motion_text, facts)), as_json)
-
-
 @records.command()
 @_files
 @_known
@@ -184,6 +151,7 @@ def measure(
     Example:
       archfrag records measure records/*.AT2 --out flatfile.csv --figure spectra.svg
     """
+    from archfrag.files import counted
     from archfrag.motions.flatfile import write_flatfile
     from archfrag.study.record_commands import measure_files, table_rows, table_spectra
 
@@ -194,7 +162,7 @@ def measure(
         from archfrag.report.record_figures import measured
 
         _save(measured(table_spectra(table)), figure)
-    _print(table_rows(table), f"{len(table)} components measured: {out}", as_json)
+    _print(table_rows(table), f"{counted(len(table), 'component')} measured: {out}", as_json)
 
 
 @records.command()
@@ -314,6 +282,7 @@ def fetch(
       archfrag records fetch nc72282711 --from NCEDC --radius 50 --out napa
     """
     from archfrag.errors import ServiceError
+    from archfrag.files import counted
     from archfrag.motions.fetch import Limits, Request, fetch_records
 
     kinds = tuple(kind.strip() for kind in channels.split(","))
@@ -322,7 +291,7 @@ def fetch(
     fetched = fetch_records(request, out, _note)
     failures = [{"kind": refusal.kind, "message": str(refusal)} for refusal in fetched.refused]
     facts = {"folder": str(out), "new": fetched.new, "kept": fetched.kept, "failures": failures}
-    text = f"{len(fetched.new)} records fetched, {len(fetched.kept)} were there: {out}"
+    text = f"{counted(len(fetched.new), 'record')} fetched, {len(fetched.kept)} were there: {out}"
     _print(facts, text, as_json)
     if fetched.passing:
         count = f"{len(fetched.passing)} of {len(failures)}"
@@ -360,8 +329,9 @@ def make(out: Path, as_json: bool, **wanted: Any) -> None:
       archfrag records make --events 10 --records-per-event 3 --magnitude 5.5:7.5 \\
         --distance-km 10:100 --out synthetic
     """
+    from archfrag.files import counted
     from archfrag.study.record_commands import make_chosen
 
     paths = make_chosen(out, wanted)
     facts = {"folder": str(out), "files": [str(path) for path in paths]}
-    _print(facts, f"{len(paths)} records and index.csv written to {out}", as_json)
+    _print(facts, f"{counted(len(paths), 'record')} and index.csv written to {out}", as_json)

@@ -9,6 +9,13 @@ from pathlib import Path
 from archfrag.errors import OutputError
 
 
+def counted(number: int, noun: str) -> str:
+    """A number of things: 1 arch, 2 arches."""
+    if number == 1:
+        return f"1 {noun}"
+    return f"{number} {noun}{'es' if noun.endswith('ch') else 's'}"
+
+
 def cannot_write(path: Path, error: OSError) -> OutputError:
     """The message for a file or folder that cannot be written."""
     return OutputError(

@@ -8,5 +8,5 @@ rule batch:
     log: "logs/batch-{batch}.log",
     benchmark: "benchmarks/batch-{batch}.tsv"
     shell:
-        "archfrag batch {STUDY_FILE:q} --batch {wildcards.batch} --workers {threads}"
+        "archfrag batch {STUDY_FILE:q} --batch {wildcards.batch} --cores {threads}"
         " {params.quiet} --log {log:q} 2>&1"

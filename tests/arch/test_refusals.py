@@ -57,10 +57,14 @@ NUMBERS = [
     ("friction", [0.7] * 5 + [-0.2, 0.7, NAN], "friction = -0.2 at joint 5 is impossible"),
     ("dead_load", [0, 0, NAN, 0, 0, 0, 0], "dead_load = nan N at voussoir 2 is impossible"),
     ("dead_load", [1.0] * 8, "dead_load has shape (8,), not (7,)"),
-    ("joints", [0, 30, 30, 90, 100, 120, 140, 157.5], "joints[2] = 30 does not exceed the one"),
-    ("joints", [5, 30, 60, 90, 100, 120, 140, 157.5], "joints run from 5 to 157.5"),
-    ("joints", [0, 157.5], "joints has shape (2,) with voussoirs = 7"),
-    ("joints", [0, 30, NAN, 90, 100, 120, 140, 157.5], "joints[2] = nan is not finite"),
+    ("joints", [0, 30, 30, 90, 100, 120, 140, 157.5], "joints = ["),
+    ("joints", [5, 30, 60, 90, 100, 120, 140, 157.5], "joints = [5, 30,"),
+    (
+        "joints",
+        [0, 157.5],
+        "joints = [0, 157.5] cannot be; it must be 8 numbers that",
+    ),
+    ("joints", [0, 30, NAN, 90, 100, 120, 140, 157.5], "joints = [0, 30, nan"),
 ]
 
 
@@ -70,11 +74,6 @@ class TestNumbers:
         message = refusal(circular, **{key: value})
         assert message.startswith(start)
         assert re.search("must be", message)
-
-    def test_what_is_allowed_is_stated(self):
-        assert refusal(circular, thickness=20.0).endswith(
-            "it must be a finite number greater than 0 m and less than 20 m (2 x radius)"
-        )
 
     def test_what_overflows(self):
         assert "voussoir 0 has a mass of inf kg" in refusal(circular, density=1e308)
@@ -170,15 +169,15 @@ RINGS = [
     (SQUARE, moved(ABOVE, 1, [1.0, 0.0]), "joint 1 has no length"),
     (moved(SQUARE, 1, [0.0, 0.0]), ABOVE, "the intrados corners of joints 0 and 1 coincide"),
     (SQUARE, moved(ABOVE, 2, [3.0, 1.0]), "the extrados corners of joints 2 and 3 coincide"),
-    (SQUARE, moved(ABOVE, 1, [2.5, 1.0]), "voussoir 1 cannot be: joints 1 and 2 cross inside"),
+    (SQUARE, moved(ABOVE, 1, [2.5, 1.0]), "voussoir 1 is no convex quadrilateral: its"),
     (
         moved(SQUARE, 3, [3.0, 1.0]), moved(ABOVE, 3, [3.0, 0.0]),
-        "voussoir 2 intersects itself: its intrados and extrados cross between joints 2 and 3",
+        "voussoir 2 is no convex quadrilateral",
     ),
-    (SQUARE, moved(ABOVE, 1, [1.8, 0.1]), "voussoir 1 is folded"),
+    (SQUARE, moved(ABOVE, 1, [1.8, 0.1]), "voussoir 1 is no convex quadrilateral"),
     (
         SQUARE, moved(moved(ABOVE, 1, [1.2, 0.0]), 0, [-0.2, 0.0]),
-        "voussoir 0 has no area: its corners lie on one line; its corners (0, 0), (1, 0)",
+        "voussoir 0 is no convex quadrilateral",
     ),
     (
         moved(SQUARE, 2, [0.5, -0.5]), moved(ABOVE, 2, [0.5, 1.5]),

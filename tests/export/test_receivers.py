@@ -6,6 +6,7 @@ the changelog.
 """
 
 import json
+import math
 import os
 import subprocess
 from pathlib import Path
@@ -15,7 +16,7 @@ import pytest
 from archfrag.export.in_core import in_core_sets
 from archfrag.export.nrml import nrml_continuous, nrml_discrete
 from archfrag.export.pelicun import pelicun_table
-from archfrag.export.receivers import in_core_measure, openquake_measure
+from archfrag.export.receivers import named_measure
 from tests.export.made import curve_set, lognormal
 
 SCRIPTS = Path(__file__).parent / "receivers"
@@ -28,12 +29,8 @@ def ask(receiver, script, *arguments):
     variable = f"ARCHFRAG_{receiver}_PYTHON"
     if variable not in os.environ:
         pytest.skip(f"{variable} names no interpreter that has the receiver")
-    done = subprocess.run(
-        [os.environ[variable], str(SCRIPTS / script), *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
+    command = [os.environ[variable], str(SCRIPTS / script), *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr[-2000:]
     found = json.loads(done.stdout.splitlines()[-1])
     print(receiver, found["version"])
@@ -42,10 +39,8 @@ def ask(receiver, script, *arguments):
 
 def asked(curves):
     """Intensities by arch [SI]: the median of collapse and two others."""
-    return {
-        arch: [times * states["collapse"].theta for times in AT]
-        for arch, states in curves.complete.items()
-    }
+    fits = {arch: states["collapse"] for arch, states in curves.complete.items()}
+    return {arch: [times * fit.theta for times in AT] for arch, fit in fits.items()}
 
 
 def compare(found, curves, levels):
@@ -58,7 +53,6 @@ def compare(found, curves, levels):
     )
     print(f"largest difference {worst:.1e}")
     assert worst < TOLERANCE
-    return worst
 
 
 def in_unit(levels, factor):
@@ -72,7 +66,7 @@ def test_openquake_continuous(tmp_path, measure):
     curves = curve_set(measure)
     path, levels = tmp_path / "model.xml", asked(curves)
     path.write_text(nrml_continuous(curves), encoding="utf-8")
-    named = openquake_measure(measure)
+    named = named_measure("OpenQuake", measure)
     found = ask("OPENQUAKE", "read_openquake.py", path, json.dumps(in_unit(levels, named.factor)))
     assert found["measures"] == [named.name]
     assert "0" * 64 in found["description"]
@@ -82,13 +76,8 @@ def test_openquake_continuous(tmp_path, measure):
 def test_openquake_discrete(tmp_path):
     """At levels of the file: the median, and 25 steps of the grid below and above it."""
     curves = curve_set("PGV", states=("collapse",))
-    levels = {
-        arch: [
-            s["collapse"].theta * 2.718281828459045 ** (z * s["collapse"].beta)
-            for z in (0.0, -1.0, 1.0)
-        ]
-        for arch, s in curves.complete.items()
-    }
+    fits = {arch: states["collapse"] for arch, states in curves.complete.items()}
+    levels = {a: [f.theta * math.exp(z * f.beta) for z in (0, -1, 1)] for a, f in fits.items()}
     path = tmp_path / "model.xml"
     path.write_text(nrml_discrete(curves), encoding="utf-8")
     found = ask("OPENQUAKE", "read_openquake.py", path, json.dumps(in_unit(levels, 100.0)))
@@ -103,7 +92,7 @@ def test_in_core(tmp_path, measure, states):
     for arch, text in in_core_sets(curves).items():
         path = tmp_path / f"{arch}.json"
         path.write_text(text, encoding="utf-8")
-        named = in_core_measure(measure)
+        named = named_measure("IN-CORE", measure)
         given = in_unit(levels, named.factor)[arch]
         found = ask("INCORE", "read_in_core.py", path, json.dumps(given))
         assert (found["measures"], found["units"]) == ([named.name], [named.unit])

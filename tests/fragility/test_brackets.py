@@ -73,7 +73,7 @@ class TestBracketsOfRecords:
         ("verdict", "levels", "rule", "key"),
         [
             ([[0, 1]], [0.1, 0.2], "last", "rule is 'last'"),
-            ([[0, 1]], [0.1], "count", r"levels have shape \(1,\)"),
+            ([[0, 1]], [0.1], "count", r"levels has shape \(1,\)"),
             ([[0, 1]], [0.1, 0.0], "count", "levels holds 0"),
             ([0, 1], [0.1, 0.2], "count", "n_record"),
             ([[0, 7]], [0.1, 0.2], "count", "verdict holds 7"),

@@ -5,11 +5,7 @@ import pytest
 
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.control_variates import estimate_two_fidelity
-from archfrag.fragility.dispersion import (
-    combine,
-    split_capacities,
-    split_curves,
-)
+from archfrag.fragility.dispersion import combine, split_capacities, split_curves
 
 MODEL, RECORD, INTERACTION = 0.25, 0.35, 0.1
 ARCHES, RECORDS, STUDIES = 12, 20, 400
@@ -28,13 +24,11 @@ class TestCapacities:
     def test_known_parts_come_back(self):
         generator = np.random.default_rng(1)
         found = [split_capacities(np.exp(study(generator))) for _ in range(STUDIES)]
-        record = np.array([parts.beta_record_to_record for parts in found])
-        model = np.array([parts.beta_model for parts in found])
-        within = np.hypot(RECORD, INTERACTION)
-        assert np.sqrt(np.mean(record**2)) == pytest.approx(within, rel=0.03)
-        assert np.sqrt(np.mean(model**2)) == pytest.approx(MODEL, rel=0.05)
+        betas = np.array([(parts.beta_record_to_record, parts.beta_model) for parts in found])
+        truth = [np.hypot(RECORD, INTERACTION), MODEL]
+        assert np.sqrt(np.mean(betas**2, axis=0)) == pytest.approx(truth, rel=0.04)
         errors = np.nanmean([parts.standard_errors for parts in found], axis=0)
-        assert errors == pytest.approx([record.std(), model.std()], rel=0.2)
+        assert errors == pytest.approx(betas.std(axis=0), rel=0.2)
 
     def test_numerical_part_is_taken_from_record_to_record(self):
         capacity = np.exp(study(np.random.default_rng(5)))
@@ -126,21 +120,12 @@ COARSE, FINE = pair(np.random.default_rng(4))
     [
         (split_capacities, ([[1.0, 2.0]],), {}, FitError, "1 arches"),
         (split_capacities, ([[1.0, np.nan], [1.0, 2.0]],), {}, FitError, "1 records"),
-        (split_capacities, ([[1.0, np.inf], [1.0, 2.0]],), {}, InputError, "inf"),
-        (
-            split_capacities,
-            (np.eye(2) + 1.0,),
-            {"numerical": -1.0},
-            InputError,
-            "dispersion is -1",
-        ),
+        (split_capacities, (np.eye(2) + 1,), {"numerical": -1.0}, InputError, "dispersion is -1"),
         (split_curves, ([1, 2], [0.4] * 2, [0.1] * 2), {"shared": 1.0}, InputError, "shared is 1"),
         (split_curves, ([1, 2], [0.4, 0.4], [0.1]), {}, InputError, "standard_error"),
-        (split_curves, ([1, np.nan], [0.4] * 2, [0.1] * 2), {}, InputError, "theta holds nan"),
         (split_curves, ([1], [0.4], [0.1]), {}, FitError, "one arch"),
         (combine, (0.3, -0.1), {}, InputError, r"-0\.1"),
         (estimate_two_fidelity, (COARSE, FINE[:5]), {}, InputError, "shape"),
-        (estimate_two_fidelity, (-COARSE, FINE), {}, InputError, "coarse holds -"),
         (estimate_two_fidelity, (COARSE[12:], FINE[12:]), {}, FitError, "4 are needed"),
         (estimate_two_fidelity, (np.ones(100), FINE), {}, FitError, "do not vary"),
     ],

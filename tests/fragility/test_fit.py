@@ -10,7 +10,7 @@ from scipy.optimize import approx_fprime, minimize
 from scipy.stats import binom, norm
 
 from archfrag.errors import FitError, InputError
-from archfrag.fragility.fit import Fragility, fit_brackets, fit_ida, fit_many, fit_stripes
+from archfrag.fragility.fit import Fragility, fit_brackets, fit_ida, fit_stripes
 
 STRIPES = np.array([0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0])
 COLLAPSES = np.array([0, 0, 0, 4, 6, 13, 12, 16])
@@ -57,79 +57,39 @@ CASES = [
 
 
 @pytest.mark.parametrize(("make", "loss"), CASES)
-class TestMaximum:
-    """The estimate is where an independently written likelihood is largest."""
-
-    def test_estimate(self, make, loss):
-        fit = make()
-        found = minimize(lambda p: loss([p[0], np.exp(p[1])]), [-0.5, -1.0], **SEARCH)
-        assert np.log(fit.theta) == pytest.approx(found.x[0], abs=1e-6)
-        assert fit.beta == pytest.approx(np.exp(found.x[1]), rel=1e-6)
-        assert fit.log_likelihood == pytest.approx(-found.fun, abs=1e-9)
-
-    def test_covariance_is_the_inverse_observed_information(self, make, loss):
-        fit = make()
-        point, steps = np.array([np.log(fit.theta), fit.beta]), 1e-4 * np.eye(2)
-        slopes = [[approx_fprime(point + sign * s, loss, 1e-5) for sign in (1, -1)] for s in steps]
-        information = np.array([(up - down) / 2e-4 for up, down in slopes])
-        assert fit.covariance == pytest.approx(np.linalg.inv(information), rel=3e-3, abs=1e-6)
+def test_maximum_and_information_of_an_independently_written_likelihood(make, loss):
+    fit = make()
+    found = minimize(lambda p: loss([p[0], np.exp(p[1])]), [-0.5, -1.0], **SEARCH)
+    assert np.log(fit.theta) == pytest.approx(found.x[0], abs=1e-6)
+    assert fit.beta == pytest.approx(np.exp(found.x[1]), rel=1e-6)
+    assert fit.log_likelihood == pytest.approx(-found.fun, abs=1e-9)
+    point, steps = np.array([np.log(fit.theta), fit.beta]), 1e-4 * np.eye(2)
+    slopes = [[approx_fprime(point + sign * s, loss, 1e-5) for sign in (1, -1)] for s in steps]
+    information = np.array([(up - down) / 2e-4 for up, down in slopes])
+    assert fit.covariance == pytest.approx(np.linalg.inv(information), rel=3e-3, abs=1e-6)
 
 
-class TestMany:
-    LEVELS = np.exp(0.35 * np.linspace(-2.2, 2.2, 15))
-
-    @pytest.mark.parametrize("n_record", [3, 30])
-    def test_draws_are_fitted_as_one_by_one(self, n_record):
-        generator = np.random.default_rng(n_record)
-        capacity = np.exp(0.35 * generator.standard_normal(n_record))
-        times = generator.multinomial(n_record, np.full(n_record, 1.0 / n_record), 60)
-        draws = times @ (capacity[:, None] <= self.LEVELS).astype(float)
-        many = fit_many(self.LEVELS, draws, n_record)
-        assert (0 < many.fitted.sum() < 60) or n_record > 3
-        for i, draw in enumerate(draws):
-            try:
-                one = fit_stripes(self.LEVELS, draw, n_record)
-            except FitError:
-                assert np.isnan([many.theta[i], many.beta[i], many.log_likelihood[i]]).all()
-                continue
-            assert (many.theta[i], many.beta[i]) == pytest.approx((one.theta, one.beta), rel=1e-9)
-            assert many.covariance[i] == pytest.approx(one.covariance, rel=1e-7)
-
-    def test_nearly_separated_draws_reach_their_maximum(self):
-        """Where one run in 40,000 keeps beta from 0 the gradient still vanishes."""
-        levels, k, n = (
-            np.array([0.3, 0.30001, 0.6, 0.61]),
-            np.array([1, 0, 19_999, 20_000]),
-            20_000,
-        )
-        many = fit_many(levels, k[None], n)
-        z = (np.log(levels) - np.log(many.theta[0])) / many.beta[0]
-        up, down = (np.exp(norm.logpdf(z) - tail) for tail in (norm.logcdf(z), norm.logsf(z)))
-        slope = k * up - (n - k) * down
-        assert np.abs([slope.sum(), (slope * z).sum()]).max() < 1e-8
+def test_nearly_separated_counts_reach_their_maximum():
+    """Where one run in 40,000 keeps beta from 0 the gradient still vanishes."""
+    levels, n = np.array([0.3, 0.30001, 0.6, 0.61]), 20_000
+    k = np.array([1, 0, n - 1, n])
+    fit = fit_stripes(levels, k, n)
+    z = (np.log(levels) - np.log(fit.theta)) / fit.beta
+    up, down = (np.exp(norm.logpdf(z) - tail) for tail in (norm.logcdf(z), norm.logsf(z)))
+    slope = k * up - (n - k) * down
+    assert np.abs([slope.sum(), (slope * z).sum()]).max() < 1e-8
 
 
-class TestInvariance:
-    @pytest.mark.parametrize(
-        "fit",
-        [
-            lambda unit: fit_stripes(unit * STRIPES, COLLAPSES, 40),
-            lambda unit: fit_brackets(*(unit * end for end in bracketed(3))),
-        ],
-    )
-    def test_unit_of_intensity(self, fit):
-        one, other = fit(1.0), fit(9.80665)
+class TestAnyData:
+    def test_unit_of_intensity(self):
+        one, other = (fit_stripes(unit * STRIPES, COLLAPSES, 40) for unit in (1.0, 9.80665))
         assert other.theta == pytest.approx(9.80665 * one.theta, rel=1e-11)
         assert other.covariance == pytest.approx(one.covariance, rel=1e-9)
 
-    @settings(max_examples=100, deadline=None)
-    @given(
-        st.lists(
-            st.tuples(st.floats(1e-3, 1e3), st.integers(0, 50), st.integers(0, 50)),
-            min_size=1,
-            max_size=8,
-        )
-    )
+    COUNT = st.integers(0, 50)
+
+    @settings(max_examples=50, deadline=None)
+    @given(st.lists(st.tuples(st.floats(1e-3, 1e3), COUNT, COUNT), min_size=1, max_size=8))
     def test_any_counts_give_a_curve_or_a_fit_error(self, levels):
         im, collapses, standing = np.array(levels).T
         try:
@@ -141,14 +101,13 @@ class TestInvariance:
         assert np.all(np.linalg.eigvalsh(fit.covariance) >= 0.0)
 
 
-class TestCurve:
-    def test_json_round_trip(self):
-        fit = fit_ida(CAPACITIES, 1.3)
-        copy = Fragility.from_dict(json.loads(json.dumps(fit.to_dict())))
-        assert copy == fit
-        assert np.array_equal(copy.covariance, fit.covariance)
-        with pytest.raises(InputError, match="'beta'"):
-            Fragility.from_dict({"theta": 1.0})
+def test_json_round_trip():
+    fit = fit_ida(CAPACITIES, 1.3)
+    copy = Fragility.from_dict(json.loads(json.dumps(fit.to_dict())))
+    assert copy == fit
+    assert np.array_equal(copy.covariance, fit.covariance)
+    with pytest.raises(InputError, match="'beta'"):
+        Fragility.from_dict({"theta": 1.0})
 
 
 @pytest.mark.parametrize(
@@ -160,10 +119,8 @@ class TestCurve:
         (fit_stripes, ([0.1, 0.2, 0.3], [0, 2, 5], 5), FitError, "theta to 0.2"),
         (fit_stripes, ([0.1, 0.1], [1, 4], 5), FitError, "one level"),
         (fit_stripes, ([0.1, 0.2], [4, 1], 5), FitError, "does not rise"),
-        (fit_stripes, ([0.1, 0.2], [2, 2], 5), FitError, "does not rise"),
         (fit_stripes, ([0.1, 0.2], [0, 0], 0), FitError, "nothing to fit"),
         (fit_stripes, ([-0.1, 0.2], [0, 1], 5), InputError, "im holds -0.1"),
-        (fit_stripes, ([np.inf, 0.2], [0, 1], 5), InputError, "im holds inf"),
         (fit_stripes, ([0.1, 0.2], [0, 6], 5), InputError, "collapses is 6 at im = 0.2"),
         (fit_stripes, ([0.1, 0.2], [0, 1.5], 5), InputError, "collapses holds 1.5"),
         (fit_stripes, ([0.1, 0.2], [0, 1], [5, np.inf]), InputError, "n holds inf"),
@@ -171,7 +128,6 @@ class TestCurve:
         (fit_stripes, ([], [], 5), InputError, r"im has shape \(0,\)"),
         (fit_ida, ([],), InputError, r"shape \(0,\)"),
         (fit_ida, ([0.5, -1.0],), InputError, "capacities holds -1"),
-        (fit_ida, ([0.5, np.nan], 1.0), InputError, "capacities holds nan"),
         (fit_ida, ([0.5, INF],), InputError, "capacities holds inf"),
         (fit_ida, ([0.5, 0.6], -1.0), InputError, "truncate_at holds -1"),
         (fit_ida, ([0.5, 0.5],), FitError, "all 2 capacities are 0.5"),
@@ -181,7 +137,6 @@ class TestCurve:
         (fit_brackets, ([0.0, 0.5], [0.2, INF]), FitError, "bracketed from both sides"),
         (fit_brackets, ([0.3, 0.5], [0.2, 0.6]), InputError, "from 0.3 to 0.2 cannot be"),
         (fit_brackets, ([0.0], [INF]), InputError, "from 0 to inf cannot be"),
-        (fit_brackets, ([np.nan], [1.0]), InputError, "from nan to 1 cannot be"),
         (fit_brackets, ([0.1, 0.2], [1.0]), InputError, r"upper \(1,\)"),
     ],
 )

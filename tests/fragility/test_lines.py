@@ -25,18 +25,6 @@ class TestBinomial:
         assert lines.slope[0] == pytest.approx(model.coef_[0, 0], rel=1e-6)
         assert lines.intercept[0] == pytest.approx(model.intercept_[0], rel=1e-6)
 
-    @pytest.mark.parametrize("link", ["probit", "logistic"])
-    def test_integer_weights_are_repeated_points(self, link):
-        generator = np.random.default_rng(3)
-        x = generator.normal(size=60)
-        fell = (x + generator.normal(size=60) > 0).astype(float)
-        times = generator.integers(0, 4, 60)
-        weighted = binomial_lines(x, (times * fell)[None], times[None].astype(float), link)
-        once = np.ones((1, times.sum()))
-        repeated = binomial_lines(np.repeat(x, times), np.repeat(fell, times)[None], once, link)
-        assert weighted.slope == pytest.approx(repeated.slope, rel=1e-8)
-        assert weighted.loss == pytest.approx(repeated.loss, rel=1e-10)
-
     @pytest.mark.parametrize(("link", "inverse"), [("probit", ndtr), ("logistic", expit)])
     def test_data_without_a_maximum_give_the_limit(self, link, inverse):
         """None, all, a step between and at levels, and fractions that fall."""
@@ -73,27 +61,18 @@ def data(seed, n=80):
     return np.column_stack([np.ones(n), x]), lower, upper
 
 
-class TestNormal:
-    def test_beats_a_search(self):
-        design, lower, upper = data(1)
+def test_normal_regression_beats_a_search():
+    design, lower, upper = data(1)
 
-        def loss(p):
-            a, b = ((end - design @ p[:2]) / np.exp(p[2]) for end in (lower, upper))
-            with np.errstate(divide="ignore"):
-                inside = np.log(norm.cdf(b) - norm.cdf(a))
-            return -np.sum(np.where(lower == upper, norm.logpdf(a) - p[2], inside))
+    def loss(p):
+        a, b = ((end - design @ p[:2]) / np.exp(p[2]) for end in (lower, upper))
+        with np.errstate(divide="ignore"):
+            inside = np.log(norm.cdf(b) - norm.cdf(a))
+        return -np.sum(np.where(lower == upper, norm.logpdf(a) - p[2], inside))
 
-        options = {"xatol": 1e-10, "fatol": 1e-12, "maxiter": 5000}
-        best = minimize(loss, [0.0, 1.0, 0.0], method="Nelder-Mead", options=options)
-        found = normal_lines(design, lower, upper, np.ones((1, lower.size)))
-        assert found.coefficients[0] == pytest.approx(best.x[:2], abs=1e-6)
-        assert found.deviation[0] == pytest.approx(np.exp(best.x[2]), rel=1e-6)
-        assert found.loss[0] == pytest.approx(best.fun, rel=1e-10)
-
-    def test_without_bounds_it_is_least_squares(self):
-        design, y, _ = data(2)
-        y = np.where(np.isfinite(y), y, -1.5)
-        found = normal_lines(design, y, y, np.ones((1, y.size)))
-        expected, square = np.linalg.lstsq(design, y, rcond=None)[:2]
-        assert found.coefficients[0] == pytest.approx(expected, rel=1e-9)
-        assert found.deviation[0] == pytest.approx(np.sqrt(square[0] / y.size), rel=1e-9)
+    options = {"xatol": 1e-10, "fatol": 1e-12, "maxiter": 5000}
+    best = minimize(loss, [0.0, 1.0, 0.0], method="Nelder-Mead", options=options)
+    found = normal_lines(design, lower, upper, np.ones((1, lower.size)))
+    assert found.coefficients[0] == pytest.approx(best.x[:2], abs=1e-6)
+    assert found.deviation[0] == pytest.approx(np.exp(best.x[2]), rel=1e-6)
+    assert found.loss[0] == pytest.approx(best.fun, rel=1e-10)

@@ -25,15 +25,24 @@ class BruteForce:
         self.of_beta = np.cumsum(row) - 0.5 * row, -np.log(b[::-1])
         self.a, self.b = (np.broadcast_to(v, weight.shape) for v in (a, b))
 
-    def quantiles(self, values, tails=TAILS):
+    def quantiles(self, values):
         values = values.ravel()
         order = np.argsort(values)
         below = np.cumsum(self.weight[order]) - 0.5 * self.weight[order]
-        return np.interp(tails, below, values[order])
+        return np.interp(TAILS, below, values[order])
 
-    def betas(self):
-        """Quantiles of 1 / b, by its own sum: sorted values would come in steps."""
-        return np.exp(np.interp(TAILS, *self.of_beta))
+    def check(self, known, intensities):
+        """Quantiles of theta, of beta (by its own sum: sorted values come in steps), of P."""
+        theta = np.exp(self.quantiles(-self.a / self.b))
+        assert known.theta_interval() == pytest.approx(theta[[0, 2]], rel=5e-3)
+        assert known.fragility.theta == pytest.approx(theta[1], rel=2e-3)
+        beta = np.exp(np.interp(TAILS, *self.of_beta))
+        assert known.beta_interval() == pytest.approx(beta[[0, 2]], rel=5e-3)
+        assert known.fragility.beta == pytest.approx(beta[1], rel=2e-3)
+        for im in intensities:
+            p = self.quantiles(ndtr(self.a + self.b * np.log(im)))
+            band = known.band(im)
+            assert [float(band.lower), float(band.upper)] == pytest.approx(p[[0, 2]], abs=1e-3)
 
 
 def run_weight(x, k, n):
@@ -61,18 +70,7 @@ class TestRuns:
     @pytest.mark.parametrize("k", [(0, 1, 1, 2, 3), (0, 0, 2, 3, 3)])
     def test_brute_force(self, k):
         x, n = np.log(self.IM), np.full(5, 3)
-        known = fit_posterior(self.IM, k, n)
-        brute = BruteForce(run_weight(x, k, n))
-        theta = np.exp(brute.quantiles(-brute.a / brute.b))
-        assert known.theta_interval() == pytest.approx(theta[[0, 2]], rel=5e-3)
-        assert known.fragility.theta == pytest.approx(theta[1], rel=2e-3)
-        beta = brute.betas()
-        assert known.beta_interval() == pytest.approx(beta[[0, 2]], rel=5e-3)
-        assert known.fragility.beta == pytest.approx(beta[1], rel=2e-3)
-        for im in (0.6, 0.9, 1.3):
-            p = brute.quantiles(ndtr(brute.a + brute.b * np.log(im)))
-            band = known.band(im)
-            assert [float(band.lower), float(band.upper)] == pytest.approx(p[[0, 2]], abs=1e-3)
+        BruteForce(run_weight(x, k, n)).check(fit_posterior(self.IM, k, n), (0.6, 0.9, 1.3))
 
     @pytest.mark.parametrize("k", [[0] * 5, [1] * 5, [0, 0, 1, 1, 1], [1, 0, 1, 0, 1]])
     def test_always_a_band(self, k):
@@ -107,15 +105,7 @@ class TestCapacities:
             prior = beta / (beta**2 + width**2 / 12.0) / (1.0 + (beta / span) ** 2)
             return np.log(mass) + np.log(prior) + 2.0 * np.log(beta)
 
-        brute = BruteForce(log_weight, reach=40.0)
-        theta = np.exp(brute.quantiles(-brute.a / brute.b))
-        beta = brute.betas()
-        assert known.theta_interval() == pytest.approx(theta[[0, 2]], rel=3e-3)
-        assert known.beta_interval() == pytest.approx(beta[[0, 2]], rel=5e-3)
-        for im in (0.25, 0.4, 0.8):
-            p = brute.quantiles(ndtr(brute.a + brute.b * np.log(im)), TAILS[[0, 2]])
-            band = known.band(im)
-            assert [float(band.lower), float(band.upper)] == pytest.approx(p, abs=1e-3)
+        BruteForce(log_weight, reach=40.0).check(known, (0.25, 0.4, 0.8))
 
     def test_narrow_brackets_are_a_normal_sample(self):
         """Student's t and chi-square, but for the effect of the finite span of levels."""
@@ -123,20 +113,10 @@ class TestCapacities:
         known = fit_capacity_posterior(np.exp(logs - 1e-3), np.exp(logs + 1e-3))
         mean, deviation = logs.mean(), logs.std(ddof=1)
         reach = t.ppf(0.95, 39) * deviation / np.sqrt(40)
-        assert np.log(known.theta_interval()) == pytest.approx(
-            [mean - reach, mean + reach], abs=2e-3
-        )
-        assert known.beta_interval() == pytest.approx(
-            deviation * np.sqrt(39 / chi2.ppf([0.95, 0.05], 39)), rel=1e-2
-        )
-
-    def test_fewer_independent_records_widen_it(self):
-        ends = [
-            fit_capacity_posterior(self.LOWER, self.UPPER, n).theta_interval()
-            for n in (None, 8.0, 4.0)
-        ]
-        assert ends[0] == ends[1]
-        assert ends[2][0] < ends[1][0] < ends[1][1] < ends[2][1]
+        ends = [mean - reach, mean + reach]
+        assert np.log(known.theta_interval()) == pytest.approx(ends, abs=2e-3)
+        betas = deviation * np.sqrt(39 / chi2.ppf([0.95, 0.05], 39))
+        assert known.beta_interval() == pytest.approx(betas, rel=1e-2)
 
     def test_one_capacity_that_agrees_with_all_still_gives_a_curve(self):
         known = fit_capacity_posterior([0.3] * 6, [0.4] * 6)

@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from archfrag.errors import InputError
+
 REAL_RECORDS = Path(__file__).resolve().parents[3] / "shared" / "records"
 SHIPPED = Path(__file__).resolve().parents[2] / "records"
 
@@ -37,6 +39,17 @@ def at2_text(
         fourth.format(count=len(samples) if count is None else count, dt=dt),
     ]
     return end.join([*header, *rows]) + end
+
+
+def refused(call, *parts, start=""):
+    """A function refuses what it is given, in one line that begins so and holds these parts."""
+    with pytest.raises(InputError) as caught:
+        call()
+    message = str(caught.value)
+    assert message.startswith(str(start))
+    assert "\n" not in message
+    assert len(message) < 1000
+    assert all(part in message for part in parts), message
 
 
 def wave(count=400, dt=0.01, frequency=1.5):

@@ -1,7 +1,6 @@
 """Text formats of agencies: claims, one motion in each, headers, faults and refusals."""
 
 import time
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from archfrag.motions.formats.waveform import OWN, _function, recognise
 from archfrag.motions.measures import pga
 from archfrag.motions.read import read_motion, read_motions
 
-from .helpers import FOURTH_LINES, at2_text, wave
+from .helpers import FOURTH_LINES, at2_text, refused, wave
 from .samples import (
     KIKNET,
     MADE_UP,
@@ -51,29 +50,12 @@ def read_all(folder, text, **options):
     return read_motions(put(folder, text), **options)
 
 
-def refused(folder, text, *parts, name="record.txt", **options):
-    """The file is refused in one line that begins with its name and holds these parts."""
+def refuse(folder, text, *parts, name="record.txt"):
     path = put(folder, text, name)
-    with pytest.raises(RecordError) as caught:
-        read_motions(path, **options)
-    message = str(caught.value)
-    assert message.startswith(str(path))
-    assert "\n" not in message
-    assert len(message) < 1000
-    assert all(part in message for part in parts), message
+    refused(lambda: read_motions(path), *parts, start=path)
 
 
 class TestClaims:
-    def test_every_reader_is_a_plug_in_of_obspy(self):
-        with open(Path(__file__).parents[2] / "pyproject.toml", "rb") as file:
-            points = tomllib.load(file)["project"]["entry-points"]
-        for name, module in OWN.items():
-            place = f"archfrag.motions.formats.{module}"
-            functions = {"isFormat": f"{place}:is_{name.lower()}",
-                         "readFormat": f"{place}:read_{name.lower()}"}  # fmt: skip
-            assert points["obspy.plugin.waveform"][name] == place
-            assert points[f"obspy.plugin.waveform.{name}"] == functions
-
     def test_no_file_of_obspy_and_no_other_content_is_claimed(self, tmp_path):
         for content in (b"", bytes(range(256)) * 20, b"ACCELERATION\n" * 50, b"\xff\xfe" * 3000,
                         at2_text(EAST).replace("NPTS", "N").encode()):  # fmt: skip
@@ -126,7 +108,7 @@ class TestEachFormat:
         ends = (" 400 POINTS OF VELOC", "End of Data", "End-of-data", "\nCorrected acc")
         first = min(found for end in ends if (found := text.find(end) % (len(text) + 900)) > 0)
         for end in range(0, max(first - 900, 1), 900):
-            refused(tmp_path, text[:end])
+            refuse(tmp_path, text[:end])
 
     @pytest.mark.parametrize(
         ("text", "rounding"),
@@ -271,7 +253,7 @@ class TestTimes:
 
     def test_a_last_row_from_memory_is_left_out(self, tmp_path):
         assert read_all(tmp_path, smc(filler=8))[0].acceleration.size == 400
-        refused(tmp_path, smc(filler=9), "announces 400 samples", "holds 409")
+        refuse(tmp_path, smc(filler=9), "announces 400 samples", "holds 409")
 
 
 class TestFaults:
@@ -297,7 +279,7 @@ class TestFaults:
         assert "no end-of-data line" in read_all(tmp_path, cut)[1].metadata["faults"][0]
         short = text[: text.upper().rindex("END") - 1500]
         if "VELOC DATA" not in text:
-            refused(tmp_path, short, "announces 400 samples", "holds only")
+            refuse(tmp_path, short, "announces 400 samples", "holds only")
         assert read_all(tmp_path, short, accept=["samples"])
 
     @pytest.mark.parametrize(
@@ -314,7 +296,7 @@ class TestFaults:
         assert "faults" not in good
         assert "the header states a peak of" in odd["faults"][0]
         assert wrong["accepted"]
-        refused(tmp_path, make(2.0 * peak), "the header states a peak of", "accept` with header")
+        refuse(tmp_path, make(2.0 * peak), "the header states a peak of", "accept` with header")
 
 
 @pytest.mark.parametrize(
@@ -327,26 +309,19 @@ class TestFaults:
         (at2_text(EAST, count=0), ["line 4", "'0' samples"]),
         (at2_text(EAST).replace("NPTS", "N"), ["line 4", "NPTS"]),
         (smc(kind="3 VELOCITY"), ["line 1", "an accelerogram (type 1 or 2)"]),
-        (smc(count=1), ["line 14", "'1' samples"]),
         (cosmos().replace("1       1       2     120", "1       2       2     120"),
          ["none of the channels"]),
         (cosmos(0, 50, factor=5e6), ["does not state the unit"]),
-        (cosmos(r61=0.0), ["time step 0 s"]),
         (cosmos(r33=-999.0, r61=-999.0), ["no time step"]),
-        (cosmos().replace("   400 accel", "   4x0 accel"), ["'4x0' samples"]),
         (cosmos().replace(" 100 Real-header", " 999999 Real-header"), ["999999 real-header"]),
         (dmg_v1().replace("100 pts/sec", "0 pts/sec"), ["time step 0 s"]),
         (dmg_v1().replace("at 100 pts/sec", ""), ["no time step"]),
         (dmg_v1() + "PROSE AFTER ALL\n", ["(UN)CORRECTED ACCELEROGRAM"]),
-        (dyna_text(SAMPLES, units="cm/s"), ["line 22", "'cm/s'"]),
         (dyna_text(SAMPLES, data_type="VELOCITY"), ["line 27", "'VELOCITY'"]),
         (dyna_text(SAMPLES, units=None), ["gives no UNITS"]),
-        (dyna_text(SAMPLES, ndata="1e99"), ["line 20", "'1e99' samples"]),
         (dyna_text(SAMPLES, sampling_interval_s="nan"), ["line 19", "time step nan s"]),
         (dyna_text(SAMPLES, user5="\nUSER5: "), ["line 29", "USER5", "a second time"]),
         (dyna_text(SAMPLES, count=500), ["announces 500 samples of channel HNE", "only 400"]),
-        (resorce_text(EAST).replace("Accelaration", "Velocity"), ["line 10", "'Velocity'"]),
-        (resorce_text(EAST).replace(": 0.005", ": -1"), ["Time Increment", "time step -1 s"]),
         (resorce_text(EAST, count="4" * 3000), ["samples are announced"]),
         ("\n".join(geonet_text(ONE).splitlines()[:20]), ["26 header lines"]),
         (geonet_text(ONE, count=500), ["announces 500 samples of channel N00E"]),
@@ -356,11 +331,11 @@ class TestFaults:
     ],
 )  # fmt: skip
 def test_refusals(tmp_path, text, parts):
-    refused(tmp_path, text, *parts, name="a.AT2" if "PEER" in text[:9] else "record.txt")
+    refuse(tmp_path, text, *parts, name="a.AT2" if "PEER" in text[:9] else "record.txt")
 
 
 def test_a_header_line_without_end_takes_no_time(tmp_path):
     begun = time.process_time()
     read_all(tmp_path, dmg_v1().replace("HYPOCENTER", "9" * 2000 + " HYPOCENTER"))
-    refused(tmp_path, cosmos() + "(Format v" * 20_000)
+    refuse(tmp_path, cosmos() + "(Format v" * 20_000)
     assert time.process_time() - begun < 1.0

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.signal import detrend
 
-from archfrag.errors import InputError, RecordError
+from archfrag.errors import RecordError
 from archfrag.motions import process
 from archfrag.motions.motion import Motion
 from archfrag.motions.rotate import azimuth_of_code, rotate
 
-from .helpers import REAL_RECORDS, needs_real_records, wave
+from .helpers import REAL_RECORDS, needs_real_records, refused, wave
 
 
 def pair(**metadata):
@@ -30,12 +30,8 @@ class TestSteps:
         assert np.abs(process.velocity(motion)).max() < 1e-5
 
     def test_taper(self):
-        ones = Motion(np.ones(100), 0.01)
-        left = process.taper(ones, fraction=0.1, side="left").acceleration
-        assert left[[0, 5]] == pytest.approx([0.0, 0.5])
-        assert (left[10:] == 1.0).all()
-        both = process.taper(ones, fraction=0.1).acceleration
-        assert np.array_equal(both, both[::-1])
+        left = process.taper(Motion(np.ones(100), 0.01), fraction=0.1, side="left").acceleration
+        assert left[[0, 5, 10, 99]] == pytest.approx([0.0, 0.5, 1.0, 1.0])
 
     @pytest.mark.parametrize("causal", [False, True])
     def test_bandpass_leaves_at_its_corners_what_one_or_two_passes_do(self, causal):
@@ -77,12 +73,11 @@ class TestSteps:
         high = process.resample(Motion(packet(time, 35.0), 0.01), 0.02)
         assert np.abs(high.acceleration).max() < 1e-3
 
-    def test_nothing_given_is_changed(self):
+    def test_all_components_are_changed_alike_and_nothing_given_is(self):
         samples = np.random.default_rng(0).standard_normal(500)
         motion = Motion(samples, 0.01, vertical=samples, across=samples)
         for step in (process.demean, process.detrend, process.taper, process.baseline,
                      lambda m: process.bandpass(m, 0.1, 20.0),
-                     lambda m: process.bandpass(m, 0.1, 20.0, causal=True),
                      lambda m: process.resample(m, 0.02)):  # fmt: skip
             changed = step(motion)
             assert len(changed.log) == 1
@@ -97,21 +92,17 @@ class TestRotation:
         assert np.allclose(rotated.acceleration, motion.across, rtol=0, atol=1e-15)
         assert np.allclose(rotated.across, -motion.acceleration, rtol=0, atol=1e-15)
 
-    def test_to_an_azimuth(self):
-        motion = pair(component="000", component_across="090")
-        rotated = rotate(motion, azimuth=30.0)
-        cosine, sine = np.cos(np.pi / 6.0), np.sin(np.pi / 6.0)
-        expected = cosine * motion.acceleration + sine * motion.across
-        assert np.allclose(rotated.acceleration, expected, rtol=0, atol=1e-14)
-        assert rotated.metadata["azimuth"] == 30.0
-        assert "rotated to azimuth 30 degrees (from 0 and 90)" in rotated.log[-1]
-
-    def test_components_need_not_be_perpendicular(self):
+    @pytest.mark.parametrize("azimuth", [30.0, 90.0])
+    @pytest.mark.parametrize(("code", "apart"), [("090", 90.0), ("060", 60.0)])
+    def test_to_an_azimuth(self, azimuth, code, apart):
         north, east = wave(), 2.0 * wave(frequency=3.0)
-        oblique = np.cos(np.pi / 3) * north + np.sin(np.pi / 3) * east
-        motion = Motion(north, 0.01, across=oblique,
-                        metadata={"azimuth": 0.0, "azimuth_across": 60.0})  # fmt: skip
-        assert np.allclose(rotate(motion, azimuth=90.0).acceleration, east, rtol=0, atol=1e-14)
+        wanted, apart = np.deg2rad([azimuth, apart])
+        facts = {"component": "000", "component_across": code}
+        other = np.cos(apart) * north + np.sin(apart) * east
+        rotated = rotate(Motion(north, 0.01, across=other, metadata=facts), azimuth=azimuth)
+        expected = np.cos(wanted) * north + np.sin(wanted) * east
+        assert np.allclose(rotated.acceleration, expected, rtol=0, atol=1e-14)
+        assert rotated.metadata["azimuth"] == azimuth
 
     @pytest.mark.parametrize(
         ("code", "azimuth"),
@@ -131,13 +122,9 @@ ALONE = Motion(wave(), 0.01, id="m")
         (lambda m: process.bandpass(m, 5.0, 1.0), ["m: ", "5.0 and 1.0 Hz", "50 Hz"]),
         (lambda m: process.bandpass(m, 1.0, 50.0), ["0 < lowest < highest < 50 Hz"]),
         (lambda m: process.bandpass(m, None, None), ["None and None Hz"]),
-        (lambda m: process.bandpass(m, 0.1, 20.0, 11), ["order 11", "1 to 10"]),
         (lambda m: process.cut(m, -0.1, 0.5), ["m: ", "-0.1 s to 0.5 s", "3.99 s"]),
         (lambda m: process.cut(m, 5.0, 6.0), ["at least two samples"]),
         (lambda m: process.resample(m, 0.00314159265), ["0.01 s to 0.00314159 s", "1000"]),
-        (lambda m: process.taper(m, 0.6), ["0.6", "0.5"]),
-        (lambda m: process.baseline(m, 6), ["order 6", "1 to 5"]),
-        (lambda m: process.trim_by_arias(m, 0.5, 0.4), ["0.5 and 0.4"]),
         (lambda m: process.trim_by_threshold(m, 9.0), ["no sample reaches", "9 m/s2"]),
         (lambda m: rotate(m), ["one of azimuth and angle"]),
         (lambda m: rotate(ALONE, angle=1.0), ["m: rotate needs two horizontal"]),
@@ -147,9 +134,7 @@ ALONE = Motion(wave(), 0.01, id="m")
     ],
 )  # fmt: skip
 def test_refusals(call, parts):
-    with pytest.raises((InputError, RecordError)) as caught:
-        call(pair())
-    assert all(part in str(caught.value) for part in parts), caught.value
+    refused(lambda: call(pair()), *parts)
 
 
 @needs_real_records

@@ -1,6 +1,7 @@
 """Units, components and what is refused unless accepted: from a file to a motion."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -16,14 +17,12 @@ from archfrag.motions.measures import pga
 from archfrag.motions.plausible import ACCEPTABLE
 from archfrag.motions.read import load_motion, read_motion, read_motions
 
-from .helpers import SHIPPED, at2_text, wave
+from .helpers import SHIPPED, at2_text, refused, wave
 from .samples import knet_text
 
 G = 9.80665
 RAMP = np.arange(400.0)
 COUNTS = np.round(4000.0 * wave())
-ARCH = ["--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoirs", "7",
-        "--friction", "0.7", "--scale", "0"]  # fmt: skip
 
 
 def trace(channel="HNE", data=COUNTS, dt=0.01, start=0.0):
@@ -74,12 +73,6 @@ class TestUnits:
             motion = read_motion(path, unit=unit, accept=["pga"])
             assert np.allclose(motion.acceleration, factor * COUNTS, rtol=1e-6, atol=1e-9)
 
-    @pytest.mark.parametrize(("unit", "factor"), [("G", G), ("CM/S2", 0.01)])
-    def test_at2_is_converted_once(self, tmp_path, unit, factor):
-        motion = read_motion(at2(tmp_path, wave(), unit=unit))
-        assert pga(motion) == pytest.approx(np.abs(wave()).max() * factor, rel=1e-6)
-        assert (motion.id, motion.metadata["unit_in_file"]) == ("a", unit.lower())
-
     @pytest.mark.parametrize("name", ["record.xml", "XX.AB.xml"])
     def test_counts_with_station_xml_beside_are_demeaned(self, tmp_path, name):
         path = write(tmp_path / "record.mseed", trace(data=COUNTS + 5000))
@@ -95,11 +88,11 @@ class TestUnits:
         (tmp_path / "elsewhere").mkdir()
         table = str(tmp_path / "elsewhere" / "[1]*.xml")
         station_xml().write(table, format="STATIONXML")
-        for command in (["records", "show", path], ["simulate", *ARCH, path]):
-            refused = CliRunner().invoke(main, command)
-            assert refused.exit_code == 2
-            assert "--inventory on the command line" in refused.output
-            assert CliRunner().invoke(main, [*command, "--inventory", table]).exit_code == 0
+        command = ["records", "measure", path, "--out", str(tmp_path / "flat.csv")]
+        result = CliRunner().invoke(main, command)
+        assert result.exit_code == 2
+        assert "--inventory on the command line" in result.output
+        assert CliRunner().invoke(main, [*command, "--inventory", table]).exit_code == 0
 
     def test_knet_scale_factor_is_applied_once_and_the_offset_removed(self, tmp_path):
         counts = np.round(1e5 * wave()).astype(int) + 400_000
@@ -218,7 +211,6 @@ NAN = np.where(RAMP == 17, np.nan, wave())
         (at2, {"unit": "m/s2"}, ["'m/s2'", "'g'"]),
         (lambda f: knet(f, np.arange(200)), {"unit": "gal"}, ["'gal'", "scale factor"]),
         (lambda f: slist(f, "0.0"), {"unit": "g"}, ["time step 0.0 s"]),
-        (lambda f: slist(f, "-100.0"), {"unit": "g"}, ["time step -0.01 s"]),
         (lambda f: write(f / "a", trace("HNZ")), {"unit": "g"}, ["only the vertical", "HNZ"]),
         (lambda f: write(f / "a", trace()), {"unit": "g", "component": "N"}, ["'N'", "HNE"]),
         (lambda f: write(f / "a", trace("ABC"), trace("ABD")), {"unit": "g"}, ["'ABC', 'ABD'"]),
@@ -231,22 +223,17 @@ NAN = np.where(RAMP == 17, np.nan, wave())
     ],
 )  # fmt: skip
 def test_refusals(tmp_path, make, options, parts):
-    with pytest.raises(RecordError) as caught:
-        read_motion(make(tmp_path), **options)
-    message = str(caught.value)
-    assert message.startswith(str(tmp_path))
-    assert "\n" not in message
-    assert all(part in message for part in parts), message
+    path = make(tmp_path)
+    refused(lambda: read_motion(path, **options), *parts, start=tmp_path)
 
 
 def acceptable(path, word, *parts, **options):
     """The record is refused with these parts in the message, and read if the word is accepted."""
-    for accept in ((), [other for other in ACCEPTABLE if other != word]):
-        with pytest.raises(RecordError) as caught:
-            read_motion(path, accept=accept, **options)
-        assert str(caught.value).startswith(f"{path}: ")
-        for part in (*parts, f"--accept {word} on the command line"):
-            assert part in str(caught.value)
+    others = [other for other in ACCEPTABLE if other != word]
+    remedy = f"--accept {word} on the command line"
+    for accept in ((), others):
+        read = partial(read_motion, path, accept=accept, **options)
+        refused(read, *parts, remedy, start=f"{path}: ")
     motion = read_motion(path, accept=[word], **options)
     assert motion.metadata["accepted"]
     assert set(motion.metadata["accepted"]) <= set(motion.log)
@@ -275,8 +262,7 @@ class TestAccept:
             path = at2(tmp_path, dt=dt, fourth="NPTS= {count:6d}, DT= {dt} SEC")
             motion = acceptable(path, "time_step", f"{dt:g} s", "0.0001 to 0.1 s")
             assert motion.dt == pytest.approx(dt)
-        for limit in (1e-4, 0.1):
-            assert read_motion(at2(tmp_path, dt=limit)).dt == limit
+        for limit in (1e-4, 0.1):  # which SAC holds in single precision
             single = trace(data=np.float32(0.1 * wave()), dt=limit)
             sac = write(tmp_path / "a.sac", single, form="SAC")
             assert read_motion(sac, unit="g").dt == pytest.approx(limit, rel=1e-6)
@@ -316,12 +302,12 @@ class TestAccept:
 
     def test_in_an_index_and_on_the_command_line(self, tmp_path):
         path = str(at2(tmp_path, 10.0 * wave(), count=500))
-        for command in (["records", "show", path], ["simulate", *ARCH, path]):
-            result = CliRunner().invoke(main, command)
-            assert result.exit_code == 2
-            assert result.output.startswith(f"archfrag: error: {path}: the header announces 500")
-            accept = ["--accept", "pga", "--accept", "samples"]
-            assert CliRunner().invoke(main, [*command, *accept]).exit_code == 0
+        command = ["records", "measure", path, "--out", str(tmp_path / "flat.csv")]
+        result = CliRunner().invoke(main, command)
+        assert result.exit_code == 2
+        assert result.output.startswith(f"archfrag: error: {path}: the header announces 500")
+        accept = ["--accept", "pga", "--accept", "samples"]
+        assert CliRunner().invoke(main, [*command, *accept]).exit_code == 0
         index = put(tmp_path / "index.csv", "id,file,unit,accept\nstrong,a.AT2,g,pga samples\n")
         for motion in (load_motion(load_index(index)[0]), read_motion(path)):
             assert len(motion.metadata["accepted"]) == 2

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from archfrag.errors import InputError, OutputError, RecordError
+from archfrag.errors import OutputError, RecordError
 from archfrag.motions.index import load_index
 from archfrag.motions.measures import scale_factor, spectral_acceleration
 from archfrag.motions.motion import Motion
@@ -24,7 +24,7 @@ from archfrag.motions.selection import (
 )  # fmt: skip
 from archfrag.motions.units import STANDARD_GRAVITY
 
-from .helpers import at2_text
+from .helpers import at2_text, refused
 
 GRID = np.array([0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0])
 NEAR = Rupture(magnitude=7.0, distance_km=12.0, vs30_mps=400.0)
@@ -172,14 +172,6 @@ class TestLimits:
 
 
 class TestOutput:
-    def test_figure_shows_both_with_their_bands(self, thousand):
-        figure = select_records(thousand, TARGET, 10, 1).figure()
-        labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
-        assert labels == [
-            "10 selected, scaled", "target: median", "target: 2.5 and 97.5 %",
-            "selected: median", "selected: 2.5 and 97.5 %",
-        ]  # fmt: skip
-
     def test_index_that_a_study_reads_and_scales_by_the_same_factors(self, tmp_path):
         """At the level of a conditional spectrum a study's factors are those selected."""
         (tmp_path / "at2").mkdir()
@@ -251,11 +243,9 @@ def in_csv(text):
     ("call", "parts"),
     [
         (lambda *_: correlation(1.0, 0.009), ["period 0.009 s", "0.01 to 10 s"]),
-        (lambda *_: correlation(1.0, np.nan), ["period nan s"]),
         (predicted({}, "CY08"), ["'CY08'", "ASK14, BSSA14"]),
         (predicted({}, "ASB14", [5.0]), ["period 5 s", "0.01 to 4 s", "ASB14"]),
         (predicted({"region": "mars"}), ["region 'mars'", "CY14"]),
-        (predicted({"mechanism": "NS"}, "I14"), ["mechanism 'NS'", "I14"]),
         (predicted({"mechanism": "XX"}), ["mechanism 'XX'", "SS, RS, NS"]),
         (predicted({"vs30_mps": 0.0}), ["vs30_mps = 0.0"]),
         (given(NEAR, 0.0, 1.0), ["level = 0.0 g"]),
@@ -263,18 +253,16 @@ def in_csv(text):
         (given(NEAR, 0.3, 1.0, [0.5, 0.5]), ["0.5 s is there twice"]),
         (in_csv("T,Sa_g\n1,2\n"), ["target.csv", "'period_s'"]),
         (in_csv("period_s,Sa_g\n"), ["no rows"]),
-        (in_csv("period_s,Sa_g\n1,x\n"), ["line 2: Sa_g = 'x'"]),
-        (in_csv("period_s,Sa_g\n1\n"), ["line 2: Sa_g = "]),
+        (in_csv("period_s,Sa_g\n1,x\n"), ["target.csv", "Sa_g = 'x' is not a number"]),
+        (in_csv("period_s,Sa_g\n1\n"), ["target.csv", "Sa [nan]", "finite"]),
         (in_csv("period_s,Sa_g\n1,-2\n"), ["median Sa -2 g"]),
         (in_csv("period_s,Sa_g,sd\n1,2,-1\n"), ["sd -1"]),
         (in_csv("period_s,Sa_g,sd\n1,2,0\n2,2,0\n3,2,.5\n"), ["sd is 0 at 2 periods"]),
         (in_csv("period_s,Sa_g\n0,2\n"), ["periods [0.0]"]),
         (lambda *_: screen(SMALL, magnitude=(7.0, 6.0)), ["magnitude from 7 to 6"]),
         (lambda *_: screen(SMALL, vs30_mps=(1.0, 2.0)), ["nga.csv", "'vs30_mps' is missing"]),
-        (lambda *_: screen(SMALL, pulse=True), ["'pulse' is missing"]),
         (lambda *_: screen(SMALL, distance_km=(0, 9)), ["distance_km = 'far'"]),
         (lambda *_: screen(SMALL, magnitude=(8.0, None)), ["magnitude from 8 to inf leaves 0"]),
-        (chosen(lambda t: t.drop(columns="record")), ["'record' is missing"]),
         (chosen(lambda t: t[["record"]]), ["no column of Sa, such as T0.100S"]),
         (chosen(lambda t: t.drop(columns="T0.050000S")), ["asks for 0.05 s"]),
         (chosen(lambda t: t.drop(columns=[c for c in t if c.startswith(("T0.8", "T1.", "T0.7"))])),
@@ -291,6 +279,4 @@ def in_csv(text):
     ],
 )  # fmt: skip
 def test_refusals(thousand, tmp_path, call, parts):
-    with pytest.raises((InputError, RecordError)) as caught:
-        call(thousand, tmp_path)
-    assert all(part in str(caught.value) for part in parts), caught.value
+    refused(lambda: call(thousand, tmp_path), *parts)

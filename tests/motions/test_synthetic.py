@@ -6,10 +6,11 @@ import numpy as np
 import pygmm
 import pytest
 
-from archfrag.errors import InputError, OutputError, RecordError
+from archfrag.errors import InputError, RecordError
 from archfrag.motions import synthetic
 from archfrag.motions.index import load_index
-from archfrag.motions.measures import pga, pgv, spectral_acceleration
+from archfrag.motions.integrals import pgv
+from archfrag.motions.measures import pga, spectral_acceleration
 from archfrag.motions.motion import Motion
 from archfrag.motions.process import velocity
 from archfrag.motions.read import load_motion
@@ -25,7 +26,6 @@ from archfrag.motions.synthetic.variation import (
     draw_term,
     frequencies,
     grid,
-    power_fractions,
 )
 from archfrag.motions.units import STANDARD_GRAVITY
 
@@ -126,26 +126,15 @@ class TestSuite:
             range(20250101, 20250116), 2
         )
 
-    def test_making_again_gives_the_same_samples_and_index(self, tmp_path):
-        recipes = synthetic.shipped_recipes()
-        shipped = {entry.id: entry for entry in load_index(SHIPPED)}
-        assert list(shipped) == [recipe.id for recipe in recipes]
-        synthetic.make_suite(tmp_path, recipes[::4])
-        for ours in load_index(tmp_path):
-            theirs = shipped[ours.id]
-            assert ours.metadata == theirs.metadata
-            made, motion = load_motion(ours), load_motion(theirs)
-            assert np.array_equal(made.acceleration, motion.acceleration)
-            assert not motion.acceleration[:100].any()
+    def test_the_ground_is_at_rest_before_and_after(self):
+        """That making them again gives the same bytes is in workflow/test_cli_records.py."""
+        for recipe in synthetic.shipped_recipes()[::4]:
+            motion = recipe.make()
             speed = velocity(motion)
             place = np.cumsum(speed)
+            assert not motion.acceleration[:100].any()
             assert abs(speed[-1]) < 1e-4 * np.abs(speed).max()
             assert abs(place[-1]) < 5e-3 * np.abs(place).max()
-
-    def test_folder_that_cannot_be_made(self, tmp_path):
-        (tmp_path / "file").touch()
-        with pytest.raises(OutputError, match=r"cannot be written"):
-            synthetic.make_suite(tmp_path / "file")
 
     @pytest.mark.parametrize("model", ["CY14", "ASK14"])
     def test_the_shipped_suite_is_the_models_but_for_what_its_seeds_drew(self, model):
@@ -160,19 +149,6 @@ class TestSuite:
             ratios.append(np.log(spectrum) - median)
         found = np.exp(np.mean(ratios, axis=0) - mean_term(seeds))
         assert found == pytest.approx(1.0, abs=0.15)
-
-    def test_ratios_in_the_readme_agree_with_the_table_of_motions(self):
-        rows = [line.split(",") for line in (SHIPPED / "spectra.csv").read_text().splitlines()[1:]]
-        readme = (SHIPPED / "README.md").read_text(encoding="utf-8")
-        found = re.search(r"^\| all \| 30 \|(.*)\|$", readme, re.MULTILINE)
-        computed = []
-        for model in ("CY14", "ASK14", "BSSA14"):
-            values = np.array([row[2:] for row in rows if row[1] == model], dtype=float)
-            assert len(values) == 30
-            computed.extend(np.exp(np.log(values).mean(axis=0)))
-        assert [float(cell) for cell in found.group(1).split("|")] == pytest.approx(
-            computed, abs=0.006
-        )
 
 
 class TestIndex:
@@ -233,7 +209,7 @@ class TestVariation:
             place = np.digitize(np.fft.rfftfreq(8192, motion.dt), np.geomspace(0.5, 10.0, 14))
             return 0.5 * np.log([power[place == band].mean() for band in range(1, 14)])
 
-        n = range(120)
+        n = range(80)
         first = np.array([amplitudes(Seeds(s, s, s)) for s in n])
         for event, site, low, high in (
             (500, 500, -0.15, 0.15), (0, 500, 0.2, 0.5), (500, 0, 0.15, 0.45), (0, 0, 0.5, 0.75),
@@ -273,17 +249,6 @@ class TestVertical:
         assert np.exp(ratio.mean(axis=0)) == pytest.approx(wanted, rel=0.12)
         assert 0.3 < ratio.std(axis=0).min() < ratio.std(axis=0).max() < 0.65
 
-    def test_factor_gives_mean_squares_of_oscillators_the_ratio(self):
-        amplitude = _amplitude(grid(), 7.0, 10.0, 760.0)
-        factor = verticals.vertical_factor(amplitude, 7.0, 10.0, 760.0)
-        gain = np.exp(2.0 * np.interp(np.log(grid()), np.log(frequencies()), factor))
-        periods = np.array([0.05, 0.075, 0.1, 0.15, 0.2, 0.5])
-        found = np.sqrt(power_fractions(amplitude, periods) @ gain)
-        rock_pga = verticals._expected_peak(amplitude, 7.0, 10.0) / 9.80665
-        wanted = verticals.vertical_ratio(7.0, 10.0, 760.0, rock_pga)
-        places = np.interp(periods, verticals.vertical_periods(), wanted)
-        assert found == pytest.approx(places, rel=0.04)
-
 
 class TestPulse:
     def test_wavelet_is_the_derivative_of_its_velocity(self):
@@ -292,11 +257,6 @@ class TestPulse:
         form = 0.5 * (1.0 + np.cos(np.pi * time / 2.0)) * np.cos(np.pi * time + 0.7)
         form[np.abs(time) > 2.0] = 0.0
         assert velocity == pytest.approx(form, abs=5e-3)
-
-    def test_period_follows_magnitude(self):
-        drawn = [pulses.draw_period(7.0, np.random.default_rng(seed)) for seed in range(2000)]
-        assert np.log(drawn).mean() == pytest.approx(-5.73 + 0.99 * 7.0, abs=0.04)
-        assert np.log(drawn).std() == pytest.approx(0.56, abs=0.03)
 
     def test_amplification_is_shahi_and_bakers_near_the_period(self):
         gains = []
@@ -330,12 +290,3 @@ class TestPlan:
         assert 10.0 < min(distances) < max(distances) < 100.0
         assert np.log(distances).mean() == pytest.approx(np.log(10.0) + np.log(10.0) / 2, abs=0.1)
         assert np.mean([r.options.pulse for r in recipes]) == pytest.approx(0.25, abs=0.08)
-
-    def test_folder_of_a_plan_reads_back(self, tmp_path):
-        recipes = plan_motions(Plan(1, 2, [6.0], [20.0], vertical=True))
-        synthetic.make_suite(tmp_path, recipes)
-        for entry, recipe in zip(load_index(tmp_path), recipes, strict=True):
-            read, made = load_motion(entry), recipe.make()
-            assert (read.id, entry.metadata["event_seed"]) == (recipe.id, recipe.seeds.event)
-            assert np.array_equal(read.acceleration, made.acceleration)
-            assert np.array_equal(read.vertical, made.vertical)

@@ -20,11 +20,11 @@ from archfrag.study.bundles import LONGEST, SHORTEST, Bundles, Rates
 from archfrag.study.config import Method
 from archfrag.study.plan import make_plan
 from archfrag.study.store import Gathered, read_part
-from tests.study.small import files, make_runs
+from tests.study.small import make_runs
 
 
 def parts_of(folder):
-    return {k: v for k, v in files(folder / "parts").items() if k.endswith(".npy")}
+    return {path.name: path.read_bytes() for path in folder.glob("parts/*/*.npy")}
 
 
 def assert_same(results, expected):
@@ -54,7 +54,7 @@ class Killer(threading.Thread):
 
     def run(self):
         while not self.stop.is_set():
-            if list(self.folder.glob("parts/*.npy")):
+            if list(self.folder.glob("parts/*/*.npy")):
                 for process in worker_processes()[: None if self.every else 1]:
                     with contextlib.suppress(psutil.NoSuchProcess):
                         process.kill()
@@ -71,7 +71,7 @@ def take_four(bundles):
 
 def test_one_worker_with_large_bundles_gives_the_same_parts_as_two(done, copied, monkeypatch):
     monkeypatch.setattr(Bundles, "take", take_four)
-    for path in copied.study.work.glob("parts/*.npy"):
+    for path in copied.study.work.glob("parts/*/*.npy"):
         path.unlink()
     log = run_batch(copied.study, workers=1, quiet=True)
     assert (log.workers, log.runs, log.kept) == (1, 12, 0)
@@ -185,7 +185,7 @@ def test_only_the_kernels_that_the_runs_need(done, method, breaks, expected):
 
 def slow(done, step):
     """The same study with steps so short that there is time to kill somebody."""
-    for path in done.study.work.glob("parts/*.npy"):
+    for path in done.study.work.glob("parts/*/*.npy"):
         path.unlink()
     method = done.study.method.model_copy(update={"dt": step})
     return done.study.model_copy(update={"method": method})
@@ -241,7 +241,7 @@ def test_disk_full_in_a_worker_is_reported_and_keeps_the_finished_parts(copied):
     """A folder in the place of a part stands for any failing write in another process."""
     from archfrag.errors import OutputError
 
-    blocked, *others = copied.study.work.glob("parts/*.npy")
+    blocked, *others = copied.study.work.glob("parts/*/*.npy")
     for path in (blocked, *others):
         path.unlink()
     blocked.mkdir()

@@ -142,11 +142,10 @@ class TestCurves:
 def test_a_check_of_the_study_shows_what_it_amounts_to(classes):
     found = check_study(classes.study)
     assert (found.arches, found.records, found.levels, found.runs) == (11, 2, 6, 108)
-    shown = [str(each) for each in found.classes]
-    assert [line.split(",")[0] for line in shown] == [
+    assert [line.split(",")[0] for line in found.classes] == [
         "slab: 4 arches", "own: 4 arches", "fleet: 2 arches"
     ]  # fmt: skip
-    assert shown[2] == "fleet: 2 arches, width 0.35 to 0.45, 2 of town/bank"
+    assert found.classes[2] == "fleet: 2 arches, width 0.35 to 0.45, 2 of town/bank"
 
 
 class TestGrowing:

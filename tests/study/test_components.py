@@ -8,9 +8,11 @@ import pytest
 
 from archfrag.errors import RecordError, StudyError
 from archfrag.motions.measures import measure
+from archfrag.study.checks import check_study, uncorrected
 from archfrag.study.config import load_study
 from archfrag.study.records import load_record, prepare_motions
 from tests.motions.helpers import at2_text, wave
+from tests.motions.samples import geonet_text
 from tests.study.small import TEXT, small_study
 from tests.study.test_records import plan_factors
 
@@ -126,6 +128,23 @@ class TestProcessing:
             RecordError, match=r"wave0\.AT2: motions\.processing\[0\] \(bandpass\): wave0: corners"
         ):
             prepare_motions(study)
+
+    def test_raw_records_that_nothing_corrects_are_a_caution(self, tmp_path):
+        samples = 100.0 * np.sin(0.1 * np.arange(400))
+
+        def cautions(more):
+            study = study_with(tmp_path, f'files: ["quake/Q-ELC000.AT2", raw.V1A]{more}')
+            text = geonet_text({"S16W": samples, "Up": samples})
+            (tmp_path / "raw.V1A").write_text(text)
+            before, found = uncorrected(study), check_study(study).cautions
+            prepare_motions(study)
+            return before, uncorrected(study), found
+
+        before, after, (*_, checked) = cautions("")
+        assert before == ()
+        assert after == (checked,)
+        assert checked.startswith("1 of 2 records raw, as recorded (")
+        assert cautions("\n  processing: [{bandpass: {lowest: 0.2}}]")[1] == ()
 
     @pytest.mark.parametrize(
         ("steps", "message"),

@@ -153,7 +153,7 @@ def test_gathering_a_hundred_thousand_runs_takes_less_than_a_gibibyte(copied, tm
     records = tuple(replace(base, id=f"r{i}", prepared=f"{i}") for i in range(n_record))
     levels = tuple(float(i + 1) for i in range(n_level))
     plan = replace(copied.plan, folder=str(tmp_path), records=records, levels=levels)
-    plan.parts.mkdir()
+    plan.parts.mkdir(parents=True)
     cases = plan.rounds().wanted
     keys = plan.keys(cases, plan.factors(cases))
     assert len(keys) == 100_000

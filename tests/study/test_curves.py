@@ -129,6 +129,7 @@ def test_scaling_by_more_than_ten_is_stated_with_the_worst():
         coords={"record": ["a", "b", "c"]},
     )
     assert scaled_far(cube).startswith("2 of 3 motions are scaled by more than 10 (most: c by 16)")
+    assert scaled_far(cube, 15.0, "noise").endswith("more than 15 (most: c by 16), noise")
     cube["verdict"][:, 2, 2] = Verdict.NOT_SIMULATED
     assert "(most: b by 12)" in scaled_far(cube)
     cube["scale_factor"] = cube["scale_factor"].clip(max=10.0)

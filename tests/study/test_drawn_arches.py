@@ -137,7 +137,7 @@ class TestMeeting:
         assert np.isnan(parameters[0])
         assert np.isfinite(parameters[1:]).all()
         (listed,) = summaries(found)
-        assert str(listed).startswith("ring: 4 arches, friction 0.6")
+        assert listed.startswith("ring: 4 arches, friction 0.6")
 
 
 class TestRefusals:

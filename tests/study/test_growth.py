@@ -9,7 +9,7 @@ import xarray as xr
 import archfrag as af
 from archfrag.study.batch import run_batch
 from archfrag.study.config import load_study
-from archfrag.study.cube import write_cube, write_timings
+from archfrag.study.cube import forget_other_code, write_cube
 from archfrag.study.fits import fit_cube
 from archfrag.study.records import load_record, prepare_motions
 from tests.study.small import TEXT, assert_compliant, small_study, write_at2
@@ -38,10 +38,10 @@ def study_of(folder, design, text=TEXT, records=2):
     return load_study(path)
 
 
-def cube_of(study):
+def cube_of(study, quiet=True):
     """Log and cube of a study made in this process."""
     prepare_motions(study)
-    log = run_batch(study, workers=1, quiet=True)
+    log = run_batch(study, workers=1, quiet=quiet)
     return log, write_cube(study)
 
 
@@ -60,8 +60,20 @@ def test_a_study_that_grows_makes_only_the_new_runs(tmp_path, here, design, grow
         assert log.kept == before.runs
     elif design == "ida":
         assert log.kept >= before.runs - 4  # checks may be elsewhere
-    write_timings(study_of(tmp_path / "grown", design, text, records))
-    assert run_batch(study_of(tmp_path / "grown", design, text, records)).kept == log.runs
+
+
+@pytest.mark.parametrize("design", ["stripes", "ida", "scattered"])
+def test_runs_are_kept_when_a_study_goes_back_and_forth(tmp_path, here, capfd, design):
+    for kept in (False, True):
+        for text in (TEXT, GROWN["level"](TEXT)):
+            study = study_of(tmp_path, design, text)
+            log, _ = cube_of(study, quiet=False)
+            forget_other_code(study)
+            assert (log.kept == log.runs) or not kept
+    # How many runs there will be is shown only where it is known, so that nothing goes back.
+    shown = capfd.readouterr().err
+    assert "run" in shown
+    assert ("%" in shown) == (design == "stripes")
 
 
 @pytest.mark.parametrize("design", DESIGNS)

@@ -39,25 +39,22 @@ def capacities(seed, beta=0.3, n=N_RECORD):
 
 
 class TestStopping:
-    def test_a_grid_stops_by_the_interval_that_is_quoted(self):
-        note, verdict, _, _ = play_ida(capacities(1))
-        quoted = quoted_band("ida", verdict[: note["records"]], LEVELS, 1.0)
+    @pytest.mark.parametrize("kind", ["ida", "scattered"])
+    def test_it_stops_by_the_interval_that_is_quoted(self, kind):
+        if kind == "ida":
+            note, verdict, _, _ = play_ida(capacities(1))
+            quoted = quoted_band("ida", verdict[: note["records"]], LEVELS, 1.0)
+        else:
+            design = Scattered(kind="scattered", precision=Precision(theta=0.1, runs=10_000))
+            strand = scattered(0, np.arange(N_RECORD), LEVELS, design)
+            note, _, tried, fell = play(strand, capacities(2))
+            quoted = quoted_band("scattered", fell, tried, 1.0)
+            assert note["runs"] == tried.size < 400
         reach = np.abs(np.log(np.array(quoted.theta) / quoted.curve.theta)).max()
         assert note["reached"]
         assert note["half_width"] == pytest.approx(reach, rel=1e-12)
         assert reach <= 0.1
         assert note["records"] > LEAST_RECORDS
-
-    def test_scattered_runs_stop_by_the_interval_that_is_quoted(self):
-        design = Scattered(kind="scattered", precision=Precision(theta=0.1, runs=10_000))
-        note, _, tried, fell = play(
-            scattered(0, np.arange(N_RECORD), LEVELS, design), capacities(2)
-        )
-        quoted = quoted_band("scattered", fell, tried, 1.0)
-        reach = np.abs(np.log(np.array(quoted.theta) / quoted.curve.theta)).max()
-        assert note["reached"]
-        assert note["half_width"] == pytest.approx(reach, rel=1e-12)
-        assert note["runs"] == tried.size < 400
 
     def test_median_is_as_well_known_as_asked(self):
         """90 % is asked for; 25 repeats have a standard error of 6 %."""

@@ -38,7 +38,7 @@ def steps(path, *names):
     from click.testing import CliRunner
 
     for name in names:
-        quiet = ["--workers", "1", "--quiet"] if name == "batch" else []
+        quiet = ["--cores", "1", "--quiet"] if name == "batch" else []
         result = CliRunner().invoke(main, [name, str(path), *quiet])
         if result.exit_code != 0:
             break
@@ -155,4 +155,6 @@ def test_steps_of_another_study_or_other_code_are_out_of_date(copied, monkeypatc
     other = study.model_copy(
         update={"intensity": study.intensity.model_copy(update={"levels": (0.1, 0.2)})}
     )
-    assert stale_steps(other)[0][0] == "batch-0of1"
+    stale, (changed,) = stale_steps(other)
+    assert stale[0] == "batch-0of1"
+    assert changed.endswith("parts: was made before these changed: levels, archfrag")

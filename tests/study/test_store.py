@@ -202,21 +202,19 @@ class TestStore:
         with pytest.raises(InputError, match="was damaged or removed while it was read"):
             list(store.rows(store.places(keys)))
 
-    def test_others_are_forgotten_but_not_what_comes_meanwhile(self, tmp_path):
-        parts = tmp_path / "parts"
-        for folder in (parts, timings_folder(parts)):
-            folder.mkdir()
-        keys = drawn(np.random.default_rng(5), 12)
-        made = [part_of(parts, keys[i : i + 3], i % 2) for i in (0, 3, 6)]
-        torn = parts / f"{'0' * 32}.npy"
-        torn.write_bytes(b"torn")
-        for path in made:
-            write_timing(path, np.arange(3.0))
+    def test_what_is_damaged_or_of_other_code_goes_and_nothing_else(self, tmp_path):
+        parts, other = tmp_path / "parts" / "now", tmp_path / "parts" / "before"
+        for folder in (parts, timings_folder(parts), other):
+            folder.mkdir(parents=True)
+        keys = drawn(np.random.default_rng(5), 6)
+        made, late = part_of(parts, keys[:3], 1), part_of(other, keys[3:], 0)
+        (parts / f"{'0' * 32}.npy").write_bytes(b"torn")
+        write_timing(made, np.arange(3.0))
         store = Store(parts)
-        late = part_of(parts, keys[9:], 0)
-        store.forget_others([keys[4:5], keys[:1]])
-        assert set(parts.iterdir()) == {*made[:2], late}
-        assert len(list(timings_folder(parts).iterdir())) == 2
-        assert read_timing(made[0], 3).tolist() == [0.0, 1.0, 2.0]
-        assert np.isnan(read_timing(made[0], 2)).all()
+        late = late.rename(parts / late.name)  # by another batch meanwhile
+        assert store.tidy() == 1
+        assert set(parts.iterdir()) == {made, late, timings_folder(parts)}
+        assert not other.exists()
+        assert read_timing(made, 3).tolist() == [0.0, 1.0, 2.0]
+        assert np.isnan(read_timing(made, 2)).all()
         assert np.isnan(read_timing(late, 3)).all()

@@ -19,7 +19,7 @@ ARCH = ["--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoi
         "--friction", "0.7"]  # fmt: skip
 COMMANDS = ("onset", "simulate", "records", "validate", "warmup", "run", "motions", "batch",
             "cube", "fit", "report", "risk", "export", "evidence")  # fmt: skip
-RECORDS = ("list", "show", "inspect", "measure", "select", "convert", "fetch", "make")
+RECORDS = ("inspect", "measure", "select", "convert", "fetch", "make")
 
 
 def call(*arguments):
@@ -62,8 +62,7 @@ class TestHelp:
             assert command in call("records", "--help").output
             text = call("records", command, "--help").output
             assert "--json" in text
-            if command != "list":
-                assert f"archfrag records {command}" in text.split("Example:")[1]
+            assert f"archfrag records {command}" in text.split("Example:")[1]
 
 
 class TestOnset:
@@ -150,11 +149,7 @@ class TestValidate:
         ("old", "new", "code", "message"),
         [
             ("radius:", "radus:", 2, "arches[0].radus is no known key; did you mean radius?"),
-            ("time_stepping", "euler", 2, "method.name = euler must be one of auto"),
-            ("[0.1, 0.6", "[-0.1, 0.6", 2, "intensity.levels = [-0.1, 0.6, 1.2] must be greater"),
-            ("radius: 10.0", "radius: .nan", 2, "arches[0].radius = nan must be a finite number"),
             ("thickness: 1.5", "thickness: 0.3", 3, "arches[0] (ring): does not stand under"),
-            ("*.AT2", "lost.AT2", 2, "records/lost.AT2: there is no such record file"),
             ("output: out", "output: small.yaml/out", 4, "small.yaml/out: cannot be written (Not"),
         ],
     )  # fmt: skip
@@ -200,7 +195,7 @@ class TestSteps:
         )
         assert log.read_text().endswith("makes them and the cube [exit code 2]\n")
         result = call("batch", path, "--workers", "1", "--quiet")
-        assert "12 runs in 1 rounds, 0 of them kept from before" in result.stderr
+        assert "12 runs, 0 kept from before, 12 new" in result.stderr
         for command, result_file in {
             "cube": "cube.nc",
             "fit": "fits.json",
@@ -232,21 +227,19 @@ class TestSteps:
 
     def what_is_not_of_the_study_goes(self, path, out):
         (out / "curve-mine.svg").write_text("drawn by hand")
-        parts = set((out / ".archfrag" / "parts").iterdir())
+        parts = set(out.glob(".archfrag/parts/*/*.npy"))
         path.write_text(path.read_text().replace("id: slab", "id: plate"))
         path.write_text(path.read_text().replace("height: 2.0", "height: 2.5"))
         make_runs(make_plan(load_study(path)))
-        assert parts < set((out / ".archfrag" / "parts").iterdir())
+        assert parts < set(out.glob(".archfrag/parts/*/*.npy"))
         for command in ("cube", "fit", "report"):
             assert call(command, path).exit_code == 0
         assert {p.name for p in out.glob("curve-*")} == {
             "curve-ring.svg", "curve-plate.svg", "curve-mine.svg"
         }  # fmt: skip
-        left = set((out / ".archfrag" / "parts").iterdir())
-        # Results of the ring stand; those of the slab, and the plan, are others.
-        assert len([p for p in left & parts if p.suffix == ".npy"]) >= 1
-        assert len([p for p in left if p.suffix == ".json"]) == 1
-        assert len([p for p in parts - left if p.suffix == ".npy"]) >= 1
+        # The study may go back: its runs are kept, the plans are not.
+        assert parts < set(out.glob(".archfrag/parts/*/*.npy"))
+        assert len(list(out.glob(".archfrag/parts/*/plan-*.json"))) == 1
 
     @pytest.mark.parametrize(
         ("error", "message"),

@@ -135,7 +135,8 @@ def test_what_is_done_is_not_done_again_and_edits_are_noticed(finished):
     assert (out / "cube.nc").stat().st_mtime_ns == before
     code, _, stderr = run(path, "--set", "title=Another title")
     assert code == 0
-    assert "20 of them kept from before" not in stderr
+    assert "archfrag: batch" not in stderr
+    assert "cube.nc: was made before these changed: title\n" in stderr
     assert "archfrag: cube:" in stderr
     assert "Another title" in (out / "report.html").read_text()
     code, _, stderr = run(path, "--set", "title=Another title")
@@ -153,7 +154,7 @@ def test_export_of_what_is_finished_and_of_nothing_else(finished, tmp_path):
     made = {found: found.read_bytes() for found in tmp_path.iterdir()}
     late = CliRunner().invoke(main, [*asked, "--set", "intensity.levels=[0.1, 0.6]"])
     assert late.exit_code == 2
-    assert "was made before the study, what it follows from or archfrag changed" in late.stderr
+    assert "cube.nc: was made before these changed: levels" in late.stderr
     assert late.stderr.count("\n") == 1
     assert {found: found.read_bytes() for found in tmp_path.iterdir()} == made
 
@@ -199,14 +200,14 @@ def test_killed_three_times_and_resumed_gives_the_same_cube(finished, tmp_path):
     resume: list[str] = []
     parts = []
     work = out / ".archfrag"
-    for sign in ("lock", "motions/*", "parts/*.npy"):
+    for sign in ("lock", "motions/*", "parts/*/*.npy"):
         process = start(path, *resume)
         while not list(work.glob(sign)):
             assert process.poll() is None, "it was done before it could be killed"
             time.sleep(0.02)
         time.sleep(dice.uniform(0.0, 0.5))
         kill_tree(process)
-        parts.append(len(list(work.glob("parts/*.npy"))))
+        parts.append(len(list(work.glob("parts/*/*.npy"))))
         resume = ["--resume"]
     assert parts[-1] >= 1, "no run came so far that resuming meant anything"
     code, _, stderr = run(path, "--resume")
@@ -230,13 +231,12 @@ def test_an_interrupted_run_states_what_to_type(tmp_path):
         f"({who}); wait for it or stop it\n"
     )
     kill_tree(process)
-    for _ in range(2):
-        code, _, stderr = run(path)
-        assert code == 4
-        assert stderr == (
-            f"archfrag: error: {tmp_path / 'out'}: an earlier run ({who}) was stopped in the "
-            f"middle; type `archfrag run {path} --resume` to go on\n"
-        )
+    code, _, stderr = run(path)
+    assert code == 4
+    assert stderr == (
+        f"archfrag: error: {tmp_path / 'out'}: an earlier run ({who}) was stopped in the "
+        f"middle; type `archfrag run {path} --resume` to go on\n"
+    )
 
 
 @pytest.mark.parametrize(
@@ -247,7 +247,7 @@ def test_a_stopped_run_takes_its_full_tree_with_it(tmp_path, number, whom):
     path = small_study(tmp_path, SLOW.replace("dt: 2.0e-3", "dt: 1.0e-5"))
     process = start(path)
     parts = tmp_path / "out" / ".archfrag" / "parts"
-    while not list(parts.glob("plan-*")):
+    while not list(parts.glob("*/plan-*")):
         assert process.poll() is None
         time.sleep(0.05)
     children = []

@@ -12,7 +12,7 @@ VERSION = f"mujoco {mujoco.__version__}"
 ITERATIONS, TOLERANCE = 100, 1e-10
 # Near-default contacts sag by centimetres: the time constant is the smallest that is stable, the
 # impedance close to one. `impratio` keeps sticking joints from creeping.
-IMPRATIO, SOLREF_STEPS, SOLIMP = 10.0, 2.0, "0.99 0.9999 0.0001 0.5 2.0"
+IMPRATIO, SOLREF_STEPS, SOLIMP = 10.0, 2.0, (0.99, 0.9999, 0.0001, 0.5, 2.0)
 RADIUS, REACH, HALF_DEPTH = 1e-3, 0.05, 0.5  # of corners [m]; of faces beyond their joint; [m]
 
 
@@ -20,7 +20,7 @@ class MujocoStepper:
     """A scene in MuJoCo; the ground motion is a body force."""
 
     def __init__(self, scene: Scene, dt: float) -> None:
-        self.model = mujoco.MjModel.from_xml_string(_xml(scene, dt))
+        self.model = _model(scene, dt)
         self.data, self.start = mujoco.MjData(self.model), scene.bodies().centroid
         # Looked at once for each sample, so as not to slow the steps.
         self.unconverged = 0
@@ -37,58 +37,49 @@ class MujocoStepper:
         return self.start + self.data.qpos.reshape(-1, 3)[:, :2]
 
 
-def _xml(scene: Scene, dt: float) -> str:
+def _model(scene: Scene, dt: float) -> mujoco.MjModel:
     """Model with x across, z up and the hinges about −y, so that rotation is anticlockwise."""
-    moments = scene.bodies()
-    geoms, pairs = _corner_contacts(scene)
-    friction = " ".join([repr(scene.finite_friction)] * 2 + ["0"] * 3)
-    contacts = [
-        f'<pair geom1="{before}" geom2="{after}" condim="3" friction="{friction}" '
-        f'solref="{SOLREF_STEPS * dt!r} 1" solimp="{SOLIMP}"/>'
-        for before, after in pairs
-    ]
-    bodies = [
-        f'<body pos="{x!r} 0 {z!r}"><inertial pos="0 0 0" mass="{mass!r}" '
-        f'diaginertia="{inertia!r} {inertia!r} {inertia!r}"/>'
-        '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>'
-        f'<joint type="hinge" axis="0 -1 0"/>{"".join(parts)}</body>'
-        for (x, z), mass, inertia, parts in zip(
-            moments.centroid.tolist(), moments.mass.tolist(), moments.inertia.tolist(), geoms
-        )
-    ]
-    return f"""<mujoco>
-<compiler inertiafromgeom="false" angle="radian"/>
-<option timestep="{dt!r}" gravity="0 0 {-STANDARD_GRAVITY!r}" cone="elliptic"
-  impratio="{IMPRATIO!r}" iterations="{ITERATIONS}" tolerance="{TOLERANCE!r}"/>
-<default><geom contype="0" conaffinity="0"/></default>
-<worldbody>{"".join(bodies)}{"".join(geoms[-1])}</worldbody>
-<contact>{"".join(contacts)}</contact>
-</mujoco>"""
+    spec, moments = mujoco.MjSpec(), scene.bodies()
+    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+    option = spec.option
+    option.timestep, option.gravity = dt, [0.0, 0.0, -STANDARD_GRAVITY]
+    option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, IMPRATIO
+    option.iterations, option.tolerance = ITERATIONS, TOLERANCE
+    bodies = []
+    for (x, z), mass, inertia in zip(moments.centroid, moments.mass, moments.inertia):
+        own = {"mass": mass, "inertia": [inertia] * 3, "ipos": [0.0] * 3}
+        bodies.append(spec.worldbody.add_body(pos=[x, 0.0, z], explicitinertial=True, **own))
+        bodies[-1].add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1, 0, 0])
+        bodies[-1].add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1])
+        bodies[-1].add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, -1, 0])
+    _add_contacts(spec, [*bodies, spec.worldbody], scene, SOLREF_STEPS * dt)
+    return spec.compile()
 
 
-def _corner_contacts(scene: Scene) -> tuple[list[list[str]], list[tuple[str, str]]]:
-    """Geoms of each body, then of the ground, and pairs: faces are thin boxes, corners spheres."""
-    corners, pairs = Corners(scene), []
-    geoms: list[list[str]] = [[] for _ in range(corners.count + 1)]
-    bodies = zip(corners.joint.tolist(), corners.before.tolist(), corners.after.tolist())
-    for i, (joint, before, after) in enumerate(bodies):
-        normal = corners.normal[i]
+def _add_contacts(spec: mujoco.MjSpec, bodies: list, scene: Scene, time: float) -> None:
+    """Pairs of a thin box, the face of the body before, and a sphere, the corner of that after."""
+    corners = Corners(scene)
+    silent = {"contype": 0, "conaffinity": 0}
+    for i, (joint, before, after) in enumerate(
+        zip(corners.joint, corners.before, corners.after, strict=True)
+    ):
+        normal, face, corner = corners.normal[i], f"face{joint}", f"corner{i}"
         if i % 2 == 0:
             along = corners.arm_before[i + 1] - corners.arm_before[i]
-            length, angle = float(np.hypot(*along)), -math.atan2(along[1], along[0])
-            middle = corners.arm_before[i] + 0.5 * along
-            x, z = (middle - 0.1 * length * normal).tolist()
+            length, half_angle = np.hypot(*along), -0.5 * math.atan2(along[1], along[0])
+            x, z = corners.arm_before[i] + 0.5 * along - 0.1 * length * normal
             half = 0.5 * length + REACH * scene.thickness
-            geoms[before].append(
-                f'<geom name="face{joint}" type="box" pos="{x!r} 0 {z!r}" euler="0 {angle!r} 0" '
-                f'size="{half!r} {HALF_DEPTH!r} {0.1 * length!r}"/>'
-            )
-        x, z = (corners.arm_after[i] + RADIUS * normal).tolist()
-        geoms[after].append(
-            f'<geom name="corner{i}" type="sphere" pos="{x!r} 0 {z!r}" size="{RADIUS!r}"/>'
-        )
-        pairs.append((f"face{joint}", f"corner{i}"))
-    return geoms, pairs
+            bodies[before].add_geom(
+                name=face, type=mujoco.mjtGeom.mjGEOM_BOX, pos=[x, 0.0, z], **silent,
+                quat=[math.cos(half_angle), 0.0, math.sin(half_angle), 0.0],
+                size=[half, HALF_DEPTH, 0.1 * length],
+            )  # fmt: skip
+        x, z = corners.arm_after[i] + RADIUS * normal
+        bodies[after].add_geom(name=corner, type=mujoco.mjtGeom.mjGEOM_SPHERE, pos=[x, 0.0, z],
+                               size=[RADIUS, 0.0, 0.0], **silent)  # fmt: skip
+        friction = [scene.finite_friction] * 2 + [0.0] * 3
+        spec.add_pair(geomname1=face, geomname2=corner, condim=3, friction=friction,
+                      solref=[time, 1.0], solimp=SOLIMP)  # fmt: skip
 
 
 build = MujocoStepper

@@ -112,30 +112,22 @@ def joint_positions(
         "at the right one"
     )
     array = _real_array("joints", value, allowed)
-    finite = np.isfinite(array)
-    if array.shape != (voussoirs + 1,):
-        wrong = f" has shape {array.shape} with voussoirs = {voussoirs}"
-    elif not finite.all():
-        wrong = f"[{np.argmin(finite)}] = {array[np.argmin(finite)]} is not finite"
-    elif abs(array[0]) > 1e-9 * end or abs(array[-1] - end) > 1e-9 * end:
-        wrong = f" run from {array[0]:.9g} to {array[-1]:.9g}"
-    elif not np.all(np.diff(array) > 0.0):
-        place = int(np.argmin(np.diff(array) > 0.0)) + 1
-        wrong = f"[{place}] = {array[place]:.9g} does not exceed the one before it"
-    else:
-        wrong = ""
-    if wrong:
-        raise GeometryError(f"joints{wrong}; it must be {allowed}")
+    good = array.shape == (voussoirs + 1,) and bool(np.isfinite(array).all())
+    ends = good and max(abs(array[0]), abs(array[-1] - end)) <= 1e-9 * end
+    if not ends or (np.diff(array) <= 0.0).any():
+        raise GeometryError(f"joints = {reprlib.repr(value)} cannot be; it must be {allowed}")
     position: NDArray[np.float64] = array - 0.5 * end
     position[0], position[-1] = -0.5 * end, 0.5 * end
     return position
 
 
-def points(name: str, value: ArrayLike, least: int, why: str) -> NDArray[np.float64]:
-    """Corners of joints, ``(n, 2)`` [m] ``n >= least``; `why` states where `least` is from."""
+def points(
+    name: str, value: ArrayLike, least: int, why: str, widest: int = 2
+) -> NDArray[np.float64]:
+    """Corners ``(n, 2)`` to ``(n, widest)`` [m] ``n >= least``; `why`: where `least` is from."""
     allowed = f"an (n, 2) table of finite coordinates in metres with n at least {least} ({why})"
     array = _real_array(name, value, allowed)
-    if array.ndim != 2 or array.shape[1] != 2 or array.shape[0] < least:
+    if array.ndim != 2 or not 2 <= array.shape[1] <= widest or array.shape[0] < least:
         raise GeometryError(f"{name} has shape {array.shape}; it must be {allowed}")
     good = (np.abs(array) <= LARGEST).all(axis=1)
     if not good.all():

@@ -20,6 +20,11 @@ def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
+def place_text(point: NDArray[np.float64]) -> str:
+    """A point ``(2,)`` in messages [m]."""
+    return f"({point[0]:.6g}, {point[1]:.6g})"
+
+
 def polygon_section(corners: NDArray[np.float64]) -> Section:
     """Section of a simple polygon, by Green's theorem.
 

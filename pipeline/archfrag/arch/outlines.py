@@ -154,14 +154,8 @@ def sides_of(outline: FloatArray) -> list[list[int]]:
 
 def checked_corners(rows: Any, name: str, least: int, widest: int) -> FloatArray:
     """Corners ``(m, 3)`` that a user gives as x, y or x, y, bulge, without repeated ones."""
-    try:
-        corners = np.array(rows, dtype=np.float64)
-    except (TypeError, ValueError):
-        corners = np.empty(0)
-    if corners.ndim != 2 or not 2 <= corners.shape[1] <= widest or len(corners) < least:
-        raise GeometryError(f"{name} must be a list of points (x, y), of corners with a bulge too")
-    if not (np.abs(corners) <= checks.LARGEST).all():
-        raise GeometryError(f"{name} has a number not finite or beyond {checks.LARGEST:g}")
+    why = "points (x, y), corners with a bulge behind if it is any"
+    corners = checks.points(name, rows, least, why, widest)
     full = np.zeros((len(corners), 3))
     full[:, : corners.shape[1]] = corners
     apart = np.hypot(*(np.roll(full[:, :2], -1, axis=0) - full[:, :2]).T) > 0.0

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from archfrag.arch import checks
 from archfrag.arch.assemble import fields_of
 from archfrag.arch.drawing import Drawing
-from archfrag.arch.geometry import cross
+from archfrag.arch.geometry import cross, place_text
 from archfrag.arch.outlines import (
     TOLERANCE,
     anticlockwise,
@@ -98,7 +98,7 @@ def polygon_ring(
     for place, block in enumerate(order[: len(order) - free]):
         for side in chain[:2]:
             if np.hypot(*(side[place + 1] - side[place])) <= given.tolerance:
-                given.refuse(block, f"has two joints that meet at {_place(side[place])}")
+                given.refuse(block, f"has two joints that meet at {place_text(side[place])}")
     figures = [
         Voussoir(outline_section(outline), sampled(outline), back_middle(outline, chain, i))
         for i, outline in enumerate(placed)
@@ -303,10 +303,6 @@ def _far_side(given: _Polygons, block: int, joint: _Segment) -> _Segment:
     edges = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
     away = np.abs(cross(edges.mean(axis=1) - joint[0], joint[1] - joint[0]))
     return edges[int(np.argmax(away))]
-
-
-def _place(point: FloatArray) -> str:
-    return f"({point[0]:.6g}, {point[1]:.6g})"
 
 
 def given_polygons(outlines: Sequence[Any], ground: Sequence[Any]) -> Drawing:

@@ -6,7 +6,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from archfrag.arch.geometry import Section, arc, cross, middle_of, polygon_section, sector_section
+from archfrag.arch.geometry import (
+    Section,
+    arc,
+    cross,
+    middle_of,
+    place_text,
+    polygon_section,
+    sector_section,
+)
 from archfrag.arch.profiles import JointLines
 from archfrag.errors import GeometryError
 
@@ -74,7 +82,7 @@ def check_corners_apart(lines: JointLines) -> None:
         joint = int(np.argmin(length))
         raise GeometryError(
             f"joint {joint} has no length: its intrados and extrados corners coincide at "
-            f"{_place(lines.intrados[joint])}; they must be more than {least:.3g} m apart"
+            f"{place_text(lines.intrados[joint])}; they must be more than {least:.3g} m apart"
         )
     for name, side in (("intrados", lines.intrados), ("extrados", lines.extrados)):
         length = np.hypot(*np.diff(side, axis=0).T)
@@ -82,7 +90,7 @@ def check_corners_apart(lines: JointLines) -> None:
             joint = int(np.argmin(length))
             raise GeometryError(
                 f"the {name} corners of joints {joint} and {joint + 1} coincide at "
-                f"{_place(side[joint])}; they must be more than {least:.3g} m apart"
+                f"{place_text(side[joint])}; they must be more than {least:.3g} m apart"
             )
 
 
@@ -96,7 +104,12 @@ def travel_sense(lines: JointLines) -> int:
     bend = cross(side, np.roll(side, -1, axis=1))
     sense = np.where((bend > _TOLERANCE).all(1), 1, np.where((bend < -_TOLERANCE).all(1), -1, 0))
     if not sense.all():
-        _refuse_quad(int(np.argmin(np.abs(sense))), quads, bend)
+        body = int(np.argmin(np.abs(sense)))
+        corners = ", ".join(map(place_text, quads[body]))
+        raise GeometryError(
+            f"voussoir {body} is no convex quadrilateral: its corners {corners} must be one in "
+            f"this order, and joints {body} and {body + 1} must neither cross nor touch"
+        )
     if np.any(sense != sense[0]):
         body = int(np.argmax(sense != sense[0]))
         raise GeometryError(
@@ -106,35 +119,6 @@ def travel_sense(lines: JointLines) -> int:
         )
     _refuse_overlap(quads)
     return int(sense[0])
-
-
-def _refuse_quad(body: int, quads: NDArray[np.float64], bend: NDArray[np.float64]) -> None:
-    """Refuse a voussoir that is no convex quadrilateral."""
-    a, b, c, d = quads[body]
-    between = f"joints {body} and {body + 1}"
-    if (np.abs(bend[body]) <= _TOLERANCE).all():
-        reason = "has no area: its corners lie on one line"
-    elif _segments_cross(a, d, b, c):
-        reason = f"cannot be: {between} cross inside the ring"
-    elif _segments_cross(a, b, c, d):
-        reason = f"intersects itself: its intrados and extrados cross between {between}"
-    else:
-        reason = f"is folded: a corner of one of {between} lies beyond or on the line of the other"
-    corners = ", ".join(_place(corner) for corner in (a, b, c, d))
-    raise GeometryError(
-        f"voussoir {body} {reason}; its corners {corners} must be those of a convex quadrilateral "
-        "in this order"
-    )
-
-
-def _segments_cross(
-    a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64], d: NDArray[np.float64]
-) -> bool:
-    """Whether the segments ab and cd have a point in common that is inside both."""
-    return bool(
-        cross(b - a, c - a) * cross(b - a, d - a) < 0.0
-        and cross(d - c, a - c) * cross(d - c, b - c) < 0.0
-    )
 
 
 def _refuse_overlap(quads: NDArray[np.float64]) -> None:
@@ -156,7 +140,3 @@ def _refuse_overlap(quads: NDArray[np.float64]) -> None:
             f"voussoirs {first[pair]} and {second[pair]} overlap by {common[pair]:.3g} m2; the "
             "ring must not cross itself"
         )
-
-
-def _place(point: NDArray[np.float64]) -> str:
-    return f"({point[0]:.6g}, {point[1]:.6g})"

@@ -5,7 +5,6 @@ Carlo), a Gaussian copula correlates its coordinates, and the quantile function 
 transforms a coordinate into a value.
 """
 
-import abc
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +12,6 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 from scipy.special import ndtr, ndtri
 from scipy.stats import qmc
 
@@ -30,15 +28,10 @@ DIGITS = 10
 
 
 @dataclass(frozen=True)
-class Marginal(abc.ABC):
-    """A distribution, truncated where bounds are given.
+class Marginal:
+    """A distribution, truncated where bounds are given."""
 
-    Attributes
-    ----------
-    lower, upper : float
-        Bounds of the truncated distribution; infinite: none.
-    """
-
+    full: Any  # without truncation, of `scipy.stats`
     lower: float = -math.inf
     upper: float = math.inf
 
@@ -50,97 +43,20 @@ class Marginal(abc.ABC):
         InputError
             If nearly nothing of the distribution lies between its bounds.
         """
-        full = self.full()
-        low, high = full.cdf([self.lower, self.upper]).tolist()
+        low, high = self.full.cdf([self.lower, self.upper]).tolist()
         if high - low < LEAST_KEPT:
             raise InputError(
                 f"only {max(high - low, 0.0):.1g} of the distribution lies between lower = "
                 f"{self.lower:g} and upper = {self.upper:g}; it must be at least {LEAST_KEPT:g}"
             )
         inside = low + np.asarray(probability, dtype=float) * (high - low)
-        return np.clip(full.ppf(inside), self.lower, self.upper)
-
-    @abc.abstractmethod
-    def full(self) -> Any:
-        """The distribution without truncation, of `scipy.stats`."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Normal(Marginal):
-    """Normal distribution by its mean and standard deviation (before truncation)."""
-
-    mean: float
-    sd: float
-
-    def full(self) -> Any:
-        return stats.norm(self.mean, self.sd)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Lognormal(Marginal):
-    """Lognormal distribution by its median and the standard deviation of its logarithm."""
-
-    median: float
-    beta: float
-
-    def full(self) -> Any:
-        return stats.lognorm(self.beta, scale=self.median)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Uniform(Marginal):
-    """Uniform distribution from `start` to `stop`."""
-
-    start: float
-    stop: float
-
-    def full(self) -> Any:
-        return stats.uniform(self.start, self.stop - self.start)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Triangular(Marginal):
-    """Triangular distribution from `start` over its peak at `mode` to `stop`."""
-
-    start: float
-    mode: float
-    stop: float
-
-    def full(self) -> Any:
-        width = self.stop - self.start
-        return stats.triang((self.mode - self.start) / width, self.start, width)
+        return np.clip(self.full.ppf(inside), self.lower, self.upper)
 
 
 def unit_points(
     count: int, dimension: int, scheme: Scheme, seed: int | Sequence[int]
 ) -> FloatArray:
-    """Points that fill the unit cube evenly.
-
-    Parameters
-    ----------
-    count, dimension : int
-        How many, and of how many coordinates.
-    scheme : "sobol" or "latin_hypercube"
-        Sobol's sequence, scrambled (Owen 1998, in the matrix and shift form of Matoušek 1998):
-        the first points of a longer design are those of a shorter one, and its one- and
-        two-dimensional projections are even when `count` is a power of two. Latin hypercube
-        (McKay, Beckman and Conover 1979): one point in each of `count` slices of every
-        coordinate, for any `count`; a longer design has none of the points of a shorter one.
-    seed : int or sequence of int
-
-    Returns
-    -------
-    (count, dimension) ndarray
-        Inside (0, 1).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from archfrag.arch.uncertain import unit_points
-    >>> short, long = (unit_points(n, 2, "sobol", seed=1) for n in (8, 16))
-    >>> bool(np.all(short == long[:8]))
-    True
-    """
+    """Points inside the unit cube that fill it evenly, (count, dimension); see `sample`."""
     generator = np.random.default_rng(seed)
     if scheme == "sobol":
         power = max(count - 1, 0).bit_length()
@@ -206,8 +122,13 @@ def sample(
     marginals : mapping of str to Marginal
     count : int
         Samples.
-    scheme, seed
-        As in `unit_points`.
+    scheme : "sobol" or "latin_hypercube"
+        Sobol's sequence, scrambled (Owen 1998, in the matrix and shift form of Matoušek 1998):
+        the first samples of a longer design are those of a shorter one, and its one- and
+        two-dimensional projections are even when `count` is a power of two. Latin hypercube
+        (McKay, Beckman and Conover 1979): one sample in each of `count` slices of every
+        parameter, for any `count`; a longer design has none of the samples of a shorter one.
+    seed : int or sequence of int
     correlation : mapping, optional
         As in `correlation_factor`: coefficients rho of the Gaussian copula, which are the
         correlations of the normal scores (of the logarithms, where both are lognormal). The rank
@@ -225,12 +146,11 @@ def sample(
 
     Examples
     --------
-    >>> from archfrag.arch.uncertain import Lognormal, Normal, sample
-    >>> values = sample(
-    ...     {"thickness": Normal(mean=1.5, sd=0.075), "friction": Lognormal(median=0.7, beta=0.1)},
-    ...     64,
-    ...     correlation={"thickness": {"friction": 0.3}},
-    ... )
+    >>> from scipy import stats
+    >>> from archfrag.arch.uncertain import Marginal, sample
+    >>> thickness, friction = stats.norm(1.5, 0.075), stats.lognorm(0.1, scale=0.7)
+    >>> marginals = {"thickness": Marginal(thickness), "friction": Marginal(friction, upper=1.0)}
+    >>> values = sample(marginals, 64, correlation={"thickness": {"friction": 0.3}})
     >>> round(float(values["thickness"].mean()), 2)
     1.5
     """

@@ -1,5 +1,6 @@
 """Export a study: its curves and runs, in the formats asked for."""
 
+import functools
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -15,7 +16,7 @@ from archfrag.export.in_core import in_core_sets
 from archfrag.export.nrml import nrml_continuous, nrml_discrete
 from archfrag.export.pelicun import pelicun_description, pelicun_table
 from archfrag.export.points import Unit, curve_tables
-from archfrag.export.receivers import in_core_measure, openquake_measure, pelicun_measure
+from archfrag.export.receivers import named_measure
 from archfrag.export.runs import facts_table, runs_table
 from archfrag.export.tables import Table, column_facts, require_pyarrow, write_csv, write_parquet
 from archfrag.fragility.curve import Fragility
@@ -29,12 +30,10 @@ from archfrag.study.steps import require
 
 FOLDER = "export"
 MOST_CROSSING = 0.01  # probability by which curves of two limit states may cross
-_MEASURES = {
-    "nrml-continuous": openquake_measure,
-    "nrml-discrete": openquake_measure,
-    "pelicun": pelicun_measure,
-    "in-core": in_core_measure,
-}
+_RECEIVERS = {
+    "nrml-continuous": "OpenQuake", "nrml-discrete": "OpenQuake", "pelicun": "pelicun",
+    "in-core": "IN-CORE",
+}  # fmt: skip
 TEXTS: dict[str, Callable[[CurveSet], dict[str, str]]] = {
     "nrml-continuous": lambda curves: {"fragility-continuous.xml": nrml_continuous(curves)},
     "nrml-discrete": lambda curves: {"fragility-discrete.xml": nrml_discrete(curves)},
@@ -42,7 +41,7 @@ TEXTS: dict[str, Callable[[CurveSet], dict[str, str]]] = {
         "pelicun.csv": pelicun_table(curves), "pelicun.json": pelicun_description(curves),
     },
     "in-core": lambda curves: {
-        f"in-core-{arch}.json": text for arch, text in in_core_sets(curves.severest(4)).items()
+        f"in-core-{arch}.json": text for arch, text in in_core_sets(curves).items()
     },
 }  # fmt: skip
 
@@ -104,17 +103,15 @@ def export_study(study: Study, formats: Sequence[str], folder: Path | None = Non
                 path = made.folder / f"{study.id}-{ending}"
                 write_text(path, text)
                 made.files.append((name, path))
-        asked = [name for name in wanted if name in ("csv", "parquet")]
-        known = curve_tables(curves, answers, _unit(study, cube)) if asked else ()
-        for name in asked:
-            tables = (
-                *known,
-                runs_table(cube),
-                facts_table(cube, "record"),
-                facts_table(cube, "arch"),
-            )
+        si = str(cube["intensity"].attrs.get("units", ""))
+        unit = Unit(study.intensity.unit, si, study.intensity.given[0] / study.intensity.si[0])
+        for name in [name for name in wanted if name in ("csv", "parquet")]:
+            facts = (facts_table(cube, dimension) for dimension in ("record", "arch"))
+            tables = [*curve_tables(curves, answers, unit), runs_table(cube), *facts]
             made.files += _write_tables(curves, tables, made.folder, name)
-    made.notes = [*notes, *_notes(curves, wanted)]
+    named = [(name, _RECEIVERS[name]) for name in wanted if name in _RECEIVERS]
+    about = {name: named_measure(receiver, curves.measure).note for name, receiver in named}
+    made.notes = [*notes, *sorted(f"{name}: {note}" for name, note in about.items() if note)]
     return made
 
 
@@ -124,8 +121,8 @@ def study_curves(
     """Curves of a finished study, and messages on limit states that were left out.
 
     A limit state short of collapse is exported where every arch with a curve of collapse has one
-    of it too, whose curve does not cross that of a severer one: receivers
-    take differences of states, and want the same states of all arches.
+    of it too, whose curve does not cross that of a severer one: receivers take differences of
+    states, and want the same states of all arches.
     """
     levels = cube["intensity"].values
     made = Made(
@@ -179,34 +176,17 @@ def _limit_states(
     return {arch: {k: own[arch].get(k, none) for k in kept} for arch in answers}, notes
 
 
-def _unit(study: Study, cube: xr.Dataset) -> Unit:
-    factor = study.intensity.given[0] / study.intensity.si[0]
-    return Unit(study.intensity.unit, str(cube["intensity"].attrs.get("units", "")), factor)
-
-
 def _write_tables(
     curves: CurveSet, tables: Sequence[Table], folder: Path, name: str
 ) -> list[tuple[str, Path]]:
     """Tables as CSV, with a JSON file that describes their columns; or as Parquet."""
     facts = {"made": asdict(curves.made), "left_out": curves.left_out}
     paths = [folder / f"{curves.made.study}-{table.name}.{name}" for table in tables]
+    write = write_csv if name == "csv" else functools.partial(write_parquet, facts=facts)
     for table, path in zip(tables, paths):
-        if name == "csv":
-            write_csv(table, path)
-        else:
-            write_parquet(table, path, facts)
+        write(table, path)
     if name == "csv":
         paths.append(folder / f"{curves.made.study}-tables.json")
         content = facts | {"tables": {table.name: column_facts(table) for table in tables}}
         write_text(paths[-1], json.dumps(content, indent=1, ensure_ascii=False) + "\n")
     return [(name, path) for path in paths]
-
-
-def _notes(curves: CurveSet, formats: Sequence[str]) -> list[str]:
-    """What receivers' measures must be for the curves to hold, each once."""
-    notes = {
-        f"{name}: {note}"
-        for name in formats
-        if name in _MEASURES and (note := _MEASURES[name](curves.measure).note)
-    }
-    return sorted(notes)

@@ -56,16 +56,17 @@ class CurveSet:
     @property
     def complete(self) -> dict[str, dict[str, Fragility]]:
         """Arches that have a curve at every limit state."""
-        found = {arch: _known(states) for arch, states in self.curves.items()}
-        return {arch: fits for arch, fits in found.items() if len(fits) == len(self.limit_states)}
+        known = {
+            arch: {state: fit for state, fit in states.items() if isinstance(fit, Fragility)}
+            for arch, states in self.curves.items()
+        }
+        return {arch: fits for arch, fits in known.items() if len(fits) == len(self.limit_states)}
 
     @property
     def left_out(self) -> dict[str, str]:
         """By arch, why it lacks a curve."""
         why = {
-            arch: [
-                f"{state}: {found}" for state, found in states.items() if isinstance(found, str)
-            ]
+            arch: [f"{name}: {found}" for name, found in states.items() if isinstance(found, str)]
             for arch, states in self.curves.items()
         }
         return {arch: "; ".join(reasons) for arch, reasons in why.items() if reasons}
@@ -86,7 +87,3 @@ def crossing(mild: Fragility, severe: Fragility) -> float:
     ends = [fit.theta * np.exp(s * 4.0 * fit.beta) for fit in (mild, severe) for s in (-1, 1)]
     im = np.geomspace(min(ends), max(ends), 400)
     return float((severe.probability(im) - mild.probability(im)).max())
-
-
-def _known(states: Mapping[str, Fragility | str]) -> dict[str, Fragility]:
-    return {state: found for state, found in states.items() if isinstance(found, Fragility)}

@@ -3,9 +3,8 @@
 import json
 from typing import Any
 
-from archfrag.errors import InputError
 from archfrag.export.curve_set import CurveSet
-from archfrag.export.receivers import in_core_measure
+from archfrag.export.receivers import named_measure
 
 _MOST = 4
 
@@ -14,33 +13,24 @@ def in_core_sets(curves: CurveSet) -> dict[str, str]:
     """A set for each arch, as JSON.
 
     IN-CORE takes four curves for a bridge under an earthquake, no more and, in its analysis of
-    bridge damage, no fewer. Where there are fewer limit states, the severest is repeated up to the
-    fourth: the damage states between then have probability 0, and the last has that of the
-    severest.
+    bridge damage, no fewer: the severest four. Where there are fewer limit states, the severest is
+    repeated up to the fourth: the damage states between then have probability 0, and the last has
+    that of the severest.
     """
-    demand = in_core_measure(curves.measure)
-    if len(curves.limit_states) > _MOST:
-        raise InputError(
-            f"IN-CORE takes {_MOST} limit states at most; there are {len(curves.limit_states)}: "
-            f"{', '.join(curves.limit_states)}"
-        )
+    curves = curves.severest(_MOST)
+    demand = named_measure("IN-CORE", curves.measure)
     complete = curves.require_curves("IN-CORE")
     variable = demand.name.rsplit(maxsplit=1)[-1].lower()  # pga, pgv, pgd or sa
     note = f" Note: {demand.note}." if demand.note else ""
     sets = {}
     for arch, states in complete.items():
+        last, severest = list(states.items())[-1]
+        repeated = f"{last}, repeated since IN-CORE takes {_MOST} limit states"
+        four = [*states.items(), *[(repeated, severest)] * (_MOST - len(states))]
         rules = [
             _curve(f"LS_{n}: {state}", variable, demand.factor * fit.theta, fit.beta)
-            for n, (state, fit) in enumerate(states.items())
+            for n, (state, fit) in enumerate(four)
         ]
-        last, fit = list(states.items())[-1]
-        rules += [
-            _curve(
-                f"LS_{n}: {last}, repeated since IN-CORE takes {_MOST} limit states",
-                variable, demand.factor * fit.theta, fit.beta,
-            )
-            for n in range(len(states), _MOST)
-        ]  # fmt: skip
         content = {
             "description": f"Masonry arch {arch}. {curves.made.text}{note}",
             "creator": f"archfrag {curves.made.archfrag}",

@@ -2,14 +2,12 @@
 
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from archfrag.export.curve_set import CurveSet
-from archfrag.export.receivers import Named, openquake_measure
-from archfrag.fragility.fit import Fragility
+from archfrag.export.receivers import Named, named_measure
 
 NAMESPACE = "http://openquake.org/xmlns/nrml/0.5"
 # OpenQuake holds a curve constant above its highest level: 4 dispersions above the median that
@@ -30,21 +28,16 @@ def nrml_continuous(curves: CurveSet) -> str:
     `continuous_fragility_discretization` (20 by default) cuts the range into levels in classical
     damage calculations, 100 or more are advised.
     """
-    imt = openquake_measure(curves.measure)
+    imt = named_measure("OpenQuake", curves.measure)
     complete = curves.require_curves("OpenQuake")
     root, model = _model(curves, imt, "")
     for arch, states in complete.items():
-        highest = imt.factor * max(_top(fit) for fit in states.values())
+        tops = [fit.theta * float(np.exp(_REACH * fit.beta)) for fit in states.values()]
         function = ElementTree.SubElement(
             model, "fragilityFunction", id=arch, format="continuous", shape="logncdf"
         )
-        limits = {
-            "imt": imt.name,
-            "noDamageLimit": "0.0",
-            "minIML": "0.0",
-            "maxIML": _real(highest),
-        }
-        ElementTree.SubElement(function, "imls", limits)
+        limits = {"noDamageLimit": "0.0", "minIML": "0.0", "maxIML": _real(imt.factor * max(tops))}
+        ElementTree.SubElement(function, "imls", {"imt": imt.name} | limits)
         for state, fit in states.items():
             variance = np.expm1(fit.beta**2)
             mean = imt.factor * fit.theta * np.exp(0.5 * fit.beta**2)
@@ -61,14 +54,14 @@ def nrml_discrete(curves: CurveSet) -> str:
     highest level, here at 0.99997 or more. Between levels it interpolates linearly, within 1e-4
     for dispersions up to 1.
     """
-    imt = openquake_measure(curves.measure)
+    imt = named_measure("OpenQuake", curves.measure)
     complete = curves.require_curves("OpenQuake")
-    root, model = _model(
-        curves, imt, "Probabilities hold at the levels and are to be interpolated linearly. "
-    )
+    more = "Probabilities hold at the levels and are to be interpolated linearly. "
+    root, model = _model(curves, imt, more)
     for arch, states in complete.items():
         function = ElementTree.SubElement(model, "fragilityFunction", id=arch, format="discrete")
-        levels = _levels(curves.levels, states, imt.factor)
+        parts = [fit.theta * np.exp(fit.beta * _GRID) for fit in states.values()]
+        levels = np.unique(imt.factor * np.concatenate([*parts, curves.levels]))
         imls = ElementTree.SubElement(function, "imls", imt=imt.name, noDamageLimit="0.0")
         imls.text = _row(levels)
         for state, fit in states.items():
@@ -97,18 +90,6 @@ def _model(
     )
     ElementTree.SubElement(model, "limitStates").text = " ".join(curves.limit_states)
     return root, model
-
-
-def _top(fit: Fragility) -> float:
-    return fit.theta * float(np.exp(_REACH * fit.beta))
-
-
-def _levels(
-    studied: tuple[float, float], states: Mapping[str, Fragility], factor: float
-) -> NDArray[np.float64]:
-    """Levels in OpenQuake's unit at which the curves of an arch are written, increasing."""
-    parts = [fit.theta * np.exp(fit.beta * _GRID) for fit in states.values()]
-    return np.unique(factor * np.concatenate([*parts, studied]))
 
 
 def _real(value: float) -> str:

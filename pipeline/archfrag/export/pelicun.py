@@ -9,7 +9,7 @@ from itertools import chain
 
 from archfrag.errors import InputError
 from archfrag.export.curve_set import CurveSet
-from archfrag.export.receivers import pelicun_measure
+from archfrag.export.receivers import named_measure
 
 
 def pelicun_table(curves: CurveSet) -> str:
@@ -18,16 +18,14 @@ def pelicun_table(curves: CurveSet) -> str:
     ``Theta_0`` is the median in ``Demand-Unit`` (g or cmps), ``Theta_1`` the dispersion.
     ``Demand-Directional`` is 1: with 0 pelicun would multiply the demand by 1.2.
     """
-    demand = pelicun_measure(curves.measure)
+    demand = named_measure("pelicun", curves.measure)
     complete = curves.require_curves("pelicun")
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     states = [f"LS{n + 1}" for n in range(len(curves.limit_states))]
     columns = [f"{ls}-{key}" for ls in states for key in ("Family", "Theta_0", "Theta_1")]
-    writer.writerow(
-        ["ID", "Incomplete", "Demand-Type", "Demand-Unit", "Demand-Offset", "Demand-Directional",
-         *columns]
-    )  # fmt: skip
+    fixed = "ID Incomplete Demand-Type Demand-Unit Demand-Offset Demand-Directional"
+    writer.writerow([*fixed.split(), *columns])
     for arch, name in _ids(tuple(complete)).items():
         fits = complete[arch].values()
         values = [("lognormal", float(demand.factor * f.theta), float(f.beta)) for f in fits]
@@ -38,7 +36,7 @@ def pelicun_table(curves: CurveSet) -> str:
 def pelicun_description(curves: CurveSet) -> str:
     """What stands beside the table, as JSON in the layout of pelicun's own databases."""
     complete = curves.require_curves("pelicun")
-    note = pelicun_measure(curves.measure).note
+    note = named_measure("pelicun", curves.measure).note
     content: dict[str, object] = {
         "_GeneralInformation": {
             "ShortName": curves.made.study,

@@ -48,14 +48,12 @@ def curve_tables(
                 continue
             labels = {"arch": arch, "limit_state": state, "measure": curves.measure}
             known = answers[arch]
-            if state != "collapse":
-                band = confidence_band(fit, levels, confidence)
-                known = Answer(
-                    fit, fit, theta_interval(fit, confidence), beta_interval(fit, confidence),
-                    levels.tolist(), band.lower.tolist(), band.upper.tolist(), confidence,
-                    _COVARIANCE,
-                )  # fmt: skip
             lower, upper = (np.interp(levels, known.im, end) for end in (known.lower, known.upper))
+            if state != "collapse":
+                ends = theta_interval(fit, confidence), beta_interval(fit, confidence)
+                known = Answer(fit, fit, *ends, method=_COVARIANCE)
+                band = confidence_band(fit, levels, confidence)
+                lower, upper = band.lower, band.upper
             values = {
                 "im": levels * unit.factor, "unit": unit.given, "intensity": levels,
                 "probability": fit.probability(levels), "lower": lower, "upper": upper,

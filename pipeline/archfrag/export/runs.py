@@ -32,21 +32,18 @@ def runs_table(cube: xr.Dataset, piece: int = PIECE) -> Table:
 
 def facts_table(cube: xr.Dataset, dimension: str) -> Table:
     """What the cube holds of each record, or of each arch."""
-    names = [
-        str(name)
-        for name, variable in cube.variables.items()
-        if variable.dims[:1] == (dimension,) and not set(variable.dims) & (set(_RUN) - {dimension})
-    ]
     columns: dict[str, Described] = {}
     values: dict[str, NDArray] = {}
-    for name in sorted(names, key=dimension.__ne__):
+    for name in sorted(map(str, cube.variables), key=dimension.__ne__):
+        variable = cube.variables[name]
+        if [d for d in variable.dims if d in _RUN] != [dimension]:
+            continue
         described = _describe(cube, name)
-        wide = cube.variables[name].values.reshape(cube.sizes[dimension], -1)
+        wide = variable.transpose(dimension, ...).values.reshape(cube.sizes[dimension], -1)
         columns |= dict(described)
         values |= {each: wide[:, n] for n, (each, _) in enumerate(described)}
-    return Table(
-        {"arch": "arches"}.get(dimension, f"{dimension}s"), columns, [pd.DataFrame(values)]
-    )
+    plural = {"arch": "arches", "record": "records"}[dimension]
+    return Table(plural, columns, [pd.DataFrame(values)])
 
 
 def _run_variables(cube: xr.Dataset) -> list[str]:
@@ -68,26 +65,17 @@ def _describe(cube: xr.Dataset, name: str) -> list[tuple[str, Described]]:
     about = variable.attrs
     codes = None
     if "flag_meanings" in about:
-        values = np.atleast_1d(about["flag_values"])
-        codes = {key: int(code) for key, code in zip(about["flag_meanings"].split(), values)}
+        values = np.atleast_1d(about["flag_values"]).tolist()
+        codes = dict(zip(about["flag_meanings"].split(), values))
     text = ". ".join(filter(None, (about.get("long_name", name), about.get("comment", ""))))
     described = Described(text, str(about.get("units", "")), codes)
     other = [str(d) for d in variable.dims if d not in _RUN]
     if not other:
         return [(name, described)]
-    labels = cube[other[0]].values
-    units = _units_by_label(cube, other[0], described.unit)
-    return [
-        (f"{name}_{label}", described._replace(unit=unit)) for label, unit in zip(labels, units)
-    ]
-
-
-def _units_by_label(cube: xr.Dataset, dimension: str, unit: str) -> list[str]:
-    """Units of the values along a dimension, which may be given beside its labels."""
-    given = cube.variables.get(f"{dimension}_units")
-    if given is None:
-        return [unit] * cube.sizes[dimension]
-    return [str(each) for each in given.values]
+    labels, units = cube[other[0]].values, [described.unit] * cube.sizes[other[0]]
+    if f"{other[0]}_units" in cube:
+        units = cube[f"{other[0]}_units"].values.astype(str).tolist()
+    return [(f"{name}_{each}", described._replace(unit=unit)) for each, unit in zip(labels, units)]
 
 
 def _pieces(cube: xr.Dataset, piece: int) -> Iterator[pd.DataFrame]:
@@ -114,17 +102,11 @@ def _steps(cube: xr.Dataset, piece: int) -> tuple[int, int]:
 
 
 def _rows(block: xr.Dataset, names: list[str]) -> pd.DataFrame:
-    shape = tuple(block.sizes[d] for d in _RUN)
-    simulated = (block["verdict"].transpose(*_RUN).values != Verdict.NOT_SIMULATED).reshape(-1)
-    values: dict[str, NDArray] = {}
+    columns = {}
     for name in names:
         variable = block.variables[name]
-        own = [d for d in _RUN if d in variable.dims]
         other = [d for d in variable.dims if d not in _RUN]
-        array = variable.transpose(*own, *other).values
-        array = array.reshape(*(block.sizes[d] if d in own else 1 for d in _RUN), -1)
-        every = np.broadcast_to(array, (*shape, array.shape[-1]))
-        flat = every.reshape(-1, array.shape[-1])[simulated]
         for n, (column, _) in enumerate(_describe(block, name)):
-            values[column] = flat[:, n]
-    return pd.DataFrame(values)
+            columns[column] = variable.isel(dict.fromkeys(other, n))
+    frame = xr.Dataset(columns).to_dataframe(dim_order=list(_RUN)).reset_index()
+    return frame[frame["verdict"] != Verdict.NOT_SIMULATED].reset_index(drop=True)

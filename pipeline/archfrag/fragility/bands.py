@@ -6,7 +6,6 @@ from scipy.special import chdtri, ndtr, ndtri, stdtrit
 
 from archfrag.errors import InputError
 from archfrag.fragility.curve import Band, Fragility, log_intensity, tails
-from archfrag.fragility.fit import curves_of_lines
 from archfrag.fragility.lines import binomial_lines
 from archfrag.fragility.runs import Resampling, gather_runs
 
@@ -69,10 +68,8 @@ def capacity_band(fit: Fragility, im: ArrayLike, confidence: float = 0.9) -> Ban
     True
     """
     if fit.kind not in _OF_CAPACITIES:
-        raise InputError(
-            f"the fit is of kind {fit.kind!r}; Student's t needs capacities, of kind "
-            + " or ".join(repr(kind) for kind in _OF_CAPACITIES)
-        )
+        kinds = " or ".join(map(repr, _OF_CAPACITIES))
+        raise InputError(f"the fit is of kind {fit.kind!r}; Student's t needs one of {kinds}")
     freedom, stretch = _freedom(fit)
     t = float(stdtrit(freedom, tails(confidence)[1]))
     beta = fit.beta * stretch
@@ -81,15 +78,12 @@ def capacity_band(fit: Fragility, im: ArrayLike, confidence: float = 0.9) -> Ban
     x = log_intensity(im)
     away = np.log(fit.theta) - np.where(np.isfinite(x), x, 0.0)
     leading = beta * beta - e
-    if leading <= 0.0:
-        lower, upper = np.zeros(x.shape), np.ones(x.shape)
-    else:
+    ends = np.zeros(x.shape), np.ones(x.shape)
+    if leading > 0.0:
         linear = beta * away - d
         root = np.sqrt(np.maximum(linear**2 - leading * (away**2 - c), 0.0))
-        lower, upper = ndtr((-linear - root) / leading), ndtr((-linear + root) / leading)
-    lower, upper = (
-        np.where(np.isneginf(x), 0.0, np.where(np.isposinf(x), 1.0, end)) for end in (lower, upper)
-    )
+        ends = ndtr((-linear - root) / leading), ndtr((-linear + root) / leading)
+    lower, upper = (np.where(np.isfinite(x), end, np.where(x > 0.0, 1.0, 0.0)) for end in ends)
     return Band(lower[()], upper[()], confidence)
 
 
@@ -116,10 +110,8 @@ def beta_interval(fit: Fragility, confidence: float = 0.9) -> tuple[float, float
     ends = tails(confidence)
     if fit.kind in _OF_CAPACITIES:
         freedom, stretch = _freedom(fit)
-        low, high = (
-            fit.beta * stretch * float(np.sqrt(freedom / chdtri(freedom, tail))) for tail in ends
-        )
-        return low, high
+        low, high = (float(np.sqrt(freedom / chdtri(freedom, tail))) for tail in ends)
+        return fit.beta * stretch * low, fit.beta * stretch * high
     reach = float(ndtri(ends[1]) * fit.standard_errors[1] / fit.beta)
     return fit.beta * np.exp(-reach), fit.beta * np.exp(reach)
 
@@ -134,8 +126,8 @@ def _freedom(fit: Fragility) -> tuple[float, float]:
 
 
 def record_bootstrap_band(
-    verdict: ArrayLike, levels: ArrayLike, im: ArrayLike, resampling: Resampling,
-    *, groups: ArrayLike | None = None,
+    verdict: ArrayLike, levels: ArrayLike, im: ArrayLike, resampling: Resampling, *,
+    groups: ArrayLike | None = None,
 ) -> Band:  # fmt: skip
     """Pointwise band where the same records serve at all levels, arguments as of `gather_runs`.
 
@@ -164,14 +156,7 @@ def record_bootstrap_band(
     decided = n.sum(axis=1) > 0
     x = np.maximum(log_intensity(im), -1e3)
     lines = binomial_lines(np.log(runs.levels), collapses[decided], n[decided])
-    many = curves_of_lines(lines, collapses[decided], n[decided])
     column = (slice(None), *(None,) * x.ndim)
     curves = ndtr(lines.intercept[column] + lines.slope[column] * x)
     lower, upper = np.quantile(curves, resampling.tails, axis=0)
-    theta, beta = (
-        np.quantile(values[many.fitted], resampling.tails) if many.fitted.any() else [np.nan] * 2
-        for values in (many.theta, many.beta)
-    )
-    lost = resampling.resamples - int(np.count_nonzero(many.fitted))
-    ends = (float(theta[0]), float(theta[1])), (float(beta[0]), float(beta[1]))
-    return Band(lower, upper, resampling.confidence, lost, *ends)
+    return Band(lower, upper, resampling.confidence, int(np.count_nonzero(lines.degenerate)))

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.counts import Verdict, count_verdicts
-from archfrag.fragility.curve import BoolArray, FloatArray, IntArray, positive
+from archfrag.fragility.curve import BoolArray, FloatArray, IntArray, positive, shaped
 
 RULES = ("count", "fewest", "first")
 
@@ -96,9 +96,8 @@ def find_brackets(verdict: ArrayLike, levels: ArrayLike, rule: str = "fewest") -
 def fill_verdicts(verdict: ArrayLike, rule: str = "fewest") -> IntArray:
     """Verdicts of a bisected grid, with those cells decided that the bracket implies.
 
-    A cell that was not run is taken to stand below the bracket of its record and to collapse
-    above it. Runs that were made keep their verdict; cells inside the bracket stay as they are.
-    Arguments and errors are those of `find_brackets`.
+    A cell that was not run stands below the bracket of its record and collapses above it; all
+    others stay as they are. Arguments and errors are those of `find_brackets`.
 
     Examples
     --------
@@ -120,16 +119,15 @@ def checked_brackets(lower: ArrayLike, upper: ArrayLike) -> tuple[FloatArray, Fl
     """Ends of brackets as arrays of shape (n_record,); InputError if they cannot be."""
     lower, upper = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
     if lower.ndim != 1 or lower.size == 0 or lower.shape != upper.shape:
+        shapes = f"lower has shape {lower.shape}, upper {upper.shape}"
+        raise InputError(f"{shapes}; one number per record is needed")
+    good = (lower >= 0.0) & (lower <= upper) & np.isfinite(lower) & (upper > 0.0)
+    good &= (lower > 0.0) | (upper < np.inf)
+    if not good.all():
+        low, high = lower[~good][0], upper[~good][0]
         raise InputError(
-            f"lower has shape {lower.shape}, upper {upper.shape}; one number per record is needed"
-        )
-    bad = ~((lower >= 0.0) & (lower <= upper) & np.isfinite(lower) & (upper > 0.0))
-    bad |= (lower == 0.0) & np.isposinf(upper)
-    if bad.any():
-        i = int(np.argmax(bad))
-        raise InputError(
-            f"the bracket from {lower[i]:g} to {upper[i]:g} cannot be; 0 <= lower <= upper "
-            "are needed, lower finite, upper > 0, and not from 0 to inf"
+            f"the bracket from {low:g} to {high:g} cannot be; 0 <= lower <= upper are needed, "
+            "lower finite, upper > 0, and not from 0 to inf"
         )
     return lower, upper
 
@@ -149,14 +147,11 @@ def _below(fell: BoolArray, stood: BoolArray, rule: str) -> BoolArray:
 
 def _checked_grid(verdict: ArrayLike, levels: ArrayLike) -> tuple[IntArray, FloatArray]:
     """Verdicts and levels, (n_record, n_level) each, with levels that rise."""
-    codes, factor = np.asarray(verdict), np.asarray(levels, dtype=float)
+    codes, factor = np.asarray(verdict), positive(levels, "levels")
     if codes.ndim != 2 or codes.size == 0:
         raise InputError(f"verdict has shape {codes.shape}; (n_record, n_level) is needed")
     count_verdicts(codes)
-    if factor.shape not in (codes.shape, codes.shape[1:]):
-        raise InputError(
-            f"levels have shape {factor.shape}, verdict {codes.shape}; one per level, or per run"
-        )
-    factor = np.broadcast_to(positive(factor, "levels"), codes.shape)
+    if factor.shape != codes.shape:
+        factor = np.broadcast_to(shaped(factor, codes.shape[1:], "levels"), codes.shape)
     order = np.argsort(factor, axis=1, kind="stable")
     return np.take_along_axis(codes, order, 1), np.take_along_axis(factor, order, 1)

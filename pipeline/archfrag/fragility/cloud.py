@@ -14,15 +14,13 @@ from scipy.special import expit, ndtr
 
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.curve import BoolArray, FloatArray, log_intensity, positive, shaped
-from archfrag.fragility.lines import Lines, binomial_lines
+from archfrag.fragility.lines import binomial_lines
 from archfrag.fragility.runs import Resampling, event_groups
 
 __all__ = ["CloudCurve", "cloud_binary", "cloud_modified"]
 
 _QUANTILES = ndtr([-1.0, 0.0, 1.0])
 _BISECTIONS = 60
-_COLLAPSE_LINE = ("collapse_intercept", "collapse_slope")
-_RESPONSE_LINE = ("response_intercept", "response_slope", "response_deviation", "log_limit")
 
 
 @dataclass(frozen=True)
@@ -33,28 +31,22 @@ class CloudCurve:
     ln(84 % point / 16 % point) / 2.
     """
 
-    kind: str  #: "logistic" or "modified"
-    parameters: dict[str, float]  #: of the line of collapse and of that of the response, by name
+    #: Of P(collapse) = expit(a + b ln im); where there is a response also intercept, slope and
+    #: deviation of its line and ln of the limit.
+    parameters: FloatArray
     theta: float
     beta: float
     theta_interval: tuple[float, float]  #: quantiles over the resamples
     beta_interval: tuple[float, float]
-    confidence: float  #: two-sided, of the intervals
     notes: tuple[str, ...]  #: what a reader must know of this fit
 
     def probability(self, im: ArrayLike) -> FloatArray:
-        """Probability at intensities >= 0 of any shape."""
-        x = log_intensity(im)
-        own = np.array([list(self.parameters.values())])
-        return _curves(own, x.reshape(1, -1))[0].reshape(x.shape)
+        """Probability at intensities >= 0, (n,)."""
+        return _curves(self.parameters[None], log_intensity(im))[0]
 
 
 def cloud_binary(
-    im: ArrayLike,
-    collapsed: ArrayLike,
-    resampling: Resampling,
-    *,
-    event: ArrayLike | None = None,
+    im: ArrayLike, collapsed: ArrayLike, resampling: Resampling, *, event: ArrayLike | None = None
 ) -> CloudCurve:
     """Logistic regression of collapse on ln im.
 
@@ -70,10 +62,8 @@ def cloud_binary(
 
     Raises
     ------
-    InputError
-        If an argument cannot be.
-    FitError
-        If the likelihood has no maximum with a curve that rises.
+    InputError, FitError
+        If an argument cannot be; if the likelihood has no maximum with a curve that rises.
 
     Examples
     --------
@@ -87,9 +77,9 @@ def cloud_binary(
     """
     x, fell = _checked(im, collapsed)
     if not fell.any() or fell.all():
-        many, side, what = (
-            ("every", "below", "weaker") if fell.all() else ("no", "above", "stronger")
-        )
+        many, side, what = "no", "above", "stronger"
+        if fell.all():
+            many, side, what = "every", "below", "weaker"
         raise FitError(
             f"{many} run of the cloud collapsed between {np.exp(x.min()):g} and "
             f"{np.exp(x.max()):g}, so theta lies {side} them; add {what} records"
@@ -105,19 +95,13 @@ def cloud_binary(
             else "the fraction of collapses does not rise with intensity over the cloud; add "
             "records"
         )
-    draws = np.stack([lines.intercept, lines.slope], axis=1)
-    return _curve("logistic", draws, lines.degenerate, resampling)
+    return _curve(np.stack(lines[:2], axis=1), lines.degenerate, resampling)
 
 
 def cloud_modified(
-    im: ArrayLike,
-    response: ArrayLike,
-    collapsed: ArrayLike,
-    limit: float,
-    resampling: Resampling,
-    *,
-    event: ArrayLike | None = None,
-) -> CloudCurve:
+    im: ArrayLike, response: ArrayLike, collapsed: ArrayLike, limit: float,
+    resampling: Resampling, *, event: ArrayLike | None = None,
+) -> CloudCurve:  # fmt: skip
     """Probability that the response exceeds a limit, from response and collapse together.
 
     P(exceeded | im) = P(response > limit | im, no collapse) (1 - P(collapse | im))
@@ -178,18 +162,12 @@ def cloud_modified(
     columns = [lines.intercept, lines.slope, mean_y - slope * mean_x, slope, deviation]
     draws = np.stack([*columns, np.full_like(slope, np.log(limit))], axis=1)
     lost = ~np.isfinite(draws).all(axis=1) | ~(slope > 0.0) | ~(deviation > 0.0)
-    return _curve("modified", draws, lost, resampling, _notes(lines, fell))
-
-
-def _notes(lines: Lines, fell: BoolArray) -> tuple[str, ...]:
-    """What the line of collapse of `cloud_modified` is where it has no maximum."""
+    note = "collapses do not rise with intensity: P(collapse) is their fraction throughout"
     if not fell.any():
-        return ("no run collapsed: the curve is that of the regression alone",)
-    if not lines.degenerate[0]:
-        return ()
-    if lines.slope[0] > 0.0:
-        return ("collapses and standing runs do not overlap in intensity: P(collapse) is a step",)
-    return ("collapses do not rise with intensity: P(collapse) is their fraction throughout",)
+        note = "no run collapsed: the curve is that of the regression alone"
+    elif lines.slope[0] > 0.0:
+        note = "collapses and standing runs do not overlap in intensity: P(collapse) is a step"
+    return _curve(draws, lost, resampling, (note,) if lines.degenerate[0] else ())
 
 
 def _weights(n_run: int, event: ArrayLike | None, resampling: Resampling) -> FloatArray:
@@ -212,9 +190,8 @@ def _checked(im: ArrayLike, collapsed: ArrayLike) -> tuple[FloatArray, BoolArray
 
 
 def _curve(
-    kind: str, draws: FloatArray, lost: BoolArray, resampling: Resampling,
-    notes: tuple[str, ...] = (),
-) -> CloudCurve:  # fmt: skip
+    draws: FloatArray, lost: BoolArray, resampling: Resampling, notes: tuple[str, ...] = ()
+) -> CloudCurve:
     """The first row of `draws` is the estimate, the others are resamples, some of them lost."""
     kept = draws[1:][~lost[1:]]
     if not len(kept):
@@ -224,17 +201,8 @@ def _curve(
         betas = 0.5 * (points[:, 2] - points[:, 0])
     drawn = np.stack([points[1:, 1], np.nan_to_num(betas[1:], nan=np.inf)])
     theta, beta = np.quantile(drawn, resampling.tails, axis=1, method="inverted_cdf").T
-    names = _COLLAPSE_LINE + (_RESPONSE_LINE if kind == "modified" else ())
-    return CloudCurve(
-        kind=kind,
-        parameters={name: float(value) for name, value in zip(names, draws[0], strict=True)},
-        theta=float(np.exp(points[0, 1])),
-        beta=float(betas[0]),
-        theta_interval=(float(np.exp(theta[0])), float(np.exp(theta[1]))),
-        beta_interval=(float(beta[0]), float(beta[1])),
-        confidence=resampling.confidence,
-        notes=notes,
-    )
+    ends = (float(np.exp(theta[0])), float(np.exp(theta[1]))), (float(beta[0]), float(beta[1]))
+    return CloudCurve(draws[0], float(np.exp(points[0, 1])), float(betas[0]), *ends, notes)
 
 
 def _curves(parameters: FloatArray, x: FloatArray) -> FloatArray:

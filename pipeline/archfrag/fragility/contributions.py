@@ -28,7 +28,7 @@ class Contributions:
 
     categories: tuple[str, ...]
     counts: IntArray  #: (n_category, n_level), collapses
-    rate: FloatArray  #: (n_category, n_level), rate of collapse [1/year]
+    rate: FloatArray  #: (n_category, n_level), of collapse [1/year]
     unassigned: FloatArray  #: (n_level,), rate of levels with no collapse seen [1/year]
     fraction: FloatArray  #: (n_category,), of the rate that is assigned [1]; nan if none is
     lower: FloatArray  #: (n_category,), band of `fraction` from resampled records
@@ -52,10 +52,7 @@ class Deaggregation:
 
     @property
     def probability(self) -> FloatArray:
-        """Fraction of all runs that decide, (n_category, n_level); nan where none does.
-
-        Over the categories it sums to the observed fraction of collapses.
-        """
+        """Fraction of all runs that decide, (n_category, n_level); nan where none does."""
         return self.counts / np.where(self.n > 0, self.n, np.nan)
 
 
@@ -75,18 +72,8 @@ def deaggregate(
     verdict : array_like of int, (n_record, n_level)
         Codes of `archfrag.fragility.counts.Verdict`; others than standing and collapsed count as
         neither.
-    category : array_like of int, (n_record, n_level)
-        For each run that collapsed the position of its category in `categories`; any other
-        number elsewhere.
-    categories : sequence of str
-    confidence : float
-        Two-sided, between 0 and 1.
-
-    Raises
-    ------
-    InputError
-        If the shapes differ, a code is no verdict, a run that collapsed has no category, or
-        `confidence` is not between 0 and 1.
+    category, categories, confidence
+        As of `contributions`, which also has the errors.
 
     Examples
     --------
@@ -101,16 +88,14 @@ def deaggregate(
     """
     counted = count_verdicts(verdict)
     fell = np.asarray(verdict) == Verdict.COLLAPSED
-    names = tuple(categories)
-    counts = _by_category(fell, category, len(names)).sum(axis=1)
+    counts = _by_category(fell, category, len(categories)).sum(axis=1)
     of_record = fell.sum(axis=1).astype(float)
     total = float(of_record.sum())
     effective = total**2 / float(of_record @ of_record) if total else 0.0
     overall = counts.sum(axis=1) / (total or np.nan)
-    low, high = wilson(overall * effective, np.full(len(names), effective), confidence)
-    return Deaggregation(
-        names, counts, counted.collapsed, counted.n, overall, low, high, effective, confidence
-    )
+    ends = wilson(overall * effective, np.full(len(counts), effective), confidence)
+    known = tuple(categories), counts, counted.collapsed, counted.n, overall
+    return Deaggregation(*known, *ends, effective, confidence)
 
 
 def contributions(
@@ -145,8 +130,8 @@ def contributions(
     Raises
     ------
     InputError
-        If the shapes do not agree, a rate is negative, a run that collapsed has no category, or
-        `confidence` is not between 0 and 1.
+        If shapes do not agree, a verdict or a rate cannot be, a run that collapsed has no
+        category, or `confidence` is not between 0 and 1.
 
     Examples
     --------
@@ -164,10 +149,10 @@ def contributions(
     resampling, names = Resampling(seed, RESAMPLES, confidence), tuple(categories)
     masks = _by_category(fell, category, len(names))
     counts = masks.sum(axis=1)
-    rate, everything = _rates(rates, counts)
-    unassigned = np.where(everything > 0, 0.0, rates)
+    rate = _rates(rates, counts)
+    unassigned = np.where(counts.sum(axis=0) > 0, 0.0, rates)
     times = resampling.multiplicities(len(fell))
-    drawn = _rates(rates, times @ masks)[0].sum(axis=-1)  # (category, resample)
+    drawn = _rates(rates, times @ masks).sum(axis=-1)  # (category, resample)
     total = drawn.sum(axis=0)
     lower = upper = np.full(len(names), np.nan)
     if total.any():
@@ -178,10 +163,9 @@ def contributions(
     return Contributions(names, counts, rate, unassigned, fraction, lower, upper, confidence)
 
 
-def _rates(rates: FloatArray, counts: IntArray) -> tuple[FloatArray, IntArray]:
-    """Rates divided as the collapses (n_category, ..., n_level) are, and all collapses."""
-    everything = counts.sum(axis=0)
-    return rates * counts / np.maximum(everything, 1), everything
+def _rates(rates: FloatArray, counts: IntArray) -> FloatArray:
+    """Rates divided as the collapses (n_category, ..., n_level) are."""
+    return rates * counts / np.maximum(counts.sum(axis=0), 1)
 
 
 def _by_category(fell: BoolArray, category: ArrayLike, n_category: int) -> BoolArray:
@@ -207,20 +191,10 @@ def level_edges(levels: ArrayLike) -> FloatArray:
 def implied_collapses(
     collapsed: ArrayLike, simulated: ArrayLike, category: ArrayLike
 ) -> tuple[BoolArray, NDArray]:
-    """Collapses that runs left out by a bisection would have shown, capacity being one number.
+    """`collapsed` and `category`, (n_record, n_level), with the gaps of a bisection filled.
 
     A level that was not simulated counts as collapsed if its record collapsed at the nearest lower
-    level that was, by the category that it had there.
-
-    Parameters
-    ----------
-    collapsed, simulated : array_like of bool, (n_record, n_level)
-    category : array_like, (n_record, n_level)
-
-    Returns
-    -------
-    (ndarray, ndarray), each (n_record, n_level)
-        `collapsed` and `category` with the gaps filled.
+    level that was, by the category that it had there: capacity is taken as one number.
 
     Examples
     --------
@@ -229,38 +203,28 @@ def implied_collapses(
     >>> fell.tolist(), kind.tolist()
     ([[False, False, True, True]], [[-1, -1, 2, 2]])
     """
-    fell, known = np.asarray(collapsed, dtype=bool), np.asarray(simulated, dtype=bool)
-    kind = np.asarray(category)
-    source = np.maximum.accumulate(np.where(known, np.arange(fell.shape[1]), -1), axis=1)
+    fell, kind = np.asarray(collapsed, dtype=bool), np.asarray(category)
+    source = np.where(np.asarray(simulated, dtype=bool), np.arange(fell.shape[1]), -1)
+    source = np.maximum.accumulate(source, axis=1)
     row = np.arange(fell.shape[0])[:, None]
-    filled = (source >= 0) & fell[row, np.maximum(source, 0)]
-    return filled, np.where(filled, kind[row, np.maximum(source, 0)], kind)
+    filled = (source >= 0) & fell[row, source]
+    return filled, np.where(filled, kind[row, source], kind)
 
 
 def value_bins(
     values: ArrayLike, edges: ArrayLike, unit: str = ""
 ) -> tuple[IntArray, tuple[str, ...]]:
-    """Bin of each value and the names of the bins; nan has a bin of its own.
+    """Bin of each value, (n,), and the names of the bins; nan has a bin of its own.
 
-    Parameters
-    ----------
-    values : array_like, (n,)
-    edges : array_like, (n_edge,)
-        Increasing; the bins are below the first, between them, and from the last on.
-    unit : str
-        Written after the numbers.
-
-    Returns
-    -------
-    (ndarray of int, tuple of str)
-        (n,), positions in the names.
+    Bins are below the first edge, between edges, which increase, and from the last on; `unit` is
+    written after the numbers.
 
     Examples
     --------
     >>> from archfrag.fragility.contributions import value_bins
-    >>> place, names = value_bins([5.9, 7.4, float("nan")], [6.0, 7.0])
+    >>> place, names = value_bins([5.9, 6.0, 7.4, float("nan")], [6.0, 7.0], "km")
     >>> place.tolist(), names
-    ([0, 2, 3], ('below 6', '6 to 7', '7 and more', 'not known'))
+    ([0, 1, 2, 3], ('below 6 km', '6 to 7 km', '7 km and more', 'not known'))
     """
     values, edges = np.asarray(values, dtype=float), rising(edges, "edges of bins")
     unit = f" {unit}" if unit else ""

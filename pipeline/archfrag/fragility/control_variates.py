@@ -48,10 +48,9 @@ def estimate_two_fidelity(coarse: ArrayLike, fine: ArrayLike) -> TwoFidelity:
 
     Raises
     ------
-    InputError
-        If an argument cannot be.
-    FitError
-        If fewer than four records have both capacities, or these do not vary.
+    InputError, FitError
+        If an argument cannot be; if fewer than four records have both capacities, or these do not
+        vary.
 
     Examples
     --------
@@ -65,50 +64,42 @@ def estimate_two_fidelity(coarse: ArrayLike, fine: ArrayLike) -> TwoFidelity:
     >>> found.standard_errors[0] < 0.5 * found.beta / 20**0.5
     True
     """
-    x, y = _checked(coarse, fine)
-    both = ~np.isnan(y)
+    cheap = positive(coarse, "coarse")
+    costly = shaped(positive(fine, "fine", unknown=True), (cheap.size,), "fine")
+    both = ~np.isnan(costly)
     m = int(np.count_nonzero(both))
+    if m < 4:
+        raise FitError(f"{m} records have capacities by both settings; 4 are needed")
+    if np.ptp(cheap[both]) == 0.0 or np.ptp(costly[both]) == 0.0:
+        raise FitError("capacities by both settings do not vary, so nothing can be estimated")
+    x, y = np.log(cheap), np.log(costly)
     estimates = _estimates(x, y, _leaving_one_out(both))
-    values = estimates[0]
     square_error, bias = np.zeros(2), np.zeros(2)
     for without in (estimates[1:][both], estimates[1:][~both]):
-        if len(without) < 2:
-            continue
-        off = without - without.mean(axis=0)
-        square_error += (len(without) - 1) / len(without) * np.sum(off**2, axis=0)
-        bias += (len(without) - 1) * (without.mean(axis=0) - values)
-    log_theta, beta = values - bias
+        if len(without) > 1:
+            off = without - without.mean(axis=0)
+            square_error += (len(without) - 1) / len(without) * np.sum(off**2, axis=0)
+            bias += (len(without) - 1) * (without.mean(axis=0) - estimates[0])
+    log_theta, beta = estimates[0] - bias
     if not beta > 0.0:
-        raise FitError(
-            f"the two settings give no dispersion above 0 from {m} records with both; run the "
-            "expensive one for more records"
-        )
+        why = f"the two settings give no dispersion above 0 from {m} records with both"
+        raise FitError(f"{why}; run the expensive one for more records")
     errors = np.sqrt(square_error)
-    return TwoFidelity(
-        theta=float(np.exp(log_theta)),
-        beta=float(beta),
-        standard_errors=(float(errors[0]), float(errors[1])),
-        bias=(float(bias[0]), float(bias[1])),
-        correlation=float(np.corrcoef(x[both], y[both])[0, 1]),
-        n_fine=m,
-        n_coarse=x.size,
-    )
+    pairs = (float(errors[0]), float(errors[1])), (float(bias[0]), float(bias[1]))
+    correlation = float(np.corrcoef(x[both], y[both])[0, 1])
+    return TwoFidelity(float(np.exp(log_theta)), float(beta), *pairs, correlation, m, x.size)
 
 
 def _leaving_one_out(both: BoolArray) -> FloatArray:
     """Weights of all records, then with one left out after the other, (1 + n_record, n_record).
 
     The others of its group (with both settings, or with the cheap one only) take over the weight
-    of the record left out, so that means over all records keep their fractions of the groups and
-    no linear estimate has a bias.
+    of the record left out, so that no linear estimate has a bias.
     """
-    n = both.size
-    weight = np.ones((n + 1, n))
-    for group in (both, ~both):
-        size = np.count_nonzero(group)
-        if size > 1:
-            index = np.flatnonzero(group)
-            weight[np.ix_(index + 1, index)] = size / (size - 1)
+    weight = np.ones((both.size + 1, both.size))
+    for index in (np.flatnonzero(both), np.flatnonzero(~both)):
+        if index.size > 1:
+            weight[np.ix_(index + 1, index)] = index.size / (index.size - 1)
             weight[index + 1, index] = 0.0
     return weight
 
@@ -127,16 +118,3 @@ def _estimates(x: FloatArray, y: FloatArray, weight: FloatArray) -> FloatArray:
     square = var_y + c * c * (var_all - var_x)
     log_theta = x0 + mean_y + c * (mean_all - mean_x)
     return np.stack([log_theta, np.sqrt(np.maximum(square, 0.0))], axis=1)
-
-
-def _checked(coarse: ArrayLike, fine: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    cheap = positive(coarse, "coarse")
-    costly = shaped(positive(fine, "fine", unknown=True), (cheap.size,), "fine")
-    both = ~np.isnan(costly)
-    if np.count_nonzero(both) < 4:
-        raise FitError(
-            f"{np.count_nonzero(both)} records have capacities by both settings; 4 are needed"
-        )
-    if np.ptp(cheap[both]) == 0.0 or np.ptp(costly[both]) == 0.0:
-        raise FitError("capacities by both settings do not vary, so nothing can be estimated")
-    return np.log(cheap), np.log(costly)

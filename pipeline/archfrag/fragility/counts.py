@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from scipy.special import betaincinv, ndtri
 
 from archfrag.errors import InputError
-from archfrag.fragility.curve import FloatArray, IntArray, positive, tails
+from archfrag.fragility.curve import FloatArray, IntArray, positive, shaped, tails
 
 
 class Verdict(IntEnum):
@@ -83,15 +83,10 @@ def checked_stripes(
     """Levels, collapses and runs as arrays of shape (n_level,); InputError if they cannot be."""
     levels, k, m = (np.asarray(values, dtype=float) for values in (im, collapses, n))
     if levels.ndim != 1 or levels.size == 0:
-        raise InputError(
-            f"im has shape {levels.shape}; a list of one intensity per level is needed"
-        )
+        raise InputError(f"im has shape {levels.shape}; a list of one intensity per level")
     m = np.full(levels.shape, m) if m.ndim == 0 else m
     for name, values in (("collapses", k), ("n", m)):
-        if values.shape != levels.shape:
-            raise InputError(
-                f"{name} has shape {values.shape}, im {levels.shape}; one number per level"
-            )
+        shaped(values, levels.shape, name)
         bad = values[~((values >= 0.0) & (values == np.floor(values)) & np.isfinite(values))]
         if bad.size:
             raise InputError(f"{name} holds {bad[0]:g}; counts are integers from 0 upwards")
@@ -112,7 +107,7 @@ def clopper_pearson(
     Parameters
     ----------
     collapses, n : array_like of int, (n_level,)
-        Collapses among n runs; `n` may be one number for all levels.
+        Collapses among n runs, as of `archfrag.fit_stripes`, which has the errors.
     confidence : float
         Two-sided, between 0 and 1; each side holds at least half of it.
 
@@ -120,11 +115,6 @@ def clopper_pearson(
     -------
     (ndarray, ndarray)
         Lower and upper end, (n_level,); nan where n = 0.
-
-    Raises
-    ------
-    InputError
-        If a count is negative, no integer, or collapses exceed n.
 
     Examples
     --------

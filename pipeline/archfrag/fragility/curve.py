@@ -69,14 +69,11 @@ class Fragility:
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, lists and strings, for JSON."""
         return {
-            "kind": self.kind,
-            "theta": self.theta,
-            "beta": self.beta,
+            "kind": self.kind, "theta": self.theta, "beta": self.beta,
             "covariance_ln_theta_beta": self.covariance.tolist(),
             "log_likelihood": self.log_likelihood,
-            "n_levels": self.n_levels,
-            "n_total": self.n_total,
-        }
+            "n_levels": self.n_levels, "n_total": self.n_total,
+        }  # fmt: skip
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> "Fragility":
@@ -110,9 +107,6 @@ class Band:
     upper: FloatArray
     confidence: float  #: two-sided, at each intensity
     n_degenerate: int = 0  #: bootstrap only: resamples without a lognormal curve
-    #: Bootstrap only: quantiles over the resamples that have a lognormal curve; nan if none has.
-    theta: tuple[float, float] = (np.nan, np.nan)
-    beta: tuple[float, float] = (np.nan, np.nan)
 
 
 def log_intensity(im: ArrayLike) -> FloatArray:
@@ -146,8 +140,10 @@ def shaped(values: ArrayLike, shape: tuple[int, ...], name: str) -> NDArray[Any]
 def rising(values: ArrayLike, name: str) -> FloatArray:
     """A list of positive finite numbers that increase; else InputError."""
     given = positive(values, name)
-    if given.ndim != 1 or not np.all(np.diff(given) > 0.0):
-        raise InputError(f"{name} must be a list of positive numbers that increase")
+    if given.ndim != 1:
+        raise InputError(f"{name} has shape {given.shape}; a list is needed")
+    for i in np.flatnonzero(np.diff(given) <= 0.0)[:1]:
+        raise InputError(f"{name} has {given[i + 1]:g} after {given[i]:g}; it must increase")
     return given
 
 

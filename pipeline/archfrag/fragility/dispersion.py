@@ -10,6 +10,7 @@ and tolerances of a run bring, and the second beta_model^2. What records do to s
 to others (the interaction) belongs to the first.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,10 +72,8 @@ def split_capacities(capacity: ArrayLike, *, numerical: float = 0.0) -> Dispersi
 
     Raises
     ------
-    InputError
-        If an argument cannot be.
-    FitError
-        If fewer than two arches, or two records of each, remain.
+    InputError, FitError
+        If an argument cannot be; if fewer than two arches, or two records of each, remain.
 
     Examples
     --------
@@ -90,12 +89,13 @@ def split_capacities(capacity: ArrayLike, *, numerical: float = 0.0) -> Dispersi
     if not known.all():
         notes.append(f"{np.count_nonzero(~known)} records without all capacities are left out")
     logs = logs[:, known]
-    if len(logs) < 2 or logs.shape[1] < 2:
+    a, r = logs.shape
+    if a < 2 or r < 2:
         raise FitError(
-            f"{len(logs)} arches with {logs.shape[1]} records of known capacity remain; two of "
-            "each are needed to separate modelling from records"
+            f"{a} arches with {r} records of known capacity remain; two of each are needed to "
+            "separate modelling from records"
         )
-    (a, r), overall = logs.shape, logs.mean()
+    overall = logs.mean()
     arch, record = logs.mean(axis=1), logs.mean(axis=0)
     of_arch, of_record = r * float(arch.var(ddof=1)), a * float(record.var(ddof=1))
     residual = logs - arch[:, None] - record + overall
@@ -104,19 +104,14 @@ def split_capacities(capacity: ArrayLike, *, numerical: float = 0.0) -> Dispersi
     within = (of_record + (a - 1) * interaction) / a
     within_variance = 2.0 * (of_record**2 / (r - 1) + (a - 1) * interaction**2 / (r - 1)) / a**2
     model_variance = 2.0 * (of_arch**2 / (a - 1) + interaction**2 / ((a - 1) * (r - 1))) / r**2
-    squares = [within, (of_arch - interaction) / r, within_variance, model_variance]
-    return _dispersion(float(np.exp(overall)), squares, (a, float(r)), notes, numerical)
+    parts = (within, within_variance), ((of_arch - interaction) / r, model_variance)
+    return _dispersion(float(np.exp(overall)), parts, (a, float(r)), notes, numerical)
 
 
 def split_curves(
-    theta: ArrayLike,
-    beta: ArrayLike,
-    standard_error: ArrayLike,
-    *,
-    shared: float = 0.0,
-    n_record: int,
-    numerical: float = 0.0,
-) -> Dispersion:
+    theta: ArrayLike, beta: ArrayLike, standard_error: ArrayLike, *,
+    shared: float = 0.0, n_record: int, numerical: float = 0.0,
+) -> Dispersion:  # fmt: skip
     """Divide the dispersion from one fitted curve per arch.
 
     beta_model^2 is the variance of ln theta over the arches less the mean square of its standard
@@ -139,10 +134,8 @@ def split_curves(
 
     Raises
     ------
-    InputError
-        If an argument cannot be.
-    FitError
-        If there are fewer than two arches.
+    InputError, FitError
+        If an argument cannot be; if there are fewer than two arches.
 
     Examples
     --------
@@ -165,30 +158,28 @@ def split_curves(
     sampling = float(np.mean(errors**2)) * (1.0 - shared)
     # With records of their own the arches' betas are independent estimates; with shared ones not.
     freedom = (n_record - 1) * (1.0 + (n_arch - 1) * (1.0 - shared))
-    variances = 2.0 * within**2 / freedom, 2.0 * observed**2 / (n_arch - 1)
-    squares = [within, observed - sampling, *variances]
+    between = observed - sampling, 2.0 * observed**2 / (n_arch - 1)
+    parts = (within, 2.0 * within**2 / freedom), between
     sizes = n_arch, float(n_record)
-    return _dispersion(float(np.exp(logs.mean())), squares, sizes, [], numerical)
+    return _dispersion(float(np.exp(logs.mean())), parts, sizes, [], numerical)
 
 
 def _dispersion(
-    theta: float,
-    squares: list[float],
-    sizes: tuple[int, float],
-    notes: list[str],
-    numerical: float,
-) -> Dispersion:
-    """Of the variances within and between arches, and the variances of these two."""
-    combine(numerical)  # which refuses what is no dispersion
-    squares = [squares[0] - numerical**2, *squares[1:]]
-    parts, errors = [], []
-    for name, square, variance in zip(("record-to-record", "modelling"), squares, squares[2:]):
+    theta: float, parts: Sequence[tuple[float, float]], sizes: tuple[int, float],
+    notes: list[str], numerical: float,
+) -> Dispersion:  # fmt: skip
+    """Of the variances within and between arches, each with its own variance."""
+    (within, error), modelling = parts
+    parts = (within - combine(numerical) ** 2, error), modelling
+    betas, errors = [], []
+    for name, (square, variance) in zip(("record-to-record", "modelling"), parts, strict=True):
         if square <= 0.0:
             notes.append(
                 f"the {name} variance is estimated as {square:.2g}, not above 0: the other parts "
                 "explain all the scatter that was seen"
             )
-        parts.append(float(np.sqrt(max(square, 0.0))))
-        errors.append(float(np.sqrt(variance) / (2.0 * parts[-1])) if square > 0.0 else np.nan)
-    found = theta, parts[0], parts[1], float(numerical), (errors[0], errors[1])
-    return Dispersion(*found, *sizes, tuple(notes))
+        betas.append(float(np.sqrt(max(square, 0.0))))
+        errors.append(float(np.sqrt(variance) / (2.0 * betas[-1])) if square > 0.0 else np.nan)
+    return Dispersion(
+        theta, betas[0], betas[1], float(numerical), (errors[0], errors[1]), *sizes, tuple(notes)
+    )

@@ -6,7 +6,6 @@ are concave: there is one maximum, and none exactly where the data are separated
 """
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,23 +14,13 @@ from scipy.special import gammaln
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.brackets import checked_brackets
 from archfrag.fragility.counts import checked_stripes
-from archfrag.fragility.curve import BoolArray, FloatArray, Fragility, positive
-from archfrag.fragility.lines import LOG_ROOT_TWO_PI, Lines, binomial_lines, normal_lines
+from archfrag.fragility.curve import FloatArray, Fragility, positive
+from archfrag.fragility.lines import LOG_ROOT_TWO_PI, binomial_lines, normal_lines
 
 __all__ = ["Fragility", "fit_brackets", "fit_ida", "fit_stripes"]
 
 _LARGEST_LOG = 600.0
 _EXACT = 1e-7  # width of a bracket, in deviations of all ends, below which it is one value
-
-
-class ManyCurves(NamedTuple):
-    """Curves of many draws, arrays of shape (n_draw, ...); nan where there is no maximum."""
-
-    theta: FloatArray
-    beta: FloatArray
-    covariance: FloatArray  #: (n_draw, 2, 2), of (ln theta, beta)
-    log_likelihood: FloatArray
-    fitted: BoolArray
 
 
 def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Fragility:
@@ -69,55 +58,33 @@ def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Fragility:
     used = n > 0
     im, collapses, n = im[used], collapses[used], n[used]
     _require_overlap(im, collapses, n)
-    many = fit_many(im, collapses[None], n)
-    if not many.fitted[0]:
-        raise _not_rising(im)
-    return Fragility(
-        theta=float(many.theta[0]),
-        beta=float(many.beta[0]),
-        covariance=many.covariance[0],
-        log_likelihood=float(many.log_likelihood[0]),
-        n_levels=int(np.unique(im).size),
-        n_total=int(n.sum()),
-        kind="stripes",
-    )
+    curve = likeliest_curve(im, collapses, n)
+    if curve is None:
+        raise FitError(
+            f"the fraction of collapses does not rise with intensity over the levels from "
+            f"{im.min():g} to {im.max():g}, so no lognormal curve fits; add levels or records"
+        )
+    return curve
 
 
-def fit_many(levels: FloatArray, collapses: ArrayLike, n: ArrayLike) -> ManyCurves:
-    """Curves of counts of many draws, (n_draw, n_level), as `fit_stripes` but not checked."""
-    k = np.asarray(collapses, dtype=float)
-    n = np.broadcast_to(np.asarray(n, dtype=float), k.shape)
-    return curves_of_lines(binomial_lines(np.log(levels), k, n), k, n)
-
-
-def curves_of_lines(lines: Lines, collapses: FloatArray, n: FloatArray) -> ManyCurves:
-    """Curves of probit lines in ln im, (n_draw,), of draws (n_draw, n_level)."""
-    theta, beta, log_likelihood = (np.full(len(n), np.nan) for _ in range(3))
-    covariance = np.full((len(n), 2, 2), np.nan)
+def likeliest_curve(im: FloatArray, collapses: FloatArray, n: FloatArray) -> Fragility | None:
+    """Curve of counts (n_level,) as of `fit_stripes`, not checked; None without a maximum."""
+    line = binomial_lines(np.log(im), collapses, n)
     # Where the line is as good as level the median lies beyond all numbers.
-    fitted = ~lines.degenerate & (lines.slope > np.abs(lines.intercept) / _LARGEST_LOG)
-    draws = np.flatnonzero(fitted)
-    if draws.size:
-        line = np.stack([lines.intercept, lines.slope], axis=1)[draws]
-        theta[draws], beta[draws], covariance[draws] = _curves(line, lines.information[draws])
-        k, m = collapses[draws], n[draws]
-        coefficients = gammaln(m + 1) - gammaln(k + 1) - gammaln(m - k + 1)
-        log_likelihood[draws] = coefficients.sum(axis=1) - lines.loss[draws]
-    return ManyCurves(theta, beta, covariance, log_likelihood, fitted)
+    if line.degenerate[0] or line.slope[0] <= np.abs(line.intercept[0]) / _LARGEST_LOG:
+        return None
+    coefficients = gammaln(n + 1) - gammaln(collapses + 1) - gammaln(n - collapses + 1)
+    likelihood = float(coefficients.sum() - line.loss[0])
+    known = _parameters(line.intercept[0], line.slope[0], line.information[0])
+    return Fragility(*known, likelihood, int(np.unique(im).size), int(n.sum()), "stripes")
 
 
-def _curves(
-    lines: FloatArray, information: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Theta, beta (n,) and covariance of (ln theta, beta) (n, 2, 2) of lines (n, 2) in ln im."""
-    a, b = lines.T
+def _parameters(a: float, b: float, information: FloatArray) -> tuple[float, float, FloatArray]:
+    """Theta, beta and covariance of (ln theta, beta) of the line a + b ln im."""
     beta = 1.0 / b
-    jacobian = np.zeros((len(a), 2, 2))
-    jacobian[:, 0, 0] = -beta
-    jacobian[:, 0, 1] = beta * a / b
-    jacobian[:, 1, 1] = -beta / b
-    covariance = jacobian @ np.linalg.inv(information) @ jacobian.transpose(0, 2, 1)
-    return np.exp(-beta * a), beta, covariance
+    jacobian = np.array([[-beta, beta * a / b], [0.0, -beta / b]])
+    covariance = jacobian @ np.linalg.inv(information) @ jacobian.T
+    return float(np.exp(-beta * a)), float(beta), covariance
 
 
 def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragility:
@@ -163,15 +130,11 @@ def fit_ida(capacities: ArrayLike, truncate_at: float | None = None) -> Fragilit
     if known.all():
         return _fit_moments(values)
     if not known.any():
-        raise FitError(
-            f"no capacity lies at or below truncate_at = {limit:g}: theta lies above it; try "
-            "higher intensities"
-        )
+        why = f"no capacity lies at or below truncate_at = {limit:g}: theta lies above it"
+        raise FitError(f"{why}; try higher intensities")
     if np.all(values[known] == limit):
-        raise FitError(
-            f"all observed capacities equal truncate_at = {limit:g}, so beta tends to 0; "
-            "resolve the capacities more finely"
-        )
+        why = f"all observed capacities equal truncate_at = {limit:g}, so beta tends to 0"
+        raise FitError(f"{why}; resolve the capacities more finely")
     fit = _fit(np.where(known, values, limit), np.where(known, values, np.inf), "ida_truncated")
     return replace(fit, n_levels=int(np.unique(values[known]).size))
 
@@ -186,15 +149,10 @@ def _fit_moments(values: FloatArray) -> Fragility:
         )
     mean, deviation = float(logs.mean()), float(logs.std(ddof=1))
     z = (logs - mean) / deviation
-    return Fragility(
-        theta=float(np.exp(mean)),
-        beta=deviation,
-        covariance=deviation**2 * np.diag([1.0 / n, 0.5 / (n - 1)]),
-        log_likelihood=float(-0.5 * z @ z - n * (np.log(deviation) + LOG_ROOT_TWO_PI)),
-        n_levels=int(np.unique(logs).size),
-        n_total=n,
-        kind="ida",
-    )
+    covariance = deviation**2 * np.diag([1.0 / n, 0.5 / (n - 1)])
+    likelihood = float(-0.5 * z @ z - n * (np.log(deviation) + LOG_ROOT_TWO_PI))
+    sizes = int(np.unique(logs).size), n
+    return Fragility(float(np.exp(mean)), deviation, covariance, likelihood, *sizes, "ida")
 
 
 def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Fragility:
@@ -217,10 +175,8 @@ def fit_brackets(lower: ArrayLike, upper: ArrayLike) -> Fragility:
 
     Raises
     ------
-    InputError
-        If an argument cannot be.
-    FitError
-        If the likelihood has no maximum with beta > 0.
+    InputError, FitError
+        If an argument cannot be; if the likelihood has no maximum with beta > 0.
 
     Examples
     --------
@@ -255,22 +211,15 @@ def _fit(lower: FloatArray, upper: FloatArray, kind: str) -> Fragility:
     pairs, number = np.unique(np.stack([low, high]), axis=1, return_counts=True)
     ones = np.ones((pairs.shape[1], 1))
     found = normal_lines(ones, pairs[0], pairs[1], number[None].astype(float))
-    line = np.array([[-found.coefficients[0, 0], 1.0]]) / found.deviation[0]
+    a, b = np.array([-found.coefficients[0, 0], 1.0]) / found.deviation[0]
     sign = np.array([[1.0, -1.0], [-1.0, 1.0]])  # the intercept is minus the first parameter
-    theta, beta, covariance = _curves(line, found.information * sign)
-    return Fragility(
-        theta=float(theta[0]),
-        beta=float(beta[0]),
-        covariance=covariance[0],
-        log_likelihood=constant - float(found.loss[0]),
-        n_levels=int(np.unique(ends).size),
-        n_total=lower.size,
-        kind=kind,
-    )
+    known = _parameters(a, b, found.information[0] * sign)
+    likelihood = constant - float(found.loss[0])
+    return Fragility(*known, likelihood, int(np.unique(ends).size), lower.size, kind)
 
 
 def _require_overlap(im: FloatArray, collapses: FloatArray, n: FloatArray) -> None:
-    """Raise FitError unless the likelihood has a maximum (Albert and Anderson 1984)."""
+    """Raise FitError where the data are separated (Albert and Anderson 1984)."""
     if im.size == 0:
         raise FitError("no level has a run that collapsed or stood, so there is nothing to fit")
     low, high, fell, stood = im.min(), im.max(), im[collapses > 0], im[collapses < n]
@@ -295,12 +244,3 @@ def _require_overlap(im: FloatArray, collapses: FloatArray, n: FloatArray) -> No
             f"only the level {first:g} has both collapses and standing runs (perfect "
             f"separation), so beta tends to 0 and theta to {first:g}; add levels close to it"
         )
-    if fell.max() <= stood.min():
-        raise _not_rising(im)
-
-
-def _not_rising(im: FloatArray) -> FitError:
-    return FitError(
-        f"the fraction of collapses does not rise with intensity over the levels from "
-        f"{im.min():g} to {im.max():g}, so no lognormal curve fits; add levels or records"
-    )

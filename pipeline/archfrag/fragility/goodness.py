@@ -28,14 +28,13 @@ class FitTest:
     @property
     def message(self) -> str:
         """The outcome in words."""
-        if self.p_value < 0.05:
-            return (
-                f"The lognormal curve does not describe these collapses (p = {self.p_value:.3g}): "
-                "quote the isotonic or the kernel curve beside it."
-            )
+        p = self.p_value
         return (
-            f"Nothing here contradicts a lognormal curve (p = {self.p_value:.2g}); with a small "
-            "number of records only a large misfit would show."
+            f"The lognormal curve does not describe these collapses (p = {p:.3g}): quote the "
+            "isotonic or the kernel curve beside it."
+            if p < 0.05
+            else f"Nothing here contradicts a lognormal curve (p = {p:.2g}); with a small number "
+            "of records only a large misfit would show."
         )
 
 
@@ -81,55 +80,54 @@ def check_lognormal(runs: Runs, resampling: Resampling) -> FitTest:
     line = binomial_lines(x, collapses[None], n[None])
     if line.degenerate[0]:
         raise FitError("these runs have no lognormal curve, so there is nothing to test")
-    deviance = _deviances(line, collapses[None], n[None])[0]
+    deviance = _deviances(line, collapses[None], n)[0]
     generator = resampling.generator
-    correlation = _record_correlation(runs, line, generator) if runs.records_repeat else np.nan
-    drawn = _draw(runs, line, correlation, generator, resampling.resamples)
+    z = line.intercept[0] + line.slope[0] * x
+    correlation = _record_correlation(runs, z, generator) if runs.records_repeat else np.nan
+    drawn = _draw(runs, z, correlation, generator, resampling.resamples)
     fits = binomial_lines(x, drawn, np.broadcast_to(n, drawn.shape))
-    values = _deviances(fits, drawn, np.broadcast_to(n, drawn.shape))[~fits.degenerate]
+    values = _deviances(fits, drawn, n)[~fits.degenerate]
     p_value = (1.0 + np.count_nonzero(values >= deviance)) / (1.0 + values.size)
     return FitTest(float(deviance), float(p_value), float(correlation))
 
 
 def _deviances(lines: Lines, collapses: FloatArray, n: FloatArray) -> FloatArray:
     values = np.empty(len(collapses))
-    for i, (k, count) in enumerate(zip(collapses, n, strict=True)):
-        p = np.clip(pooled(k, count), 0.0, 1.0)
-        values[i] = xlogy(k, p).sum() + xlogy(count - k, 1.0 - p).sum()
+    for i, k in enumerate(collapses):
+        p = np.clip(pooled(k, n), 0.0, 1.0)
+        values[i] = xlogy(k, p).sum() + xlogy(n - k, 1.0 - p).sum()
     return 2.0 * (values + lines.loss)
 
 
 def _draw(
-    runs: Runs, line: Lines, correlation: float, generator: np.random.Generator, draws: int
+    runs: Runs, z: FloatArray, correlation: float, generator: np.random.Generator, draws: int
 ) -> FloatArray:
-    """Collapses at each level of studies drawn from the curve, (n_draw, n_level)."""
-    z = line.intercept[0] + line.slope[0] * np.log(runs.levels)
+    """Collapses at each level of studies drawn from probits `z`, (n_draw, n_level)."""
     if np.isnan(correlation):
         n = runs.totals[1].astype(np.int64)
         return generator.binomial(n, ndtr(z), (draws, z.size)).astype(float)
     record, level = _cells(runs)
     out = np.empty((draws, z.size))
-    for i in range(draws):
+    for row in out:
         shared, own = _scatter(runs, record, generator)
         fell = z[level] >= np.sqrt(correlation) * shared + np.sqrt(1.0 - correlation) * own
-        out[i] = np.bincount(level, fell, z.size)
+        row[:] = np.bincount(level, fell, z.size)
     return out
 
 
-def _record_correlation(runs: Runs, line: Lines, generator: np.random.Generator) -> float:
+def _record_correlation(runs: Runs, z: FloatArray, generator: np.random.Generator) -> float:
     """Correlation of two runs of a record that gives the study's number of reversals."""
     record, level = _cells(runs)
     next_run = (record[1:] == record[:-1]) & (level[1:] != level[:-1])
-    fell = np.repeat(runs.collapses[runs.n > 0.0] > 0.0, runs.n[runs.n > 0.0].astype(np.int64))
+    fell = runs.collapses[record, level] > 0.0
     seen = np.count_nonzero(next_run & fell[:-1] & ~fell[1:])
     if seen == 0:
         return 1.0
-    z = (line.intercept[0] + line.slope[0] * np.log(runs.levels))[level]
     counts = np.zeros(_CORRELATIONS.size)
     for _ in range(_TRIALS):
         shared, own = _scatter(runs, record, generator)
         for i, rho in enumerate(_CORRELATIONS):
-            fell = z >= np.sqrt(rho) * shared + np.sqrt(1.0 - rho) * own
+            fell = z[level] >= np.sqrt(rho) * shared + np.sqrt(1.0 - rho) * own
             counts[i] += np.count_nonzero(next_run & fell[:-1] & ~fell[1:]) / _TRIALS
     return float(np.interp(-seen, -counts, _CORRELATIONS))
 

@@ -45,27 +45,19 @@ class LineGrid:
 
     def probits(self, x: FloatArray, level: FloatArray) -> FloatArray:
         """Quantiles of a + b x at each x: (n_level, n_x)."""
-        ends = self.first, self.first + self.step * (self.density.shape[1] - 1)
-        low = (ends[0] + np.multiply.outer(x, self.slope)).min(axis=1)
-        high = (ends[1] + np.multiply.outer(x, self.slope)).max(axis=1)
-        shape = (level.size, x.size)
-        xs = np.broadcast_to(x, shape)
-        return _root(
-            lambda c: self.probability(xs, c) - level[:, None],
-            np.broadcast_to(low, shape),
-            np.broadcast_to(high, shape),
-        )
+        rise, last = np.multiply.outer(x, self.slope), self.density.shape[1] - 1
+        low = (self.first + rise).min(axis=1)
+        high = (self.first + self.step * last + rise).max(axis=1)
+        xs, *ends = (np.broadcast_to(v, (level.size, x.size)) for v in (x, low, high))
+        return _root(lambda c: self.probability(xs, c) - level[:, None], *ends)
 
     def log_medians(self, level: FloatArray) -> FloatArray:
         """Quantiles of ln theta = -a / b, (n_level,)."""
         last = self.first + self.step * (self.density.shape[1] - 1)
         ends = np.concatenate([-self.first / self.slope, -last / self.slope])
+        limits = (np.full(level.shape, end) for end in (ends.min(), ends.max()))
         zero = np.zeros(level.shape)
-        return _root(
-            lambda t: (1.0 - self.probability(t, zero)) - level,
-            np.full(level.shape, ends.min()),
-            np.full(level.shape, ends.max()),
-        )
+        return _root(lambda t: (1.0 - self.probability(t, zero)) - level, *limits)
 
     def slopes(self, level: FloatArray) -> FloatArray:
         """Quantiles of b, (n_level,)."""

@@ -1,12 +1,13 @@
 """A hazard curve: how often a year an intensity is exceeded."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from archfrag.errors import InputError
-from archfrag.fragility.curve import FloatArray, log_intensity, positive
+from archfrag.fragility.curve import FloatArray, log_intensity, positive, rising
 
 
 @dataclass(frozen=True)
@@ -41,24 +42,15 @@ class HazardCurve:
     rate: FloatArray
 
     def __post_init__(self) -> None:
-        for name in ("im", "rate"):
-            values = positive(getattr(self, name), f"the hazard curve's {name}")
+        for name, check in (("im", rising), ("rate", positive)):
+            values = check(getattr(self, name), f"the hazard curve's {name}")
             object.__setattr__(self, name, values)
-        if self.im.ndim != 1 or self.im.shape != self.rate.shape or self.im.size < 2:
+        if self.im.shape != self.rate.shape or self.im.size < 2:
             raise InputError(
                 f"the hazard curve's im has shape {self.im.shape}, its rate {self.rate.shape}; "
                 "two lists of at least two points are needed"
             )
-        disorder = np.flatnonzero(np.diff(self.im) <= 0.0)
-        if disorder.size:
-            i = int(disorder[0])
-            raise InputError(
-                f"the hazard curve's im has {self.im[i + 1]:g} after {self.im[i]:g}; intensities "
-                "increase"
-            )
-        rising = np.flatnonzero(np.diff(self.rate) > 0.0)
-        if rising.size:
-            i = int(rising[0])
+        for i in np.flatnonzero(np.diff(self.rate) > 0.0)[:1]:
             raise InputError(
                 f"the hazard curve's rate of exceedance rises from {self.rate[i]:g} to "
                 f"{self.rate[i + 1]:g} at im = {self.im[i + 1]:g}; it never rises with intensity"
@@ -85,9 +77,7 @@ class HazardCurve:
         probability = np.asarray(probability, dtype=float)
         bad = probability[~((probability >= 0.0) & (probability <= 1.0))]
         if bad.size:
-            raise InputError(
-                f"the hazard curve's probability holds {bad.flat[0]:g}; it lies from 0 to 1"
-            )
+            raise InputError(f"the hazard curve's probability holds {bad[0]:g}; from 0 to 1")
         if not 0.0 < years < np.inf:
             raise InputError(f"the hazard curve is for {years:g} years; a positive time is needed")
         with np.errstate(divide="ignore"):
@@ -100,10 +90,10 @@ class HazardCurve:
         if im.shape != rate.shape:
             return cls(im, rate)  # which refuses it
         known = ~((rate == 0.0) | (rate == np.inf))
-        if np.count_nonzero(known) < 2:
+        if (n := np.count_nonzero(known)) < 2:
             raise InputError(
-                f"the hazard curve has {np.count_nonzero(known)} of {rate.size} points with a "
-                "rate above 0 that is known; at least two are needed"
+                f"the hazard curve has {n} of {rate.size} points with a rate above 0 that is "
+                "known; at least two are needed"
             )
         return cls(im[known], rate[known])
 
@@ -119,10 +109,25 @@ class HazardCurve:
         At im = 0 it is infinite where the first power is above 0.
         """
         x = log_intensity(im)
+        return self.pieces(x).rate_at(x)
+
+    def pieces(self, x: FloatArray) -> "Pieces":
+        """The pieces that hold each ln im, or begin there."""
         knots = np.log(self.im)
         place = np.searchsorted(knots, x, side="right")
         anchor = np.maximum(place - 1, 0)
-        slope = self.slopes[place]
+        return Pieces(knots[anchor], np.log(self.rate[anchor]), self.slopes[place])
+
+
+class Pieces(NamedTuple):
+    """Where the hazard is one power, arrays of one shape."""
+
+    anchor: FloatArray  #: ln im at which the rate is exp(log_rate)
+    log_rate: FloatArray
+    slope: FloatArray
+
+    def rate_at(self, x: FloatArray) -> FloatArray:
+        """Rates at one ln im of each piece."""
         with np.errstate(invalid="ignore"):
-            fall = np.where(slope > 0.0, slope * (x - knots[anchor]), 0.0)
-        return np.exp(np.log(self.rate[anchor]) - fall)
+            fall = np.where(self.slope > 0.0, self.slope * (x - self.anchor), 0.0)
+        return np.exp(self.log_rate - fall)

@@ -23,7 +23,6 @@ class LimitState:
     """One limit state and its curve."""
 
     name: str
-    meaning: str
     #: Kind "stripes" if fitted by itself, "ordered" if together with the others, "posterior" if
     #: the state has no likeliest curve.
     fit: Fragility | None
@@ -39,9 +38,7 @@ class LimitStates:
     message: str
 
 
-def fit_limit_states(
-    exceeded: ArrayLike, im: ArrayLike, names: Sequence[str], meanings: Sequence[str] = ()
-) -> LimitStates:
+def fit_limit_states(exceeded: ArrayLike, im: ArrayLike, names: Sequence[str]) -> LimitStates:
     """Fit a lognormal curve to each of several ordered limit states.
 
     A state counts as exceeded where it or a more severe one is, so the fractions are ordered by
@@ -61,8 +58,7 @@ def fit_limit_states(
         1 exceeded, 0 not, any other number not decided; states from the least severe to the most.
     im : array_like, (n_level,) or (n_record, n_level)
         Intensity of each run, any unit, > 0.
-    names, meanings : sequence of str, (n_state,)
-        Of the states.
+    names : sequence of str, (n_state,)
 
     Raises
     ------
@@ -82,18 +78,15 @@ def fit_limit_states(
     codes, intensity = _checked(exceeded, im)
     n_state = codes.shape[2]
     labels = shaped(list(names), (n_state,), "names").tolist()
-    texts = shaped(list(meanings) or [""] * n_state, (n_state,), "meanings").tolist()
-    nested = nest_exceedance(codes)
-    flat = nested.reshape(-1, nested.shape[-1])
+    flat = nest_exceedance(codes).reshape(-1, n_state)
     levels, column = np.unique(intensity.ravel(), return_inverse=True)
-    states = [_single(levels, column, flat[:, i], labels[i], texts[i]) for i in range(len(labels))]
-    fitted = [i for i, state in enumerate(states) if state.fit is not None]
-    crossing = _crossing(states, fitted, levels)
+    states = [_single(levels, column, *each) for each in zip(flat.T, labels)]
+    known = {i: fit for i, state in enumerate(states) if (fit := state.fit) is not None}
+    crossing = _crossing(states, levels)
     message = "The curves of all limit states are ordered at the levels that were run."
     if crossing:
-        known = [fit for state in states if (fit := state.fit) is not None]
-        fits = _ordered(np.log(intensity.ravel()), flat[:, fitted], known)
-        for i, fit in zip(fitted, fits, strict=True):
+        fits = _ordered(np.log(intensity.ravel()), flat[:, list(known)], list(known.values()))
+        for i, fit in zip(known, fits, strict=True):
             none = "" if fit.kind == "ordered" else states[i].none
             states[i] = replace(states[i], fit=fit, none=none)
         message = (
@@ -114,35 +107,30 @@ def nest_exceedance(codes: IntArray) -> IntArray:
     return np.where(yes, 1, np.where(no, 0, -1)).astype(np.int64)
 
 
-def _single(
-    levels: FloatArray, column: IntArray, codes: IntArray, name: str, meaning: str
-) -> LimitState:
+def _single(levels: FloatArray, column: IntArray, codes: IntArray, name: str) -> LimitState:
     n = np.bincount(column, codes >= 0, levels.size)
     collapses = np.bincount(column, codes == 1, levels.size)
     try:
-        return LimitState(name, meaning, fit_stripes(levels, collapses, n))
+        return LimitState(name, fit_stripes(levels, collapses, n))
     except FitError as error:
         none = f"limit state {name!r} has no curve (to collapse means to exceed it): {error}"
-    used, fallen = n > 0, collapses > 0
-    if not fallen.any() or np.array_equal(n, collapses) or np.count_nonzero(used) < 2:
-        return LimitState(name, meaning, None, none)
-    if levels[fallen].min() < levels[collapses < n].max():
-        return LimitState(name, meaning, None, none)
+    fell, stood = levels[collapses > 0], levels[collapses < n]
+    known = fell.size and stood.size and np.count_nonzero(n) > 1
+    if not known or fell.min() < stood.max():
+        return LimitState(name, None, none)
     fit = fit_posterior(levels, collapses, n).fragility
     none = none.replace("has no curve", "has no likeliest curve")
-    return LimitState(name, meaning, fit, f"{none}; its curve is the median of the posterior")
+    return LimitState(name, fit, f"{none}; its curve is the median of the posterior")
 
 
-def _crossing(states: list[LimitState], fitted: list[int], levels: FloatArray) -> str:
+def _crossing(states: list[LimitState], levels: FloatArray) -> str:
     """Names of a pair of neighbours that cross within the levels, or nothing."""
     ends = levels[[0, -1]]
-    for i, j in pairwise(fitted):
-        milder, worse = states[i].fit, states[j].fit
-        assert milder is not None
-        assert worse is not None
-        z = [np.log(ends / fit.theta) / fit.beta for fit in (milder, worse)]
-        if np.any(z[1] > z[0] + 1e-9):
-            return f"{states[i].name} and {states[j].name}"
+    known = [(s.name, s.fit) for s in states if s.fit is not None]
+    z = [(name, np.log(ends / fit.theta) / fit.beta) for name, fit in known]
+    for (milder, upper), (worse, lower) in pairwise(z):
+        if np.any(lower > upper + 1e-9):
+            return f"{milder} and {worse}"
     return ""
 
 
@@ -203,24 +191,16 @@ def _ordered_probit(x: FloatArray, nested: IntArray) -> list[Fragility] | None:
     slope = p[-1]
     if not (slope > _FLAT and np.isfinite(loss)):
         return None
-    covariance = np.linalg.inv(hessian)
+    inverse = np.linalg.inv(hessian)
     fits = []
-    for i in range(n_state):
+    for a, codes, unit in zip(p, nested.T, np.eye(n_state + 1)):
         # ln theta = centre - width a / slope, beta = width / slope.
-        jacobian = np.zeros((2, n_state + 1))
-        jacobian[0, i] = -width / slope
-        jacobian[:, -1] = width * p[i] / slope**2, -width / slope**2
-        fits.append(
-            Fragility(
-                theta=float(np.exp(centre - width * p[i] / slope)),
-                beta=float(width / slope),
-                covariance=jacobian @ covariance @ jacobian.T,
-                log_likelihood=-loss,
-                n_levels=int(np.unique(x).size),
-                n_total=int(np.count_nonzero(nested[:, i] >= 0)),
-                kind="ordered",
-            )
-        )
+        jacobian = np.outer([-width / slope, 0.0], unit)
+        jacobian[:, -1] = width * a / slope**2, -width / slope**2
+        theta, beta = float(np.exp(centre - width * a / slope)), float(width / slope)
+        covariance = jacobian @ inverse @ jacobian.T
+        sizes = int(np.unique(x).size), int(np.count_nonzero(codes >= 0))
+        fits.append(Fragility(theta, beta, covariance, -loss, *sizes, "ordered"))
     return fits
 
 

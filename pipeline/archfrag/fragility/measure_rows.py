@@ -1,6 +1,6 @@
 """One row per intensity measure, from a grid of runs or from scattered ones."""
 
-from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -81,11 +81,10 @@ def log_capacities(found: Brackets, log_value: FloatArray, exponent: FloatArray)
     low, high = np.where(known, (found.lower, found.upper), 1.0)
     power = exponent[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
-        ends = (
+        low_end, high_end = (
             np.where(np.isfinite(end), log_value + power * end, end)
             for end in (np.log(lower), np.log(upper))
         )
-        low_end, high_end = ends
         return LogCapacities(low_end, high_end, (power * np.log(high / low)) ** 2 / 12.0)
 
 
@@ -105,7 +104,7 @@ def weighted_normal(known: LogCapacities, weight: FloatArray) -> tuple[FloatArra
         if not exact.all():
             # Where the values do not differ the likelihood has no maximum.
             sound = np.flatnonzero(np.broadcast_to(square > 1e-18, mean.shape))
-            mean, square = (np.full(mean.shape, np.nan) for _ in range(2))
+            mean, square = np.full((2, mean.size), np.nan)
             if sound.size:
                 rows = [np.broadcast_to(part, (mean.size, exact.size)) for part in known[:2]]
                 weights = np.broadcast_to(weight, rows[0].shape)
@@ -125,12 +124,14 @@ def fit_capacities(known: LogCapacities, covariates: FloatArray) -> MeasureFits:
     `covariates`, (n_covariate, n_record), are nan where not known.
     """
     n_measure, n_record = known.lower.shape
-    log_theta, beta = weighted_normal(known, np.ones((1, n_record)))
-    slopes, p_values = (np.full((n_measure, len(covariates)), np.nan) for _ in range(2))
+    log_theta, beta, likelihood = np.full((3, n_measure), np.nan)
+    slopes, p_values = np.full((2, n_measure, len(covariates)), np.nan)
+    if n_record > 1:
+        log_theta, beta = weighted_normal(known, np.ones((1, n_record)))
     for j, used in _testable(covariates):
         part = known.of(used)
         slopes[:, j], p_values[:, j] = _regressions(part, covariates[j, used])
-    return MeasureFits(log_theta, beta, np.full(n_measure, np.nan), slopes, p_values)
+    return MeasureFits(log_theta, beta, likelihood, slopes, p_values)
 
 
 def _testable(covariates: FloatArray) -> list[tuple[int, BoolArray]]:
@@ -157,7 +158,7 @@ def _regressions(known: LogCapacities, covariate: FloatArray) -> tuple[FloatArra
         with np.errstate(divide="ignore", invalid="ignore"):
             statistic = np.abs(slope) / np.sqrt(residual / (off @ off))
         return slope, 2.0 * stdtr(freedom, -statistic)
-    slope, p_value = (np.full(len(known.lower), np.nan) for _ in range(2))
+    slope, p_value = np.full((2, len(known.lower)), np.nan)
     if np.count_nonzero(exact) < 4:
         return slope, p_value
     once, constant = np.ones((1, off.size)), np.ones((off.size, 1))
@@ -182,7 +183,7 @@ def fit_verdicts(log_im: FloatArray, fell: FloatArray, covariates: FloatArray) -
     """
     lines = binomial_lines(log_im, np.broadcast_to(fell, log_im.shape), np.ones(log_im.shape))
     sound = ~lines.degenerate
-    slopes, p_values = (np.full((len(log_im), len(covariates)), np.nan) for _ in range(2))
+    slopes, p_values = np.full((2, len(log_im), len(covariates)), np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
         for j, used in _testable(covariates):
             x, k = log_im[:, used], fell[used]
@@ -211,115 +212,78 @@ def _score(
     return first @ extra, weight @ (extra * extra) - taken
 
 
-class Compared(ABC):
+class Compared(NamedTuple):
     """Runs of one arch in all measures."""
 
-    none: str  #: why a measure has no curve
-    keep: BoolArray  #: (n_record,), records with a decided run
-    n_bracketed: int
-    exponent: FloatArray  #: (n_measure,)
-
-    def rows(self, names: tuple[str, ...], covariates: FloatArray) -> list[MeasureRow]:
-        """One row per measure."""
-        fits = self.fit(covariates[:, self.keep])
-        return [
-            self._row(name, float(self.exponent[i]), MeasureFits(*(part[i] for part in fits)))
-            for i, name in enumerate(names)
-        ]
-
-    def _row(self, name: str, exponent: float, fit: MeasureFits) -> MeasureRow:
-        beta, known = float(fit.beta), fit.p_values[np.isfinite(fit.p_values)]
-        none = "" if np.isfinite(beta) else self.none
-        return MeasureRow(
-            measure=name,
-            theta=float(np.exp(fit.log_theta)),
-            beta=beta,
-            efficiency=beta / exponent,
-            practicality=1.0 / exponent,
-            proficiency=beta,
-            slope_magnitude=float(fit.slopes[0]),
-            p_magnitude=float(fit.p_values[0]),
-            slope_distance=float(fit.slopes[1]),
-            p_distance=float(fit.p_values[1]),
-            sufficient=bool(np.all(known >= SIGNIFICANCE)) if known.size and not none else None,
-            log_likelihood=float(fit.log_likelihood),
-            n_records=int(np.count_nonzero(self.keep)),
-            n_bracketed=self.n_bracketed,
-            none=none,
-        )
-
-    @abstractmethod
-    def fit(self, covariates: FloatArray) -> MeasureFits:
-        """Fits of all measures."""
-
-    @abstractmethod
-    def merit(self, row: MeasureRow) -> float:
-        """The larger the better."""
-
-    @abstractmethod
-    def better_by(self, best: int, own: int) -> FloatArray:
-        """By how much one measure is better than another in each resample; nan if unknown."""
+    rows: tuple[MeasureRow, ...]
+    merit: FloatArray  #: (n_measure,), the larger the better; nan where there is no curve
+    #: By how much one measure is better than another in each resample; nan if unknown.
+    better_by: Callable[[int, int], FloatArray]
 
 
-class GridRuns(Compared):
+def compare_grid(
+    names: Sequence[str], found: Brackets, log_value: FloatArray, exponent: FloatArray,
+    covariates: FloatArray, times: FloatArray,
+) -> Compared:  # fmt: skip
     """Capacities of records, as brackets of their scale factors.
 
     `log_value` is (n_measure, n_record), `times`, how often each resample draws each record,
     (n_draw, n_record).
     """
-
+    keep = found.decided > 0
+    known = log_capacities(found.rows(keep), log_value[:, keep], exponent)
+    fits = fit_capacities(known, covariates[:, keep])
+    counts = int(np.count_nonzero(keep)), int(np.count_nonzero(found.bracketed & keep))
     none = "fewer than two records with different capacities in this measure"
 
-    def __init__(
-        self, found: Brackets, log_value: FloatArray, exponent: FloatArray, times: FloatArray
-    ) -> None:
-        self.keep, self.exponent = found.decided > 0, exponent
-        self.n_bracketed = int(np.count_nonzero(found.bracketed & self.keep))
-        self.known = log_capacities(found.rows(self.keep), log_value[:, self.keep], exponent)
-        self.times = times[:, self.keep]
-
-    def fit(self, covariates: FloatArray) -> MeasureFits:
-        if np.count_nonzero(self.keep) < 2:
-            one = np.full(self.exponent.shape, np.nan)
-            two = np.full((one.size, 2), np.nan)
-            return MeasureFits(one, one, one, two, two)
-        return fit_capacities(self.known, covariates)
-
-    def merit(self, row: MeasureRow) -> float:
-        return -row.efficiency
-
-    def better_by(self, best: int, own: int) -> FloatArray:
+    def better_by(best: int, own: int) -> FloatArray:
         ratios = []
         for i in (own, best):
-            one = LogCapacities(*(part[[i]] for part in self.known))
-            ratios.append(weighted_normal(one, self.times)[1] / self.exponent[i])
+            one = LogCapacities(*(part[[i]] for part in known))
+            ratios.append(weighted_normal(one, times[:, keep])[1] / exponent[i])
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.log(ratios[0]) - np.log(ratios[1])
 
+    return Compared(_rows(names, exponent, fits, counts, none), -fits.beta / exponent, better_by)
 
-class ScatteredRuns(Compared):
-    """Verdicts of runs at levels of their own, one a record; arrays as of `GridRuns`."""
 
+def compare_scattered(
+    names: Sequence[str], codes: IntArray, log_im: FloatArray, exponent: FloatArray,
+    covariates: FloatArray, times: FloatArray,
+) -> Compared:  # fmt: skip
+    """Verdicts of runs at levels of their own, one a record; arrays as of `compare_grid`."""
+    keep = (codes == Verdict.STANDING) | (codes == Verdict.COLLAPSED)
+    fell = (codes[keep] == Verdict.COLLAPSED).astype(float)
+    fits = fit_verdicts(log_im[:, keep], fell, covariates[:, keep])
     none = "collapses and standing runs give no rising probit line in this measure"
-    n_bracketed = 0
 
-    def __init__(
-        self, codes: IntArray, log_im: FloatArray, exponent: FloatArray, times: FloatArray
-    ) -> None:
-        self.keep = (codes == Verdict.STANDING) | (codes == Verdict.COLLAPSED)
-        self.fell = (codes[self.keep] == Verdict.COLLAPSED).astype(float)
-        self.log_im, self.times = log_im[:, self.keep], times[:, self.keep]
-        self.exponent = exponent
-
-    def fit(self, covariates: FloatArray) -> MeasureFits:
-        return fit_verdicts(self.log_im, self.fell, covariates)
-
-    def merit(self, row: MeasureRow) -> float:
-        return row.log_likelihood
-
-    def better_by(self, best: int, own: int) -> FloatArray:
-        x, fell = self.log_im[[best, own]], self.fell
+    def better_by(best: int, own: int) -> FloatArray:
+        x = log_im[[best, own]][:, keep]
         lines = binomial_lines(x, np.broadcast_to(fell, x.shape), np.ones(x.shape))
         z = lines.intercept[:, None] + lines.slope[:, None] * x
         gains = log_ndtr(np.where(fell == 1.0, z, -z))
-        return self.times @ (gains[0] - gains[1])
+        return times[:, keep] @ (gains[0] - gains[1])
+
+    rows = _rows(names, exponent, fits, (fell.size, 0), none)
+    return Compared(rows, fits.log_likelihood, better_by)
+
+
+def _rows(
+    names: Sequence[str], exponent: FloatArray, fits: MeasureFits, counts: tuple[int, int],
+    none: str,
+) -> tuple[MeasureRow, ...]:  # fmt: skip
+    """Rows of fits; `counts` are of the records used and of those with a bracket."""
+    rows = []
+    for i, name in enumerate(names):
+        theta, beta, likelihood = (float(part[i]) for part in fits[:3])
+        slopes, p_values = fits.slopes[i].tolist(), fits.p_values[i].tolist()
+        tested = [p for p in p_values if np.isfinite(p)]
+        why = "" if np.isfinite(beta) else none
+        sufficient = min(tested) >= SIGNIFICANCE if tested and not why else None
+        power = float(exponent[i])
+        row = MeasureRow(
+            name, float(np.exp(theta)), beta, beta / power, 1.0 / power, beta,
+            slopes[0], p_values[0], slopes[1], p_values[1], sufficient, likelihood, *counts, why,
+        )  # fmt: skip
+        rows.append(row)
+    return tuple(rows)

@@ -15,9 +15,9 @@ from archfrag.fragility.curve import FloatArray, IntArray, positive, shaped
 from archfrag.fragility.measure_rows import (
     SIGNIFICANCE,
     Compared,
-    GridRuns,
     MeasureRow,
-    ScatteredRuns,
+    compare_grid,
+    compare_scattered,
 )
 from archfrag.fragility.runs import Resampling, event_groups
 
@@ -56,11 +56,7 @@ class MeasureTable:
 
 
 def compare_measures(
-    verdict: ArrayLike,
-    factor: ArrayLike,
-    motions: Motions,
-    own: str,
-    resampling: Resampling,
+    verdict: ArrayLike, factor: ArrayLike, motions: Motions, own: str, resampling: Resampling
 ) -> MeasureTable:
     """Curve and qualities of each measure, from the runs of one arch.
 
@@ -89,10 +85,8 @@ def compare_measures(
 
     Raises
     ------
-    InputError
-        If an argument cannot be.
-    FitError
-        If no measure has a curve.
+    InputError, FitError
+        If an argument cannot be; if no measure has a curve.
 
     Examples
     --------
@@ -113,21 +107,25 @@ def compare_measures(
     codes, factors, log_value, exponent = _checked(verdict, factor, motions, own)
     group = event_groups(motions.event, len(codes))
     times = resampling.multiplicities(int(group.max()) + 1).astype(float)[:, group]
-    compared: Compared = GridRuns(find_brackets(codes, factors), log_value, exponent, times)
+    more = exponent, _covariates(motions, len(codes)), times
     if codes.shape[1] == 1:
         log_im = log_value + exponent[:, None] * np.log(factors[:, 0])
-        compared = ScatteredRuns(codes[:, 0], log_im, exponent, times)
-    rows = compared.rows(motions.measures, _covariates(motions, len(codes)))
-    return _table(tuple(rows), own, compared)
+        return _table(own, compare_scattered(motions.measures, codes[:, 0], log_im, *more))
+    found = find_brackets(codes, factors)
+    return _table(own, compare_grid(motions.measures, found, log_value, *more))
 
 
-def _table(rows: tuple[MeasureRow, ...], own: str, compared: Compared) -> MeasureTable:
-    names = [row.measure for row in rows]
-    known = [row for row in rows if not row.none and np.isfinite(compared.merit(row))]
+def _table(own: str, compared: Compared) -> MeasureTable:
+    rows, names = compared.rows, [row.measure for row in compared.rows]
+
+    def merit(row: MeasureRow) -> float:
+        return float(compared.merit[names.index(row.measure)])
+
+    known = [row for row in rows if not row.none and np.isfinite(merit(row))]
     if not known:
         raise FitError("no measure has a curve from these runs: " + rows[names.index(own)].none)
     chosen = [row for row in known if row.sufficient is not False] or known
-    best = max(chosen, key=compared.merit)
+    best = max(chosen, key=merit)
     mine = rows[names.index(own)]
     p_value, ratio = 1.0, 1.0
     if best.measure != own and not mine.none:
@@ -136,7 +134,7 @@ def _table(rows: tuple[MeasureRow, ...], own: str, compared: Compared) -> Measur
         failed = (1.0 + np.count_nonzero(gain <= 0.0)) / (1.0 + gain.size)
         p_value = float(min(1.0, failed * (len(chosen) - (mine in chosen))))
         ratio = best.efficiency / mine.efficiency
-    first = max(known, key=compared.merit)
+    first = max(known, key=merit)
     message = _message(best, mine, p_value, ratio, any(row.sufficient for row in known))
     if first is not best:
         message += f" {first.measure} is more efficient, but not sufficient."

@@ -18,7 +18,7 @@ from archfrag.errors import FitError, InputError
 from archfrag.fragility.brackets import checked_brackets
 from archfrag.fragility.counts import checked_stripes
 from archfrag.fragility.curve import Band, FloatArray, Fragility, log_intensity, tails
-from archfrag.fragility.fit import fit_many
+from archfrag.fragility.fit import likeliest_curve
 from archfrag.fragility.grid import LineGrid, line_grid
 from archfrag.fragility.lines import log_between
 
@@ -85,9 +85,8 @@ def fit_posterior(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Posterio
         z = a[..., None] + b[:, None, None] * x
         small = log_ndtr(-np.abs(z))
         large = np.log1p(-np.exp(small))
-        likelihood = np.where(z > 0.0, large, small) @ k + np.where(z > 0.0, small, large) @ (
-            m - k
-        )
+        likelihood = np.where(z > 0.0, large, small) @ k
+        likelihood += np.where(z > 0.0, small, large) @ (m - k)
         weight = m * np.exp(-z * z - small - large)
         total, first, second = weight.sum(axis=-1), weight @ x, weight @ (x * x)
         tilt = np.log(b / (b + 1.0 / (x[-1] - x[0])))
@@ -118,14 +117,11 @@ def fit_capacity_posterior(
             f"the capacity {lower[lower == upper][0]:g} is exact; brackets of some width are "
             "needed (for exact capacities see capacity_band)"
         )
-    for known, side, end in (
-        (lower.any(), "below", upper.min()), (np.isfinite(upper).any(), "above", lower.max()),
-    ):  # fmt: skip
-        if not known:
-            raise FitError(
-                f"nothing bounds theta from {side}: add levels {side} {end:g}, the "
-                f"{'lowest' if side == 'below' else 'highest'} tried"
-            )
+    why = "nothing bounds theta from"
+    if not lower.any():
+        raise FitError(f"{why} below: add levels below {upper.min():g}, the lowest tried")
+    if np.isposinf(upper).all():
+        raise FitError(f"{why} above: add levels above {lower.max():g}, the highest tried")
     ends = np.unique(np.concatenate([lower[lower > 0.0], upper[np.isfinite(upper)]]))
     _require_two(ends)
     x, centre, width = _scaled(np.log(ends))
@@ -149,12 +145,11 @@ def fit_capacity_posterior(
 
 def _known_slopes(levels: FloatArray, k: FloatArray, m: FloatArray) -> tuple[float, float] | None:
     """Slopes beyond which there is nothing, where runs are many and the likelihood narrow."""
-    many = fit_many(levels, k[None], m)
-    beta, error = many.beta[0], np.sqrt(many.covariance[0, 1, 1])
-    if not error < 0.2 * beta:
+    curve = likeliest_curve(levels, k, m)
+    if curve is None or not curve.standard_errors[1] < 0.2 * curve.beta:
         return None
-    reach = np.exp(9.0 * error / beta)
-    return 1.0 / (beta * reach), reach / beta
+    reach = np.exp(9.0 * curve.standard_errors[1] / curve.beta)
+    return 1.0 / (curve.beta * reach), reach / curve.beta
 
 
 def _require_two(levels: FloatArray) -> None:
@@ -180,13 +175,8 @@ def _summed(
     together = grid.correlation()
     correlation = np.array([[1.0, together], [together, 1.0]])
     middle, slope = grid.log_medians(_HALF), grid.slopes(_HALF)
-    curve = Fragility(
-        theta=float(np.exp(centre + width * middle[0])),
-        beta=float(width / slope[0]),
-        covariance=correlation * np.outer(errors, errors),
-        log_likelihood=float(terms(-slope[:, None] * middle, slope)[0][0, 0]),
-        n_levels=x.size,
-        n_total=n,
-        kind="posterior",
-    )
+    theta, beta = float(np.exp(centre + width * middle[0])), float(width / slope[0])
+    likelihood = float(terms(-slope[:, None] * middle, slope)[0][0, 0])
+    covariance = correlation * np.outer(errors, errors)
+    curve = Fragility(theta, beta, covariance, likelihood, x.size, n, "posterior")
     return Posterior(curve, grid, centre, width)

@@ -27,8 +27,7 @@ class QuotedBand:
     curve: Fragility  #: medians of theta and beta, kind "posterior"
     theta: tuple[float, float]  #: interval, in the unit of the levels
     beta: tuple[float, float]  #: interval
-    im: FloatArray  #: intensities of the band
-    band: Band  #: of the probability of collapse at `im`
+    band: Band  #: of the probability of collapse
     method: str  #: name of the method, for a caption
     assumptions: str
     n_independent: float  #: records or runs that the data are worth
@@ -36,15 +35,9 @@ class QuotedBand:
 
 
 def quoted_band(
-    design: str,
-    verdict: ArrayLike,
-    intensity: ArrayLike,
-    im: ArrayLike,
-    *,
-    confidence: float = 0.9,
-    groups: ArrayLike | None = None,
-    unit: str = "event",
-) -> QuotedBand:
+    design: str, verdict: ArrayLike, intensity: ArrayLike, im: ArrayLike, *,
+    confidence: float = 0.9, groups: ArrayLike | None = None, unit: str = "event",
+) -> QuotedBand:  # fmt: skip
     """Curve of a study with the band and the intervals that its report quotes.
 
     Parameters
@@ -69,11 +62,9 @@ def quoted_band(
 
     Raises
     ------
-    InputError
-        If an argument cannot be.
-    FitError
-        If no run is decided, there is one group only, or nothing bounds theta from one side;
-        the message states which levels to add.
+    InputError, FitError
+        If an argument cannot be; if no run is decided, there is one group only, or nothing bounds
+        theta from one side: the message states which levels to add.
 
     Examples
     --------
@@ -84,44 +75,32 @@ def quoted_band(
     (True, 4.0)
     """
     known, n_rows, number, n_islands = quoted_posterior(design, verdict, intensity, groups)
-    if design in SAME_RECORDS:
-        method = "posterior of capacities, right Haar prior"
-        what = "records and their capacities are independent"
-        if groups is not None:
-            what = (
-                f"{unit}s are independent, their {n_rows} rows of runs worth "
-                f"{number:.3g} independent ones by how alike capacities within {unit}s are"
-            )
-    else:
+    method = "posterior of capacities, right Haar prior"
+    what = "records and their capacities are independent"
+    if design in OWN_MOTIONS:
         method = "posterior of independent runs, Jeffreys prior"
         what = "runs are independent, each with a motion of its own"
+    elif groups is not None:
+        what = (
+            f"{unit}s are independent, their {n_rows} rows of runs worth {number:.3g} "
+            f"independent ones by how alike capacities within {unit}s are"
+        )
     return QuotedBand(
-        curve=known.fragility,
-        theta=known.theta_interval(confidence),
-        beta=known.beta_interval(confidence),
-        im=np.asarray(im, dtype=float),
-        band=known.band(im, confidence),
-        method=method,
-        assumptions=f"Capacity is lognormal, and {what}.",
-        n_independent=number,
-        n_islands=n_islands,
-    )
+        known.fragility, known.theta_interval(confidence), known.beta_interval(confidence),
+        known.band(im, confidence), method, f"Capacity is lognormal, and {what}.", number,
+        n_islands,
+    )  # fmt: skip
 
 
 def quoted_posterior(
     design: str, verdict: ArrayLike, intensity: ArrayLike, groups: ArrayLike | None = None
 ) -> tuple[Posterior, int, float, int]:
-    """What `quoted_band` is made of, also for a design that asks whether it has runs enough.
+    """What `quoted_band` is made of, with its arguments and errors.
 
     Returns
     -------
     (Posterior, int, float, int)
         And the number of records (or runs) that decide, what they are worth, and of islands.
-
-    Raises
-    ------
-    InputError, FitError
-        As `quoted_band`.
     """
     if design in SAME_RECORDS:
         every = find_brackets(verdict, intensity, "count" if design == "stripes" else "first")
@@ -174,10 +153,8 @@ def independent_records(found: Brackets, groups: ArrayLike) -> float:
     events, place, size = np.unique(np.asarray(groups), return_inverse=True, return_counts=True)
     n, n_event = place.size, events.size
     if n_event < 2:
-        raise FitError(
-            f"all records belong to one group, {events[0]!s}; at least two groups are needed to "
-            "show how far they differ"
-        )
+        why = f"all records belong to one group, {events[0]!s}"
+        raise FitError(f"{why}; at least two are needed to show how far they differ")
     worth = float((size**2).sum() / n)
     if n == n_event:
         return float(n)
@@ -188,11 +165,8 @@ def independent_records(found: Brackets, groups: ArrayLike) -> float:
     usual = (n - worth) / (n_event - 1)
     total = between + (usual - 1.0) * within
     rho = (between - within) / total if total > 0.0 else 0.0
-    error = (
-        (1.0 - rho)
-        * (1.0 + (usual - 1.0) * rho)
-        * np.sqrt(2.0 / (usual * (usual - 1.0) * n_event))
-    )
+    error = (1.0 - rho) * (1.0 + (usual - 1.0) * rho)
+    error *= np.sqrt(2.0 / (usual * (usual - 1.0) * n_event))
     rho = float(np.clip(rho + _RHO_ERRORS * error, 0.0, 1.0))
     return n / (1.0 + (worth - 1.0) * rho)
 

@@ -6,7 +6,6 @@ such piece the integral has a closed form, so that nothing is lost by quadrature
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,8 +15,6 @@ from archfrag.errors import InputError
 from archfrag.fragility.curve import FloatArray, Fragility, positive, rising, tails
 from archfrag.fragility.hazard_curve import HazardCurve
 from archfrag.fragility.lines import log_between
-
-__all__ = ["CollapseRate", "collapse_rate", "parameter_draws", "rate_by_level"]
 
 # A steep first slope of the hazard and a wide curve overflow; such a rate stays finite, and all
 # of it is seen to be from below the hazard curve.
@@ -61,11 +58,9 @@ class CollapseRate:
 
 
 def collapse_rate(
-    hazard: HazardCurve,
-    curve: Fragility,
-    draws: tuple[ArrayLike, ArrayLike] | None = None,
+    hazard: HazardCurve, curve: Fragility, draws: tuple[ArrayLike, ArrayLike] | None = None,
     confidence: float = 0.9,
-) -> CollapseRate:
+) -> CollapseRate:  # fmt: skip
     """Mean annual frequency of collapse.
 
     Parameters
@@ -74,9 +69,8 @@ def collapse_rate(
         Intensity in the unit of the curve.
     curve : Fragility
     draws : (array_like, array_like), each (n_draw,), optional
-        theta and beta as uncertain as they are, from
-        `parameter_draws` or a bootstrap; the band runs between the
-        quantiles of their rates.
+        theta and beta as uncertain as they are, from `parameter_draws` or a bootstrap; the band
+        runs between the quantiles of their rates.
     confidence : float
         Two-sided, between 0 and 1.
 
@@ -104,8 +98,7 @@ def collapse_rate(
     rate = float(parts.sum())
     lower = upper = np.nan
     if draws is not None:
-        pieces = _pieces(hazard, np.empty(0))
-        rates = _lognormal(pieces, *_parameters(*draws)).sum(axis=-1)
+        rates = _lognormal(hazard, np.log(hazard.im), *draws).sum(axis=-1)
         lower, upper = map(float, np.quantile(rates, ends))
     below, _, above = parts / rate if rate > 0.0 else (0.0, 0.0, 0.0)
     return CollapseRate(rate, lower, upper, confidence, float(below), float(above))
@@ -116,33 +109,28 @@ def rate_by_level(hazard: HazardCurve, curve: Fragility, edges: ArrayLike) -> Fl
 
     Parameters
     ----------
-    hazard : HazardCurve
-    curve : Fragility
+    hazard, curve
+        As of `collapse_rate`.
     edges : array_like, (n_edge,)
-        Increasing, > 0.
+        Increasing, > 0; else InputError.
 
     Returns
     -------
     ndarray, (n_edge + 1,)
         [1/year], from 0 to the first edge, between edges, and from the last edge on; they add up
         to the rate of collapse.
-
-    Raises
-    ------
-    InputError
-        If the edges are not positive and increasing.
     """
-    edges = rising(edges, "edges")
-    pieces = _pieces(hazard, edges)
-    rates = _lognormal(pieces, *_parameters(curve.theta, curve.beta))
-    level = np.searchsorted(np.log(edges), pieces.left, side="right")
+    edges = np.log(rising(edges, "edges"))
+    cuts = np.union1d(np.log(hazard.im), edges)
+    rates = _lognormal(hazard, cuts, curve.theta, curve.beta)
+    level = np.searchsorted(edges, np.append(-np.inf, cuts), side="right")
     return np.bincount(level, weights=rates, minlength=edges.size + 1).astype(float)
 
 
 def parameter_draws(
     fit: Fragility, seed: int, n_record: int | None = None, draws: int = 4000
 ) -> tuple[FloatArray, FloatArray]:
-    """theta and beta as uncertain as the data leave them.
+    """theta and beta, (draws,) each, as uncertain as the data leave them.
 
     Where the data are the capacities of n records, or n records serve at all levels (which hold
     no more than their n capacities do): from the distributions of mean and variance of a normal
@@ -162,10 +150,6 @@ def parameter_draws(
         Records that served at all levels; None if every run had a record of its own.
     draws : int
 
-    Returns
-    -------
-    (ndarray, ndarray), each (draws,)
-
     Raises
     ------
     InputError
@@ -181,10 +165,9 @@ def parameter_draws(
     [0.5, 0.4]
     """
     generator = np.random.default_rng(seed)
-    count = fit.n_total if fit.kind == "ida" else n_record
-    if fit.kind == "posterior":
-        count = None
+    count = {"ida": fit.n_total, "posterior": None}.get(fit.kind, n_record)
     variances = np.diag(fit.covariance)
+    scale = np.ones(2)
     if count is not None and count > 1:
         of_sample = fit.beta**2 * np.array([1.0 / count, 0.5 / (count - 1)])
         if fit.kind == "ida" or np.all(variances <= of_sample):
@@ -192,8 +175,6 @@ def parameter_draws(
             noise = generator.standard_normal(draws) / np.sqrt(count)
             return fit.theta * np.exp(beta * noise), beta
         scale = np.sqrt(np.maximum(of_sample / variances, 1.0))
-    else:
-        scale = np.ones(2)
     jacobian = np.diag(scale / np.array([1.0, fit.beta]))
     covariance = jacobian @ fit.covariance @ jacobian.T
     if not np.isfinite(covariance).all():
@@ -202,55 +183,26 @@ def parameter_draws(
     return fit.theta * np.exp(shift[:, 0]), fit.beta * np.exp(shift[:, 1])
 
 
-class _Pieces(NamedTuple):
-    """Where the hazard is one power: ln im from `left` to `right`, all arrays (n_piece,)."""
-
-    left: FloatArray
-    right: FloatArray
-    anchor: FloatArray  #: ln im at which the rate is exp(log_rate)
-    log_rate: FloatArray
-    slope: FloatArray
-
-    def rate_at(self, x: FloatArray) -> FloatArray:
-        """Rates at one ln im of each piece, 0 at +inf; at -inf not asked for."""
-        with np.errstate(invalid="ignore"):
-            fall = np.where(self.slope > 0.0, self.slope * (x - self.anchor), 0.0)
-        return np.exp(self.log_rate - fall)
-
-
-def _pieces(hazard: HazardCurve, edges: FloatArray) -> _Pieces:
-    """The hazard's own pieces, cut at `edges`, from im = 0 to infinity."""
-    knots = np.log(hazard.im)
-    cuts = np.union1d(knots, np.log(edges))
-    left, right = np.concatenate([[-np.inf], cuts]), np.concatenate([cuts, [np.inf]])
-    place = np.searchsorted(knots, left, side="right")
-    anchor = np.maximum(place - 1, 0)
-    return _Pieces(
-        left, right, knots[anchor], np.log(hazard.rate[anchor]), hazard.slopes[place]
-    )  # fmt: skip
-
-
-def _parameters(theta: ArrayLike, beta: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """ln theta and beta with an axis for the pieces."""
-    return np.log(positive(theta, "theta"))[..., None], positive(beta, "beta")[..., None]
-
-
-def _lognormal(pieces: _Pieces, log_theta: FloatArray, beta: FloatArray) -> FloatArray:
-    """Rates of a lognormal curve on each piece, (..., n_piece).
+def _lognormal(
+    hazard: HazardCurve, cuts: FloatArray, theta: ArrayLike, beta: ArrayLike
+) -> FloatArray:
+    """Rates of lognormal curves (...) from im = 0 to infinity, cut at ln im, (..., n_cut + 1).
 
     By parts: [-Phi lambda] + integral of lambda dPhi, and the latter with lambda = c e^(-k x) is
     lambda(theta) e^(k^2 beta^2 / 2) [Phi(z + k beta)], z = (x - ln theta) / beta.
     """
+    theta, beta = (positive(v, n)[..., None] for v, n in ((theta, "theta"), (beta, "beta")))
+    log_theta = np.log(theta)
+    left, right = np.append(-np.inf, cuts), np.append(cuts, np.inf)
+    pieces = hazard.pieces(left)
     k = pieces.slope
-    a, b = (pieces.left - log_theta) / beta, (pieces.right - log_theta) / beta
+    a, b = (left - log_theta) / beta, (right - log_theta) / beta
     log_centre = pieces.log_rate - k * (log_theta - pieces.anchor) + 0.5 * (k * beta) ** 2
     log_moved = log_centre + log_between(a + k * beta, b + k * beta)
     moved = np.exp(np.minimum(log_moved, _LARGEST_LOG))
-    lower = np.where(np.isneginf(pieces.left), 0.0, ndtr(a) * _finite_rate(pieces, pieces.left))
-    upper = np.where(np.isposinf(pieces.right), 0.0, ndtr(b) * _finite_rate(pieces, pieces.right))
+    lower, upper = (
+        np.where(known, ndtr(z) * pieces.rate_at(np.where(known, x, pieces.anchor)), 0.0)
+        for x, z, known in ((left, a, left > -np.inf), (right, b, right < np.inf))
+    )
     # A piece without a fall of the rate has no motions; elsewhere rounding must not go below 0.
     return np.where(k > 0.0, np.maximum(lower - upper + moved, 0.0), 0.0)
-
-
-def _finite_rate(pieces: _Pieces, x: FloatArray) -> FloatArray:
-    return pieces.rate_at(np.where(np.isfinite(x), x, pieces.anchor))

@@ -23,9 +23,7 @@ class Resampling:
 
     def __post_init__(self) -> None:
         if self.resamples < 100:
-            raise InputError(
-                f"resamples is {self.resamples}; at least 100 are needed for quantiles"
-            )
+            raise InputError(f"resamples is {self.resamples}; quantiles need at least 100")
         tails(self.confidence)
 
     @property
@@ -75,9 +73,8 @@ class Runs:
 
     def resample(self, resampling: Resampling) -> tuple[FloatArray, FloatArray]:
         """Collapses and runs at each level in each draw of groups, (n_draw, n_level)."""
-        n_group = int(self.group.max()) + 1
         kept = self.group % MOST_GROUPS
-        size = min(n_group, MOST_GROUPS)
+        size = min(int(self.group.max()) + 1, MOST_GROUPS)
         grouped = np.zeros((2, size, self.levels.size))
         np.add.at(grouped[0], kept, self.collapses)
         np.add.at(grouped[1], kept, self.n)
@@ -125,32 +122,25 @@ def gather_runs(verdict: ArrayLike, im: ArrayLike, *, event: ArrayLike | None = 
     try:
         intensity = np.broadcast_to(np.asarray(im, dtype=float), codes.shape)
     except ValueError:
-        raise InputError(
-            f"im has shape {np.shape(im)}, verdict {codes.shape}; one intensity per run is needed"
-        ) from None
+        shapes = f"im has shape {np.shape(im)}, verdict {codes.shape}"
+        raise InputError(f"{shapes}; one intensity per run is needed") from None
     count_verdicts(codes)
     row = np.indices(codes.shape)[0]
     decided = (codes == Verdict.STANDING) | (codes == Verdict.COLLAPSED)
     if not decided.any():
         raise InputError("verdict holds no run that collapsed or stood")
-    used = positive(intensity[decided], "im")
     group = event_groups(event, len(codes))
-    levels, column = _levels(used)
+    levels, column = np.unique(positive(intensity[decided], "im"), return_inverse=True)
+    if levels.size > MOST_LEVELS:
+        place = np.arange(levels.size) * MOST_LEVELS // levels.size
+        levels = np.exp(np.bincount(place, np.log(levels)) / np.bincount(place))
+        column = place[column]
     present, slot = np.unique(row[decided], return_inverse=True)
     n = np.zeros((present.size, levels.size))
     collapses = np.zeros_like(n)
     np.add.at(n, (slot, column), 1.0)
     np.add.at(collapses, (slot, column), (codes[decided] == Verdict.COLLAPSED).astype(float))
     return Runs(levels, collapses, n, np.unique(group[present], return_inverse=True)[1])
-
-
-def _levels(used: FloatArray) -> tuple[FloatArray, IntArray]:
-    levels, column = np.unique(used, return_inverse=True)
-    if levels.size <= MOST_LEVELS:
-        return levels, column
-    place = np.arange(levels.size) * MOST_LEVELS // levels.size
-    mean = np.bincount(place, np.log(levels)) / np.bincount(place)
-    return np.exp(mean), place[column]
 
 
 def event_groups(event: ArrayLike | None, n_record: int) -> IntArray:

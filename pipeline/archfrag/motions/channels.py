@@ -280,23 +280,20 @@ def _offset(trace: Trace, unit: str) -> tuple[str, ...]:
             f"{motion:.4g} [{unit} in the file]",)  # fmt: skip
 
 
-def by_direction(channels: Sequence[Channel], path: Path) -> tuple[list[Channel], list[Channel]]:
-    """The horizontal channels, and those that are not known to be vertical; the vertical ones."""
+def by_direction(
+    channels: Sequence[Channel], path: Path, remedy: str
+) -> tuple[list[Channel], list[Channel]]:
+    """The channels that are not known to be vertical, and the vertical ones.
+
+    RecordError if there are only verticals or, with a `remedy`, one may be horizontal or not.
+    """
     verticals = [c for c in channels if c.vertical]
     others = [c for c in channels if not c.vertical]
     if not others:
         only = f"holds only the vertical component ({verticals[0].code})"
         raise RecordError(f"{path}: {only}; a horizontal one is needed")
-    return others, verticals
-
-
-def refuse_unclear(
-    horizontals: Sequence[Channel], channels: Sequence[Channel], path: Path, remedy: str
-) -> None:
-    """Raise RecordError if one channel of several may be horizontal or not."""
-    if len(channels) > 1 and not all(c.horizontal for c in horizontals):
+    if remedy and len(channels) > 1 and not all(c.horizontal for c in others):
         names = ", ".join(repr(c.code) for c in channels)
-        raise RecordError(
-            f"{path}: which of the channels {names} is horizontal is not clear from their "
-            f"codes; {remedy}"
-        )
+        unclear = f"which of the channels {names} is horizontal is not clear from their codes"
+        raise RecordError(f"{path}: {unclear}; {remedy}")
+    return others, verticals

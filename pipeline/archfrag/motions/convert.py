@@ -163,14 +163,14 @@ def _write_at2(part: Path, group: Sequence[Channel], unit: str, source: Path) ->
     words = [facts["event"] or "unknown event", date, facts["station"] or "unknown station"]
     names = [word.replace(",", " ") for word in (*words, channel.code) if word]
     header = [
-        _line(f"{_made(source)}; {' '.join(channel.log)}"),
-        _line(", ".join(names)),
+        f"{_made(source)}; {' '.join(channel.log)}",
+        ", ".join(names),
         f"ACCELERATION TIME SERIES IN UNITS OF {unit.upper()}",
         f"NPTS= {values.size:6d}, DT= {channel.dt!r} SEC",
     ]
     starts = range(0, values.size, _AT2_COLUMNS)
     rows = ("".join(f"{v:15.7E}" for v in values[i : i + _AT2_COLUMNS]) for i in starts)
-    part.write_text("\n".join((*header, *rows)) + "\n", encoding="ascii")
+    part.write_text("\n".join((*map(_line, header), *rows)) + "\n", encoding="ascii")
 
 
 def _write_columns(part: Path, group: Sequence[Channel], unit: str, source: Path) -> None:

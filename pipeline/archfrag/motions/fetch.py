@@ -9,7 +9,7 @@ import contextlib
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -162,16 +162,15 @@ class _Fetching:
             try:
                 self._event(id)
             except Refusal as refusal:
-                self._refuse(refusal)
+                self._refuse(refusal, f"event {id}")
             except OSError as error:
                 raise cannot_write(self.folder, error) from None
         return self.result
 
     def _event(self, id: str) -> None:
-        with _named(f"event {id}"):
-            content, event = self.catalogue.event(id)
-            quake = self._quake(id, event)
-            sites = self._sites(quake)
+        content, event = self.catalogue.event(id)
+        quake = self._quake(id, event)
+        sites = self._sites(quake)
         place = make_folder(self.folder / folder_name(id))
         with replacing(place / "event.xml") as part:
             part.write_bytes(content)
@@ -181,18 +180,16 @@ class _Fetching:
                 self._station(quake, site, place)
                 failures = 0
             except Refusal as refusal:
-                self._refuse(refusal)
+                self._refuse(refusal, f"{id} {site.name}")
                 failures = failures + 1 if refusal.passing else 0
             if failures == MOST_FAILURES and number + 1 < len(sites):
-                raise Refusal(
-                    "service",
-                    f"{self.archive.label}: {failures} requests in a row failed; "
-                    f"{len(sites) - number - 1} stations of event {id} were not asked for",
-                )
+                left = f"{len(sites) - number - 1} stations were not asked for"
+                reason = f"{failures} requests in a row failed; {left}"
+                raise Refusal("service", f"{self.archive.label}: {reason}")
 
-    def _refuse(self, refusal: Refusal) -> None:
-        self.result.refused.append(refusal)
-        self.report(str(refusal))
+    def _refuse(self, refusal: Refusal, what: str) -> None:
+        self.result.refused.append(Refusal(refusal.kind, f"{what}: {refusal}"))
+        self.report(str(self.result.refused[-1]))
 
     def _quake(self, id: str, event: Event) -> _Quake:
         """Origin, window and columns of the index of an event."""
@@ -232,18 +229,16 @@ class _Fetching:
         return near[: self.request.most]
 
     def _station(self, quake: _Quake, site: _Site, place: Path) -> None:
-        label = f"{quake.id} {site.name}"
-        if not (_CODE.fullmatch(site.network) and _CODE.fullmatch(site.station.code)):
-            raise Refusal("unusable", f"{label!r}: the codes of this station cannot name a file")
+        if not all(map(_CODE.fullmatch, (site.network, site.station.code))):
+            raise Refusal("unusable", "the codes of this station cannot name a file")
         same = {"event": quake.id, "station": site.name, "window_s": quake.facts["window_s"]}
         for row in self.rows.values():
             if same.items() <= row.items() and self._complete(row):
                 self.result.kept.append(row["id"])
                 return
-        with _named(label):
-            wanted, waveforms = self._waveforms(quake, site)
-            what = f"the responses of {site.name}"
-            responses, _ = self.archive.stations(what, level="response", **wanted)
+        wanted, waveforms = self._waveforms(quake, site)
+        what = f"the responses of {site.name}"
+        responses, _ = self.archive.stations(what, level="response", **wanted)
         channel = f"{wanted['location'].replace('--', '')}.{wanted['channel'][:2]}"
         name = f"{place.name}_{site.name}.{channel}"
         stored = self._store(place, name, site, waveforms, responses)
@@ -258,7 +253,8 @@ class _Fetching:
         }  # fmt: skip
         write_index(self.folder, [self.rows[id] for id in sorted(self.rows)])
         self.result.new.append(name)
-        self.report(f"{label}: {stored['channels']}, {epicentral:.1f} km from the epicentre")
+        reached = f"{stored['channels']}, {epicentral:.1f} km from the epicentre"
+        self.report(f"{quake.id} {site.name}: {reached}")
 
     def _complete(self, row: dict[str, Any]) -> bool:
         path = self.folder / row["file"]
@@ -307,15 +303,6 @@ class _Fetching:
             "dt_s": motions[0].dt, "channels": " ".join(filter(None, codes)),
             "start_time": motions[0].metadata.get("start_time", ""),
         }  # fmt: skip
-
-
-@contextlib.contextmanager
-def _named(what: str) -> Iterator[None]:
-    """Put what it is about before the message of a refusal."""
-    try:
-        yield
-    except Refusal as refusal:
-        raise Refusal(refusal.kind, f"{what}: {refusal}") from None
 
 
 def folder_name(id: str) -> str:

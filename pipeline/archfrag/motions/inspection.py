@@ -14,39 +14,19 @@ from archfrag.motions.plausible import doubtful_motion
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """One channel of a file.
+    """One channel of a file; without `samples` [m/s2] where its unit is unknown."""
 
-    Attributes
-    ----------
-    code : str
-        Component as the file names it.
-    station : str
-    start : str
-        Time of the first sample (UTC) in ISO 8601; empty where the file does not state it.
-    dt : float [s]
-    announced, count : int
-        Samples by the header and in the file.
-    unit : str
-        Of the samples in the file: of acceleration, ``counts``, or empty if nothing states it.
-    level : str
-        ``raw``, ``processed`` or empty: what kind of volume it is by its header.
-    vertical : bool
-    samples : numpy.ndarray, shape (count,) [m/s2], or None if the unit is unknown
-    faults : tuple of str
-        What is wrong or doubtful.
-    """
-
-    code: str
+    code: str  # of the component as the file names it
     station: str
-    start: str
-    dt: float
-    announced: int
-    count: int
-    unit: str
-    level: str
+    start: str  # time of the first sample (UTC) in ISO 8601; empty if the file does not state it
+    dt: float  # [s]
+    announced: int  # samples by the header
+    count: int  # samples in the file
+    unit: str  # in the file: of acceleration, ``counts``, or empty if nothing states it
+    level: str  # ``raw``, ``processed`` or empty: what kind of volume it is by its header
     vertical: bool
     samples: NDArray[np.float64] | None
-    faults: tuple[str, ...]
+    faults: tuple[str, ...]  # what is wrong or doubtful
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,9 +1,4 @@
-"""Measures that are integrals of a motion over time, a part of the record at a time.
-
-A record of some million samples is measured within the memory of one part of it.
-"""
-
-from collections.abc import Iterator
+"""Measures that are integrals of a motion over time."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +6,18 @@ from numpy.typing import NDArray
 from archfrag.motions.motion import Motion
 from archfrag.motions.units import STANDARD_GRAVITY
 
-_PART = 2**16  # samples
 STANDARD_WINDOW = 1.0  # [s] of the standardised cumulative absolute velocity
 STANDARD_LEVEL = 0.025 * STANDARD_GRAVITY  # [m/s2]
 FIV3_WINDOW, FIV3_CORNER = 0.7, 0.85  # of a period, over a frequency
 _Samples = NDArray[np.float64]
+
+
+def integral(samples: _Samples, dt: float) -> _Samples:
+    """Integral from zero at the first sample by the trapezoid rule, shape (n_sample,)."""
+    values = np.zeros(samples.size)
+    np.add(samples[1:], samples[:-1], out=values[1:])
+    values *= 0.5 * dt
+    return np.cumsum(values, out=values)
 
 
 def pgv(motion: Motion) -> float:
@@ -23,13 +25,12 @@ def pgv(motion: Motion) -> float:
 
     The record is taken as it is, so that of a raw record must be filtered first.
     """
-    return max(_largest(v) for _, v in _integrated(_parts(motion.acceleration), motion.dt))
+    return _largest(integral(motion.acceleration, motion.dt))
 
 
 def pgd(motion: Motion) -> float:
     """Peak ground displacement [m]: acceleration integrated twice from rest, as in `pgv`."""
-    velocity = _integrated(_parts(motion.acceleration), motion.dt)
-    return max(_largest(d) for _, d in _integrated(velocity, motion.dt))
+    return _largest(integral(integral(motion.acceleration, motion.dt), motion.dt))
 
 
 def arias(motion: Motion) -> float:
@@ -37,28 +38,15 @@ def arias(motion: Motion) -> float:
 
     Trapezoid rule on the squared samples. Arias (1970), "A measure of earthquake intensity".
     """
-    total = 0.0
-    for _, husid in _husid(motion):
-        total = float(husid[-1])
-    return total
+    return float(_husid(motion)[-1])
 
 
 def arias_times(motion: Motion, fractions: tuple[float, ...]) -> tuple[float, ...]:
     """When the Arias intensity has reached fractions of its total [s]; linear between samples."""
-    total = 0.0
-    for _, husid in _husid(motion, both=True):
-        total = float(husid[-1])
-    times = dict.fromkeys(fractions, 0.0)
-    if total == 0.0:
-        return tuple(times.values())
-    open_ones = set(fractions)
-    for start, husid in _husid(motion, both=True):
-        time = (start + np.arange(husid.size)) * motion.dt
-        for fraction in tuple(open_ones):
-            if husid[-1] >= fraction * total:
-                times[fraction] = float(np.interp(fraction * total, husid, time))
-                open_ones.remove(fraction)
-    return tuple(times[fraction] for fraction in fractions)
+    husid = _husid(motion, both=True)
+    if husid[-1] == 0.0:
+        return (0.0,) * len(fractions)
+    return tuple(float(np.interp(part * husid[-1], husid, motion.time)) for part in fractions)
 
 
 def significant_duration(motion: Motion, start: float = 0.05, end: float = 0.95) -> float:
@@ -76,7 +64,7 @@ def cav(motion: Motion) -> float:
 
     EPRI (1988), report NP-5930; exact for an acceleration linear between samples.
     """
-    return float(sum(_absolute(part, motion.dt).sum() for _, part in _parts(motion.acceleration)))
+    return float(_absolute(motion.acceleration, motion.dt).sum())
 
 
 def cav_standardised(motion: Motion) -> float:
@@ -102,7 +90,6 @@ def fiv3(motion: Motion, period: float) -> float:
     the sum of the three highest maxima and that of the three lowest minima. Dávalos and Miranda
     (2019), EESD 48(12).
     """
-    from scipy.integrate import cumulative_trapezoid
     from scipy.signal import butter, find_peaks, sosfilt
 
     record, dt = motion.acceleration, motion.dt
@@ -110,7 +97,7 @@ def fiv3(motion: Motion, period: float) -> float:
     if corner < 0.5 / dt:
         record = sosfilt(butter(2, corner, fs=1.0 / dt, output="sos"), record)
     count = max(1, int(FIV3_WINDOW * period / dt + 1e-9))
-    velocity = cumulative_trapezoid(record, dx=dt, initial=0.0)
+    velocity = integral(record, dt)
     gained = velocity[count:] - velocity[:-count]
     if gained.size < 3:
         return 0.0
@@ -121,36 +108,12 @@ def fiv3(motion: Motion, period: float) -> float:
     return max(sums)
 
 
-def _parts(samples: _Samples) -> Iterator[tuple[int, _Samples]]:
-    """Numbers of first samples and parts; the last sample of one is the first of the next."""
-    for start in range(0, max(samples.size - 1, 1), _PART):
-        yield start, samples[start : start + _PART + 1]
-
-
-def _integrated(
-    parts: Iterator[tuple[int, _Samples]], dt: float
-) -> Iterator[tuple[int, _Samples]]:
-    """The integral from the first sample by the trapezoid rule, in the same parts."""
-    total = 0.0
-    for start, part in parts:
-        integral = np.empty(part.size)
-        integral[0] = total
-        np.add(part[1:], part[:-1], out=integral[1:])
-        integral[1:] *= 0.5 * dt
-        np.cumsum(integral, out=integral)
-        total = float(integral[-1])
-        yield start, integral
-
-
-def _husid(motion: Motion, both: bool = False) -> Iterator[tuple[int, _Samples]]:
-    across = motion.across if both else None
-    rows = [samples for samples in (motion.acceleration, across) if samples is not None]
-    squared = (
-        (start, np.sum([row[start : start + part.size] ** 2 for row in rows], axis=0))
-        for start, part in _parts(motion.acceleration)
-    )
-    for start, integral in _integrated(squared, motion.dt):
-        yield start, np.pi / (2.0 * STANDARD_GRAVITY) * integral
+def _husid(motion: Motion, both: bool = False) -> _Samples:
+    """Arias intensity up to each sample, of both horizontal components if wanted."""
+    squared = motion.acceleration**2
+    if both and motion.across is not None:
+        squared += motion.across**2
+    return np.pi / (2.0 * STANDARD_GRAVITY) * integral(squared, motion.dt)
 
 
 def _absolute(part: _Samples, dt: float) -> _Samples:

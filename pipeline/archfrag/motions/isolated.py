@@ -4,7 +4,8 @@ obspy reads miniSEED, GSE and GCF in C, and a damaged file can crash that code, 
 ask for any amount of memory. One process for all files of a command takes them, within limits of
 computing time and memory; when a file ends it, the next file gets a new one. It is an interpreter
 of its own, not a copy of this one: scripts need no ``__main__`` guard, and threads do not matter.
-It ends when this process does, however that happens, because its input closes.
+It ends when this process does, however that happens, because its input closes; at the latest
+when the file that it reads is done.
 
 Requests and answers are lines of JSON, followed by samples as float64: what comes from that
 process is never executed here.
@@ -19,8 +20,7 @@ import signal
 import subprocess
 import sys
 import threading
-from queue import SimpleQueue
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -80,7 +80,7 @@ class Reader:
             answer = {} if name is None else _receive(process.stdout)
             headers = answer.get("traces", [])
             return name, answer | {"traces": [_take_trace(process.stdout, h) for h in headers]}
-        except (EOFError, BrokenPipeError, json.JSONDecodeError, UnicodeDecodeError):
+        except (EOFError, BrokenPipeError, ValueError):
             task = f"reading it as {name}" if name else "recognising its format"
             raise Unreadable(f"{path}: {task} {self._ending(process)}") from None
 
@@ -113,25 +113,21 @@ class Reader:
         how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
         return f"ended in a crash ({how}); the file is damaged or not what it seems"
 
-    def stop(self) -> None:
-        """End the process, if there is one."""
-        if self._process is not None:
-            self._process.kill()
-            self._process.wait()
-        self._leave()
-
-    def _leave(self) -> None:
-        """Close the pipes; in a fork of this process that is all: it is not its to wait for."""
+    def stop(self, fork: bool = False) -> None:
+        """End the process, if there is one; it is not for a `fork` of this one to do so."""
         process, self._process = self._process, None
-        for pipe in filter(None, (process.stdin, process.stdout) if process else ()):
+        if process is None:
+            return
+        if not fork:
+            process.kill()
+        for pipe in (process.stdin, process.stdout):
             with contextlib.suppress(BrokenPipeError):
-                pipe.close()
+                pipe.close()  # type: ignore[union-attr]
+        process.returncode = 0 if fork else process.wait()
 
     def _forget(self) -> None:
         self._lock = threading.Lock()
-        if self._process is not None:
-            self._process.returncode = 0
-        self._leave()
+        self.stop(fork=True)
 
 
 def serve() -> None:
@@ -145,10 +141,8 @@ def serve() -> None:
     quiet = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):  # readers in C print what they think of a file
         os.dup2(quiet, stream)
-    queue: SimpleQueue[bytes] = SimpleQueue()
-    threading.Thread(target=_listen, args=(requests, queue), daemon=True).start()
-    while True:
-        request = json.loads(queue.get())
+    for line in requests:
+        request = json.loads(line)
         signal.setitimer(signal.ITIMER_PROF, request["seconds"])
         _answer(answers, request)
         signal.setitimer(signal.ITIMER_PROF, 0.0)
@@ -160,14 +154,7 @@ def _limit(what: int, size: int) -> None:
         resource.setrlimit(what, (min(bounds), resource.getrlimit(what)[1]))
 
 
-def _listen(requests: IO[bytes], queue: "SimpleQueue[bytes]") -> None:
-    """Pass requests on; end the process, whatever it is doing, when no more can come."""
-    for line in requests:
-        queue.put(line)
-    os._exit(0)
-
-
-def _answer(answers: IO[bytes], request: dict[str, Any]) -> None:
+def _answer(answers: Any, request: dict[str, Any]) -> None:
     path, shown, formats = (request[key] for key in ("path", "name", "formats"))
     name = formats[0] if len(formats) == 1 else recognise(path, formats)
     _send(answers, {"format": name})
@@ -176,12 +163,10 @@ def _answer(answers: IO[bytes], request: dict[str, Any]) -> None:
     try:
         content = read_as(path, name)
         rows = [np.asarray(trace.data, dtype=np.float64) for trace in content.traces]
-    except Unreadable as error:
-        _send(answers, {"error": str(error).replace(path, shown)})
-        return
-    except (TypeError, ValueError):
-        _send(answers, {"error": f"{shown}: the {name} file holds something other than numbers"})
-        return
+    except (Unreadable, TypeError, ValueError) as error:
+        other = f"{shown}: the {name} file holds something other than numbers"
+        known = isinstance(error, Unreadable)
+        return _send(answers, {"error": str(error).replace(path, shown) if known else other})
     headers = [_header(trace) | {"size": row.size} for trace, row in zip(content.traces, rows)]
     _send(answers, content._asdict() | {"traces": headers})
     for row in rows:

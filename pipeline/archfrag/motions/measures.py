@@ -21,24 +21,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError, RecordError
-from archfrag.motions.integrals import (
-    arias,
-    cav,
-    cav_standardised,
-    fiv3,
-    pgd,
-    pgv,
-    significant_duration,
-)  # fmt: skip
+from archfrag.motions import integrals
 from archfrag.motions.motion import Motion
 from archfrag.motions.process import velocity
 from archfrag.motions.spectra import peaks_by_angle, response_spectrum, rotated_spectrum
-
-__all__ = [
-    "Measure", "arias", "cav", "cav_standardised", "factor_of", "fiv3", "measure", "measure_all",
-    "measure_unit", "parse_measure", "pga", "pgd", "pgv", "scale_factor", "scaling_exponent",
-    "significant_duration", "spectral_acceleration",
-]  # fmt: skip
 
 AVERAGED_PERIODS = 10
 _PLAIN = {
@@ -243,8 +229,10 @@ def factor_of(motion: Motion, measure_name: str, value: float, level: float) -> 
 
 
 _SIMPLE: dict[str, Callable[..., float]] = {
-    "PGA": pga, "PGV": pgv, "PGD": pgd, "Arias": arias, "CAV": cav, "CAVstd": cav_standardised,
-    "D5_75": partial(significant_duration, end=0.75), "D5_95": significant_duration, "FIV3": fiv3,
+    "PGA": pga, "PGV": integrals.pgv, "PGD": integrals.pgd, "Arias": integrals.arias,
+    "CAV": integrals.cav, "CAVstd": integrals.cav_standardised, "FIV3": integrals.fiv3,
+    "D5_75": partial(integrals.significant_duration, end=0.75),
+    "D5_95": integrals.significant_duration,
 }  # fmt: skip
 
 

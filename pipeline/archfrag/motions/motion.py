@@ -82,9 +82,8 @@ class Motion:
         except (TypeError, ValueError):
             step = np.nan
         if not (np.isfinite(step) and step > 0.0):
-            raise RecordError(
-                f"{name}: time step dt = {dt} s must be a positive number of seconds"
-            )
+            needed = "must be a positive number of seconds"
+            raise RecordError(f"{name}: time step dt = {dt} s {needed}")
         words = ("acceleration", "vertical", "other horizontal component")
         for word, samples in zip(words, (acceleration, vertical, across)):
             if samples is not None:
@@ -143,28 +142,20 @@ class Motion:
             If the factor is not a finite number.
         """
         if not np.isfinite(factor):
-            raise InputError(
-                f"{self.id or 'motion'}: scale factor {factor} must be a finite number"
-            )
+            name = self.id or "motion"
+            raise InputError(f"{name}: scale factor {factor} must be a finite number")
         return self._changed(lambda samples: samples * factor, f"Multiplied by {factor:.9g}.")
 
 
 def _check_samples(samples: NDArray[np.float64], name: str, component: str, size: int) -> None:
-    if samples.ndim != 1:
-        shape = f"{component} has shape {samples.shape}"
-        raise RecordError(f"{name}: {shape}; one row of samples is needed")
-    if samples.size < 2:
-        raise RecordError(
-            f"{name}: {component} has {samples.size} sample(s); at least 2 are needed"
-        )
-    if not (np.isfinite(samples.min()) and np.isfinite(samples.max())):
-        bad = np.flatnonzero(~np.isfinite(samples))
-        raise RecordError(
-            f"{name}: {component} has {bad.size} sample(s) that are not finite, the first at "
-            f"index {bad[0]} ({samples[bad[0]]})"
-        )
-    if samples.size != size:
-        raise RecordError(
-            f"{name}: the {component} has {samples.size} samples and the horizontal {size}; both "
-            "must have the same number"
-        )
+    bad = np.flatnonzero(~np.isfinite(samples)) if samples.ndim == 1 else np.empty(0, int)
+    first = f"{bad[0]} ({samples[bad[0]]})" if bad.size else ""
+    for wrong, what in (
+        (samples.ndim != 1, f"has shape {samples.shape}; one row of samples is needed"),
+        (samples.size < 2, f"has {samples.size} sample(s); at least 2 are needed"),
+        (bad.size, f"has {bad.size} sample(s) that are not finite, the first at index {first}"),
+        (samples.size != size, f"has {samples.size} samples and the horizontal {size}; both must "
+                               "have the same number"),
+    ):  # fmt: skip
+        if wrong:
+            raise RecordError(f"{name}: {component} {what}")

@@ -8,7 +8,7 @@ import numpy as np
 from obspy import Inventory
 
 from archfrag.errors import RecordError
-from archfrag.motions.channels import Channel, Options, by_direction, read_channels, refuse_unclear
+from archfrag.motions.channels import Channel, Options, by_direction, read_channels
 from archfrag.motions.formats.columns import Columns
 from archfrag.motions.formats.facts import known
 from archfrag.motions.formats.waveform import recognise
@@ -95,12 +95,10 @@ def _read_one(
 ) -> Motion:  # fmt: skip
     """See `read_motion`; `of_several` names the component in a file with several horizontals."""
     channels, entry = read_channels(source, options)
-    horizontals, verticals = by_direction(channels, source)
-    if of_several and len(horizontals) > 1:
+    if of_several and sum(not channel.vertical for channel in channels) > 1:
         component = of_several
-    if component is None:
-        remedy = "give `component` (--component on the command line)"
-        refuse_unclear(horizontals, channels, source, remedy)
+    remedy = "" if component else "give `component` (--component on the command line)"
+    horizontals, verticals = by_direction(channels, source, remedy)
     chosen, note = _choose(horizontals, source, component)
     upward = next((c for c in verticals if c.group == chosen.group), None)
     if vertical is not None:
@@ -127,9 +125,8 @@ def read_motions(
     source = Path(path)
     options = Options(unit, inventory, accepted_words(accept, str(path)), columns)
     channels, entry = read_channels(source, options)
-    horizontals, verticals = by_direction(channels, source)
     remedy = "name them as SEED does (HNE, HNN, HNZ), or give each component a file of its own"
-    refuse_unclear(horizontals, channels, source, remedy)
+    horizontals, verticals = by_direction(channels, source, remedy)
     alone, codes = len(horizontals) == 1, [channel.code for channel in horizontals]
     base = entry.id if entry and alone else name or record_name(source)
     motions = []
@@ -187,11 +184,11 @@ def _choose(
     horizontals: Sequence[Channel], path: Path, component: str | None
 ) -> tuple[Channel, tuple[str, ...]]:
     names = ", ".join(c.code or "(no code)" for c in horizontals)
-    for match in (lambda c: c.trace.id, lambda c: c.code, lambda c: c.code[-1:]):
-        found = [c for c in horizontals if match(c).upper() == (component or "").upper()]
-        if component is not None and found:
-            return found[0], ()
     if component is not None:
+        for match in (lambda c: c.trace.id, lambda c: c.code, lambda c: c.code[-1:]):
+            for channel in horizontals:
+                if match(channel).upper() == component.upper():
+                    return channel, ()
         has = f"there is no horizontal component {component!r}; there is {names}"
         raise RecordError(f"{path}: {has}")
     chosen = horizontals[0]

@@ -11,8 +11,9 @@ are done as products of matrices, which takes a fraction of the time of a recurs
 the memory of one block.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -32,18 +33,11 @@ def response_spectrum(
     acceleration: NDArray[np.float64], dt: float, periods: ArrayLike, damping: float = 0.05
 ) -> NDArray[np.float64]:
     """Sa of oscillators from rest, free vibration after the record included, shape (n_period,)."""
-    oscillators = _oscillators(dt, periods, damping)
-    states = [acceleration[0] * oscillator.sudden for oscillator in oscillators]
-    largest = np.zeros(len(oscillators))
-    for windows in _windows(acceleration):
-        for number, oscillator in enumerate(oscillators):
-            states[number] = oscillator.put_states(windows, states[number])
-            for u in oscillator.responses(windows):
-                largest[number] = max(largest[number], u.max(), -u.min())
-    for number, oscillator in enumerate(oscillators):
-        after = oscillator.free_vibration(states[number])
-        largest[number] = max(largest[number], np.abs(after).max())
-    return rounded([o.frequency**2 * peak for o, peak in zip(oscillators, largest)])
+
+    def peak(u: NDArray[np.float64], largest: NDArray[np.float64]) -> None:
+        largest[0] = max(largest[0], u.max(), -u.min())
+
+    return _largest_responses((acceleration,), dt, periods, damping, peak, 1)[:, 0]
 
 
 def rotated_spectrum(
@@ -53,17 +47,24 @@ def rotated_spectrum(
     damping: float = 0.05,
 ) -> NDArray[np.float64]:
     """Sa in each direction of the horizontal plane, (n_period, 180) [m/s2], by degrees."""
+    return _largest_responses(pair, dt, periods, damping, peaks_by_angle, _ANGLES.size)
+
+
+def _largest_responses(
+    rows: tuple[NDArray[np.float64], ...], dt: float, periods: ArrayLike, damping: float,
+    update: Callable[..., Any], size: int,
+) -> NDArray[np.float64]:  # fmt: skip
+    """Largest w^2 u as `update` finds it in displacements by all components, (n_period, size)."""
     oscillators = _oscillators(dt, periods, damping)
-    states = [[samples[0] * oscillator.sudden for samples in pair] for oscillator in oscillators]
-    largest = np.zeros((len(oscillators), _ANGLES.size))
-    for both in zip(*map(_windows, pair), strict=True):
+    states = [[samples[0] * o.sudden for samples in rows] for o in oscillators]
+    largest = np.zeros((len(oscillators), size))
+    for windows in zip(*map(_windows, rows), strict=True):
         for number, oscillator in enumerate(oscillators):
-            states[number] = list(map(oscillator.put_states, both, states[number]))
-            for one, other in zip(*map(oscillator.responses, both)):
-                peaks_by_angle(one, other, largest[number])
+            states[number] = list(map(oscillator.put_states, windows, states[number]))
+            for responses in zip(*map(oscillator.responses, windows)):
+                update(*responses, largest[number])
     for number, oscillator in enumerate(oscillators):
-        one, other = map(oscillator.free_vibration, states[number])
-        peaks_by_angle(one, other, largest[number])
+        update(*map(oscillator.free_vibration, states[number]), largest[number])
     return rounded([o.frequency**2 * row for o, row in zip(oscillators, largest)])
 
 
@@ -99,11 +100,6 @@ def _oscillators(dt: float, periods: ArrayLike, damping: float) -> list["_Oscill
     if not 0.0 <= damping < 1.0:
         raise InputError(f"damping {damping} must be in [0, 1)")
     return [_oscillator(float(dt), period, float(damping)) for period in wanted.tolist()]
-
-
-@lru_cache(maxsize=256)
-def _oscillator(dt: float, period: float, damping: float) -> "_Oscillator":
-    return _Oscillator(dt, period, damping)
 
 
 def _windows(record: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
@@ -174,3 +170,6 @@ class _Oscillator:
     def free_vibration(self, state: complex) -> NDArray[np.float64]:
         """Displacement [m] in the period after a state."""
         return (state * self.after).real
+
+
+_oscillator = lru_cache(maxsize=256)(_Oscillator)

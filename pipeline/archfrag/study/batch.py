@@ -93,6 +93,7 @@ def run_batch(
     count = workers or study.execution.workers or available_cores()
     with contextlib.ExitStack() as stack:
         bar = stack.enter_context(_progress(quiet))
+        in_one_round = plan.design["kind"] in ("stripes", "cloud")
         executor = _Executor(study, plan, count, bar, stack)
         while len(rounds.wanted):
             factors = plan.factors(rounds.wanted)
@@ -100,7 +101,7 @@ def run_batch(
             missing = _first_of_each(keys, np.flatnonzero(store.places(keys) < 0))
             log.runs += len(keys)
             log.kept += len(keys) - missing.size
-            _count(bar, log.runs, missing.size)
+            _count(bar, log.runs, missing.size, in_one_round)
             if missing.size:
                 chunks = cut(rounds.wanted[missing], study.execution.chunk, count)
                 work = [(cases, factors[missing[rows]]) for rows, cases in chunks]
@@ -217,16 +218,16 @@ def kernels_needed(study: Study, plan: Plan) -> list[str]:
 def _progress(quiet: bool) -> tqdm:
     interval = 0.2 if sys.stderr.isatty() else 10.0
     return tqdm(
-        total=0, unit="run", desc="simulations", disable=quiet, file=sys.stderr,
+        unit="run", desc="simulations", disable=quiet, file=sys.stderr,
         dynamic_ncols=True, mininterval=interval,
     )  # fmt: skip
 
 
-def _count(bar: tqdm, asked: int, missing: int) -> None:
-    """Show the runs asked for so far as the total, and all that are not missing as done."""
+def _count(bar: tqdm, asked: int, missing: int, in_one_round: bool) -> None:
+    """Show all runs that are not missing as done; how many there will be where that is known."""
     if not bar.disable:
         bar.initial += asked - missing - bar.n
-        bar.total, bar.n = asked, asked - missing
+        bar.total, bar.n = asked if in_one_round else None, asked - missing
         bar.refresh()
 
 

@@ -1,5 +1,6 @@
 """What can be known to be wrong with a study before anything is computed."""
 
+import contextlib
 import errno
 import math
 import os
@@ -9,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import OutputError, StudyError
+from archfrag.errors import InputError, OutputError, StudyError
+from archfrag.files import counted
 from archfrag.study.config import Study, load_study
 from archfrag.study.cube import refuse_foreign_cube
 from archfrag.study.design import Cloud, Design, Ida, Scattered, TwoStage
 from archfrag.study.files import cannot_write
 from archfrag.study.members import (
-    ClassSummary,
     Members,
     check_buildable,
     check_standing,
@@ -23,12 +24,13 @@ from archfrag.study.members import (
     needs_records,
     summaries,
 )
-from archfrag.study.records import measured, read_sources, study_inputs
+from archfrag.study.records import is_raw, measured, read_manifest, read_sources, study_inputs
 
 STUDY_FILE = "study.yaml"
 # Beyond these a unit may have been mistaken: friction, size [m], levels over the onset.
 MOST_FRICTION, LARGEST, FAR_BEYOND = 2.0, 300.0, 10.0
-MOST_ASKED = 12  # arches
+MOST_ASKED = 12  # arches, records
+CORRECTING = {"detrend", "bandpass", "baseline", "response"}  # steps of processing
 
 
 def check_arches(study: Study, n_record: int = 1) -> Members:
@@ -37,6 +39,26 @@ def check_arches(study: Study, n_record: int = 1) -> Members:
     check_buildable(found)
     check_standing(found)
     return found
+
+
+def uncorrected(study: Study) -> tuple[str, ...]:
+    """Message on prepared records that are raw and not corrected by the study either."""
+    with contextlib.suppress(InputError):
+        records = read_manifest(study)["records"]
+        raw = [record["id"] for record in records if record.get("raw")]
+        return _uncorrected(study, raw, len(records))
+    return ()
+
+
+def _uncorrected(study: Study, raw: list[str], total: int) -> tuple[str, ...]:
+    if not raw or CORRECTING & {step.name for step in study.motions.processing}:
+        return ()
+    more = f" and {len(raw) - MOST_ASKED} more" if len(raw) > MOST_ASKED else ""
+    return (
+        f"{len(raw)} of {counted(total, 'record')} raw, as recorded ("
+        f"{', '.join(raw[:MOST_ASKED])}{more}): their drift is taken for motion; correct them by "
+        "motions.processing, such as [detrend, {bandpass: {lowest: 0.1, highest: 25}}]",
+    )
 
 
 def doubts(study: Study, found: Members) -> tuple[str, ...]:
@@ -108,13 +130,14 @@ class Summary:
     extent: str = "exactly"  # what is meant by `runs`: exactly, about, or at most so many
     # About so many runs by the coarse method come before, for a design in two stages.
     coarse_runs: int = 0
-    classes: tuple[ClassSummary, ...] = ()  # of arches that were drawn or come from a table
+    classes: tuple[str, ...] = ()  # of arches that were drawn or come from a table
     cautions: tuple[str, ...] = ()  # what is possible but doubtful
 
     def __str__(self) -> str:
         """All but the name in one line."""
-        runs = f"{self.extent} {self.runs} runs".removeprefix("exactly ")
-        text = f"{self.arches} arches, {self.records} records, {self.levels} levels, {runs}"
+        runs = f"{self.extent} {counted(self.runs, 'run')}".removeprefix("exactly ")
+        parts = ((self.arches, "arch"), (self.records, "record"), (self.levels, "level"))
+        text = ", ".join([counted(*part) for part in parts] + [runs])
         if self.design != "stripes":
             text += f" by design {self.design}"
         return text + (f", after about {self.coarse_runs} coarse runs" if self.coarse_runs else "")
@@ -124,7 +147,8 @@ def check_study(study: Study) -> Summary:
     """Check all of a study without running it: arches stand, records are read and scaled."""
     found = check_arches(study)
     study_inputs(study)
-    records = sum(1 for motion in read_sources(study) if measured(motion, study))
+    raw = {motion.id: is_raw(motion) for motion in read_sources(study) if measured(motion, study)}
+    records = len(raw)
     if not records:
         raise StudyError("motions: the study has no record")
     if needs_records(study.arches):
@@ -136,7 +160,8 @@ def check_study(study: Study) -> Summary:
     runs, coarse = (sum(part[i] * n for part, n in zip(each, arches.tolist())) for i in (0, 1))
     return Summary(
         study.id, len(found), records, levels, design.kind, runs, each[0][2], coarse,
-        summaries(found), doubts(study, found),
+        summaries(found),
+        doubts(study, found) + _uncorrected(study, [name for name in raw if raw[name]], records),
     )  # fmt: skip
 
 

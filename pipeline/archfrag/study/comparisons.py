@@ -37,10 +37,9 @@ def free_shapes(runs: Runs, confidence: float) -> dict[str, Any]:
     try:
         own = gather_runs(verdict, level, event=runs.group)
         for curve in (isotonic_curve(own, resampling), kernel_curve(own, resampling)):
-            band = curve.band(curve.im)
             shaped[curve.kind] = {
                 "im": curve.im.tolist(), "probability": curve.value.tolist(),
-                "lower": band.lower.tolist(), "upper": band.upper.tolist(),
+                "lower": curve.lower.tolist(), "upper": curve.upper.tolist(),
             }  # fmt: skip
         test = check_lognormal(own, resampling)
         shaped["test_of_fit"] = {"p_value": test.p_value, "message": test.message}
@@ -142,15 +141,14 @@ def limit_states(cube: "xr.Dataset", runs: Runs, keys: Mapping[str, float]) -> d
                 np.where(unknown, Verdict.NOT_SIMULATED, exceeded[..., i]), "first"
             )
             exceeded[..., i] = np.where(codes == Verdict.NOT_SIMULATED, -1, codes)
-    names, meanings = [state[0] for state in states], [state[1] for state in states]
-    found = fit_limit_states(exceeded, runs.level, names, meanings)
+    found = fit_limit_states(exceeded, runs.level, [name for name, *_ in states])
     onset = _onset(cube)
     return {
         "message": found.message,
         "states": [
-            {"name": each.name, "meaning": each.meaning, "note": each.none,
+            {"name": each.name, "meaning": meaning, "note": each.none,
              "curve": curve_to_dict(_above(each.fit, onset) or each.none)}
-            for each in found.states
+            for each, (_, meaning, _) in zip(found.states, states, strict=True)
         ],
     }  # fmt: skip
 

@@ -4,6 +4,7 @@ import json
 import os
 import re
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
@@ -33,7 +34,7 @@ from archfrag.study.design import (
 )
 from archfrag.study.members import check_buildable, members
 from archfrag.study.processing import Steps
-from archfrag.study.section import PathText, Section, first_message, refuse, refuse_key
+from archfrag.study.section import PathText, Rising, Section, first_message, refuse, refuse_key
 from archfrag.study.synthetic import Synthetic
 from archfrag.study.yaml_file import DEEPEST, dump_yaml, parse_value, read_yaml
 
@@ -141,7 +142,7 @@ MOST_ARCHES, MOST_LEVELS = 1000, 1000
 Level = Annotated[float, Field(gt=0.0, le=1e6)]
 
 
-class LevelRange(Section):
+class LevelRange(Rising):
     """Equally spaced levels."""
 
     start: Level
@@ -152,9 +153,7 @@ class LevelRange(Section):
     """How many, both ends included."""
 
     @model_validator(mode="after")
-    def _rise(self) -> Self:
-        if self.stop <= self.start:
-            raise refuse(f"must have stop above start = {self.start:g}, not {self.stop:g}")
+    def _differ(self) -> Self:
         if len(set(self.values())) < self.count:
             ends = f"start = {self.start!r} and stop = {self.stop!r}"
             raise refuse(f"must have {self.count} different levels; {ends} are too close for that")
@@ -167,13 +166,9 @@ class LevelRange(Section):
 
 
 def _rising(levels: tuple[float, ...]) -> tuple[float, ...]:
-    for i, level in enumerate(levels):
-        if level <= 0.0:
-            raise refuse(f"must be greater than 0, but entry {i} is {level:g}")
-        if level > 1e6:
-            raise refuse(f"must be at most 1e+06, but entry {i} is {level:g}")
-        if i and level <= levels[i - 1]:
-            raise refuse(f"must increase, but {level:g} follows {levels[i - 1]:g}")
+    for before, level in pairwise(levels):
+        if level <= before:
+            raise refuse(f"must increase, but {level:g} follows {before:g}")
     return _sized(levels)
 
 
@@ -182,9 +177,7 @@ def _listed_or_range(given: Any) -> str:
 
 
 Levels = Annotated[
-    tuple[Annotated[float, Field(json_schema_extra={"exclusiveMinimum": 0, "maximum": 1e6})], ...],
-    Field(strict=False, max_length=MOST_LEVELS),
-    AfterValidator(_rising),
+    tuple[Level, ...], Field(strict=False, max_length=MOST_LEVELS), AfterValidator(_rising)
 ]
 
 
@@ -281,15 +274,6 @@ class Study(Section):
     risk: Hazard | None = None
     report: ReportKeys = ReportKeys()
     execution: Execution = Execution()
-
-    @model_validator(mode="after")
-    def _names_differ(self) -> Self:
-        names = [entry.id for entry in self.arches]
-        for i, name in enumerate(names):
-            if (first := names.index(name)) < i:
-                text = f"{name!r} is the id of arches[{first}] too; each arch needs its own"
-                raise refuse_key(f"arches[{i}].id", text)
-        return self
 
     @property
     def folder(self) -> Path:

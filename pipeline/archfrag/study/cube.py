@@ -75,10 +75,7 @@ def write_cube(study: Study) -> Path:
 
 
 def write_timings(study: Study) -> Path:
-    """Gather the wall times of all runs into ``timings.csv``; not part of the cube.
-
-    Parts that hold no run of the study any more are removed.
-    """
+    """Gather the wall times of all runs into ``timings.csv``; not part of the cube."""
     import pandas as pd
 
     plan = make_plan(study)
@@ -97,11 +94,16 @@ def write_timings(study: Study) -> Path:
     path = study.work / TIMINGS
     with replacing(path) as temporary:
         table.to_csv(temporary, index=False)
-    store.forget_others([keys])
+    return path
+
+
+def forget_other_code(study: Study) -> int:
+    """Remove results that no study can use any more; the number of versions they were made by."""
+    plan = make_plan(study)
     for old in plan.parts.glob("plan-*.json"):
         if old != plan.path:
             old.unlink(missing_ok=True)
-    return path
+    return Store(plan.parts).tidy()
 
 
 def read_timings(study: Study) -> dict[str, list[float]] | None:

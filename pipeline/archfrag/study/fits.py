@@ -13,7 +13,7 @@ from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
 from archfrag.fragility.curve import Fragility
 from archfrag.study import comparisons, curves
-from archfrag.study.checks import doubts
+from archfrag.study.checks import doubts, uncorrected
 from archfrag.study.config import Study
 from archfrag.study.cube import CUBE, refuse_foreign_cube
 from archfrag.study.curves import Answer
@@ -145,7 +145,7 @@ def load_fits(path: Path) -> dict[str, Fragility | str]:
 
 
 MOST_UNDECIDED = 0.05  # fraction of the runs at a level
-MOST_SCALING = 10.0
+MOST_SCALING, ONLY_NOISE = 10.0, 100.0
 MOST_STANDING = 0.25  # fraction of the records
 MOST_NAMED = 12  # arches; of more only their number
 
@@ -168,9 +168,10 @@ def cautions_of_cube(study: Study, cube: "xr.Dataset") -> list[str]:
     if cube["intensity"].ndim == 1:
         stand = [standing(own, levels[-1]) for own in verdict]
         found += [f"{name}: {message}" for name, message in zip(names, stand) if message]
-    found += doubts(study, members(study, cube.sizes["record"]))
+    found += doubts(study, members(study, cube.sizes["record"])) + uncorrected(study)
     found += design_cautions(json.loads(cube.attrs.get("archfrag_design", "{}")))
-    return found + [each for each in (scaled_far(cube), one_event(cube)) if each]
+    noise = scaled_far(cube, ONLY_NOISE, "what such a record holds may be noise; leave it out")
+    return found + [each for each in (noise, scaled_far(cube), one_event(cube)) if each]
 
 
 def one_event(cube: "xr.Dataset") -> str:
@@ -236,19 +237,22 @@ def undecided(counts: VerdictCounts, levels: Sequence[str]) -> str:
     )
 
 
-def scaled_far(cube: "xr.Dataset") -> str:
+def scaled_far(
+    cube: "xr.Dataset",
+    most: float = MOST_SCALING,
+    why: str = "which makes weak motions into strong ones of another kind",
+) -> str:
     """Message on motions that are scaled too far; empty if there is none."""
     made = cube["verdict"].transpose("arch", "record", "level").values != Verdict.NOT_SIMULATED
     factors = np.broadcast_to(cube["scale_factor"].values, made.shape)
     largest = np.where(made, factors, 0.0).max(axis=(0, 2))
-    far = int(np.count_nonzero(largest > MOST_SCALING))
+    far = int(np.count_nonzero(largest > most))
     if not far:
         return ""
     record = int(largest.argmax())
     return (
-        f"{far} of {largest.size} motions are scaled by more than {MOST_SCALING:g} (most: "
-        f"{cube['record'].values[record]!s} by {largest[record]:.3g}), which makes weak motions "
-        "into strong ones of another kind"
+        f"{far} of {largest.size} motions are scaled by more than {most:g} (most: "
+        f"{cube['record'].values[record]!s} by {largest[record]:.3g}), {why}"
     )
 
 

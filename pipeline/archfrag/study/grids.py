@@ -2,7 +2,6 @@
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -85,6 +84,11 @@ class Borders:
         self.high = np.full(n_record, n_level)
         self.seen = np.full((n_record, n_level), int(Verdict.NOT_SIMULATED), np.int8)
         self.expected = np.full((n_record, n_level + 1), 1.0 / (n_level + 1))
+
+    @property
+    def runs(self) -> int:
+        """Number of runs made."""
+        return int(np.count_nonzero(self.seen != Verdict.NOT_SIMULATED))
 
     def expect(self, rows: ArrayLike, median: FloatArray, deviation: float) -> None:
         """Expect ln capacities of some rows to be normal about `median`."""
@@ -171,8 +175,7 @@ def ida(grid: Grid, design: Ida) -> Strand:
     one found and how far it was off on the first records.
     """
     fine, coarse = Borders(grid), Borders(grid)
-    runs = {FINE: 0, COARSE: 0}
-    n_record, done, used = grid.records.size, 0, 0
+    n_record, done = grid.records.size, 0
     used = min(FIRST_RECORDS, n_record)
     stop = None if design.precision is None else Stop(design.precision)
     while True:
@@ -180,22 +183,21 @@ def ida(grid: Grid, design: Ida) -> Strand:
         if isinstance(design, TwoStage):
             if done > 2:
                 coarse.expect(rows, *expected_by_measures(coarse, range(done), rows))
-            yield from _counted(search(coarse, rows, COARSE), runs)
+            yield from search(coarse, rows, COARSE)
             decided = _decided(design, rows)
             _expect_coarse(fine, coarse, _decided(design, range(done)), decided)
         else:
             decided = list(rows)
             if done > 2:
                 fine.expect(rows, *expected_by_measures(fine, range(done), rows))
-        yield from _counted(search(fine, decided, FINE), runs)
+        yield from search(fine, decided, FINE)
         done = used
-        used = n_record if stop is None else _more_records(stop, design, fine, runs[FINE], done)
+        used = n_record if stop is None else _more_records(stop, design, fine, done)
         if used == done:
             break
-    cells = _cells_to_check(fine, design, _decided(design, range(done)))
-    found = yield from _counted(_check(fine, cells), runs)
-    note = {"runs": runs[FINE], "records": done, **found} | ({} if stop is None else stop.note)
-    return note | ({"coarse_runs": runs[COARSE]} if isinstance(design, TwoStage) else {})
+    found = yield from _check(fine, design, _decided(design, range(done)))
+    note = {"runs": fine.runs, "records": done, **found} | ({} if stop is None else stop.note)
+    return note | ({"coarse_runs": coarse.runs} if isinstance(design, TwoStage) else {})
 
 
 def _decided(design: Ida, rows: range) -> list[int]:
@@ -216,23 +218,16 @@ def _expect_coarse(fine: Borders, coarse: Borders, known: list[int], rows: list[
     fine.expect(rows, guess[rows] + bias, deviation)
 
 
-def _cells_to_check(
+def _check(
     borders: Borders, design: Ida, among: Sequence[int]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows and levels of some cells that were not simulated, any of them as likely as another."""
-    rows = np.asarray(among, dtype=np.int64)
-    count = rows.size // 3 if design.checks is None else design.checks
-    free, places = np.nonzero(borders.seen[rows] == Verdict.NOT_SIMULATED)
+) -> Generator[Cases, Verdicts, dict[str, int]]:
+    """Some cells not simulated, any as likely as another: how often do they contradict?"""
+    among_rows = np.asarray(among, dtype=np.int64)
+    count = among_rows.size // 3 if design.checks is None else design.checks
+    free, places = np.nonzero(borders.seen[among_rows] == Verdict.NOT_SIMULATED)
     generator = np.random.default_rng([design.seed, borders.grid.arch])
     chosen = np.sort(generator.permutation(free.size)[:count])
-    return rows[free[chosen]], places[chosen]
-
-
-def _check(
-    borders: Borders, cells: tuple[NDArray[np.int64], NDArray[np.int64]]
-) -> Generator[Cases, Verdicts, dict[str, int]]:
-    """Runs beyond the brackets, which move nothing: how often do they contradict?"""
-    rows, places = cells
+    rows, places = among_rows[free[chosen]], places[chosen]
     if not rows.size:
         return {"checked": 0, "contradictions": 0}
     verdicts = yield borders.grid.cases(rows, places)
@@ -242,7 +237,7 @@ def _check(
     return {"checked": int((fell | stood).sum()), "contradictions": int(against.sum())}
 
 
-def _more_records(stop: Stop, design: Ida, borders: Borders, runs: int, done: int) -> int:
+def _more_records(stop: Stop, design: Ida, borders: Borders, done: int) -> int:
     """Records to use next; as many as before if there are to be no more."""
     wanted, grid = stop.wanted, borders.grid
     groups = None if grid.groups is None else grid.groups[:done]
@@ -250,24 +245,10 @@ def _more_records(stop: Stop, design: Ida, borders: Borders, runs: int, done: in
     width = known_so_far(design.kind, seen, grid.levels, wanted.confidence, groups).half_width
     if stop.look(width, done, LEAST_RECORDS):
         return done
-    allowed = int((wanted.runs - runs) * done / max(runs, 1))
+    allowed = int((wanted.runs - borders.runs) * done / max(borders.runs, 1))
     available = grid.records.size - done
     more = min(more_needed(width, wanted.theta, done), allowed, available)
     if more > 0:
         return done + more
     stop.end(f"there are no more than {done} records" if available <= 0 else "")
     return done
-
-
-def _counted(
-    runs_of: Generator[Cases, Verdicts, Any], runs: dict[int, int]
-) -> Generator[Cases, Verdicts, Any]:
-    """The same runs, counted by stage."""
-    try:
-        cases = next(runs_of)
-        while True:
-            for stage in runs:
-                runs[stage] += int((cases["stage"] == stage).sum())
-            cases = runs_of.send((yield cases))
-    except StopIteration as over:
-        return over.value

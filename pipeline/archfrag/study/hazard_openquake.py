@@ -6,13 +6,12 @@ Formats: the OpenQuake engine's manual, section on the outputs of a classical ca
 import csv
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
 
 from archfrag.errors import InputError
-from archfrag.fragility.curve import FloatArray
 from archfrag.fragility.hazard_curve import HazardCurve
 from archfrag.study.hazard import Hazard, check_measure, in_si, number, unit_factor
 
@@ -20,11 +19,11 @@ FARTHEST = 10.0  # [km], between the site asked for and the nearest one of the f
 _EARTH = 6371.0  # [km]
 # Units in which the engine gives its measures, and their names here.
 _UNITS = {"PGA": "g", "SA": "g", "PGV": "cm/s", "PGD": "cm", "IA": "m/s"}
+_STATED = re.compile(r"\b(\w+)=(?:[\"']+([^\"']*)[\"']+|([^\s,\"']+))")
 _NAMES = {"SA": "Sa", "IA": "Arias"}
 
 
-@dataclass(frozen=True)
-class _Site:
+class _Site(NamedTuple):
     """Probabilities of exceedance at one place, in the file's order."""
 
     lon: float
@@ -37,39 +36,28 @@ def read_openquake_csv(
     text: str, measure: str, unit: str | None, site: tuple[float, float] | None
 ) -> Hazard:
     """One statistic or branch of a calculation, from ``hazard_curve-mean-PGA_1.csv`` or such."""
-    lines = [line for line in text.splitlines() if line.strip()]
-    about = lines[0] if lines[0].startswith("#") else ""
-    imt, years = _of_comment(about, "imt"), _of_comment(about, "investigation_time")
-    if imt is None or years is None:
+    about, *lines = (line for line in text.splitlines() if line.strip())
+    stated = {key: quoted or bare for key, quoted, bare in _STATED.findall(about)}
+    if not about.startswith("#") or not {"imt", "investigation_time"} <= stated.keys():
         keys = "imt and investigation_time"
         raise InputError(f"looks like OpenQuake's, but its first line does not state {keys}")
-    kind = _of_comment(about, "kind")
-    if kind is None:  # before version 3.9
-        old = re.match(r"#\s*(mean|quantile-[0-9.]+)\b", about)
-        kind = old.group(1) if old else "one branch"
-    rows = list(csv.reader(lines[1:]))
-    heads = rows[0]
+    heads, *rows = csv.reader(lines)
     levels = [i for i, head in enumerate(heads) if head.startswith("poe-")]
     if not {"lon", "lat"} <= set(heads) or len(levels) < 2:
         raise InputError("has no columns lon, lat and at least two of poe-LEVEL")
     im = [number(heads[i][4:], f"the level of column {heads[i]!r}") for i in levels]
-    for i, row in enumerate(rows):
+    sites = []
+    for i, row in enumerate(rows, 1):
         if len(row) != len(heads):
             raise InputError(
                 f"row {i} of its sites has not the {len(heads)} columns of its header"
             )
-    lon, lat = heads.index("lon"), heads.index("lat")
-    sites = [
-        _Site(
-            number(row[lon], f"lon of row {i}"), number(row[lat], f"lat of row {i}"),
-            [row[j] for j in levels], f"row {i}",
-        )
-        for i, row in enumerate(rows[1:], 1)
-    ]  # fmt: skip
-    chosen = _choose(sites, site)
-    factor, notes = _factor(imt, measure, unit)
-    curve = _curve(im, chosen, number(years, "investigation_time"))
-    return Hazard(measure, "", {kind: in_si(curve, factor)}, notes)
+        lon, lat = (number(row[heads.index(k)], f"{k} of row {i}") for k in ("lon", "lat"))
+        sites.append(_Site(lon, lat, [row[j] for j in levels], f"row {i}"))
+    factor, notes = _factor(stated["imt"], measure, unit)
+    years = number(stated["investigation_time"], "investigation_time")
+    curve = _curve(im, _choose(sites, site), years, factor)
+    return Hazard(measure, "", {stated.get("kind", "one branch"): curve}, notes)
 
 
 def read_nrml(
@@ -82,9 +70,11 @@ def read_nrml(
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
         raise InputError(f"is no XML ({error})") from None
-    groups = [element for element in root.iter() if _tag(element) == "hazardCurves"]
+    for element in root.iter():
+        element.tag = element.tag.rsplit("}", 1)[-1]
+    groups = list(root.iter("hazardCurves"))
     if not groups:
-        raise InputError(f"has no element hazardCurves, but {_tag(root)}")
+        raise InputError(f"has no element hazardCurves, but {root.tag}")
     curves: dict[str, HazardCurve] = {}
     notes: tuple[str, ...] = ()
     refusal = None
@@ -101,17 +91,11 @@ def read_nrml(
             raise InputError(f"has several curves {name!r} of {imt}; leave one of them in it")
         years = number(group.get("investigationTime", ""), "investigationTime")
         im = [number(cell, "IMLs") for cell in _child_text(group, "IMLs").split()]
-        curves[name] = in_si(_curve(im, _choose(_nrml_sites(group), site), years), factor)
+        curves[name] = _curve(im, _choose(_nrml_sites(group), site), years, factor)
         notes = notes_here
-    if not curves:
-        assert refusal is not None
+    if refusal and not curves:
         raise refusal
     return Hazard(measure, "", curves, notes)
-
-
-def _of_comment(line: str, key: str) -> str | None:
-    found = re.search(rf"\b{key}=(?:[\"']+([^\"']*)[\"']+|([^\s,\"']+))", line)
-    return found and (found.group(1) or found.group(2))
 
 
 def _factor(imt: str, measure: str, unit: str | None) -> tuple[float, tuple[str, ...]]:
@@ -126,12 +110,12 @@ def _factor(imt: str, measure: str, unit: str | None) -> tuple[float, tuple[str,
     return unit_factor(own, measure), notes
 
 
-def _curve(im: Sequence[float], site: _Site, years: float) -> HazardCurve:
+def _curve(im: Sequence[float], site: _Site, years: float, factor: float) -> HazardCurve:
     poe = [number(cell, f"a probability of {site.place}") for cell in site.cells]
     if len(poe) != len(im):
         raise InputError(f"{site.place} has {len(poe)} probabilities for {len(im)} levels")
     try:
-        return HazardCurve.from_exceedance(im, poe, years)
+        return in_si(HazardCurve.from_exceedance(im, poe, years), factor)
     except InputError as error:
         raise InputError(f"{site.place} (lon {site.lon:g}, lat {site.lat:g}): {error}") from None
 
@@ -149,7 +133,11 @@ def _choose(sites: Sequence[_Site], wanted: tuple[float, float] | None) -> _Site
     if not (abs(wanted[0]) <= 360.0 and abs(wanted[1]) <= 90.0):
         place = f"site {wanted[0]:g},{wanted[1]:g}"
         raise InputError(f"{place} is none: longitude comes first, latitude from -90 to 90")
-    away = _kilometres(np.array([[site.lon, site.lat] for site in sites]), wanted)
+    lon, lat = np.radians([[site.lon, site.lat] for site in sites]).T
+    lon0, lat0 = np.radians(wanted)
+    # Great-circle distances by the haversine formula.
+    h = np.sin((lat - lat0) / 2) ** 2 + np.cos(lat) * np.cos(lat0) * np.sin((lon - lon0) / 2) ** 2
+    away = 2.0 * _EARTH * np.arcsin(np.sqrt(np.minimum(h, 1.0)))
     nearest = sites[int(np.argmin(away))]
     if away.min() > FARTHEST:
         raise InputError(
@@ -159,23 +147,11 @@ def _choose(sites: Sequence[_Site], wanted: tuple[float, float] | None) -> _Site
     return nearest
 
 
-def _kilometres(sites: FloatArray, wanted: tuple[float, float]) -> FloatArray:
-    """Great-circle distances by the haversine formula, (n_site,)."""
-    lon, lat = np.radians(sites).T
-    lon0, lat0 = np.radians(wanted)
-    h = np.sin((lat - lat0) / 2) ** 2 + np.cos(lat) * np.cos(lat0) * np.sin((lon - lon0) / 2) ** 2
-    return 2.0 * _EARTH * np.arcsin(np.sqrt(np.minimum(h, 1.0)))
-
-
-def _tag(element: ElementTree.Element) -> str:
-    return element.tag.rsplit("}", 1)[-1]
-
-
 def _child_text(element: ElementTree.Element, tag: str) -> str:
-    for child in element.iter():
-        if _tag(child) == tag:
-            return child.text or ""
-    raise InputError(f"its element {_tag(element)} has no {tag}")
+    text = element.findtext(f".//{tag}")
+    if text is None:
+        raise InputError(f"its element {element.tag} has no {tag}")
+    return text
 
 
 def _statistic(group: ElementTree.Element, of: int) -> str:
@@ -190,12 +166,11 @@ def _statistic(group: ElementTree.Element, of: int) -> str:
 
 def _nrml_sites(group: ElementTree.Element) -> list[_Site]:
     sites: list[_Site] = []
-    for element in group:
-        if _tag(element) == "hazardCurve":
-            place = f"hazardCurve {len(sites) + 1}"
-            position = _child_text(element, "pos").split()
-            if len(position) < 2:
-                raise InputError(f"{place} has no longitude and latitude")
-            lon, lat = (number(cell, f"pos of {place}") for cell in position[:2])
-            sites.append(_Site(lon, lat, _child_text(element, "poEs").split(), place))
+    for element in group.findall("hazardCurve"):
+        place = f"hazardCurve {len(sites) + 1}"
+        position = _child_text(element, "pos").split()
+        if len(position) < 2:
+            raise InputError(f"{place} has no longitude and latitude")
+        lon, lat = (number(cell, f"pos of {place}") for cell in position[:2])
+        sites.append(_Site(lon, lat, _child_text(element, "poEs").split(), place))
     return sites

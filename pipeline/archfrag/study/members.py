@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from archfrag.errors import GeometryError, InputError, StabilityError, StudyError
+from archfrag.files import counted
 from archfrag.study.arches import Chain, FromDrawing, StudyArch, Table, file_of
 from archfrag.study.fleet import draw, listed, read_fleet
 
@@ -145,36 +146,19 @@ def expand(entries: Sequence[Any], n_record: int | None = None) -> Members:
     return Members(_expanded(text, _state_of_tables(entries), n_record))
 
 
-@dataclass(frozen=True)
-class ClassSummary:
-    """What a class of arches amounts to."""
-
-    id: str
-    arches: int
-    ranges: dict[str, tuple[float, float]]  # least and largest value of what its arches differ by
-    attributes: dict[str, int]  # number of different texts of each attribute
-
-    def __str__(self) -> str:
-        parts = [f"{self.id}: {self.arches} arches"]
-        for name, (low, high) in self.ranges.items():
-            parts.append(f"{name} {low:.4g}" + (f" to {high:.4g}" if high > low else ""))
-        parts += [f"{count} of {name}" for name, count in self.attributes.items()]
-        return ", ".join(parts)
-
-
-def summaries(given: Members) -> tuple[ClassSummary, ...]:
-    """Classes whose arches were drawn or come from a table."""
+def summaries(given: Members) -> tuple[str, ...]:
+    """Classes whose arches were drawn or come from a table: how many, and what they differ by."""
     found = []
     for name, places in given.of_class().items():
         own = Members(given[i] for i in places)
         if not any(member.number or member.id != name for member in own):
             continue
-        ranges = {
-            key: (float(np.nanmin(values)), float(np.nanmax(values)))
-            for key, values in own.parameters().items()
-        }
-        attributes = {key: len(set(texts)) for key, texts in own.attributes().items()}
-        found.append(ClassSummary(name, len(own), ranges, attributes))
+        parts = [f"{name}: {counted(len(own), 'arch')}"]
+        for key, values in own.parameters().items():
+            low, high = np.nanmin(values), np.nanmax(values)
+            parts.append(f"{key} {low:.4g}" + (f" to {high:.4g}" if high > low else ""))
+        parts += [f"{len(set(texts))} of {key}" for key, texts in own.attributes().items()]
+        found.append(", ".join(parts))
     return tuple(found)
 
 

@@ -63,8 +63,8 @@ class Plan:
 
     @property
     def parts(self) -> Path:
-        """Folder of the parts."""
-        return Path(self.folder) / "parts"
+        """Folder of the parts: one for each state of the code, whose runs no other can use."""
+        return Path(self.folder) / "parts" / self.identity[:12]
 
     @cached_property
     def path(self) -> Path:
@@ -75,6 +75,11 @@ class Plan:
     def digest(self) -> str:
         """Of all of it but the folder: the same plan makes the same cube."""
         return digest_of({**self._dump(), "folder": ""})
+
+    def digests(self) -> dict[str, str]:
+        """Digest of each part of the plan, by the name that a message gives it."""
+        plain = self._dump() | {"archfrag": self.identity}
+        return {k: digest_of(v) for k, v in plain.items() if k not in ("folder", "identity")}
 
     def _dump(self) -> dict[str, Any]:
         return {

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from archfrag.study.section import Section, refuse
 
@@ -125,28 +125,27 @@ class Choose(Section):
     """Codes, or their last letters."""
 
 
-def _empty_mapping(given: Any) -> Any:
-    return {} if given is None else given
-
-
 class Step(Section):
     """One step: its name, and its settings."""
 
-    demean: Annotated[Demean, BeforeValidator(_empty_mapping)] = None  # type: ignore[assignment]
-    detrend: Annotated[Detrend, BeforeValidator(_empty_mapping)] = None  # type: ignore[assignment]
-    taper: Annotated[Taper, BeforeValidator(_empty_mapping)] = None  # type: ignore[assignment]
+    demean: Demean = None  # type: ignore[assignment]
+    detrend: Detrend = None  # type: ignore[assignment]
+    taper: Taper = None  # type: ignore[assignment]
     bandpass: Bandpass = None  # type: ignore[assignment]
     trim: Trim = None  # type: ignore[assignment]
     resample: Resample = None  # type: ignore[assignment]
-    baseline: Annotated[Baseline, BeforeValidator(_empty_mapping)] = None  # type: ignore[assignment]
-    response: Annotated[Response, BeforeValidator(_empty_mapping)] = None  # type: ignore[assignment]
+    baseline: Baseline = None  # type: ignore[assignment]
+    response: Response = None  # type: ignore[assignment]
     rotate: Rotate = None  # type: ignore[assignment]
     choose: Choose = None  # type: ignore[assignment]
 
     @model_validator(mode="before")
     @classmethod
     def _named(cls, given: Any) -> Any:
-        return {given: {}} if isinstance(given, str) else given
+        named = {given: {}} if isinstance(given, str) else given
+        if not isinstance(named, dict):
+            return named
+        return {name: {} if settings is None else settings for name, settings in named.items()}
 
     @model_validator(mode="after")
     def _one_step(self) -> Self:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.errors import InputError
+from archfrag.files import counted
 from archfrag.study.config import PERIODS as PERIOD_ENDS
 from archfrag.study.files import write_text
 from archfrag.study.provenance import available_cores, finite
@@ -197,8 +198,9 @@ def _target(options: dict[str, Any], measured: Sequence[float]) -> "Target":
 def selection_text(selection: "Selection", out: Path) -> str:
     """How many records were selected from how many, and how near to the target they are."""
     median, sd = (np.nanmax(np.abs(error), initial=0.0) for error in selection.errors)
+    count = counted(len(selection.table), "record")
     return (
-        f"{len(selection.table)} records selected of {selection.candidates}: median within "
+        f"{count} selected of {selection.candidates}: median within "
         f"{100 * median:.1f} % of the target's, sd within {100 * sd:.1f} %: {out}"
     )
 

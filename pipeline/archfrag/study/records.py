@@ -83,6 +83,7 @@ class PreparedRecord:
     seed: int | None = None  # of a synthetic motion
     event_seed: int | None = None
     site_seed: int | None = None
+    raw: bool = False  # whether the file states that nothing was corrected
 
     def __hash__(self) -> int:
         return hash((self.id, self.prepared))
@@ -232,6 +233,12 @@ def measured(motion: "Motion", study: Study) -> tuple[float, dict[str, float]]:
     return factor_of(motion, own, values[own], 1.0), values
 
 
+def is_raw(motion: "Motion") -> bool:
+    """Whether a record is uncorrected by its header, or in counts."""
+    about = motion.metadata
+    return about.get("level") == "raw" or about.get("unit_in_file") == "counts"
+
+
 def study_inputs(study: Study) -> Inputs:
     """What the motions of a study follow from, by content; errors are those of `find_sources`."""
     return read_inputs(study.motions.index, find_sources(study))
@@ -284,6 +291,7 @@ def _store(study: Study, folder: Path, progress: Any) -> list[PreparedRecord]:
             event=str(metadata.get("event") or metadata.get("event_id") or ""),
             accepted=str(metadata.get("accepted") or ""),
             breaks=count_breaks(*parts), vertical=motion.vertical is not None, recipe=recipe,
+            raw=is_raw(motion),
             **{name: metadata.get(name) for name in SEEDS},
         ))  # fmt: skip
         if progress is not None:

@@ -4,7 +4,7 @@ import difflib
 import os
 import reprlib
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
@@ -38,6 +38,17 @@ def refuse(text: str) -> PydanticCustomError:
 def refuse_key(key: str, text: str) -> PydanticCustomError:
     """A refusal of what stands under a key of the present block, by its own message."""
     return PydanticCustomError("refused_key", "", {"key": key, "text": text})
+
+
+class Rising(Section):
+    """A block with two ends."""
+
+    @model_validator(mode="after")
+    def _rise(self) -> Self:
+        start, stop = (getattr(self, name) for name in ("start", "stop"))
+        if stop <= start:
+            raise refuse(f"must have stop above start = {start:g}, not {stop:g}")
+        return self
 
 
 def _usable_path(value: str) -> str:
@@ -141,8 +152,18 @@ def _message(problem: Any, given: Any) -> str:
         return f"{key} is missing"
     rule = _KINDS.get(kind, "is of a kind that has no place here").format(**context)
     value = problem["input"]
+    if kind in ("int_type", "float_type") and isinstance(value, str) and _is_number(value):
+        return f"{key} = {value!r} {rule} without quotes"
     shown = "" if isinstance(value, Mapping) else f" = {_shown(value)}"
     return f"{key}{shown} {rule}"
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _shown(value: Any) -> str:

@@ -1,4 +1,4 @@
-"""Answers for one arch or one record, as facts for scripts and as text for people."""
+"""Answers for one arch, as facts for scripts and as text for people."""
 
 import math
 from dataclasses import asdict
@@ -133,48 +133,3 @@ def _numbers(counts: dict[str, int]) -> str:
     """Counts that are not zero."""
     shown = [f"{name.replace('_', ' ')} {count}" for name, count in counts.items() if count]
     return ", ".join(shown) or "none"
-
-
-def index_rows(path: Path) -> list[dict[str, Any]]:
-    """Rows of an index of records."""
-    from archfrag.motions.index import load_index
-
-    return [
-        {"id": entry.id, "file": str(entry.path), "unit": entry.unit, **entry.metadata}
-        for entry in load_index(path)
-    ]
-
-
-def motion_facts(path: Path, **reading: Any) -> list[dict[str, Any]]:
-    """Measures [SI], sampling and processing of each horizontal component of a file.
-
-    `reading` is passed to `archfrag.motions.read.read_motions`.
-    """
-    from archfrag.motions.measures import measure
-    from archfrag.motions.read import read_motions
-
-    return [
-        {
-            "id": motion.id,
-            "samples": motion.acceleration.size,
-            "dt": motion.dt,
-            "duration": motion.duration,
-            "vertical": motion.vertical is not None,
-            **{name: measure(motion, name) for name in ("PGA", "PGV", "Arias", "D5_95")},
-            "log": list(motion.log),
-        }
-        for motion in read_motions(path, **reading)
-    ]
-
-
-def motion_text(facts: dict[str, Any]) -> str:
-    """Facts of one component in short lines."""
-    from archfrag.arch import STANDARD_GRAVITY
-
-    lines = [
-        f"{facts['id']}: {facts['samples']} samples at {facts['dt']:g} s, "
-        f"{facts['duration']:.2f} s" + (", with vertical" if facts["vertical"] else ""),
-        f"  PGA {facts['PGA'] / STANDARD_GRAVITY:.4g} g, PGV {100 * facts['PGV']:.4g} cm/s, "
-        f"Arias {facts['Arias']:.4g} m/s, D5-95 {facts['D5_95']:.2f} s",
-    ]
-    return "\n".join([*lines, *(f"  {step}" for step in facts["log"])])

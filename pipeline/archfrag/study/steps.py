@@ -164,42 +164,53 @@ def _wrong(study: Study, step: str, plan: Plan | None = None) -> str:
     main = next(iter(products(study, step)), study.work / "parts")
     try:
         stamp = json.loads(stamp_file(study, step).read_text(encoding="utf-8"))
-        made_from, files = stamp["from"], stamp["files"].items()
+        before, files = dict(stamp["from"]), stamp["files"].items()
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return f"{main}: is missing, or no step of this study made it"
     for name, digest in files:
         if sha256_if_there(study.folder / name) != digest:
             return f"{study.folder / name}: is missing, changed or damaged"
-    if made_from != _made_from(study, step, plan):
-        return f"{main}: was made before the study, what it follows from or archfrag changed"
+    now = _made_from(study, step, plan)
+    if changed := [name for name in now | before if now.get(name) != before.get(name)]:
+        return f"{main}: was made before these changed: {', '.join(changed)}"
     return ""
 
 
-def _made_from(study: Study, step: str, plan: Plan | None = None) -> str:
-    """Digest of all that the results of a step follow from."""
-    decides: list[Any] = [step]
+def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, Any]:
+    """Digests of all that the results of a step follow from, by the names of messages."""
+    found: dict[str, Any] = {"step": step}
     if step == "motions":
         manifest = read_manifest(study)
-        hashed = source_hash("motions", "study/records.py", "study/files.py")
-        return digest_of([step, manifest["key"], manifest["inputs"], hashed])
+        found |= {name: manifest[name] for name in ("key", "inputs")}
+        found["archfrag"] = source_hash("motions", "study/records.py", "study/files.py")
     if step.startswith("batch") or step == "cube":
-        decides.append((plan or make_plan(study)).digest)
+        found |= (plan or make_plan(study)).digests()
     if step == "cube":
-        found = members(study, len((plan or make_plan(study)).records))
-        decides += [found.classes, found.attributes()]
-        decides += [study.title, study.institution, list(study.intensity.given)]
-        decides += [source_hash("study"), sha256_if_there(study.work / MANIFEST)]
+        arches = members(study, len((plan or make_plan(study)).records))
+        found |= {
+            "attributes of arches": [arches.classes, arches.attributes()],
+            "title": study.title, "institution": study.institution,
+            "levels": [found["levels"], study.intensity.given],
+            "code of studies": source_hash("study"),
+            "motions": sha256_if_there(study.work / MANIFEST),
+        }  # fmt: skip
     if step in ("fit", "report"):
-        decides += [sha256_if_there(path) for path in products(study, "cube")]
-        decides.append(source_hash("fragility", *FITTING))
-        decides += [study.report.confidence, study.limit_states.model_dump()]
+        found |= {path.name: sha256_if_there(path) for path in products(study, "cube")}
+        found |= {
+            "code of fits": source_hash("fragility", *FITTING),
+            "report.confidence": study.report.confidence,
+            "limit_states": study.limit_states.model_dump(),
+        }
     if step == "report":
-        decides += [sha256_if_there(path) for path in products(study, "fit")]
-        decides += [sha256_if_there(study.work / MANIFEST), study.title, source_hash("report")]
-        decides += [study.report.at, source_hash("study/risk.py")]
+        found |= {path.name: sha256_if_there(path) for path in products(study, "fit")}
+        found |= {
+            "motions": sha256_if_there(study.work / MANIFEST), "title": study.title,
+            "report.at": study.report.at, "code of the report": source_hash("report"),
+            "code of rates": source_hash("study/risk.py"),
+        }  # fmt: skip
         if study.risk is not None:
-            decides += [study.risk.model_dump(), sha256_if_there(study.risk.hazard)]
-    return digest_of(decides)
+            found["risk"] = [study.risk.model_dump(), sha256_if_there(study.risk.hazard)]
+    return {name: digest_of(value) for name, value in found.items()}
 
 
 def _name(study: Study, path: Path) -> str:

@@ -8,7 +8,8 @@ or grows keeps every run that is still what it was.
 import contextlib
 import hashlib
 import io
-from collections.abc import Iterable, Iterator
+import shutil
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -93,13 +94,11 @@ class Store:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._files: list[Path] = []
-        self._there = sorted(folder.glob(f"*{_SUFFIX}"))
         self._key: list[NDArray[np.void]] = []
         self._verdict: list[NDArray[np.int8]] = []
         self._of_part: list[int] = []
         self._sorted: tuple[NDArray, NDArray, NDArray] | None = None
-        for path in self._there:
-            self.add(path)
+        self._damaged = [path for path in sorted(folder.glob(f"*{_SUFFIX}")) if not self.add(path)]
 
     def add(self, path: Path) -> bool:
         """Take in a part; False if it is damaged."""
@@ -154,25 +153,22 @@ class Store:
             times = read_timing(path, len(table))[within]
             yield Rows(path, some, table[within], times)
 
-    def forget_others(self, keys: Iterable[NDArray[np.void]]) -> None:
-        """Remove parts, with their wall times, that hold none of the runs of these keys.
+    def tidy(self) -> int:
+        """Remove damaged parts and those of other code; the number of folders of the latter.
 
-        Only those that were there at the start: another batch may be adding some.
+        Runs that the study does not ask for any more are kept: it may again.
         """
-        wanted = np.concatenate([self.places(some) for some in keys])
-        ends = np.cumsum(self._of_part)
-        used = set(np.searchsorted(ends, wanted[wanted >= 0], side="right").tolist())
-        keep = {path.name for number, path in enumerate(self._files) if number in used}
-        for path in self._there:
-            if path.name not in keep:
-                for other in (path, timings_folder(self.folder) / path.name):
-                    with contextlib.suppress(OSError):
-                        other.unlink()
+        for path in self._damaged:
+            path.unlink(missing_ok=True)
+        others = [p for p in self.folder.parent.iterdir() if p.is_dir() and p != self.folder]
+        for path in others:
+            shutil.rmtree(path, ignore_errors=True)
+        return len(others)
 
 
 def timings_folder(parts: Path) -> Path:
-    """Folder of the wall times beside that of the parts: they belong in no result."""
-    return parts.parent / "timings"
+    """Folder of the wall times beside the parts: they belong in no result."""
+    return parts / "timings"
 
 
 def write_timing(part: Path, wall_time: NDArray[np.float64]) -> None:

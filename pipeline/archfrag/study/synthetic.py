@@ -4,13 +4,13 @@ import hashlib
 import json
 from collections.abc import Iterator
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import Discriminator, Field, Tag
 
 from archfrag.errors import InputError
 from archfrag.study.files import canonical_json
-from archfrag.study.section import Section, refuse
+from archfrag.study.section import Rising, Section
 
 if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
@@ -22,16 +22,7 @@ Distance = Annotated[float, Field(ge=0.0, le=300.0)]
 _SOME = Field(strict=False, min_length=1, max_length=1000)
 
 
-class _Ends(Section):
-    @model_validator(mode="after")
-    def _rise(self) -> Self:
-        start, stop = (getattr(self, name) for name in ("start", "stop"))
-        if stop <= start:
-            raise refuse(f"must have stop above start = {start:g}, not {stop:g}")
-        return self
-
-
-class Magnitudes(_Ends):
+class Magnitudes(Rising):
     """Magnitudes drawn uniformly."""
 
     start: Magnitude
@@ -40,7 +31,7 @@ class Magnitudes(_Ends):
     """Largest."""
 
 
-class Distances(_Ends):
+class Distances(Rising):
     """Distances drawn uniformly in their logarithm [km]."""
 
     start: Annotated[float, Field(gt=0.0, le=300.0)]
@@ -50,7 +41,7 @@ class Distances(_Ends):
 
 
 def _listed_or_drawn(given: Any) -> str:
-    return "drawn" if isinstance(given, dict | _Ends) else "listed"
+    return "drawn" if isinstance(given, dict | Rising) else "listed"
 
 
 class Synthetic(Section):
@@ -93,7 +84,7 @@ def plan_of(wanted: Synthetic) -> "Plan":
         each if isinstance(each, tuple) else (each.start, each.stop) for each in both
     )
     given = wanted.model_dump(exclude={"magnitude", "distance_km"})
-    drawn = [isinstance(each, _Ends) for each in both]
+    drawn = [isinstance(each, Rising) for each in both]
     return Plan(
         magnitude=magnitude, distance=distance, drawn_magnitude=drawn[0],
         drawn_distance=drawn[1], **given,

@@ -1,11 +1,11 @@
 """What of an arch is not known exactly: distributions, correlations and how they are sampled."""
 
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
 from archfrag.errors import InputError
-from archfrag.study.section import Section, refuse, refuse_key
+from archfrag.study.section import Rising, Section, refuse, refuse_key
 
 if TYPE_CHECKING:
     from archfrag.arch.uncertain import Marginal
@@ -28,12 +28,18 @@ class Distribution(Section):
     """Whether values are factors on what the arch's own key states, which may be a list."""
 
     def marginal(self) -> "Marginal":
-        """Distribution to draw from, by its own name in `archfrag.arch.uncertain`."""
-        from archfrag.arch import uncertain
+        """Distribution to draw from."""
+        from scipy import stats
 
-        given = self.model_dump(exclude={"distribution", "relative"}, exclude_none=True)
-        kind: type[Marginal] = getattr(uncertain, type(self).__name__.removesuffix("Distribution"))
-        return kind(**given)
+        from archfrag.arch.uncertain import Marginal
+
+        name, *numbers = self._full()
+        bounds = self.model_dump(include={"lower", "upper"}, exclude_none=True)
+        return Marginal(getattr(stats, name)(*numbers), **bounds)
+
+    def _full(self) -> tuple[Any, ...]:
+        """Name and parameters in `scipy.stats`, without truncation."""
+        raise NotImplementedError
 
 
 class Truncated(Distribution):
@@ -74,13 +80,8 @@ class NormalDistribution(Truncated):
             raise refuse(f"must have sd in the place of cov with mean = {self.mean:g}")
         return self
 
-    def marginal(self) -> "Marginal":
-        """Distribution to draw from."""
-        from archfrag.arch.uncertain import Normal
-
-        sd = self.sd or (self.cov or 1.0) * abs(self.mean)
-        bounds = self.model_dump(include={"lower", "upper"}, exclude_none=True)
-        return Normal(mean=self.mean, sd=sd or 1.0, **bounds)
+    def _full(self) -> tuple[Any, ...]:
+        return "norm", self.mean, self.sd or (self.cov or 1.0) * self.mean
 
 
 class LognormalDistribution(Truncated):
@@ -92,8 +93,11 @@ class LognormalDistribution(Truncated):
     beta: Dispersion
     """Standard deviation of the natural logarithm."""
 
+    def _full(self) -> tuple[Any, ...]:
+        return "lognorm", self.beta, 0.0, self.median
 
-class UniformDistribution(Distribution):
+
+class UniformDistribution(Distribution, Rising):
     """Uniform distribution."""
 
     distribution: Literal["uniform"]
@@ -102,11 +106,8 @@ class UniformDistribution(Distribution):
     stop: Value
     """Largest value."""
 
-    @model_validator(mode="after")
-    def _rise(self) -> Self:
-        if self.stop <= self.start:
-            raise refuse(f"must have stop above start = {self.start:g}, not {self.stop:g}")
-        return self
+    def _full(self) -> tuple[Any, ...]:
+        return "uniform", self.start, self.stop - self.start
 
 
 class TriangularDistribution(Distribution):
@@ -126,6 +127,10 @@ class TriangularDistribution(Distribution):
             ends = f"{self.start:g}, {self.mode:g}, {self.stop:g}"
             raise refuse(f"must have start <= mode <= stop, not {ends}")
         return self
+
+    def _full(self) -> tuple[Any, ...]:
+        width = self.stop - self.start
+        return "triang", (self.mode - self.start) / width, self.start, width
 
 
 AnyDistribution = Annotated[
@@ -148,18 +153,13 @@ class JointScatter(Section):
 
     @model_validator(mode="after")
     def _have_something(self) -> Self:
-        given = self.given()
+        given = {name: value for name, value in self if value is not None}
         if not given:
             raise refuse(f"must have one of {', '.join(JointScatter.model_fields)}")
         for name, distribution in given.items():
             if distribution.relative:
                 raise refuse_key(f"{name}.relative", "has no place among the joints")
         return self
-
-    def given(self) -> dict[str, AnyDistribution]:
-        """Distributions that are there, by name."""
-        named = {name: getattr(self, name) for name in JointScatter.model_fields}
-        return {name: value for name, value in named.items() if value is not None}
 
 
 class Vary(Section):

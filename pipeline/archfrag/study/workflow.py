@@ -136,7 +136,8 @@ def _print_changes(changed: Sequence[str]) -> None:
         print(f"archfrag: {line}", file=sys.stderr)
     if len(changed) > _MOST_LINES:
         print(f"archfrag: … and {len(changed) - _MOST_LINES} more", file=sys.stderr)
-    print("archfrag: what follows from it is made again", file=sys.stderr, flush=True)
+    kept = "finished runs that are still what they were are kept"
+    print(f"archfrag: what follows from it is made anew; {kept}", file=sys.stderr, flush=True)
 
 
 def _snakemake(study: Study, options: RunOptions, lock: Lock, stop: tree.Stop) -> int:

@@ -23,6 +23,10 @@ _PLAIN = {
         list("-+.0123456789"),
     ),
 }
+_UNFIT = (
+    "does not fit the lines before it; check its indentation (spaces, no tabs), and the colons, "
+    "quotes and brackets up to there"
+)
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
 
 
@@ -80,7 +84,8 @@ def _short(text: str) -> str:
 
 def _problem(error: yaml.YAMLError) -> str:
     if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
-        return f"line {error.problem_mark.line + 1}: {error.problem}"
+        syntax = isinstance(error, yaml.scanner.ScannerError | yaml.parser.ParserError)
+        return f"line {error.problem_mark.line + 1}: {_UNFIT if syntax else error.problem}"
     return " ".join(str(error).split())
 
 

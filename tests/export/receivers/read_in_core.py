@@ -17,15 +17,9 @@ damage = [
     curves.calculate_damage_interval(dict(each), hazard_type="earthquake", inventory_type="bridge")
     for each in found
 ]
-print(
-    json.dumps(
-        {
-            "version": version("pyincore"),
-            "measures": [demand],
-            "units": curves.demand_units,
-            "description": curves.description,
-            "probabilities": found,
-            "damage": [{key: float(value) for key, value in each.items()} for each in damage],
-        }
-    )
-)
+read = {
+    "version": version("pyincore"), "measures": [demand], "units": curves.demand_units,
+    "probabilities": found,
+    "damage": [{key: float(value) for key, value in each.items()} for each in damage],
+}  # fmt: skip
+print(json.dumps(read))

@@ -20,13 +20,8 @@ for (name, function), curves in model.items():
     built = curves.build(model.limitStates)
     levels = np.array(asked[function], dtype=float)
     found[function] = {curve.limit_state: curve(levels).tolist() for curve in built}
-print(
-    json.dumps(
-        {
-            "version": __version__,
-            "measures": sorted({name for name, _ in model}),
-            "description": model.description,
-            "probabilities": found,
-        }
-    )
-)
+read = {
+    "version": __version__, "measures": sorted({name for name, _ in model}),
+    "description": model.description, "probabilities": found,
+}  # fmt: skip
+print(json.dumps(read))

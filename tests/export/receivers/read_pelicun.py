@@ -19,11 +19,8 @@ UNITS = {"PGV": "mps"}
 found, fractions = {}, {}
 for component, levels in asked.items():
     run = assessment.Assessment({"PrintLog": False, "Seed": 1, "LogFile": None})
-    column = pd.DataFrame(
-        {f"{demand}-0-1": [UNITS.get(demand, "mps2"), *[levels[0]] * RUNS]},
-        index=["Units", *range(RUNS)],
-    )
-    run.demand.load_sample(column)
+    column = {f"{demand}-0-1": [UNITS.get(demand, "mps2"), *[levels[0]] * RUNS]}
+    run.demand.load_sample(pd.DataFrame(column, index=["Units", *range(RUNS)]))
     run.stories = 1
     assets = {
         "Units": ["ea"], "Location": ["0"], "Direction": ["1"], "Theta_0": [1.0], "Blocks": [1],
@@ -31,27 +28,16 @@ for component, levels in asked.items():
     }  # fmt: skip
     run.asset.load_cmp_model({"marginals": pd.DataFrame(assets, index=[component])})
     run.asset.generate_cmp_sample(RUNS)
-    database = file_io.load_data(
-        path, reindex=False, unit_conversion_factors=run.unit_conversion_factors
-    )
+    units = run.unit_conversion_factors
+    database = file_io.load_data(path, reindex=False, unit_conversion_factors=units)
     run.damage.load_model_parameters([database], {component})
     model = run.damage.ds_model
-    blocks = pd.DataFrame(
-        {"Blocks": [1]},
-        index=pd.MultiIndex.from_tuples(
-            [(component, "0", "1", "0")], names=["cmp", "loc", "dir", "uid"]
-        ),
-    )
-    capacities, _ = model._create_dmg_RVs(blocks)
-    found[component] = {
-        name.split("-")[-1]: variable.cdf(levels).tolist()
-        for name, variable in capacities.RV.items()
-    }
+    place = [(component, "0", "1", "0")]
+    index = pd.MultiIndex.from_tuples(place, names=["cmp", "loc", "dir", "uid"])
+    capacities, _ = model._create_dmg_RVs(pd.DataFrame({"Blocks": [1]}, index=index))
+    drawn = {name.split("-")[-1]: variable for name, variable in capacities.RV.items()}
+    found[component] = {name: variable.cdf(levels).tolist() for name, variable in drawn.items()}
     run.damage.calculate()
     states = model.probabilities().iloc[0]
     fractions[component] = {str(state): float(value) for state, value in states.items()}
-print(
-    json.dumps(
-        {"version": version("pelicun"), "probabilities": found, "damage": fractions, "runs": RUNS}
-    )
-)
+print(json.dumps({"version": version("pelicun"), "probabilities": found, "damage": fractions}))

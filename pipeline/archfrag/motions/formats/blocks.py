@@ -90,11 +90,13 @@ def read_smc(source: Source, **_: Any) -> Stream:
     if peaks:
         samples = values[1::2] if paired else values
         facts.judge_peak(record, f"{max(peaks):.6E}", samples, "cm/s2")
-    if paired:
-        values, step = _even(record, values, count, text.name)
-    else:
-        rate = float(reals[1])
+    rate = float(reals[1])
+    if not paired:
         step = facts.positive_step(1.0 / rate if rate else 0.0, text.place(first - 1))
+    else:  # of time and acceleration
+        record |= {"announced": count // 2, "held": values.size // 2}
+        values, step, done = on_even_steps(values, text.name)
+        record["log"] = (*record.get("log", ()), *filter(None, (done,)))
     codes = ("", head[2].strip().split(" ")[0], "")
     return Stream([facts.trace_of(values, step, record, codes=codes, start=_start(integers))])
 
@@ -106,18 +108,6 @@ def _smc_numbers(text: Text, kind: str) -> NDArray[np.float64]:
         needed = f"{count} {kind} numbers are needed in the header"
         raise RecordError(f"{text.place(place)}: {needed}, there are {values.size}")
     return values
-
-
-def _even(
-    record: dict[str, Any], values: NDArray[np.float64], count: int, name: str
-) -> tuple[NDArray[np.float64], float]:
-    """Samples of pairs of time and acceleration."""
-    record |= {"announced": count // 2, "held": values.size // 2}
-    if values.size < 4:
-        return values[:0], 1.0
-    samples, step, done = on_even_steps(values, name)
-    record["log"] = (*record.get("log", ()), *filter(None, (done,)))
-    return samples, step
 
 
 def _smc_record(
@@ -135,7 +125,8 @@ def _smc_record(
     def real(index: int) -> float | None:
         return None if reals[index] == reals[0] else float(reals[index])
 
-    day = facts.time_of(integers[1], integers[2] - 1)
+    year, days = integers[1:3]
+    day = facts.moment(year, 1, 1, 24.0 * (days - 1)) if 1 <= days <= 366 else None
     return stated | facts.known(
         event=re.sub(r"^[\s\d]+", "", text[3]).strip(), date=str(day.date) if day else "",
         magnitude=real(5) or real(7) or real(6) or real(8), station=station,
@@ -144,10 +135,12 @@ def _smc_record(
 
 
 def _start(integers: NDArray[np.float64]) -> UTCDateTime | None:
+    """Time by year, day of the year, hour, minute and second; of an unknown second its minute."""
     year, day, hour, minute, second = integers[1:6]
-    if not (0 <= hour < 24 and 0 <= minute < 60):
+    if not (1 <= day <= 366 and 0 <= hour < 24 and 0 <= minute < 60):
         return None
-    return facts.time_of(year, day - 1, hour, minute, second if 0 <= second < 60 else 0.0)
+    second = second if 0 <= second < 60 else 0.0
+    return facts.moment(year, 1, 1, 24.0 * (day - 1) + hour, minute, second)
 
 
 def is_geonet(source: Source) -> bool:
@@ -207,7 +200,9 @@ def _geonet_trace(text: Text, first: int, end: int) -> Trace:
     )  # fmt: skip
     facts.judge_peak(record, field["peak"], samples, unit)
     step = facts.positive_step(facts.number_of(field["interval"]), f"{place}: interval")
-    codes, start = ("NZ", field["site"], ""), _first_sample(integers)
+    # Year, month, day, hour, minute and millisecond of the first sample.
+    start = facts.moment(*integers[[8, 9, 18, 19, 38]], integers[39] / 1000.0)
+    codes = ("NZ", field["site"], "")
     return facts.trace_of(samples, step, record, codes=codes, start=start)
 
 
@@ -240,12 +235,3 @@ def _degrees(pattern: str, text: str, kind: str) -> dict[str, float]:
         value = int(degrees) + int(minutes) / 60.0 + int(seconds) / 3600.0
         values[f"{kind}_{name}"] = round(-value if letter in "SWsw" else value, 5)
     return values
-
-
-def _first_sample(integers: NDArray[np.float64]) -> UTCDateTime | None:
-    year, month, day, hour, minute, milliseconds = integers[[8, 9, 18, 19, 38, 39]]
-    try:
-        midnight = UTCDateTime(int(year), int(month), int(day))
-    except (ValueError, OverflowError):
-        return None
-    return midnight + 3600.0 * hour + 60.0 * minute + milliseconds / 1000.0

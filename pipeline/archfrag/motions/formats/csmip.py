@@ -305,9 +305,7 @@ def _pairs(text: Text, place: int, first: int) -> _Data:
     unit, scale = _unit_of(next((each for each in lines if "UNITS OF" in each.upper()), ""))
     end = text.end_of_numbers(first)
     values = text.numbers(first, end, 2 * announced, _PAIR_WIDTH)
-    stated = {"announced": announced, "held": values.size // 2, "unit": unit, "log": ()}
-    if values.size < 4:
-        return values[:0], 1.0, stated, end
+    stated = {"announced": announced, "held": values.size // 2, "unit": unit}
     values[1::2] *= scale
     samples, step, done = on_even_steps(values, text.place(first))
     converted = "Unit g/10 converted into g." if scale != 1.0 else ""

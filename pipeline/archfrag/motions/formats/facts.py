@@ -12,7 +12,7 @@ from obspy.core import AttribDict
 
 from archfrag.errors import RecordError
 from archfrag.motions.partners import AZIMUTHS, quadrant
-from archfrag.motions.units import METRES_PER_SECOND_SQUARED
+from archfrag.motions.units import METRES_PER_SECOND_SQUARED, unit_factor
 
 _MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")
 _NAMED = rf"\b(?P<month>{'|'.join(_MONTHS)})[A-Z]*\.?"
@@ -34,8 +34,6 @@ _PLACE = re.compile(r"(\d+\.?\d*)\s*([NS])\s*,?\s*(\d+\.?\d*)\s*([EW])\b")
 _SIGNED_PLACE = re.compile(r"([-+]?\d+\.\d+)\s*,?\s+([-+]?\d+\.\d+)")
 _PEAK_WITHIN = 0.01  # of the header's peak, beside its rounding
 _PEAK_DOUBTFUL = 0.1
-# Starts before or after these are none: in the years 68 and 2762 [s].
-_EARLIEST, _LATEST = -6e10, 2.5e10
 _LONGEST = 10_000_000  # samples that a header may announce
 
 
@@ -64,21 +62,20 @@ def utc_time(text: str) -> UTCDateTime | None:
     date, clock = iso_date(text), _CLOCK.search(text.upper())
     if not date or clock is None:
         return None
-    hour, minute, second = clock.groups()
-    seconds = 3600 * int(hour) + 60 * int(minute) + float((second or "").rstrip(".") or 0)
+    hour, minute, second = (float((part or "").rstrip(".") or 0) for part in clock.groups())
+    within = 3600.0 * hour + 60.0 * minute + second < 86400.0
+    return moment(*map(int, date.split("-")), hour, minute, second) if within else None
+
+
+def moment(year: float, month: float, day: float, *clock: float) -> UTCDateTime | None:
+    """Time by its parts to hour, minute and second; None if there is none such."""
+    hour, minute, second = (*clock, 0.0, 0.0, 0.0)[:3]
     try:
-        return UTCDateTime(date) + seconds if seconds < 86400 else None
+        midnight = UTCDateTime(int(year), int(month), int(day))
+        found = midnight + 3600.0 * hour + 60.0 * minute + second
+        return found if 1800 <= found.year <= 2200 else None
     except (ValueError, TypeError, OverflowError):
         return None
-
-
-def time_of(year: float, days: float, *clock: float) -> UTCDateTime | None:
-    """Time by year, days since its first and hour, minute, second; None if there is none such."""
-    if not 1800 <= year <= 2200 or not 0 <= days < 366:
-        return None
-    hour, minute, second = (*clock, 0.0, 0.0, 0.0)[:3]
-    seconds = 3600 * int(hour) + 60 * int(minute) + float(second)
-    return UTCDateTime(int(year), 1, 1) + 86400 * int(days) + seconds
 
 
 def magnitude(text: str) -> float | None:
@@ -156,10 +153,8 @@ def judge_peak(
     nearest = min(found, key=lambda value: abs(value - peak))
     off = abs(nearest - peak) - rounding
     if off > _PEAK_WITHIN * peak:
-        text = (
-            f"the header states a peak of {peak:g} {unit}, the samples have {nearest:.4g} {unit}"
-        )
-        add_fault(record, text, "doubts" if off > _PEAK_DOUBTFUL * peak else "faults")
+        text = f"the header states a peak of {peak:g} {unit}, the samples have {nearest:.4g}"
+        add_fault(record, f"{text} {unit}", "doubts" if off > _PEAK_DOUBTFUL * peak else "faults")
 
 
 def add_fault(record: Any, fault: str, kind: str = "faults") -> None:
@@ -190,7 +185,7 @@ def trace_of(
         "delta": dt, "network": network, "station": station, "location": location,
         "channel": record.get("component", ""), "record": AttribDict(record),
     }  # fmt: skip
-    if start is not None and _EARLIEST < start.timestamp < _LATEST:
+    if start is not None:
         header["starttime"] = start
     return Trace(samples, header=header)
 
@@ -212,9 +207,5 @@ def number_or_none(text: str | None) -> float | None:
 def acceleration_unit(text: str, where: str) -> str:
     """A unit of acceleration as archfrag spells it: ``cm/s^2`` and ``cm/sec/sec`` as ``cm/s2``."""
     plain = re.sub(r"[\s^*()]", "", text.lower()).replace("sec", "s").replace("/s/s", "/s2")
-    if plain not in METRES_PER_SECOND_SQUARED:
-        raise RecordError(
-            f"{where}: unknown unit {text.strip()[:40]!r} of acceleration; allowed are "
-            f"{', '.join(METRES_PER_SECOND_SQUARED)}"
-        )
+    unit_factor(plain if plain in METRES_PER_SECOND_SQUARED else text.strip()[:40], where)
     return plain

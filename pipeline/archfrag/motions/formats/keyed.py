@@ -214,14 +214,7 @@ def _first_sample(text: str) -> UTCDateTime | None:
     """Time such as ``20010203_040510.250`` or, of AFAD, ``03/02/2001 04:05:10.250``."""
     text = _DAY_FIRST.sub(r"\3\2\1", text, count=1)
     found = re.match(_DAY.pattern + r"[_ T](\d\d):?(\d\d):?(\d\d(?:\.\d+)?)", text)
-    if found is None:
-        return None
-    year, month, day = map(int, found.groups()[:3])
-    hour, minute, second = map(float, found.groups()[3:])
-    try:
-        return UTCDateTime(year, month, day) + 3600.0 * hour + 60.0 * minute + second
-    except ValueError:
-        return None
+    return facts.moment(*map(float, found.groups())) if found else None
 
 
 def read_knet(source: Source, **_: Any) -> Stream:

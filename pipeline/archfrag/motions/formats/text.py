@@ -126,7 +126,12 @@ def numbers(
     values: list[float] = []
     for number, line in enumerate(lines, start=first):
         for word in _words(line, width):
-            values += _taken_apart(word, f"{name}, line {number}")
+            try:
+                values += _taken_apart(word, f"{name}, line {number}")
+            except RecordError as error:
+                if number - first + 1 < len(lines):
+                    raise
+                raise RecordError(f"{error}; the file seems to be cut off there") from None
     return np.array(values)
 
 
@@ -193,6 +198,8 @@ def _taken_apart(word: str, place: str) -> list[float]:
 def on_even_steps(pairs: NDArray[np.float64], name: str) -> tuple[NDArray, float, str]:
     """Samples at equal steps, the step [s] and what was done, from pairs of time and sample."""
     times, values = pairs[: pairs.size // 2 * 2].reshape(-1, 2).T
+    if times.size < 2:
+        return values[:0], 1.0, ""
     steps = np.diff(times)
     bad = int(np.argmax(np.append(steps, -1.0) < 0.0)) + 1
     if bad <= steps.size or not times[-1] > times[0]:
@@ -203,7 +210,10 @@ def on_even_steps(pairs: NDArray[np.float64], name: str) -> tuple[NDArray, float
         )
     mean = float(times[-1] - times[0]) / steps.size
     if np.abs(times - times[0] - mean * np.arange(times.size)).max() <= _EVEN * mean:
-        return np.ascontiguousarray(values), _rounded_step(mean), ""
+        # Times rounded to their last digit give a step that is nearly what it was before.
+        rounded = (float(f"{mean:.{digits}g}") for digits in (1, 2, 3))
+        step = next((value for value in rounded if abs(value - mean) <= 1e-5 * mean), mean)
+        return np.ascontiguousarray(values), step, ""
     # Linear between samples, as digitised film is; a step of 1, 2, 2.5, 5, 10... up to the median.
     median = float(np.median(steps[steps > 0.0]))
     fitting = _STEPS[median >= _STEPS / 1.02]
@@ -220,9 +230,3 @@ def on_even_steps(pairs: NDArray[np.float64], name: str) -> tuple[NDArray, float
         f"steps of {step:g} s, linear between them ({values.size} to {grid.size} samples)."
     )
     return np.interp(grid, times, values), step, done
-
-
-def _rounded_step(step: float) -> float:
-    """A step that times rounded to their last digit give, as it was before."""
-    rounded = (float(f"{step:.{digits}g}") for digits in (1, 2, 3))
-    return next((value for value in rounded if abs(value - step) <= 1e-5 * step), step)

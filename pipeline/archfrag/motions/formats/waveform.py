@@ -8,7 +8,6 @@ Nothing slow is imported here: the process that reads files (`isolated`) starts 
 """
 
 import importlib
-import math
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -84,12 +83,13 @@ def read_as(path: str, name: str) -> Content:
             raise Unreadable(f"{path}: damaged or truncated miniSEED ({message.message})")
     if not traces:
         raise Unreadable(_damaged(path, "no trace could be read from it"))
-    announced = [_announced(trace) for trace in traces]
+    headers = [trace.stats.get("record", {}) for trace in traces]
+    announced = [head.get("announced", trace.stats.npts) for head, trace in zip(headers, traces)]
     for trace in traces:
         _check_blocks(trace, path, name)
         trace.stats._format = name
         trace.stats.npts = len(trace.data)
-    held = [trace.stats.get("record", {}).get("held", trace.stats.npts) for trace in traces]
+    held = [head.get("held", trace.stats.npts) for head, trace in zip(headers, traces)]
     texts = (f"obspy: {' '.join(str(message.message).split())}" for message in messages)
     return Content(name, traces, announced, held, tuple(dict.fromkeys(texts)))
 
@@ -132,12 +132,3 @@ def _check_blocks(trace: "Trace", path: str, name: str) -> None:
         raise Unreadable(
             f"{path}: truncated {what}: {size} bytes are no multiple of records of {length} bytes"
         )
-
-
-def _announced(trace: "Trace") -> int:
-    """Number of samples by the header; obspy leaves it in `npts` though it read another."""
-    record = trace.stats.get("record", {})
-    if "announced" in record:
-        return record.announced
-    count = trace.stats.get("knet", {}).get("duration", 0.0) * trace.stats.sampling_rate
-    return round(count) if count and math.isfinite(count) else trace.stats.npts

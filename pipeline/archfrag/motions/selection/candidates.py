@@ -26,25 +26,9 @@ def screen(
 ) -> pd.DataFrame:
     """Rows of a flatfile within ranges; a row without the value asked about is left out.
 
-    Parameters
-    ----------
-    table : pandas.DataFrame
-        Flatfile with columns ``magnitude``, ``distance_km``, ``vs30_mps`` and ``pulse`` as far
-        as they are asked about.
-    magnitude, distance_km, vs30_mps : (float or None, float or None), optional
-        Least and largest value, both included; None for an open end.
-    pulse : bool, optional
-        True for records with a velocity pulse only, False for those without.
-
-    Returns
-    -------
-    pandas.DataFrame
-
-    Raises
-    ------
-    RecordError
-        If a column is missing, a range is upside down, or nothing is left, with what each
-        condition left.
+    Ranges are a least and a largest value, both included, None for an open end; `pulse` is True
+    for records with a velocity pulse only, False for those without. RecordError if a column is
+    missing, a range is upside down, or nothing is left, with what each condition left.
 
     Examples
     --------
@@ -59,8 +43,8 @@ def screen(
     for column, limits in ranges.items():
         if limits is None:
             continue
-        low, high = (end if limit is None else limit
-                     for limit, end in zip(limits, (-np.inf, np.inf)))  # fmt: skip
+        low = -np.inf if limits[0] is None else limits[0]
+        high = np.inf if limits[1] is None else limits[1]
         if not low <= high:
             raise RecordError(f"{column} from {low:g} to {high:g} is upside down")
         values = numbers(kept, column)

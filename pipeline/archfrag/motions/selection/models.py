@@ -168,39 +168,19 @@ def _beyond(kind: Any, keys: dict[str, Any], model: str) -> Iterator[str]:
 
 
 def correlation(first: ArrayLike, second: ArrayLike) -> NDArray[np.float64]:
-    """Correlation of ln Sa at two periods, about the median of a ground-motion model.
+    """Correlation of ln Sa at periods [s], broadcast, about the median of a ground-motion model.
 
-    Baker and Jayaram (2008), Correlation of spectral acceleration values from NGA ground motion
-    models, Earthquake Spectra 24(1), 299-317, as pygmm computes it.
-
-    Parameters
-    ----------
-    first, second : array_like [s]
-        Periods; they are broadcast against each other.
-
-    Returns
-    -------
-    numpy.ndarray [1]
-
-    Raises
-    ------
-    InputError
-        If a period is outside 0.01 to 10 s, where the model was fitted.
-
-    Examples
-    --------
-    >>> from archfrag.motions.selection import correlation
-    >>> float(correlation(0.5, 1.0).round(2)), float(correlation(0.05, 1.0).round(2))
-    (0.75, 0.42)
+    Baker and Jayaram (2008), Earthquake Spectra 24(1), 299-317, as pygmm computes it; InputError
+    for a period outside 0.01 to 10 s, where it was fitted.
     """
     from pygmm.baker_jayaram_2008 import calc_correls  # half a second
 
     both = [np.asarray(periods, dtype=np.float64) for periods in (first, second)]
-    for values in both:
-        outside = values[~((values >= SHORTEST) & (values <= LONGEST))]
-        if outside.size:
-            raise InputError(
-                f"period {outside.flat[0]:g} s is outside {SHORTEST:g} to {LONGEST:g} s, for "
-                "which the correlations of Baker and Jayaram (2008) were fitted"
-            )
+    values = np.concatenate([periods.ravel() for periods in both])
+    outside = values[~((values >= SHORTEST) & (values <= LONGEST))]
+    if outside.size:
+        raise InputError(
+            f"period {outside[0]:g} s is outside {SHORTEST:g} to {LONGEST:g} s, for which the "
+            "correlations of Baker and Jayaram (2008) were fitted"
+        )
     return np.asarray(calc_correls(*both), dtype=np.float64)

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LARGE_SCALE = 4.0  # a factor that is a caution even where the limit allows it
-NEAR_MEAN, NEAR_SD = 0.05, 0.10  # differences from the target that are none
 # Columns of an index of records by those of a flatfile.
 _INDEX = {
     "record": "id", "file": "file", "sha256": "sha256", "event": "event", "magnitude": "Mw",
@@ -88,14 +87,6 @@ class Selection:
                 f"Sa({given:g}) of the records is interpolated, which makes their scatter at "
                 "periods near it too small; measure them at that period"
             )
-        for error, near, what in zip(self.errors, (NEAR_MEAN, NEAR_SD), ("median", "sd")):
-            if np.nanmax(np.abs(error), initial=0.0) > near:
-                worst = int(np.nanargmax(np.abs(error)))
-                found.append(
-                    f"the {what} of the selected spectra differs from the target's by up to "
-                    f"{100.0 * error[worst]:+.0f} % (at {self.target.periods[worst]:g} s); take "
-                    "more candidates or other limits"
-                )
         factors = self.table.set_index("record")["scale"].astype(float)
         large = factors.where(factors >= 1.0, 1.0 / factors)
         if (large > LARGE_SCALE).any():

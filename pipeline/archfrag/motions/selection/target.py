@@ -8,6 +8,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError
+from archfrag.motions.selection.candidates import numbers
 from archfrag.motions.selection.models import Rupture, correlation, predict
 
 PERIODS = tuple(float(f"{period:.3g}") for period in np.geomspace(0.05, 5.0, 20))
@@ -108,7 +109,10 @@ def conditional_spectrum(
                         (f"conditioning period {conditioning} s", conditioning)):  # fmt: skip
         if not (np.isfinite(value) and value > 0.0):
             raise InputError(f"{name} must be a number above 0")
-    grid = _with_period(_rising(periods, "periods"), conditioning)
+    grid = _rising(periods, "periods")
+    near = np.abs(np.log(grid / conditioning)) < _SAME
+    grid = np.where(near, conditioning, grid) if near.any() else np.append(grid, conditioning)
+    grid.sort()
     known = int(np.abs(np.log(grid / conditioning)).argmin())
     rho = correlation(grid[:, None], grid)
     median, sd, notes = predict(rupture, model, grid)
@@ -122,25 +126,13 @@ def conditional_spectrum(
 def spectrum_target(
     periods: ArrayLike, median: ArrayLike, sd: ArrayLike | None = None, source: str = "target"
 ) -> Target:
-    """A target from a spectrum: of a code, of uniform hazard, or with a scatter of its own.
+    """A target from a spectrum [g] at periods [s]: of a code, of uniform hazard, with its scatter.
 
-    Parameters
-    ----------
-    periods : array_like, shape (n_period,) [s]
-    median : array_like, shape (n_period,) [g]
-        exp of the mean of ln Sa.
-    sd : array_like, shape (n_period,), optional
-        Standard deviation of ln Sa. Where it is 0 at one period, this is the conditioning
-        period. Without it, or with zeros only, the target is a mean: records are sought that
-        lie close to it. Correlations are those of Baker and Jayaram (2008).
-    source : str
-        What messages call it.
-
-    Raises
-    ------
-    InputError
-        If numbers are missing, not positive or not finite, a period occurs twice, or the sd is
-        0 at several periods but not at all.
+    `median` is exp of the mean of ln Sa, `sd` its standard deviation. Where that is 0 at one
+    period, this is the conditioning period. Without it, or with zeros only, the target is a mean:
+    records are sought that lie close to it. Correlations are those of Baker and Jayaram (2008).
+    InputError, beginning with `source`, for numbers that are missing, not positive or not finite,
+    a period that occurs twice, or an sd of 0 at several periods but not at all.
     """
     given = np.asarray(periods, dtype=np.float64)
     rising = _rising(given, f"{source}: periods")
@@ -176,8 +168,8 @@ def read_target(path: str | Path) -> Target:
 
     Raises
     ------
-    InputError
-        Naming the file and, for a value, its line and column.
+    InputError, RecordError
+        Naming the file and, for a value, its column.
 
     Examples
     --------
@@ -194,21 +186,11 @@ def read_target(path: str | Path) -> Target:
         raise InputError(f"{path}: the target cannot be read ({error.strerror})") from None
     except ValueError as error:
         raise InputError(f"{path}: the target is not a table in CSV ({error})") from None
-    for name in ("period_s", "Sa_g"):
-        if name not in rows:
-            has = "a target has period_s, Sa_g and, for its scatter, sd"
-            raise InputError(f"{path}: column {name!r} is missing; {has}")
     if rows.empty:
         raise InputError(f"{path}: the target has no rows")
-    table: dict[str, NDArray[np.float64]] = {}
-    for name in ("period_s", "Sa_g", "sd"):
-        if name in rows:
-            table[name] = pd.to_numeric(rows[name], errors="coerce").to_numpy(dtype=np.float64)
-            wrong = np.flatnonzero(~np.isfinite(table[name]))
-            if wrong.size:
-                where = f"{path}, line {wrong[0] + 2}: {name}"
-                raise InputError(f"{where} = {rows[name][wrong[0]]!r} is not a finite number")
-    return spectrum_target(table["period_s"], table["Sa_g"], table.get("sd"), str(path))
+    rows.attrs["source"] = path
+    sd = numbers(rows, "sd") if "sd" in rows else None
+    return spectrum_target(numbers(rows, "period_s"), numbers(rows, "Sa_g"), sd, str(path))
 
 
 def _rising(periods: ArrayLike, name: str) -> NDArray[np.float64]:
@@ -231,8 +213,3 @@ def _like(values: ArrayLike, periods: NDArray[np.float64], name: str) -> NDArray
     if not np.isfinite(row).all():
         raise InputError(f"{name} {row.tolist()} must be finite numbers")
     return row
-
-
-def _with_period(grid: NDArray[np.float64], period: float) -> NDArray[np.float64]:
-    near = np.abs(np.log(grid / period)) < _SAME
-    return np.where(near, period, grid) if near.any() else np.sort(np.append(grid, period))

@@ -91,27 +91,8 @@ def make_motion(
     added if there is one, a line under a taper is subtracted so that velocity and displacement end
     at zero, and samples are rounded to 1e-6 m/s2 and single precision.
 
-    Parameters
-    ----------
-    magnitude : float
-        Moment magnitude, 3 to 8: the range of the parameters.
-    distance : float [km]
-        Closest distance to the rupture, 0 to 300.
-    seed : int or Seeds
-        A number is that of record, event and site.
-    options : Options, optional
-
-    Raises
-    ------
-    InputError
-        If magnitude, distance, time step, Vs30 or a seed is outside its range.
-
-    Examples
-    --------
-    >>> from archfrag.motions.synthetic import Seeds, make_motion
-    >>> first, second = (make_motion(6.5, 20.0, Seeds(n, event=1, site=n)) for n in (1, 2))
-    >>> first.metadata["event_seed"] == second.metadata["event_seed"]
-    True
+    Magnitudes are from 3 to 8, distances to the rupture from 0 to 300 km, the range of the
+    parameters; a number as `seed` is that of record, event and site. InputError outside them.
     """
     options = options or Options()
     seeds = seed if isinstance(seed, Seeds) else Seeds(seed, seed, seed)
