@@ -32,7 +32,7 @@ def picture(svg: str, caption: str = "", narrow: str = "") -> HTML:
 def table(frame: pd.DataFrame) -> HTML:
     """A table without index, columns of numbers to the right; an empty cell has no value."""
     columns = [["" if pd.isna(each) else _written(each) for each in frame[name]] for name in frame]
-    kinds = ["" if any(map(WORD.search, each)) else ' class="number"' for each in columns]
+    kinds = [_kind(each) for each in columns]
     head = "".join(
         f"<th{kind}>{escape(str(name).replace('_', ' '))}</th>" for name, kind in zip(frame, kinds)
     )
@@ -46,6 +46,12 @@ def table(frame: pd.DataFrame) -> HTML:
         '<div class="table-wrapper"><table class="docutils align-default">'
         f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
     )
+
+
+def _kind(column: list[str]) -> str:
+    if not any(map(WORD.search, column)):
+        return ' class="number"'
+    return ' class="text"' if max(map(len, column)) > 24 else ""
 
 
 def _written(value: object) -> str:
