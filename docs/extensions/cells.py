@@ -39,9 +39,14 @@ def show_plainly(app: Sphinx, doctree: nodes.document) -> None:
 
 
 def plain_help(app: Sphinx, context: object, lines: list[str]) -> None:
-    """Code in single backticks as reStructuredText writes it; stars as they are."""
+    """Code in single backticks as reStructuredText writes it; stars and `://...` as they are."""
     lines[:] = [
-        re.sub(r"(?<!`)`([^`]+)`(?!`)", r"``\1``", line.replace("*", r"\*")) for line in lines
+        re.sub(
+            r"(?<!`)`([^`]+)`(?!`)",
+            r"``\1``",
+            line.replace("*", r"\*").replace("://...", r"\://..."),
+        )
+        for line in lines
     ]
 
 

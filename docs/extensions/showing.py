@@ -5,24 +5,66 @@ import os
 import re
 import shutil
 import subprocess
+from dataclasses import replace
+from html import escape
 from pathlib import Path
 
+import pandas as pd
 from IPython.display import HTML
 
 import archfrag as af
 from archfrag.report.arch_figure import arch_at_onset
 from archfrag.report.picture import standalone
 
+WORD = re.compile(r"\b(?!inf\b)[A-Za-z]{2}")  # of a column that does not hold numbers alone
 
-def picture(svg: str, caption: str = "") -> HTML:
-    """An SVG as a figure of the page, as wide as the text."""
-    svg = re.sub(r"<\?xml.*?\?>|<!DOCTYPE.*?>", "", svg, flags=re.DOTALL)
+
+def picture(svg: str, caption: str = "", narrow: str = "") -> HTML:
+    """An SVG as a figure of the page, and another for narrow screens where there is one."""
+    svg, narrow = (
+        re.sub(r"<\?xml.*?\?>|<!DOCTYPE.*?>", "", each, flags=re.DOTALL) for each in (svg, narrow)
+    )
+    if narrow:
+        svg = f'<div class="broad">{svg}</div><div class="slim">{narrow}</div>'
     return HTML(f'<figure class="drawn">{svg}<figcaption>{caption}</figcaption></figure>')
+
+
+def table(frame: pd.DataFrame) -> HTML:
+    """A table without index, columns of numbers to the right; an empty cell has no value."""
+    columns = [["" if pd.isna(each) else _written(each) for each in frame[name]] for name in frame]
+    kinds = [_kind(each) for each in columns]
+    head = "".join(
+        f"<th{kind}>{escape(str(name).replace('_', ' '))}</th>" for name, kind in zip(frame, kinds)
+    )
+    body = "".join(
+        "<tr>"
+        + "".join(f"<td{kind}>{escape(one)}</td>" for one, kind in zip(row, kinds))
+        + "</tr>"
+        for row in zip(*columns)
+    )
+    return HTML(
+        '<div class="table-wrapper"><table class="docutils align-default">'
+        f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
+    )
+
+
+def _kind(column: list[str]) -> str:
+    if not any(map(WORD.search, column)):
+        return ' class="number"'
+    return ' class="text"' if max(map(len, column)) > 24 else ""
+
+
+def _written(value: object) -> str:
+    """Three digits of a fraction, all of what is before the point."""
+    if not isinstance(value, float):
+        return str(value)
+    return f"{value:.0f}" if 1e3 <= abs(value) < 1e6 else f"{value:.3g}"
 
 
 def arch(shape: af.Arch, caption: str = "") -> HTML:
     """The arch with hinges and thrust line at onset, the ground accelerating to either side."""
-    return picture(standalone(arch_at_onset(shape, af.onset(shape), "arch")), caption)
+    drawn = arch_at_onset(shape, af.onset(shape), "arch")
+    return picture(standalone(drawn), caption, standalone(replace(drawn, svg=drawn.narrow)))
 
 
 def from_report(report: Path | str, caption: str) -> HTML:
@@ -32,11 +74,12 @@ def from_report(report: Path | str, caption: str) -> HTML:
     for figure in re.findall(r"<figure>.*?</figure>", text, flags=re.DOTALL):
         words = re.search(r"<figcaption>(.*?)</figcaption>", figure, flags=re.DOTALL)
         if words and words[1].startswith(caption):
-            svg = re.search(r"<svg.*?</svg>", figure, flags=re.DOTALL)
-            if style is None or svg is None:
+            drawn = re.findall(r"<svg.*?</svg>", figure, flags=re.DOTALL)
+            if style is None or not drawn:
                 break
-            inside = f"<style>{style[0]}</style>"
-            return picture(re.sub(r"(<svg[^>]*>)", rf"\1{inside}", svg[0], count=1), words[1])
+            inside = rf"\1<style>{style[0]}</style>"  # of the page: it serves both
+            svg = re.sub(r"(<svg[^>]*>)", inside, drawn[0], count=1)
+            return picture(svg, words[1], "".join(drawn[1:2]))
     raise LookupError(f"{report}: no figure whose caption begins with {caption!r}")
 
 

@@ -49,6 +49,8 @@ def default(schema: dict, required: bool) -> str:
     """What holds if the key is not given."""
     if required:
         return "**required**"
+    if "if not given" in schema.get("description", ""):
+        return "see meaning"
     value = schema.get("default")
     if value is None or value == {} or "default" not in schema:
         return ""

@@ -51,17 +51,20 @@ def lines(chosen: list[dict[str, str]]) -> str:
         style = "" if row["holds"] == "yes" else ' style="background:#b3261e;color:#fff"'
         case, quantity, *numbers, source = (escape(cell) for cell in cells(row))
         text += f'<tr{style}><td style="min-width:11em">{case}</td><td>{quantity}</td>'
-        text += "".join(f'<td style="white-space:nowrap">{number}</td>' for number in numbers)
+        text += "".join(f'<td class="number">{number}</td>' for number in numbers)
         text += f'<td style="min-width:9em">{source}</td></tr>'
     return text
 
 
 def table(topic: str) -> HTML:
     """One topic."""
-    head = "".join(f"<th>{name}</th>" for name in HEAD)
+    head = "".join(
+        f'<th class="number">{name}</th>' if name in HEAD[2:6] else f"<th>{name}</th>"
+        for name in HEAD
+    )
     body = lines([row for row in rows() if row["topic"] == topic])
     return HTML(
-        '<div style="overflow-x:auto"><table class="docutils align-default">'
+        '<div class="table-wrapper"><table class="docutils align-default">'
         f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
     )
 
@@ -75,10 +78,11 @@ def overview() -> HTML:
         count[1] += row["holds"] == "no"
     counts["all"] = [sum(count[k] for count in counts.values()) for k in (0, 1)]
     body = "".join(
-        f"<tr><td>{escape(topic)}</td><td>{number}</td><td>{short}</td></tr>"
+        f'<tr><td>{escape(topic)}</td><td class="number">{number}</td>'
+        f'<td class="number">{short}</td></tr>'
         for topic, (number, short) in counts.items()
     )
     return HTML(
-        '<table class="docutils align-default"><thead><tr><th>topic</th><th>values</th>'
-        f"<th>fall short</th></tr></thead><tbody>{body}</tbody></table>"
+        '<table class="docutils align-default"><thead><tr><th>topic</th><th class="number">values'
+        f'</th><th class="number">fall short</th></tr></thead><tbody>{body}</tbody></table>'
     )

@@ -77,6 +77,8 @@ def test_every_link_between_pages_leads_to_its_place(site, pages):
         for link in page.links:
             target, anchor = urldefrag(link)
             if urlparse(link).scheme or link.startswith("//"):
+                if urlparse(link).scheme.startswith("http") and not urlparse(link).netloc:
+                    broken.append(f"{name}: {link}")
                 continue
             path = (site / name).parent / unquote(target) if target else site / name
             place = os.path.relpath(path, site)
