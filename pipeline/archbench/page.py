@@ -129,7 +129,7 @@ def gather(
     bench = Bench(
         output, quick, (records or (here if here.is_dir() else checkout)).resolve(),
         None if real is None else real.resolve(),
-        tuple(name for name in found if not found[name].startswith("not installed")),
+        {name: text for name, text in found.items() if not text.startswith("not installed")},
         workers or available_cores(), report,
     )  # fmt: skip
     for part in parts or PARTS:

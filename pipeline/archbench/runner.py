@@ -3,6 +3,8 @@
 import hashlib
 import json
 import os
+import platform
+import re
 import signal
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -33,14 +35,15 @@ class Bench:
     """How and where a part is measured.
 
     `output` is the folder of the tables, in which the same command continues; `quick` the reduced
-    set; `real` a folder of real records; `report` takes a line for the user.
+    set; `real` a folder of real records; `solvers` other solvers with their versions; `report`
+    takes a line for the user.
     """
 
     output: Path
     quick: bool = False
     records: Path = Path("records")
     real: Path | None = None
-    solvers: tuple[str, ...] = ()
+    solvers: Mapping[str, str] = field(default_factory=dict)
     workers: int = 1
     report: Callable[[str], None] = field(default=print, repr=False)
 
@@ -76,12 +79,18 @@ class Bench:
             with replacing(folder / f"{part}_{name}.csv") as temporary:
                 table.to_csv(temporary, index=False, float_format="%.4g")
         about = {
-            "quick": self.quick, "solvers": list(self.solvers), "workers": self.workers,
+            "quick": self.quick, "solvers": dict(self.solvers), "workers": self.workers,
             "versions": versions(), "commit": commit(), "machine": machine(),
-            "kernels": kernel_hash(),
+            "kernels": kernel_hash(), "processor": _processor(),
         }  # fmt: skip
         with replacing(folder / f"{part}_about.json") as temporary:
             temporary.write_text(strict_json(about) + "\n", encoding="utf-8")
+
+
+def _processor() -> str:
+    listed = Path("/proc/cpuinfo")
+    found = re.search("model name.*: (.+)", listed.read_text() if listed.exists() else "")
+    return found[1] if found else platform.processor()
 
 
 def load_tables(folder: Path, part: str) -> dict[str, pd.DataFrame]:

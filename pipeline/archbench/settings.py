@@ -1,7 +1,7 @@
 """Settings as columns, and the ladder of settings of every method."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
@@ -51,7 +51,7 @@ class Setting:
         return replace(self, value=factor * self.value)
 
 
-def ladders(column: str, solvers: Sequence[str] = ()) -> dict[str, list[Setting]]:
+def ladders(column: str, solvers: Iterable[str] = ()) -> dict[str, list[Setting]]:
     """Settings of each method that can run here, and of other solvers, from coarse to fine.
 
     `column` is of `settings.json`: "values" or "quick" for ladders of single runs, "fragility" or

@@ -197,7 +197,7 @@ def _settings(case: Case, bench: Bench) -> Iterator[tuple[float, Setting]]:
     """Row and setting of each cell of a scene; other solvers in those of the quick set only."""
     plane, quick = PLANES[case.plane], bench.quick
     if not case.parameter:
-        others = bench.solvers if case.value in map(float, plane["quick"]) else ()
+        others = tuple(bench.solvers) if case.value in map(float, plane["quick"]) else ()
         for method in (*available_methods(), *others):
             yield from ((case.value, each) for each in settings_of(method, quick))
         return

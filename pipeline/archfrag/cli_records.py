@@ -153,7 +153,7 @@ def measure(
     """
     from archfrag.files import counted
     from archfrag.motions.flatfile import write_flatfile
-    from archfrag.study.record_commands import measure_files, table_rows, table_spectra
+    from archfrag.study.record_commands import measure_files, table_spectra
 
     _drawing(figure)
     table = measure_files(files, out, periods, reading)
@@ -162,7 +162,8 @@ def measure(
         from archfrag.report.record_figures import measured
 
         _save(measured(table_spectra(table)), figure)
-    _print(table_rows(table), f"{counted(len(table), 'component')} measured: {out}", as_json)
+    rows = json.loads(table.to_json(orient="records", double_precision=15))
+    _print(rows, f"{counted(len(table), 'component')} measured: {out}", as_json)
 
 
 @records.command()

@@ -1,12 +1,13 @@
-"""Files that are written completely or not at all."""
+"""Files that are read as text, or written completely or not at all."""
 
 import contextlib
 import os
+import stat
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from archfrag.errors import OutputError
+from archfrag.errors import InputError, OutputError
 
 
 def counted(number: int, noun: str) -> str:
@@ -22,6 +23,32 @@ def cannot_write(path: Path, error: OSError) -> OutputError:
         f"{path}: cannot be written ({error.strerror or error}); the output folder must exist or "
         "be creatable, allow writing and have space; what was finished is kept"
     )
+
+
+def _not_waiting(name: str, flags: int) -> int:
+    return os.open(name, flags | os.O_NONBLOCK)
+
+
+def read_text(path: Path, largest: int, kind: type[InputError], what: str) -> str:
+    """UTF-8 text of a file of at most `largest` bytes; a pipe or device is not waited for.
+
+    Raises
+    ------
+    kind
+        Naming `what` it was to be, and the file.
+    """
+    try:
+        with open(path, "rb", opener=_not_waiting) as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                raise OSError(0, "no regular file")
+            content = file.read(largest + 1)
+        if len(content) > largest:
+            raise kind(f"{what} {path} is too large; it must have at most {largest} bytes")
+        return content.decode("utf-8-sig")
+    except OSError as error:
+        raise kind(f"{what} {path} cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise kind(f"{what} {path} is no text in UTF-8") from error
 
 
 def make_folder(path: Path) -> Path:

@@ -1,5 +1,6 @@
 """Curves of studies beside a reference, coverage of bands, designs, and the page."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -50,8 +51,7 @@ class TestCurvesBesideTheReference:
         row = curves_of({**EXACT, ("setting", FINE): 1.0}, scatter=0.3).iloc[0]
         assert row["repeats"] == 8
         assert row["theta_low"] < row["theta_difference"] < row["theta_high"]
-        assert row["theta_scatter"] > 0.02
-        assert row["theta_known_to"] > 0.0
+        assert min(row["theta_scatter"] - 0.02, row["theta_known_to"]) > 0.0
 
     def test_the_reference_is_no_better_than_its_two_methods_agree(self):
         factors = {("reference", REFERENCES[0]): 1.0, ("reference", REFERENCES[1]): 1.2}
@@ -69,12 +69,11 @@ def test_a_study_runs_the_main_job_s_records_and_levels():
     scenes, levels = scenes_of(ROOT / "records", False, False)
     assert len(scenes) == 30
     assert levels == pytest.approx(job.intensity.given)
-    found = run_study(Setting("time_stepping", "dt", 8e-3), 0, ROOT / "records", False, True)
+    found = run_study(COARSE, 0, ROOT / "records", False, True)
     outcomes = np.array(found["outcomes"], float)
     assert outcomes.shape == (20, 8)
-    assert outcomes[:, 0].sum() == 0.0
+    assert outcomes[:, 0].sum() == 0.0 < found["seconds"]
     assert outcomes[:, -1].mean() > 0.5
-    assert found["seconds"] > 0.0
 
 
 def test_the_page_is_made_from_files_alone(tmp_path):
@@ -102,8 +101,6 @@ def test_a_band_holds_lognormal_capacities_and_not_two_peaks():
 
 
 def test_a_study_that_fails_is_reported(tmp_path):
-    (tmp_path / "configs").mkdir()
-    shipped = (ROOT / "configs" / "shipped.yaml").read_text("utf-8")
-    (tmp_path / "configs" / "shipped.yaml").write_text(shipped, encoding="utf-8")
+    shutil.copytree(ROOT / "configs", tmp_path / "configs")
     with pytest.raises(ArchfragError, match=r"design ida: .*index\.csv"):
         designs.run_design("ida", 0, tmp_path / "records")

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from archbench.growth import DIFFERENCE, growth_of, slope_interval
+from archbench.growth import DIFFERENCE, exponents_table, growth_of, slope_interval
 from archbench.quantities import errors_of, marks_of, observe, positions_at, resultants_at
 from archbench.reference import MARGIN, find_reference, limit_of, richardson
 from archbench.scene import load_scene
@@ -28,9 +28,7 @@ from archfrag.methods.registry import METHODS
 def made_up(*rows):
     """Points of one scene: (method, value, seconds, error), from coarse to fine."""
     table = pd.DataFrame(rows, columns=["method", "value", "seconds", "error"])
-    table = table.assign(scene="s", quantity="amplitude", floor=1e-7, drawn=True, at_floor=False,
-                         parameter="dt", settings="", status="")  # fmt: skip
-    return table[list(POINTS)]
+    return table.assign(scene="s", quantity="amplitude", floor=1e-7, drawn=True, parameter="dt")
 
 
 @pytest.mark.parametrize("column", ["values", "quick", "fragility", "fragility_quick", "offered"])
@@ -60,11 +58,11 @@ def test_the_nearest_change_is_found_to_a_tenth_of_its_distance(true):
     assert least_collapsing(lambda a: a >= true, 0.5, 2.0) == pytest.approx(true, rel=1e-4)
 
 
-@pytest.mark.parametrize("above", [None, False])
-def test_no_change_within_reach_is_not_a_failed_run(above):
-    found = nearest_change(lambda a: above if a > 1.0 else False, 1.0, 1e-3, reach=0.3)
-    assert math.isnan(found.offset)
-    assert found.failed is (above is None)
+def test_no_change_within_reach_is_not_a_failed_run():
+    for above in (None, False):
+        found = nearest_change(lambda a, seen=above: seen if a > 1.0 else False, 1.0, 1e-3, 0.3)
+        assert math.isnan(found.offset)
+        assert found.failed is (above is None)
 
 
 def test_limit_and_order_of_a_vector():
@@ -75,6 +73,13 @@ def test_limit_and_order_of_a_vector():
     # A small last difference is not taken for a limit.
     limit, doubt = limit_of([np.array(v) for v in (0.10, 0.15, 0.19, 0.1901)])
     assert abs(float(limit) - 0.2) < doubt
+
+
+def test_exponent_of_a_power_law():
+    runs = pd.DataFrame({"method": "auto", "voussoirs": (7, 14, 28), "moving_seconds": 2.0})
+    row = exponents_table(runs.assign(seconds=1e-3 * runs["voussoirs"] ** 1.5)).iloc[0]
+    assert row[["low", "exponent", "high"]].tolist() == pytest.approx([1.5] * 3)
+    assert row["seconds_at_last"] == pytest.approx(5e-4 * 28**1.5)
 
 
 class TestGrowth:

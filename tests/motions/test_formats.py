@@ -100,7 +100,7 @@ class TestEachFormat:
         place = len(lines) - 2
         for word in ("NaN", "1_0", "******"):
             path = put(tmp_path, "\n".join([*lines[:place], f"   {word}", *lines[place + 1 :]]))
-            with pytest.raises(RecordError, match=rf"line {place + 1}: .* is not a .*number$"):
+            with pytest.raises(RecordError, match=rf"line {place + 1}: .* is not a .*number"):
                 _function(form, "read", "")(path)
 
     @every_text

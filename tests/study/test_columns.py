@@ -33,14 +33,6 @@ def assert_equal(first, second):
         np.testing.assert_array_equal(values, second[name], err_msg=name)
 
 
-def test_columns_are_those_of_the_responses(both):
-    results, responses = both
-    table = columns_of(results)
-    assert_equal(table, table_of(responses))
-    assert set(table["verdict"]) >= {0, 1}
-    assert table["impacts"].any()
-
-
 def test_every_column_has_a_value_of_its_own(both):
     """Arrays in which every entry differs, so that no two could be mixed up."""
     from archfrag.methods.time_stepping.front import outcome_of

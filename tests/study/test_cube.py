@@ -123,14 +123,6 @@ class TestFile:
             write_cube(copied.study)
         assert not path.exists()
 
-    def test_disk_full_leaves_the_old_cube(self, copied, full_disk):
-        path = write_cube(copied.study)
-        before = path.read_bytes()
-        with full_disk(at=1), pytest.raises(OutputError, match="No space left on device"):
-            write_cube(copied.study)
-        assert path.read_bytes() == before
-        assert not list(copied.study.folder.glob(".cube.nc*"))
-
     def test_wall_times_are_beside_the_cube(self, done, cube_file):
         import pandas as pd
 

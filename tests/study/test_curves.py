@@ -52,10 +52,8 @@ class TestTwoFidelities:
         assert width[0] < 1.2 * width[1] < 0.8 * width[2]
         assert len(found.im) == len(found.lower) == POINTS
 
-    def test_where_all_records_have_fine_ones_these_decide(self):
+    def test_where_all_are_fine_or_a_capacity_is_beyond_the_levels_the_fine_ones_decide(self):
         assert "posterior" in answer(two_stage(n_fine=40)[0], 0.9).method
-
-    def test_a_capacity_beyond_the_levels_leaves_it_to_the_fine_ones(self):
         runs, _ = two_stage(n_fine=20)
         runs.coarse[5] = np.where(np.arange(LEVELS.size) == 0, Verdict.STANDING, 4)
         assert "posterior" in answer(runs, 0.9).method

@@ -3,7 +3,7 @@
 import pytest
 
 from archfrag.errors import OutputError
-from archfrag.study.files import make_folder, replacing, source_hash, sweep
+from archfrag.study.files import replacing, source_hash, sweep
 from tests.study.small import files
 
 
@@ -40,12 +40,6 @@ def test_sweeping_removes_what_a_killed_run_left_and_nothing_else(tmp_path):
     sweep(tmp_path)
     found = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()}
     assert found == set(kept)
-
-
-def test_output_below_a_file_is_refused(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match=r"file/out: cannot be written \(Not a directory\)"):
-        make_folder(tmp_path / "file" / "out")
 
 
 def test_source_hash_states_edits_in_any_file_of_a_folder(tmp_path, monkeypatch):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from archfrag.errors import InputError, StudyError
+from archfrag.errors import InputError, RecordError, StudyError
 from archfrag.motions.measures import measure
 from archfrag.study.config import load_study
 from archfrag.study.files import sha256_of
@@ -126,6 +126,13 @@ def test_patterns_match_in_any_case(tmp_path, pattern):
     found = ids(study) if pattern != "[!a-fx-z]*.AT2" else ["ARL360", *ids(study)]
     expected = ["ARL360", "nis090"] if pattern[0] in "*[" else ["ARL360"]
     assert found == expected
+
+
+def test_two_records_of_one_id_are_refused(tmp_path):
+    made(tmp_path / "records" / "e1-r1.AT2")
+    one = "{events: 1, magnitude: [6], distance_km: [10]}"
+    with pytest.raises(RecordError, match=r"motions\.synthetic: the record id 'e1-r1' is that"):
+        prepare_motions(study_with(tmp_path, f"{FILES}\n  synthetic: {one}"))
 
 
 def test_motions_that_are_not_prepared_or_for_another_measure(tmp_path):

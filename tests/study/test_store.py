@@ -97,31 +97,6 @@ class TestPlan:
 
 
 class TestParts:
-    def test_parts_hold_what_single_simulations_state(self, done):
-        import archfrag as af
-        from archfrag.study.records import load_record
-
-        cases, factors, keys = runs_of(done.plan)
-        run = 5
-        assert cases[["arch", "record", "place"]][run].tolist() == (0, 1, 2)
-        response = af.simulate(
-            done.study.arches[0].build(), load_record(done.study.work, done.plan.records[1]),
-            scale=factors[run], method="time_stepping", dt=2e-3, follow=2.0,
-        )  # fmt: skip
-        store = Store(done.plan.parts)
-        ((_, asked, table, times),) = store.rows(store.places(keys[run : run + 1]))
-        assert asked.tolist() == [0]
-        assert times[0] > 0.0
-        row = table[0]
-        assert row["status"] == response.status
-        assert row["peak_displacement"] == response.peak_displacement > 0.0
-        for name, count in response.events.items():
-            assert row[name] == count
-        for name in ("steps", "levels", "level_iterations", "general"):
-            assert row[name] == response.work[name]
-        assert row["impacts"] > 0
-        assert dict(zip(row["model_time"].dtype.names, row["model_time"])) == response.model_time
-
     def test_a_damaged_part_is_ignored_and_made_again(self, copied):
         plan = copied.plan
         before = Gathered(plan).read_all()

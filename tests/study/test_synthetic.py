@@ -7,7 +7,7 @@ import netCDF4
 import numpy as np
 import pytest
 
-from archfrag.errors import InputError, RecordError, StudyError
+from archfrag.errors import InputError, StudyError
 from archfrag.motions.synthetic import Options, Seeds, make_motion
 from archfrag.study.batch import run_batch
 from archfrag.study.config import load_study
@@ -51,15 +51,6 @@ class TestPrepared:
         unknown = study.motions.model_copy(update={"select": ("e3-r1",)})
         with pytest.raises(StudyError, match="'e3-r1' is no record of the study"):
             prepare_motions(study.model_copy(update={"motions": unknown}))
-
-    def test_file_of_the_same_name(self, tmp_path):
-        study = study_with(tmp_path, f"{FILES}\n  {MADE}")
-        place = tmp_path / "records" / "wave0.AT2"
-        place.rename(place.with_name("e1-r1.AT2"))
-        with pytest.raises(
-            RecordError, match=r"motions\.synthetic: the record id 'e1-r1' is that"
-        ):
-            prepare_motions(study)
 
     def test_vertical_and_pulse(self, tmp_path):
         wanted = MADE.replace("seed: 3", "seed: 3, vertical: true, pulses: 1.0, vs30: 600")

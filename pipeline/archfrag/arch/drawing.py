@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.errors import GeometryError
-from archfrag.files import cannot_write, replacing
+from archfrag.files import make_folder, replacing
 
 if TYPE_CHECKING:
     from archfrag.arch.model import Arch
@@ -201,10 +201,7 @@ def write_dxf(arch: "Arch", path: str | Path, unit: str = "m", layer: str = LAYE
     finally:
         ezdxf.options.write_fixed_meta_data_for_testing = before
     place = Path(path)
-    try:
-        place.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise cannot_write(place, error) from error
+    make_folder(place.parent)
     with replacing(place) as temporary:
         temporary.write_text(text.getvalue(), encoding="utf-8")
 

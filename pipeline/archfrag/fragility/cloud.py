@@ -14,10 +14,9 @@ from scipy.special import expit, ndtr
 
 from archfrag.errors import FitError, InputError
 from archfrag.fragility.curve import BoolArray, FloatArray, log_intensity, positive, shaped
+from archfrag.fragility.grid import root
 from archfrag.fragility.lines import binomial_lines
 from archfrag.fragility.runs import Resampling, event_groups
-
-__all__ = ["CloudCurve", "cloud_binary", "cloud_modified"]
 
 _QUANTILES = ndtr([-1.0, 0.0, 1.0])
 _BISECTIONS = 60
@@ -223,8 +222,5 @@ def _points(draws: FloatArray) -> FloatArray:
     high = low + 100.0
     below = _curves(draws, low) >= _QUANTILES
     above = _curves(draws, high) < _QUANTILES
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        short = _curves(draws, middle) < _QUANTILES
-        low, high = np.where(short, middle, low), np.where(short, high, middle)
-    return np.where(below, -np.inf, np.where(above, np.inf, 0.5 * (low + high)))
+    found = root(lambda x: _curves(draws, x) - _QUANTILES, low, high, _BISECTIONS)
+    return np.where(below, -np.inf, np.where(above, np.inf, found))

@@ -48,16 +48,16 @@ class LineGrid:
         rise, last = np.multiply.outer(x, self.slope), self.density.shape[1] - 1
         low = (self.first + rise).min(axis=1)
         high = (self.first + self.step * last + rise).max(axis=1)
-        xs, *ends = (np.broadcast_to(v, (level.size, x.size)) for v in (x, low, high))
-        return _root(lambda c: self.probability(xs, c) - level[:, None], *ends)
+        xs, low, high = (np.broadcast_to(v, (level.size, x.size)) for v in (x, low, high))
+        return root(lambda c: self.probability(xs, c) - level[:, None], low, high)
 
     def log_medians(self, level: FloatArray) -> FloatArray:
         """Quantiles of ln theta = -a / b, (n_level,)."""
         last = self.first + self.step * (self.density.shape[1] - 1)
         ends = np.concatenate([-self.first / self.slope, -last / self.slope])
-        limits = (np.full(level.shape, end) for end in (ends.min(), ends.max()))
+        low, high = (np.full(level.shape, end) for end in (ends.min(), ends.max()))
         zero = np.zeros(level.shape)
-        return _root(lambda t: (1.0 - self.probability(t, zero)) - level, *limits)
+        return root(lambda t: (1.0 - self.probability(t, zero)) - level, low, high)
 
     def slopes(self, level: FloatArray) -> FloatArray:
         """Quantiles of b, (n_level,)."""
@@ -69,9 +69,9 @@ class LineGrid:
             low, high = below[node], below[node + 1]
             return _cubic(place - node, low, high, density[node], density[node + 1]) - level
 
-        ends = np.zeros(level.shape), np.full(level.shape, self.mass.size - 1.0)
+        rows = np.full(level.shape, self.mass.size - 1.0)
         first, last = np.log(self.slope[[0, -1]])
-        return np.exp(first + (last - first) * _root(less, *ends) / (self.mass.size - 1.0))
+        return np.exp(first + (last - first) * root(less, 0.0 * rows, rows) / rows)
 
     def correlation(self) -> float:
         """Of ln theta and beta, both cut at their 1 and 99 % quantiles."""
@@ -163,12 +163,12 @@ def _cubic(
     return low + t * (p + t * (3.0 * rise - 2.0 * p - q + t * (p + q - 2.0 * rise)))
 
 
-def _root(
-    function: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray
-) -> FloatArray:
+def root(
+    function: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray,
+    halvings: int = _HALVINGS,
+) -> FloatArray:  # fmt: skip
     """Where increasing functions cross zero, by halving."""
-    low, high = low.copy(), high.copy()
-    for _ in range(_HALVINGS):
+    for _ in range(halvings):
         middle = 0.5 * (low + high)
         less = function(middle) < 0.0
         low, high = np.where(less, middle, low), np.where(less, high, middle)

@@ -65,11 +65,10 @@ def isotonic_curve(runs: Runs, resampling: Resampling) -> FreeCurve:
     [0.0, 0.5, 0.75]
     """
     _require_levels(runs)
-    collapses, n = runs.totals
     drawn = zip(*runs.resample(resampling), strict=True)
     draws = np.array([_pooled_with_gaps(k, count) for k, count in drawn])
     band = np.quantile(draws, resampling.tails, axis=0)
-    return FreeCurve("isotonic", runs.levels, pooled(collapses, n), *band)
+    return FreeCurve("isotonic", runs.levels, pooled(*runs.totals), *band)
 
 
 def pooled(collapses: FloatArray, n: FloatArray) -> FloatArray:

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from archfrag.motions.motion import Motion
 from archfrag.motions.units import STANDARD_GRAVITY
 
+_PART = 2**16  # samples at a time
 STANDARD_WINDOW = 1.0  # [s] of the standardised cumulative absolute velocity
 STANDARD_LEVEL = 0.025 * STANDARD_GRAVITY  # [m/s2]
 FIV3_WINDOW, FIV3_CORNER = 0.7, 0.85  # of a period, over a frequency
@@ -64,7 +65,9 @@ def cav(motion: Motion) -> float:
 
     EPRI (1988), report NP-5930; exact for an acceleration linear between samples.
     """
-    return float(_absolute(motion.acceleration, motion.dt).sum())
+    record = motion.acceleration
+    parts = (record[start : start + _PART + 1] for start in range(0, record.size - 1, _PART))
+    return float(sum(_absolute(part, motion.dt).sum() for part in parts))
 
 
 def cav_standardised(motion: Motion) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import subprocess
 import sys
@@ -18,7 +17,7 @@ from numba.core import config
 
 from archfrag.kernel_cache import use_kernel_cache
 
-# What the compilation of a method takes where none was measured before [s].
+# What the compilation of a method takes on two cores [s].
 EXPECTED = 80.0
 TICK = 1.0
 _HELPER = """
@@ -30,7 +29,7 @@ compile_beside(sys.argv[1:])
 
 def _stamp(folder: Path, method: str) -> Path:
     # Machine code is for one kind of processor; a home folder may serve several.
-    return folder / f"compiled-{method}-{llvmlite.binding.get_host_cpu_name()}.json"
+    return folder / f"compiled-{method}-{llvmlite.binding.get_host_cpu_name()}"
 
 
 def are_compiled(methods: Sequence[str]) -> bool:
@@ -39,56 +38,29 @@ def are_compiled(methods: Sequence[str]) -> bool:
     return folder is not None and all(_stamp(folder, name).is_file() for name in methods)
 
 
-def expected_time(methods: Sequence[str]) -> float:
-    """What compiling takes here, by the last warm-up of these methods for any kernels [s]."""
-    folder = use_kernel_cache()
-    if folder is None:
-        return EXPECTED * len(methods)
-    return sum(_last_time(folder.parent, name) for name in methods)
-
-
-def _last_time(base: Path, method: str) -> float:
-    def made(path: Path) -> float:
-        return path.stat().st_mtime
-
-    stamps = [_stamp(folder, method) for folder in base.glob("k-*")]
-    for stamp in sorted((s for s in stamps if s.is_file()), key=made, reverse=True):
-        with contextlib.suppress(ValueError, KeyError, TypeError, OSError):
-            seconds = float(json.loads(stamp.read_text(encoding="utf-8"))["seconds"])
-            # None: they had been compiled before, without a stamp.
-            if seconds > 0.0:
-                return seconds
-    return EXPECTED
-
-
 @contextlib.contextmanager
 def compiling(
     methods: Sequence[str], progress: Callable[[str], Any] | None = None
 ) -> Iterator[None]:
-    """Around what compiles the kernels of some methods: help, messages, and a note at the end."""
-    started = time.perf_counter()
+    """Around what compiles the kernels of some methods: help, messages, and a stamp at the end."""
     compiled = are_compiled(methods) or bool(config.DISABLE_JIT)  # type: ignore[attr-defined]
     with contextlib.ExitStack() as stack:
         if progress is not None:
-            stack.enter_context(_reported(progress, None if compiled else expected_time(methods)))
+            stack.enter_context(_reported(progress, 0.0 if compiled else EXPECTED * len(methods)))
         if not compiled:
             stack.enter_context(_helper(methods))
         yield
     folder = use_kernel_cache()
     if compiled or folder is None:
         return
-    seconds = round(time.perf_counter() - started, 1)
     for name in methods:
-        stamp = _stamp(folder, name)
-        if not stamp.is_file():
-            with contextlib.suppress(OSError):  # only the next message depends on it
-                text = json.dumps({"seconds": round(seconds / len(methods), 1)})
-                stamp.write_text(text, encoding="utf-8")
+        with contextlib.suppress(OSError):  # only the next message depends on it
+            _stamp(folder, name).touch()
 
 
 @contextlib.contextmanager
-def _reported(progress: Callable[[str], Any], expected: float | None) -> Iterator[None]:
-    if expected is None:
+def _reported(progress: Callable[[str], Any], expected: float) -> Iterator[None]:
+    if not expected:
         progress("loading kernels")
         yield
         return

@@ -175,12 +175,10 @@ class _Executor:
     def start_workers(self) -> "_Workers":
         """Workers that are ready, and arches checked."""
         with _ticking(self._bar):
-            self._bar.set_description("starting workers")
             with ThreadPoolExecutor(1) as beside:
                 checked = beside.submit(check_arches, self._study, len(self._plan.records))
                 client = self._stack.enter_context(_client(self._study, self._wanted))
             checked.result()
-        _start_clock(self._bar)
         self.count = self._wanted
         return _Workers(client)
 
@@ -192,6 +190,7 @@ def _compile_kernels(names: list[str], bar: tqdm) -> None:
     for name in names:
         if not kernels_are_compiled(name):  # else each worker loads them for itself
             warmup(name, progress=bar.set_description)
+    bar.set_description("simulations", refresh=False)
 
 
 def kernels_needed(study: Study, plan: Plan) -> list[str]:
@@ -236,13 +235,6 @@ def _ticking(bar: tqdm) -> contextlib.AbstractContextManager[None]:
     from archfrag.simulation.warm import every
 
     return contextlib.nullcontext() if bar.disable else every(bar.mininterval, bar.refresh)
-
-
-def _start_clock(bar: tqdm) -> None:
-    """Begin to measure the rate of runs: the start is no measure of what is left."""
-    bar.set_description("simulations", refresh=False)
-    if not bar.disable:
-        bar.start_t = bar.last_print_t = time.time()
 
 
 @contextlib.contextmanager

@@ -35,12 +35,7 @@ def sweep(folder: Path) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file completely or not at all, and leave one that holds the text already alone.
-
-    Raises
-    ------
-    OutputError
-    """
+    """Write a text file completely or not at all; leave one that holds the text already alone."""
     with contextlib.suppress(OSError, UnicodeDecodeError):
         if path.read_text(encoding="utf-8") == text:
             return

@@ -2,6 +2,7 @@
 
 import csv
 import difflib
+import io
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from archfrag.errors import InputError, StudyError
+from archfrag.files import read_text
 from archfrag.study.arches import (
     ARCH_KEYS,
     NUMBER_KEYS,
@@ -79,19 +81,13 @@ def read_fleet(table: Table) -> list[Row]:
 
 def _cells(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """First line of a table, and its other lines that are not empty with their numbers."""
+    text = read_text(path, LARGEST_TABLE, StudyError, "the table")
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
     try:
-        if not path.is_file():
-            raise FileNotFoundError(2, "there is no such file")
-        if path.stat().st_size > LARGEST_TABLE:
-            raise StudyError(f"{path}: is too large; it must have at most {LARGEST_TABLE} bytes")
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file, strict=True)
-            columns = [name.strip() for name in next(reader, [])]
-            lines = [(reader.line_num, cells) for cells in reader if any(map(str.strip, cells))]
-    except OSError as error:
-        raise StudyError(f"{path}: the table cannot be read ({error.strerror})") from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise StudyError(f"{path}: is no table in CSV and UTF-8 ({error})") from None
+        columns = [name.strip() for name in next(reader, [])]
+        lines = [(reader.line_num, cells) for cells in reader if any(map(str.strip, cells))]
+    except csv.Error as error:
+        raise StudyError(f"{path}: is no table in CSV ({error})") from None
     if not lines:
         raise StudyError(f"{path}: must have a line for each arch below its first line")
     if len(lines) > MOST_ROWS:

@@ -64,25 +64,16 @@ def stripes(grid: Grid) -> Strand:
 
 
 class Borders:
-    """Where each record goes from standing to collapse, as far as it is known.
-
-    Attributes
-    ----------
-    low, high : ndarray of int, (n_record,)
-        The highest level known to be below the border and the lowest above it; -1 and n_level
-        where there is none.
-    seen : ndarray of int, (n_record, n_level)
-        Verdicts of the runs made; NOT_SIMULATED elsewhere.
-    expected : ndarray, (n_record, n_level + 1)
-        Probability that level l is the lowest that causes collapse, n_level if none does.
-    """
+    """Where each record goes from standing to collapse, as far as it is known."""
 
     def __init__(self, grid: Grid) -> None:
         n_record, n_level = grid.records.size, grid.levels.size
         self.grid = grid
+        # The highest level known to be below the border and the lowest above it.
         self.low = np.full(n_record, -1)
         self.high = np.full(n_record, n_level)
-        self.seen = np.full((n_record, n_level), int(Verdict.NOT_SIMULATED), np.int8)
+        self.seen = np.full((n_record, n_level), int(Verdict.NOT_SIMULATED), np.int8)  # verdicts
+        # Probability that level l is the lowest that causes collapse, n_level if none does.
         self.expected = np.full((n_record, n_level + 1), 1.0 / (n_level + 1))
 
     @property

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from archfrag.errors import InputError
+from archfrag.files import read_text
 from archfrag.fragility.hazard_curve import HazardCurve
 from archfrag.motions.measures import measure_unit, parse_measure
 from archfrag.study.config import LEVEL_UNITS
@@ -80,7 +81,7 @@ def load_hazard(
     found: dict[str, HazardCurve] = {}
     notes: list[str] = []
     for path in files:
-        text = _text(path)
+        text = read_text(path, _LARGEST, InputError, "the hazard curve")
         try:
             if text.lstrip().startswith("<"):
                 part = read_nrml(text, measure, unit, site)
@@ -136,17 +137,6 @@ def number(text: str, place: str) -> float:
     if not np.isfinite(value):
         raise InputError(f"{place} is {text[:40]!r}; a finite number is needed")
     return value
-
-
-def _text(path: Path) -> str:
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such file of a hazard curve")
-    if path.stat().st_size > _LARGEST:
-        raise InputError(f"{path}: must have at most {_LARGEST} bytes, as hazard curves have")
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: is no text in UTF-8; CSV or NRML is needed") from None
 
 
 def _plain(text: str, measure: str, unit: str | None) -> Hazard:

@@ -141,13 +141,6 @@ def _measured(
     return table.assign(**{key: value for key, value in known.items() if value})
 
 
-def table_rows(table: "pd.DataFrame") -> list[dict[str, Any]]:
-    """Rows of a flatfile, ready for JSON: null where a cell is empty."""
-    import json
-
-    return json.loads(table.to_json(orient="records", double_precision=15))
-
-
 def table_spectra(table: "pd.DataFrame") -> dict[float, NDArray[np.float64]]:
     """Sa [g] of the rows of a flatfile by period [s]."""
     columns = table.columns.to_series().str.extract(rf"^{_SPECTRAL}$")[0].dropna()

@@ -45,21 +45,11 @@ def cases_of(
 
 
 class Rounds:
-    """The strands of a design, in step: a round is all that they ask for at once.
-
-    Attributes
-    ----------
-    wanted : ndarray of CASE
-        Runs of the present round; empty when all strands are over.
-    notes : dict
-        By arch: what its strand returned.
-    count : int
-        Rounds answered so far.
-    """
+    """The strands of a design, in step: `wanted` is what they ask for at once, at last none."""
 
     def __init__(self, strands: dict[int, Strand]) -> None:
-        self.notes: dict[int, dict[str, Any]] = {}
-        self.count = 0
+        self.notes: dict[int, dict[str, Any]] = {}  # by arch: what its strand returned
+        self.count = 0  # rounds answered
         self._asked: list[tuple[int, Strand, Cases]] = []
         for arch, strand in strands.items():
             self._ask(arch, strand, None)

@@ -205,9 +205,9 @@ def replay(plan: Plan, store: Store) -> tuple[Cases, Rounds]:
         missing = int((verdicts < 0).sum())
         if missing:
             runs = f"{missing} of {len(keys)} runs of round {rounds.count + 1}"
-            how = f"`archfrag run STUDY --resume` with the file of study {plan.study!r}"
+            how = f"`archfrag run STUDY --resume` with the file of study {plan.study!r} makes them"
             raise InputError(
-                f"{plan.parts}: {runs} are missing or damaged; {how} makes them and the cube"
+                f"{plan.parts.parent}: {runs} are missing or damaged; {how} and the cube"
             )
         asked.append(rounds.wanted)
         rounds.answer(verdicts)
@@ -217,25 +217,14 @@ def replay(plan: Plan, store: Store) -> tuple[Cases, Rounds]:
 
 
 class Gathered:
-    """All runs that the design of a plan asks for; their results are read where they are wanted.
-
-    Memory: about 150 bytes a run, and the results of the runs that are read together.
-
-    Attributes
-    ----------
-    cases : ndarray of CASE, (n_run,)
-        Sorted by stage, arch, record and place.
-    models : tuple of str
-    notes : dict
-        By number of the arch: what the design reports of itself.
-    """
+    """All runs that a design asks for, 150 bytes each; their results are read where wanted."""
 
     def __init__(self, plan: Plan) -> None:
         self._plan, self._store = plan, Store(plan.parts)
-        self.cases, rounds = replay(plan, self._store)
+        self.cases, rounds = replay(plan, self._store)  # sorted by stage, arch, record, place
         self._factors = plan.factors(self.cases)
         self._places = self._store.places(plan.keys(self.cases, self._factors))
-        self.notes: dict[int, dict[str, Any]] = rounds.notes
+        self.notes: dict[int, dict[str, Any]] = rounds.notes  # of the design, by arch
         self.models: tuple[str, ...] = ()
         for rows in self._store.rows(self._places[:1]):
             self.models = rows.table.dtype["model_time"].names or ()

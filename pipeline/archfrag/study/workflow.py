@@ -211,29 +211,7 @@ RECORDS = "records"
 
 
 def write_starter(folder: Path) -> Path:
-    """Write a commented study file, its schema and the shipped motions.
-
-    Parameters
-    ----------
-    folder : Path
-        Made if it is missing.
-
-    Returns
-    -------
-    Path
-        The study file, `folder/study.yaml`.
-
-    Raises
-    ------
-    OutputError
-        If one of the three is there already, or cannot be written; nothing is left behind.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> write_starter(Path(tempfile.mkdtemp())).name
-    'study.yaml'
-    """
+    """Write a commented study file, its schema and the shipped motions; all of it or nothing."""
     folder = make_folder(folder)
     for name in (RECORDS, SCHEMA, STUDY):
         if os.path.lexists(folder / name):

@@ -1,14 +1,13 @@
 """YAML as study files hold it: version 1.2's numbers, bounds on size, one message for errors."""
 
-import os
 import re
-import stat
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from archfrag.errors import StudyError
+from archfrag.files import read_text
 
 LARGEST_FILE = 500_000  # [bytes] read in about three seconds
 DEEPEST, MOST_VALUES = 20, 200_000  # lists in lists; values with those that aliases repeat
@@ -111,26 +110,9 @@ def parse_value(text: str, place: str) -> Any:
         raise StudyError(f"{place}: {_problem(error)}") from error
 
 
-def _read(path: Path) -> bytes:
-    """Bytes of a file, one more than allowed at most; a pipe or device is not waited for."""
-    with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
-        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-            raise OSError(0, "no regular file")
-        return file.read(LARGEST_FILE + 1)
-
-
 def read_yaml(path: Path) -> dict[str, Any]:
     """Mapping in a YAML file."""
-    try:
-        content = _read(path)
-        text = content.decode("utf-8")
-    except OSError as error:
-        raise StudyError(f"the study file {path} cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise StudyError(f"the study file {path} is no text in UTF-8") from error
-    if len(content) > LARGEST_FILE:
-        most = f"it must have at most {LARGEST_FILE} bytes"
-        raise StudyError(f"the study file {path} is too large; {most}")
+    text = read_text(path, LARGEST_FILE, StudyError, "the study file")
     given = parse_value(text, str(path))
     if not isinstance(given, dict):
         raise StudyError(f"{path}: must hold keys with values, such as id, arches and motions")

@@ -83,6 +83,8 @@ def _stream(
     while (place := text.next_line(place)) < len(text):
         trace, place, header = channel(text, place)
         if trace is not None:
+            if not any(map(END_OF_DATA.match, text.lines[place : place + 1])):
+                facts.add_fault(trace.stats.record, _CUT_OFF)
             traces.append(trace)
             stated = max(stated, int(facts.search(_CHANNELS, header) or 0))
     if not traces:
@@ -152,8 +154,6 @@ def _cosmos_channel(text: Text, place: int) -> tuple[Trace | None, int, str]:
     if length and abs(announced * step - length) > max(2.0 * step, 0.01 * length):
         last = f"{announced} samples at {step:g} s last {announced * step:g} s"
         facts.add_fault(record, f"the header states a length of {length:g} s, {last}")
-    if not any(map(END_OF_DATA.match, text.lines[end : end + 1])):
-        facts.add_fault(record, _CUT_OFF)
     start = facts.utc_time(head.text[7]) if len(head.text) > 7 else None
     return facts.trace_of(samples, step, record, codes=codes, start=start), end, all_text
 
@@ -261,8 +261,6 @@ def _dmg_channel(text: Text, place: int) -> tuple[Trace, int, str]:
     if peak and _unit_of(f"in {peak.group(2)}")[0] == stated["unit"]:
         facts.judge_peak(record, peak.group(1), samples, stated["unit"])
     end = text.first(data_end, lambda line: END_OF_DATA.match(line) or _TITLE.match(line))
-    if not any(map(END_OF_DATA.match, text.lines[end : end + 1])):
-        facts.add_fault(record, _CUT_OFF)
     start = facts.utc_time(lines[3 + shift])
     trace = facts.trace_of(samples, step, record, codes=("", code, position), start=start)
     return trace, end, "\n".join(lines)
