@@ -17,8 +17,7 @@ COLUMNS = ("method", "parameter", "value", "settings")
 class Setting:
     """A method, or another solver, with the one parameter by which it is refined.
 
-    `method` is of `archfrag.methods.registry.METHODS` or of `archbench.adapters.client.NAMES`,
-    `parameter` "dt" [s], "rtol", or a parameter of the method's own; `settings` are those of the
+    `parameter` is "dt" [s], "rtol", or one of the method's own; `settings` are those of the
     method's own parameters that differ from their defaults besides.
     """
 
@@ -54,8 +53,7 @@ class Setting:
 def ladders(column: str, solvers: Iterable[str] = ()) -> dict[str, list[Setting]]:
     """Settings of each method that can run here, and of other solvers, from coarse to fine.
 
-    `column` is of `settings.json`: "values" or "quick" for ladders of single runs, "fragility" or
-    "fragility_quick" for those of studies, and "offered" for studies of what may be too slow.
+    `column` is of `settings.json`; "offered" are for studies of what may be too slow.
     """
     table = json.loads(Path(__file__).with_name("settings.json").read_text(encoding="utf-8"))
     rows = {name: row for name, row in table.items() if name in available_methods()}

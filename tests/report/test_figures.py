@@ -112,7 +112,10 @@ class TestLabelsKeepClear:
             "material": np.array([f"a long name of a stone {i % 9}" for i in range(20)]),
         }
         class_section.theta_panels(members, values, "ring", scale)
-        rows = [{"measure": f"Sa({i / 10:g})", "efficiency": 0.2 + 0.01 * i} for i in range(25)]
+        rows = [
+            {"measure": f"Sa({i / 10:g})", "efficiency": 0.2 + 0.01 * i, "sufficient": None}
+            for i in range(25)
+        ]
         curve_figures.measures(rows, "ring", "Sa(0)")
         assert [overlaps(sheet) for sheet in drawn] == 6 * [[]]
         # A point for each arch in each panel.

@@ -31,9 +31,8 @@ class SolverFailed(Exception):
 class OtherSolver:
     """One of `NAMES`, ready for requests; started again after a run that ended its process.
 
-    It is looked for in this interpreter, or in that of the environment variable
-    ``ARCHFRAG_<NAME>_PYTHON``; `SolverMissing` if it is not installed. `limit` is the longest
-    that a run may take [s], `version` is as the solver reports it.
+    It is looked for in this interpreter, or in that of ``ARCHFRAG_<NAME>_PYTHON``; `SolverMissing`
+    if it is not installed. `limit` is the longest that a run may take [s].
     """
 
     def __init__(self, name: str, limit: float = 600.0) -> None:

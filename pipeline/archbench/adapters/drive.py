@@ -13,10 +13,7 @@ SAMPLING = 0.01  # interval at which centroids are looked at [s]
 
 
 class Stepper(Protocol):
-    """What an adapter builds of a scene: one solver, ready to step.
-
-    `unconverged` counts steps that it left unconverged; None if the solver does not report them.
-    """
+    """A solver ready to step; `unconverged` counts steps left so, None if it is not reported."""
 
     unconverged: int | None
 
@@ -31,9 +28,8 @@ class Stepper(Protocol):
 class Outcome:
     """What a run gave, by measures that are the same for every solver.
 
-    `collapsed`: a centroid has moved more than two thicknesses. `peak_displacement` is of a
-    centroid from its place in the scene [m], `cpu_seconds` that of stepping alone, `history` has
-    `time` [s] and `centroids` (time, voussoir, xy) [m], as lists.
+    `collapsed`: a centroid has moved more than two thicknesses from its place. `cpu_seconds` are
+    of stepping alone; `history` has `time` [s] and `centroids` (time, voussoir, xy) [m], as lists.
     """
 
     collapsed: bool

@@ -58,11 +58,9 @@ def _model(scene: Scene, dt: float) -> mujoco.MjModel:
 
 def _add_contacts(spec: mujoco.MjSpec, bodies: list, scene: Scene, time: float) -> None:
     """Pairs of a thin box, the face of the body before, and a sphere, the corner of that after."""
-    corners = Corners(scene)
-    silent = {"contype": 0, "conaffinity": 0}
-    for i, (joint, before, after) in enumerate(
-        zip(corners.joint, corners.before, corners.after, strict=True)
-    ):
+    corners, silent = Corners(scene), {"contype": 0, "conaffinity": 0}
+    bodies_of = zip(corners.joint, corners.before, corners.after)
+    for i, (joint, before, after) in enumerate(bodies_of):
         normal, face, corner = corners.normal[i], f"face{joint}", f"corner{i}"
         if i % 2 == 0:
             along = corners.arm_before[i + 1] - corners.arm_before[i]

@@ -43,8 +43,9 @@ class MeasureTable:
 
     rows: tuple[MeasureRow, ...]  #: in the order of the measures given
     own: str  #: the study's measure
-    #: Of the sufficient measures with a curve (of all if none is sufficient) the most efficient
-    #: one: least `efficiency` for grids, greatest `log_likelihood` for scattered runs.
+    #: Of the sufficient measures with a curve (if none is, of those not tested; else of all) the
+    #: most efficient one: least `efficiency` for grids, greatest `log_likelihood` for scattered
+    #: runs.
     best: str
     #: Probability that the best is no better than the study's own, times the number of measures it
     #: was chosen from; 1 if it is the study's own. From the bootstrap of records: of the ratio of
@@ -124,7 +125,8 @@ def _table(own: str, compared: Compared) -> MeasureTable:
     known = [row for row in rows if not row.none and np.isfinite(merit(row))]
     if not known:
         raise FitError("no measure has a curve from these runs: " + rows[names.index(own)].none)
-    chosen = [row for row in known if row.sufficient is not False] or known
+    tested = [row for row in known if row.sufficient]
+    chosen = tested or [row for row in known if row.sufficient is None] or known
     best = max(chosen, key=merit)
     mine = rows[names.index(own)]
     p_value, ratio = 1.0, 1.0
@@ -135,18 +137,18 @@ def _table(own: str, compared: Compared) -> MeasureTable:
         p_value = float(min(1.0, failed * (len(chosen) - (mine in chosen))))
         ratio = best.efficiency / mine.efficiency
     first = max(known, key=merit)
-    message = _message(best, mine, p_value, ratio, any(row.sufficient for row in known))
-    if first is not best:
+    message = _message(best, mine, p_value, ratio)
+    if first.sufficient is False and first is not best:
         message += f" {first.measure} is more efficient, but not sufficient."
     return MeasureTable(rows, own, best.measure, p_value, float(ratio), message)
 
 
-def _message(
-    best: MeasureRow, own: MeasureRow, p_value: float, ratio: float, some_sufficient: bool
-) -> str:
-    kind = "the sufficient measures" if some_sufficient else "the measures"
-    if best.sufficient is False:
-        kind = "the measures, none of which is sufficient,"
+def _message(best: MeasureRow, own: MeasureRow, p_value: float, ratio: float) -> str:
+    kind = {
+        True: "the sufficient measures",
+        False: "the measures, none of which is sufficient,",
+        None: "the measures, whose sufficiency could not be tested,",
+    }[best.sufficient]
     head = f"Of {kind} {best.measure} is the most efficient (beta {best.beta:.2f}"
     if best.measure == own.measure:
         return head + "), and it is the one that the study was scaled by."

@@ -38,6 +38,15 @@ _MEASURES = {
     "proficiency": "proficiency", "p of magnitude": "p_magnitude", "p of distance": "p_distance",
 }  # fmt: skip
 
+_BEYOND = " Dotted: the highest level that was run; beyond it the curve is its shape alone."
+_SUFFICIENT = {
+    True: "those that are sufficient, which means that magnitude and distance add nothing (p of "
+    "magnitude, p of distance above 0.05)",
+    False: "all, of which none is sufficient: magnitude or distance add something",
+    None: "all; whether magnitude and distance add something could not be tested, for they are "
+    "not known of enough records",
+}
+
 
 def curve_picture(
     draw: Callable[[Panel], None], entries: Sequence[Entry], x: tuple[float, str],
@@ -101,6 +110,11 @@ def curve(results: ArchResults, answer: Answer) -> Picture:
     if isinstance(fit, Fragility):
         entries += band_entries("lognormal curve", percent)
         what = f"lognormal curve with median {scale.text(fit.theta)} and dispersion {fit.beta:.3f}"
+    highest = float(results.levels.max())
+    reach = 1.05 * highest
+    if isinstance(fit, Fragility):
+        reach = min(max(reach, 1.1 * fit.theta * scale.factor), 3.0 * highest)
+    beyond = reach > 1.05 * highest
     likeliest = Entry("by maximum likelihood", look.BLUE, "dash")
     if isinstance(answer.likelihood, Fragility):
         entries.append(likeliest)
@@ -116,14 +130,16 @@ def curve(results: ArchResults, answer: Answer) -> Picture:
         if isinstance(fit, Fragility) and fit.theta * scale.factor <= panel.x[1]:
             median = fit.theta * scale.factor
             panel.line([0.0, median, median], [0.5, 0.5, 0.0], look.GREY, 0.8, "4 3")
+        if beyond:
+            panel.line([highest, highest], [0.0, 1.0], look.GREY, 0.9, "2 2")
         _draw_data(panel, results, answer.confidence)
 
     kind = "bisected" if results.bisected else "grouped" if results.grouped else "stripes"
     shaded = f"{band_words(answer)} Thin: curves without a given shape, made from the same runs."
     return curve_picture(
-        draw, entries, (1.05 * float(results.levels.max()), scale.label),
+        draw, entries, (reach, scale.label),
         alternative=f"Probability of collapse of {results.arch} against {scale.label}: {what}",
-        caption=_DATA[kind] + (shaded if answer.method else ""),
+        caption=_DATA[kind] + (shaded if answer.method else "") + (_BEYOND if beyond else ""),
     )  # fmt: skip
 
 
@@ -144,7 +160,7 @@ def _draw_data(panel: Panel, results: ArchResults, confidence: float) -> None:
         capacity = capacities(results)
         seen = np.sort(capacity[capacity <= panel.x[1]])
         height = np.arange(seen.size + 1) / max(capacity.size, 1)
-        steps = np.concatenate([[0.0], np.repeat(seen, 2), [panel.x[1]]])
+        steps = np.concatenate([[0.0], np.repeat(seen, 2), [results.levels.max()]])
         panel.line(steps, np.repeat(height, 2), look.INK, 1.1)
         return
     counts = results.counts
@@ -277,6 +293,7 @@ def measures(rows: Sequence[Mapping[str, Any]], arch: str, best: str) -> Picture
     names = [str(row["measure"]) for row in known]
     values, place = np.array([_efficiency(row) for row in known]), np.arange(len(known))
     chosen = np.array([name == best for name in names])
+    tested = _SUFFICIENT[next((row["sufficient"] for row in rows if row["measure"] == best), None)]
 
     def draw(width: float) -> Sheet:
         sheet = Sheet(width)
@@ -298,8 +315,7 @@ def measures(rows: Sequence[Mapping[str, Any]], arch: str, best: str) -> Picture
         f"{names[0]}",
         caption="Efficiency: dispersion of the factors on the records that cause collapse, once "
         "the records are scaled to the same value of a measure. The smaller, the fewer records "
-        "give the median as well. Dark: the best of those that are sufficient, which means that "
-        "magnitude and distance add nothing (p of magnitude, p of distance above 0.05).",
+        f"give the median as well. Dark: the best of {tested}.",
     )
 
 
