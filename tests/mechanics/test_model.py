@@ -1,10 +1,9 @@
-"""Shapes of what kernels take, and numbers of the contact modes."""
+"""Shapes of what kernels take."""
 
 import numpy as np
 import pytest
 
 import archfrag as af
-from archfrag.mechanics.laws import OPEN, closed_mode, corner_mode
 from archfrag.mechanics.model import (
     MODEL_SHAPES,
     STATE_SHAPES,
@@ -25,9 +24,3 @@ def test_shapes_compiled_for_are_those_of_the_arrays(chain):
         for name, array, shape in zip(arrays._fields, arrays, shapes, strict=True):
             assert np.shape(array)[1:] == shape, name
             assert not shape or array.flags.c_contiguous, name
-
-
-def test_modes_are_numbered_by_corner_and_sense_of_friction():
-    senses = (0, 1, -1)
-    modes = [OPEN, *(corner_mode(corner, sense) for corner in (0, 1) for sense in senses)]
-    assert [*modes, *(closed_mode(sense) for sense in senses)] == list(range(10))

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from scipy.optimize import linprog
 
 import archfrag as af
 from archfrag.errors import StabilityError
 from tests.mechanics.adapters import CLOSED, Posed
+from tests.validation.scenes import largest_factor
 
 g = 9.80665
 DENSITY = 2000.0
@@ -31,54 +31,6 @@ def annular_sector(radius, thickness, start, end):
     middle = (start + end) / 2.0
     area = half * (outer**2 - inner**2)
     return area, reach * np.array([math.cos(middle), math.sin(middle)])
-
-
-def largest_factor(lines, weight, centre, friction, sense):
-    """Largest k for which forces at the joints' ends balance the weights and k times them.
-
-    `lines` are the joints (n_joint, end, xy); `weight` and `centre` belong to the bodies, in
-    order; a joint beyond the last body is a springing.
-    """
-    n_body, n_joint = len(weight), len(lines)
-    total = weight.sum()
-    columns = 3 * n_joint + 1
-    balance, load = np.zeros((3 * n_body, columns)), np.zeros(3 * n_body)
-    cone = []
-    for j, (near, far) in enumerate(lines):
-        along = (far - near) / np.linalg.norm(far - near)
-        across = np.array([along[1], -along[0]])
-        for body, sign in ((j, 1.0), (j - 1, -1.0)):
-            if 0 <= body < n_body:
-                for k, (place, direction) in enumerate(
-                    ((near, across), (far, across), (near, along))
-                ):
-                    arm = place - centre[body]
-                    moment = arm[0] * direction[1] - arm[1] * direction[0]
-                    balance[3 * body : 3 * body + 3, 3 * j + k] = sign * np.array(
-                        [*direction, moment]
-                    )
-        if math.isfinite(friction[j]):
-            for side in (1.0, -1.0):
-                row = np.zeros(columns)
-                row[3 * j : 3 * j + 3] = -friction[j], -friction[j], side
-                cone.append(row)
-    load[1::3] = weight / total
-    balance[::3, -1] = -weight / total
-    objective = np.zeros(columns)
-    objective[-1] = -sense
-    found = linprog(
-        objective,
-        A_ub=np.array(cone) if cone else None,
-        b_ub=np.zeros(len(cone)) if cone else None,
-        A_eq=balance,
-        b_eq=load,
-        bounds=[(0, None), (0, None), (None, None)] * n_joint + [(None, None)],
-        method="highs",
-        options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
-    )
-    if found.status == 3:
-        return sense * math.inf
-    return found.x[-1] if found.success else math.nan
 
 
 def random_friction(rng, n, low=0.3):

@@ -53,35 +53,46 @@ def first_collapse(collapses, low, high, step, precision=1e-4):
 
 
 def limit_analysis(arch, sense):
-    """Largest load factor by a linear programme over all joint forces (static theorem) [g]."""
-    chain, n_body, n_joint = arch.chain, arch.n_voussoir, arch.n_joint
-    weight = chain.mass / chain.mass.sum()
+    """Largest load factor of an arch by limit analysis [g]."""
+    chain, lines = arch.chain, arch.chain.face_after.copy()
+    lines[: arch.n_voussoir] += chain.centroid[:, None]
+    return largest_factor(lines, chain.mass, chain.centroid, chain.friction, sense)
+
+
+def largest_factor(lines, weight, centre, friction, sense):
+    """Largest k for which forces at the joints' ends balance the weights and k times them.
+
+    A linear programme over all joint forces (static theorem). `lines` are the joints
+    (n_joint, end, xy); `weight` and `centre` belong to the bodies, in order; a joint beyond the
+    last body is a springing.
+    """
+    n_body, n_joint = len(weight), len(lines)
+    weight = weight / weight.sum()
     # Unknowns: normal forces at both ends of each joint, its shear, and the load factor.
     balance, load = np.zeros((3 * n_body, 3 * n_joint + 1)), np.zeros(3 * n_body)
-    friction = []
-    for j in range(n_joint):
-        inner, outer = chain.face_after[j] + (chain.centroid[j] if j < n_body else 0.0)
+    cone = []
+    for j, (inner, outer) in enumerate(lines):
         tangent = (outer - inner) / np.linalg.norm(outer - inner)
         normal = np.array([tangent[1], -tangent[0]])
         for body, sign in ((j, 1.0), (j - 1, -1.0)):
             if 0 <= body < n_body:
                 places = ((inner, normal), (outer, normal), (inner, tangent))
                 for k, (point, (x, y)) in enumerate(places):
-                    arm = point - chain.centroid[body]
+                    arm = point - centre[body]
                     column = sign * np.array([x, y, arm[0] * y - arm[1] * x])
                     balance[3 * body : 3 * body + 3, 3 * j + k] = column
-        if np.isfinite(chain.friction[j]):
+        if np.isfinite(friction[j]):
             for side in (1.0, -1.0):
                 row = np.zeros(3 * n_joint + 1)
-                row[3 * j : 3 * j + 3] = -chain.friction[j], -chain.friction[j], side
-                friction.append(row)
+                row[3 * j : 3 * j + 3] = -friction[j], -friction[j], side
+                cone.append(row)
     load[1::3] = weight
     balance[::3, -1] = -weight
     objective = np.zeros(3 * n_joint + 1)
     objective[-1] = -sense
     found = linprog(
-        objective, A_ub=np.array(friction) if friction else None,
-        b_ub=np.zeros(len(friction)) if friction else None, A_eq=balance, b_eq=load,
+        objective, A_ub=np.array(cone) if cone else None,
+        b_ub=np.zeros(len(cone)) if cone else None, A_eq=balance, b_eq=load,
         bounds=[(0, None), (0, None), (None, None)] * n_joint + [(None, None)], method="highs",
     )  # fmt: skip
     if found.status == 3:
