@@ -48,8 +48,9 @@ class Bench:
     report: Callable[[str], None] = field(default=print, repr=False)
 
     def run(
-        self, name: str, function: Callable[..., Any], tasks: Mapping[Key, tuple], limit: float
-    ) -> dict[Key, Any]:
+        self, name: str, function: Callable[..., Any], tasks: Mapping[Key, tuple], limit: float,
+        workers: int = 0,
+    ) -> dict[Key, Any]:  # fmt: skip
         """Results of ``function(*task)`` by key; what the same sources have done is kept."""
         path = make_folder(self.output / "finished") / f"{name}-{sources()}.jsonl"
         done = {}
@@ -61,7 +62,7 @@ class Bench:
         self.report(f"{name}: {len(todo)} of {len(tasks)} tasks to do")
         began, shown = time.perf_counter(), 0.0
         with path.open("a", encoding="utf-8") as file:
-            found = in_processes(function, todo, self.workers, limit)
+            found = in_processes(function, todo, workers or self.workers, limit)
             for count, (key, result) in enumerate(found, 1):
                 done[json.dumps(key)] = result
                 file.write(json.dumps([key, result]) + "\n")

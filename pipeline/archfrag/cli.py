@@ -243,8 +243,8 @@ def simulate(
 def evidence(parts: tuple[str, ...], output: Path, **options: Any) -> None:
     """Cost against error, and where methods fail: tables, charts and a page.
 
-    PARTS are speed, fragility, growth, stability, corner_cases, bands and designs; all if none
-    is named. Needs the repository: archbench is not in the wheel.
+    PARTS are speed, fragility, growth, stability, corner_cases, bands, designs and compiling; all
+    if none is named. Needs the repository: archbench is not in the wheel.
     """
     from importlib import import_module
 

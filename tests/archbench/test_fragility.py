@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from archbench import bands, designs, page
+from archbench import bands, compiling, designs, page
 from archbench.fragility import REFERENCES, Study, run_study, scenes_of, tables_of
 from archbench.runner import Bench
 from archbench.settings import Setting
@@ -104,3 +104,8 @@ def test_a_study_that_fails_is_reported(tmp_path):
     shutil.copytree(ROOT / "configs", tmp_path / "configs")
     with pytest.raises(ArchfragError, match=r"design ida: .*index\.csv"):
         designs.run_design("ida", 0, tmp_path / "records")
+
+
+def test_compiling_is_timed_from_nothing():
+    row = compiling.compile_method("four_link")
+    assert row["empty_cpu_seconds"] > 3.0 * row["full_cpu_seconds"] > 0.0

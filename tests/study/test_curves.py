@@ -127,7 +127,10 @@ def test_scaling_by_more_than_ten_is_stated_with_the_worst():
         coords={"record": ["a", "b", "c"]},
     )
     assert scaled_far(cube).startswith("2 of 3 motions are scaled by more than 10 (most: c by 16)")
-    assert scaled_far(cube, 15.0, "noise").endswith("more than 15 (most: c by 16), noise")
+    assert scaled_far(cube).endswith("strong ones of another kind")
+    assert "; of 1 by more than 100, the noise" in scaled_far(
+        cube.assign(scale_factor=cube["scale_factor"] * 7.0)
+    )
     cube["verdict"][:, 2, 2] = Verdict.NOT_SIMULATED
     assert "(most: b by 12)" in scaled_far(cube)
     cube["scale_factor"] = cube["scale_factor"].clip(max=10.0)

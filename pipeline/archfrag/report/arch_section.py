@@ -27,6 +27,11 @@ DESIGN_WORDS = {
 }
 _ENTRIES = 60  # of the log, in words
 
+_NO_STATES = (
+    "None has a curve: the runs lie near collapse, so that nearly all of them exceed the others. "
+    "The design stripes, or levels nearer to the onset of motion, would show them."
+)
+
 
 def arch_section(
     inputs: ReportInputs, results: ArchResults, place: int, animated: bool
@@ -155,8 +160,10 @@ def _limit_states(answer: Answer, results: ArchResults) -> dict[str, Any] | None
             continue
         fits[name] = fit
         rows.append([name, state["meaning"], scale.digits(fit.theta), f"{fit.beta:.3f}"])
+    if not fits:
+        return {"figure": None, "table": None, "message": _NO_STATES}
     return {
-        "figure": curve_figures.limit_states(fits, results) if fits else None,
+        "figure": curve_figures.limit_states(fits, results),
         "table": tables.Table(["limit state", "meaning", f"θ [{scale.unit}]", "β"], rows, 2),
         "message": given["message"],
     }

@@ -138,7 +138,7 @@ def ran_table(results: ArchResults) -> Table:
     for i, model in enumerate(results.models):
         seconds = float(time[..., i].sum())
         words = f"simulated time, {MODEL_LOOK[Model[model.upper()]].label}"
-        rows[words] = f"{seconds:,.1f} s ({100 * seconds / total:.1f} %)"
+        rows[words] = f"{seconds:,.1f} s ({100 * seconds / total:.1f} %)" if seconds else "0"
     if moving > 0.0:
         by_steps = time[..., results.models.index("all_voussoirs")].sum() / moving
         rows["fraction of the time in motion on all voussoirs"] = f"{100 * by_steps:.1f} %"
@@ -154,4 +154,5 @@ def ran_table(results: ArchResults) -> Table:
     rows["contact problems solved by the two levels"] = f"{solved:,}"
     rows["of these, with more than one round"] = f"{again:,}{part}"
     rows["contact problems left to the general solver"] = f"{results['general'].sum():,}"
-    return Table(["figure", "value"], list(rows.items()))
+    some = [[name, text] for name, text in rows.items() if text.split()[0] != "0"]
+    return Table(["figure", "value"], some)

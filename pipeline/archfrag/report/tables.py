@@ -169,11 +169,14 @@ def quality(results: ArchResults, wall: Sequence[float] | None) -> Table:
 
 
 def geometry(parameters: Mapping[str, Any]) -> Table:
-    """What the user gave to build the arch; long lists shortened to their range."""
+    """What an arch was built from; long lists shortened to their range."""
     rows = [
         [name.replace("_", " ") + _UNITS.get(name, ""), _short(value)]
         for name, value in parameters.items()
+        if value is not None
     ]
+    if parameters.get("dead_load", 0.0) is None:
+        rows.append(["dead load", "none: the ring alone, without fill and spandrels"])
     return Table(["parameter", "value"], rows)
 
 
@@ -209,8 +212,6 @@ def _chance(value: float) -> str:
 
 
 def _short(value: Any) -> str:
-    if value is None:
-        return "not given"
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list | tuple):

@@ -145,7 +145,7 @@ def load_fits(path: Path) -> dict[str, Fragility | str]:
 
 
 MOST_UNDECIDED = 0.05  # fraction of the runs at a level
-MOST_SCALING, ONLY_NOISE = 10.0, 100.0
+MOST_SCALING, FAR_TOO_MUCH = 10.0, 100.0
 MOST_STANDING = 0.25  # fraction of the records
 MOST_NAMED = 12  # arches; of more only their number
 
@@ -170,8 +170,7 @@ def cautions_of_cube(study: Study, cube: "xr.Dataset") -> list[str]:
         found += [f"{name}: {message}" for name, message in zip(names, stand) if message]
     found += doubts(study, members(study, cube.sizes["record"])) + uncorrected(study)
     found += design_cautions(json.loads(cube.attrs.get("archfrag_design", "{}")))
-    noise = scaled_far(cube, ONLY_NOISE, "what such a record holds may be noise; leave it out")
-    return found + [each for each in (noise, scaled_far(cube), one_event(cube)) if each]
+    return found + [each for each in (scaled_far(cube), one_event(cube)) if each]
 
 
 def one_event(cube: "xr.Dataset") -> str:
@@ -237,22 +236,20 @@ def undecided(counts: VerdictCounts, levels: Sequence[str]) -> str:
     )
 
 
-def scaled_far(
-    cube: "xr.Dataset",
-    most: float = MOST_SCALING,
-    why: str = "which makes weak motions into strong ones of another kind",
-) -> str:
+def scaled_far(cube: "xr.Dataset") -> str:
     """Message on motions that are scaled too far; empty if there is none."""
     made = cube["verdict"].transpose("arch", "record", "level").values != Verdict.NOT_SIMULATED
     factors = np.broadcast_to(cube["scale_factor"].values, made.shape)
     largest = np.where(made, factors, 0.0).max(axis=(0, 2))
-    far = int(np.count_nonzero(largest > most))
+    far, too_far = (int((largest > most).sum()) for most in (MOST_SCALING, FAR_TOO_MUCH))
     if not far:
         return ""
     record = int(largest.argmax())
+    noise = f"; of {too_far} by more than {FAR_TOO_MUCH:g}, the noise of a recording as well"
     return (
-        f"{far} of {largest.size} motions are scaled by more than {most:g} (most: "
-        f"{cube['record'].values[record]!s} by {largest[record]:.3g}), {why}"
+        f"{far} of {largest.size} motions are scaled by more than {MOST_SCALING:g} (most: "
+        f"{cube['record'].values[record]!s} by {largest[record]:.3g}), which makes weak motions "
+        "into strong ones of another kind" + (noise if too_far else "")
     )
 
 
