@@ -9,8 +9,6 @@ import shutil
 import sys
 from pathlib import Path
 
-from jupyter_client.manager import AsyncKernelManager
-
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "extensions"))
 # Cells call `archfrag` as a person would; it stands beside the interpreter that builds.
@@ -18,8 +16,6 @@ os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.envir
 os.environ["ARCHFRAG_DOCS"] = str(HERE)
 os.environ["PYTHONPATH"] = str(HERE / "extensions")
 os.environ.setdefault("PYDEVD_DISABLE_FILE_VALIDATION", "1")
-# Ports are chosen before they are bound: on a busy machine another process takes them meanwhile.
-AsyncKernelManager.transport.default_value = "ipc"
 
 project = "archfrag"
 author = "The archfrag developers"
