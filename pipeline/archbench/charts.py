@@ -209,7 +209,7 @@ def stability_map(cells: pd.DataFrame) -> Figure:
     counts = cells["kind"].value_counts()
     handles = [Patch(fc=fill, ec=PALE, label=f"{letter} {kind} ({counts[kind]})".strip())
                for kind, (letter, fill, _) in KINDS.items() if kind in counts]  # fmt: skip
-    figure.legend(handles=handles, loc="outside lower left", ncols=5)
+    figure.legend(handles=handles, loc="outside lower left", ncols=4)
     return figure
 
 
