@@ -15,7 +15,7 @@ from archfrag.report.beside import Beside, beside_section
 from archfrag.report.summary import reading_scale
 from tests.report import synthetic
 from tests.report.test_page import table, text
-from tests.study.small import TEXT, small_study
+from tests.study.small import TEXT, in_process, small_study
 
 
 def study(name, vertical, theta=4.0, arches=("ring",), thickness=1.5):
@@ -124,10 +124,11 @@ def test_command(tmp_path):
         changed = changed.replace("id: small", f"id: {name}")
         changed = changed.replace("output: out", f"output: {name}")
         paths[name] = small_study(tmp_path, changed, f"{name}.yaml")
-    for name in ("up", "flat"):
-        for command in ("motions", "batch", "cube", "fit"):
-            result = call(command, paths[name])
-            assert result.exit_code == 0, result.output
+    with in_process():
+        for name in ("up", "flat"):
+            for command in ("motions", "batch", "cube", "fit"):
+                result = call(command, paths[name])
+                assert result.exit_code == 0, result.output
     result = call("report", paths["up"], "--beside", paths["flat"])
     assert result.exit_code == 0, result.output
     out = tmp_path / "up" / "report.html"

@@ -9,7 +9,7 @@ import pytest
 import archfrag as af
 from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict
-from archfrag.mechanics.status import CollapseMode, Model, Status
+from archfrag.mechanics.status import CollapseMode, Status
 from archfrag.report import (
     animation,
     arch_figure,
@@ -215,12 +215,6 @@ class TestRuns:
         data.verdict[2:4, 7] = Verdict.STANDING, Verdict.UNFINISHED
         assert data.resurrections == 1
 
-    def test_order_of_dimensions_does_not_matter(self):
-        data = synthetic.cube()
-        transposed = data.transpose("model", "level", "record", "arch")
-        a, b = (arch_results(d, "ring", reading_scale(d, "PGA")) for d in (data, transposed))
-        assert all(np.array_equal(a[name], b[name], equal_nan=True) for name in a.tables)
-
     @pytest.mark.parametrize("n", [2, 200, 5000])
     def test_envelope_keeps_the_peaks(self, n):
         values = np.random.default_rng(n).standard_normal(n)
@@ -264,23 +258,6 @@ class TestMechanisms:
                 rectangles(drawn[0], panel, colour)[:, 3] for colour, _ in mechanism_figures.LOOKS
             ]
             assert np.concatenate(tops).max() == pytest.approx(1.0, abs=2e-3)
-
-    def test_table_of_what_ran(self):
-        data = results()
-        rows = dict(mechanism_figures.ran_table(data).rows)
-        time = data["model_time"]
-        mega, again = time[..., 2].sum(), data["level_iterations"].sum()
-        assert rows["simulated time, mega-voussoirs"] == (
-            f"{mega:,.1f} s ({100 * mega / time.sum():.1f} %)"
-        )
-        assert rows["fraction of the time in motion on all voussoirs"] == "10.0 %"
-        assert rows["switches to time stepping"].startswith(f"{data['switches'].sum():,} (")
-        part = 100 * again / data["levels"].sum()
-        assert rows["of these, with more than one round"] == f"{again:,} ({part:.2g} %)"
-        time[..., 0] = time.sum(axis=2)
-        time[..., 1:] = 0.0
-        rows = dict(mechanism_figures.ran_table(data).rows)
-        assert "fraction of the time in motion on all voussoirs" not in rows
 
 
 def test_run_that_is_shown():
@@ -344,20 +321,6 @@ def change(time, until, joints, model="mega_voussoirs"):
 
 
 class TestTimeline:
-    def test_bins_hold_the_state_at_their_middle(self):
-        log = [
-            change(0.0, 0.99, {0: "hinge extrados", 2: "slides towards intrados"}, "four_hinges"),
-            change(0.99, 1.1, {1: "open"}),
-            change(1.1, 2.0, {0: "hinge intrados sliding towards extrados"}, "all_voussoirs"),
-        ]
-        joints, models = timeline.sampled(log, 3, np.linspace(0.0, 2.0, 5))
-        names = ("closed", *(entry.label for entry in timeline.LOOK))
-        assert [[names[k] for k in row] for row in joints] == [
-            *[["hinge at extrados", "closed", "slides"]] * 2,
-            *[["sliding hinge at intrados", "closed", "closed"]] * 2,
-        ]
-        assert [Model(m) for m in models] == [Model.FOUR_HINGES] * 2 + [Model.ALL_VOUSSOIRS] * 2
-
     def test_bars_stand_where_the_log_has_them(self, drawn, fallen):
         """Coloured length of each joint in the figure against its time in the log."""
         timeline.timeline(fallen)

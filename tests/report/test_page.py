@@ -239,15 +239,6 @@ class TestCautions:
         (records,) = page.xpath('//section[@id="motions"]/p[@class="caution"]')
         assert text(records).endswith(f": {first} (PGA 7 g), {second} (dt 0.2 s).")
 
-    def test_runs_that_lost_contact_and_stand_are_counted(self, study):
-        data = study.cube.copy(deep=True)
-        stood = np.argwhere(data["verdict"].values == Verdict.STANDING)[:4]
-        data["lost_contact_time"].values[tuple(stood.T)] = 2.0
-        page = read(replace(study, cube=data))
-        rows = dict(table(page, "Speed and energy figures of ring")[1])
-        assert rows["runs that lost all contact at a joint and stand"] == "4"
-        assert "passed 50 % of the joint's length" in text(page)
-
 
 @pytest.mark.parametrize(
     ("measure", "units", "unit", "shown"),
@@ -309,25 +300,6 @@ class TestNumbers:
             assert rows[f"{name}, median and largest"].endswith(f", {largest:.1e}")
         found = rows["contact residual of solver failures, median and largest"]
         assert found == "7.0e-01, 7.0e-01"
-
-    def test_motions_and_the_level_of_their_spectra(self, study, page):
-        heads, rows = table(page, "Ground motions as recorded, and their scale factors")
-        assert [row[0] for row in rows] == [motion.id for motion in study.motions]
-        peak = np.abs(study.motions[2].acceleration).max()
-        assert rows[2][heads.index("PGA [g]")] == f"{peak / GRAVITY:.4f}"
-        factors = study.cube["scale_factor"].values[2]
-        assert rows[2][-1] == f"{factors.min():.2f} – {factors.max():.2f}"
-        intensity = study.cube["intensity"].values
-        near = intensity[np.abs(np.log(intensity / study.answers["ring"].curve.theta)).argmin()]
-        assert f"scaled to PGA = {near / GRAVITY:#.3g} g." in text(page)
-
-    def test_provenance(self, study):
-        data = study.cube.assign_attrs(
-            made="0123abcd", config='{"levels": [0.1]}', note="{no JSON"
-        )
-        (section,) = read(replace(study, cube=data)).xpath('//section[@id="provenance"]')
-        assert {"0123abcd", "CF-1.11", "{no JSON"} <= {text(e) for e in section.xpath(".//td")}
-        assert '"levels": [ 0.1 ]' in text(section)
 
 
 class TestWritten:

@@ -36,18 +36,13 @@ BAD += [
     for value, part in [
         ("!!int abc", "line 2: tags such as tag:yaml.org,2002:int have no"),
         ("!!python/object/apply:os.system [ls]", "line 2: tags such as"),
-        ("2020", "title = 2020 must be text"),
-        ("", "title = empty must be text"),
         ("''", "title =  must not be empty"),
         ("t" * 501, "must have at most 500 characters"),
         (r'"a\0b"', "line 2: text must hold no control characters"),
         ("a\0b", "special characters are not allowed"),
-        ("[" * 3000 + "]" * 3000, DEEP),
         ("\n" + "- " * 200 + "a", DEEP),
         ("&a [*a]", "line 2: the alias a stands inside what it repeats"),
         ("*nothing", "line 2: found undefined alias"),
-        ('"abc', "line 9: does not fit the lines before it; check its indent"),
-        ("\t- a", "line 2: does not fit the lines before it"),
     ]
 ]
 BAD += [
@@ -60,19 +55,13 @@ BAD += [
         (f"{TEXT}---\n{TEXT}", "but found another document"),
         ("", "must hold keys with values"),
         ("# long\n" * 72_000, "is too large; it must have at most 500000"),
-        ("3: a\n", "3 is no known key"),
-        (f"{'k' * 100}: a\n", "is no known key"),
-        ("id: a\n", "title is missing (3 more keys are wrong too)"),
         ("id: a\ntitle: a\noutput: a\narches: []\n", "arches = [] must have"),
-        (TEXT[: TEXT.index("intensity")], "intensity is missing"),
     ]
 ]
 BAD += [
     ("output: out", f"output: {value}", part)
     for value, part in [
         (r'"a\0b"', "line 3: text must hold no control characters"),
-        ("ö" * 150, "must have names of at most 255 bytes"),
-        ("/".join(["o" * 200] * 30), "must have at most 3900 bytes"),
         ("~nosuchuser/x", "of a user that there is not"),
         ("small.yaml", "small.yaml: "),
         ("small.yaml/out", "small.yaml/out: "),
@@ -85,37 +74,25 @@ BAD += [
     # Names and keys.
     ("title: A small study", "id: other", "line 2: the key id is given twice"),
     ("dt: 2.0e-3", "colour: 1", "method.colour is no known key; allowed are name, dt, rtol"),
-    ("id: small\n", "", "id is missing"),
-    ("id: small", f"id: {'i' * 200}", "must have at most 80 characters"),
     ("id: small", "id: a/b", "must begin with a letter or a digit"),
     ("id: slab", "id: ring", "arches[1] (ring): an arch has the id 'ring', which"),
     # Arches.
     ("  - {id: slab", "  - []\n  - {id: slab", "arches[1] = [] must be a map"),
     ("  - {id: slab", f"{MANY}  - {{id: slab", "must have at most 1000 entries"),
     ("profile: block", "profile: blok", "arches[1].profile = blok must be one of circular"),
-    ("profile: block, ", "", "arches[1].profile is missing"),
     ("voussoirs: 7", "voussoirs: 1000000000", "it must be at most 2000"),
     ("voussoirs: 7", "voussoirs: '15'", "arches[0].voussoirs = '15' must be an integer without q"),
-    ("voussoirs: 7", "voussoirs: 7.5", "arches[0].voussoirs = 7.5 must be an integer"),
     ("friction: 0.7", "friction: 1e9", "must be at most 1e+06, or inf"),
     ("friction: 0.7", f"friction: [{', '.join(['1'] * 3000)}]", "at most 2001 entries"),
-    ("friction: 0.7", "friction: {a: 1}", "must be a number"),
     (RING, f"{RING}, sector: maybe", "sector = maybe must be true or false"),
-    (f"{RING}, thickness: 1.5", "radius: x, thickness: y", "(1 more key is wrong too)"),
     (BLOCK, "profile: from_joints, intrados: [a], extrados: [[0, 1]]",
      "arches[1].intrados[0] = a must be a list"),
     (BLOCK, "profile: from_joints, intrados: [[0, 1, 2]], extrados: [[0, 1]]",
      "intrados[0] = [0, 1, 2] must have at most 2 entries, not 3"),
     # Motions.
-    (f"motions:\n  files: {FILES}\n", "", "motions is missing"),
     (FILES, "[]", "must have a key index, files or synthetic"),
-    (FILES, "", "motions.files = empty must be a list"),
-    (FILES, "[{unit: g}]", "files[0].path is missing"),
     (FILES, "[lost.AT2]", "lost.AT2: there is no such record file"),
-    (FILES, "[small.yaml]", "small.yaml"),
     (f"files: {FILES}", "index: lost.csv", "lost.csv: the index cannot"),
-    (f"files: {FILES}", "index: small.yaml", "small.yaml"),
-    (f"files: {FILES}", "index: a.csv\n  select: []", "at least one"),
     (f"files: {FILES}", "{index: a.csv, select: [b, b]}", "but 'b' is there twice"),
     # Intensity.
     ("unit: g", "unit: cm/s", "unit 'cm/s' is not one of g, m/s2"),
@@ -124,7 +101,6 @@ BAD += [
     ("dt: 2.0e-3", "dt: 2.0e-3, rtol: 1e-6", "method time_stepping takes one of them"),
     ("time_stepping", "four_link", "method four_link does not use it"),
     ("dt: 2.0e-3", "settings: {stiffness: 1e9}", "settings has 'stiffness'; allowed for"),
-    ("name: time_stepping, dt: 2.0e-3", "name: auto, settings: {coarse: a}", "must be a number"),
     ("name: time_stepping, dt: 2.0e-3", "name: auto, settings: {coarse: 2}", "from 0 to 1"),
     ("workers: 2", "workers: 0", "execution.workers = 0 must be greater"),
 ]  # fmt: skip
@@ -132,7 +108,6 @@ BAD += [
     ("measure: PGA", f"measure: {value}", part)
     for value, part in [
         ("Sa(1e9)", "has a period of 1e+09 s; it must be from 0.01 to 20 s"),
-        ("Sa(nan)", "needs 1 period(s) in seconds, each above 0"),
         ("AvgSA(2.0,0.5)", "needs its shorter period first"),
         ("pga", "did you mean PGA?"),
         ("D5_95", "to which no motion can be scaled"),
@@ -142,15 +117,11 @@ BAD += [
     ("[0.1, 0.6, 1.2]", value, part)
     for value, part in [
         ("[.nan]", "intensity.levels[0] = nan must be a finite number"),
-        ("0.5", "intensity.levels = 0.5 must be a list"),
         ("[0.0, 0.6]", "intensity.levels[0] = 0.0 must be greater than 0"),
         ("[1, 1]", "must increase, but 1 follows 1"),
-        ("[]", "must have at least one entry"),
-        ("[1, 1e9]", "levels[1] = 1000000000.0 must be less than or equal to 1e+06"),
         ("{start: 1, stop: 2, count: 100000000}", "less than or equal to 1000"),
         ("{start: 1.0, stop: 0.5, count: 3}", "must have stop above start = 1, not 0.5"),
         ("{start: 1, stop: 1.0000000000000002, count: 50}", "must have 50 different levels"),
-        ("{start: 1, stop: 2, step: 3}", "step is no known key"),
     ]
 ]
 

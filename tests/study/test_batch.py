@@ -295,17 +295,3 @@ def test_bundles_are_short_at_the_end():
     assert wall[-1] <= SHORTEST + 1e-9
     # None is longer than what the other worker has to do with what is left then.
     assert all(wall[i] <= sum(wall[i:]) / 2 + SHORTEST for i in range(len(wall)))
-
-
-def test_of_a_kind_of_which_nothing_is_known_one_chunk_goes_first():
-    rates = Rates()
-    taken = dealt(1, lambda chunk: 0.01 if chunk < 300 else 1.0, rates=rates)
-    assert taken[0] == (0,)
-    assert (300,) in taken
-    # In the next round both are known.
-    assert len(dealt(1, lambda chunk: 0.01, rates=rates)[0]) > 1
-
-
-def test_the_longest_chunks_go_first():
-    taken = dealt(1, lambda chunk: 9.0, lengths=[1.0, 4.0, 2.0, 3.0])
-    assert [chunk for bundle in taken for chunk in bundle] == [1, 3, 2, 0]

@@ -9,7 +9,6 @@ import xarray as xr
 
 from archfrag.fragility.counts import Verdict
 from archfrag.study.batch import BatchLog, run_batch
-from archfrag.study.checks import check_study
 from archfrag.study.config import Study, load_study
 from archfrag.study.cube import write_cube
 from archfrag.study.fits import fit_cube
@@ -137,15 +136,6 @@ class TestCurves:
     def test_one_record_for_each_arch_gives_a_class_only(self, classes):
         message = classes.fits["fits"]["own-0001"]["none"]
         assert "only one record" in message
-
-
-def test_a_check_of_the_study_shows_what_it_amounts_to(classes):
-    found = check_study(classes.study)
-    assert (found.arches, found.records, found.levels, found.runs) == (11, 2, 6, 108)
-    assert [line.split(",")[0] for line in found.classes] == [
-        "slab: 4 arches", "own: 4 arches", "fleet: 2 arches"
-    ]  # fmt: skip
-    assert found.classes[2] == "fleet: 2 arches, width 0.35 to 0.45, 2 of town/bank"
 
 
 class TestGrowing:

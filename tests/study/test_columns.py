@@ -69,13 +69,3 @@ class TestKeys:
         # Each half alone distinguishes them: the store sorts by the first.
         halves = np.ascontiguousarray(keys).view("<u8").reshape(-1, 2)
         assert [len(set(half)) for half in halves.T.tolist()] == [many, many]
-
-
-def test_a_million_runs_are_cut_into_large_parts_and_a_thousand_into_small_ones():
-    from archfrag.study.batch import LARGEST_CHUNK, MANY_PARTS, cut
-    from archfrag.study.rounds import CASE
-
-    cases = np.zeros(1_000_000, CASE)
-    assert len(cut(cases, None, 2)) == MANY_PARTS
-    assert max(len(some) for _, some in cut(cases[:10_000], None, 2)) == LARGEST_CHUNK
-    assert len(cut(cases[:1000], 10, 2)) == 100

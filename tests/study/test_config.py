@@ -63,12 +63,6 @@ def test_paths_are_relative_to_the_study_file_and_of_overrides_to_here(tmp_path,
     assert load_study(path, ["arches.0.friction=0.5"]).arches[0].friction == 0.5
 
 
-def test_results_lie_beside_the_study_file_unless_it_states_otherwise(tmp_path):
-    path = small_study(tmp_path, TEXT.replace("output: out\n", ""))
-    assert load_study(path).folder == tmp_path / "results" / "small"
-    assert load_study(path, ["id=other"]).folder == tmp_path / "results" / "other"
-
-
 def test_dumped_study_is_the_same_study(tmp_path):
     study = load_study(small_study(tmp_path))
     again = tmp_path / "elsewhere" / "study.yaml"

@@ -16,7 +16,6 @@ from archfrag.study.fits import fit_cube, fit_text, load_answers, load_fits
 from archfrag.study.outcome import COLUMNS
 from archfrag.study.provenance import finite
 from archfrag.study.store import Gathered, Store, read_part, table_type, write_part
-from tests.study.small import assert_compliant
 
 
 def sha256(path):
@@ -68,14 +67,6 @@ class TestContent:
             assert cube["lost_contact_and_stand"][:].tolist() == [[0, 0, 0], [0, 2, 1]]
             assert cube.loss_limit == "0.5"
 
-    def test_axes_can_be_selected_by_name(self, done, cube):
-        assert cube.sizes == {"arch": 2, "record": 2, "level": 3, "model": 4, "measure": 17}
-        one = cube.sel(arch="ring", record="wave1", level=2)
-        assert one["record_file"].item() == "wave1.AT2"
-        assert one["record_sha256"].item() == done.plan.records[1].sha256
-        assert one["scale_factor"].item() == done.plan.records[1].factor * done.plan.levels[2]
-        assert one["intensity"].item() == pytest.approx(1.2 * 9.80665)
-
     def test_provenance_is_complete_and_knows_neither_time_nor_place(self, done, cube):
         config = json.loads(cube.attrs["archfrag_config"])
         assert config["arches"][1]["friction"] == "inf"
@@ -90,9 +81,6 @@ class TestContent:
         everything = json.dumps({key: str(value) for key, value in cube.attrs.items()})
         assert str(done.study.folder) not in everything
         assert "workers" not in everything
-
-    def test_checker_finds_no_error(self, cube_file, tmp_path):
-        assert_compliant(cube_file, tmp_path)
 
 
 class TestFile:
@@ -182,19 +170,6 @@ class TestFits:
                 assert fit.curve in fit_text(copied.study, name, fit)
             else:
                 assert again[name].to_dict() == fit.curve.to_dict()
-
-    def test_why_there_is_no_curve_is_stated_in_the_unit_of_the_study(self, copied):
-        write_cube(copied.study)
-        with xr.open_dataset(copied.study.folder / "cube.nc") as cube:
-            fell = cube["verdict"].sel(arch="ring").values == 1
-        assert not fell.any()
-        found = fit_cube(copied.study)["ring"]
-        assert found.likelihood == (
-            "no run collapsed at any level: theta lies above 1.2, the highest level tried; add "
-            "higher levels (levels in g)"
-        )
-        assert "1.2" in found.curve
-        assert found.curve.endswith("(levels in g)")
 
     @pytest.mark.parametrize(
         "content", ['{"fits": []}', '{"fits": {"a": 1}}', "[]", '{"fits": {"a": {}}}', "\0"]

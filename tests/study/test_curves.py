@@ -9,7 +9,7 @@ from archfrag.fragility.curve import Fragility
 from archfrag.study.comparisons import _above, dispersion_split
 from archfrag.study.cube import write_cube
 from archfrag.study.curves import POINTS, Answer, Runs, answer, likeliest
-from archfrag.study.fits import design_cautions, scaled_far, study_cautions, undecided
+from archfrag.study.fits import design_cautions, study_cautions, undecided
 
 LEVELS = np.geomspace(0.1, 10.0, 60)
 
@@ -115,26 +115,6 @@ def test_more_than_five_per_cent_at_any_level_is_reported(kind, lost, expected):
     assert bool(message) is expected
     if expected:
         assert "at 1 of 3 levels (most: 6 of 100 at 3 g)" in message
-
-
-def test_scaling_by_more_than_ten_is_stated_with_the_worst():
-    factors = np.array([[1.0, 2.0, 10.0], [4.0, 8.0, 12.0], [5.0, 10.5, 16.0]])
-    cube = xr.Dataset(
-        {
-            "scale_factor": (("record", "level"), factors),
-            "verdict": (("arch", "record", "level"), np.zeros((2, 3, 3), int)),
-        },
-        coords={"record": ["a", "b", "c"]},
-    )
-    assert scaled_far(cube).startswith("2 of 3 motions are scaled by more than 10 (most: c by 16)")
-    assert scaled_far(cube).endswith("strong ones of another kind")
-    assert "; of 1 by more than 100, the noise" in scaled_far(
-        cube.assign(scale_factor=cube["scale_factor"] * 7.0)
-    )
-    cube["verdict"][:, 2, 2] = Verdict.NOT_SIMULATED
-    assert "(most: b by 12)" in scaled_far(cube)
-    cube["scale_factor"] = cube["scale_factor"].clip(max=10.0)
-    assert scaled_far(cube) == ""
 
 
 def test_of_a_study_they_name_the_arch_and_its_unit(copied):

@@ -143,23 +143,6 @@ class TestIda:
             runs.append(note["runs"])
         assert np.mean(runs) <= (115 if known else 130)
 
-    @pytest.mark.parametrize("measures", [[[1.0]] * 30, [[np.nan]] * 30, [[]] * 30])
-    def test_measures_without_information_do_no_harm(self, measures):
-        table, _ = lognormal(1)
-        grid = grid_of(30, measures=np.array(measures).reshape(30, -1))
-        _, asked = driven(ida(grid, Ida(kind="ida")), table)
-        low, high = bracketed(asked[FINE], table)
-        np.testing.assert_array_equal(high - low, 1)
-
-    @pytest.mark.parametrize("n_record", [1, 2, 3, 11])
-    @pytest.mark.parametrize("n_level", [1, 2, 15])
-    def test_some_records_and_levels(self, n_record, n_level):
-        table = monotone(np.arange(n_record) % (n_level + 1), n_level)
-        for design in (Ida(kind="ida"), TwoStage(kind="two_stage", fine=0.01)):
-            note, asked = driven(ida(grid_of(n_record, n_level), design), table, table)
-            assert note["runs"] == len(asked[FINE]) >= 1
-            assert note["records"] == n_record
-
     def test_checks_find_contradictions_at_the_rate_they_were_planted(self):
         found = checked = 0
         for seed in range(12):

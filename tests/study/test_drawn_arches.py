@@ -2,15 +2,14 @@
 
 import numpy as np
 import pytest
-import yaml
 from pydantic import TypeAdapter
 
 from archfrag.errors import StabilityError, StudyError
 from archfrag.simulate import onset
-from archfrag.study.arches import ArchEntry, StudyArch
+from archfrag.study.arches import ArchEntry
 from archfrag.study.config import load_study
 from archfrag.study.fleet import draw
-from archfrag.study.members import check_buildable, check_standing, expand, summaries
+from archfrag.study.members import check_buildable, check_standing, expand
 from archfrag.study.yaml_file import dump_yaml
 from tests.study.small import TEXT, small_study
 
@@ -62,11 +61,6 @@ class TestKeys:
                                        np.array(joints) / 157.5, rtol=1e-9)  # fmt: skip
             assert arch.build()
 
-    def test_more_samples_keep_those_there_are(self):
-        vary = {"of": FRICTION, "joints": {"friction": normal(1.0, 0.1)}}
-        some, many = (expand([entry({**vary, "samples": n})]) for n in (4, 8))
-        assert [each.entry for each in some] == [each.entry for each in many[:4]]
-
 
 class TestJoints:
     def test_each_joint_has_its_own(self):
@@ -113,23 +107,6 @@ class TestJoints:
             )
             assert all(len(arch.friction) == count for arch, _ in draw(one, 2))
             check_buildable(expand([one]))
-
-
-class TestMeeting:
-    def test_else_each_record_meets_its_own(self):
-        found = expand([entry({"of": FRICTION, "crossed": False, "samples": 2})], 3)
-        assert found.meets(3).tolist() == np.repeat(np.eye(3, dtype=bool), 2, axis=0).tolist()
-        assert len({each.values["friction"] for each in found}) == 6
-
-    def test_classes_of_a_mixed_study(self):
-        plain = TypeAdapter(ArchEntry).validate_python({**RING, "id": "plain"})
-        found = expand([plain, entry({"of": FRICTION})])
-        assert found.of_class() == {"plain": [0], "ring": [1, 2, 3, 4]}
-        parameters = found.parameters()["friction"]
-        assert np.isnan(parameters[0])
-        assert np.isfinite(parameters[1:]).all()
-        (listed,) = summaries(found)
-        assert listed.startswith("ring: 4 arches, friction 0.6")
 
 
 class TestRefusals:
@@ -202,9 +179,3 @@ class TestRefusals:
         assert text.startswith("arches[0] (ring): does not stand under its own weight: ")
         assert f"{len(thin)} of 8 samples" in text
         assert f"sample {thin[0].number} (thickness = {thin[0].values['thickness']:.6g})" in text
-
-
-def test_a_study_of_samples_is_read_back_as_it_was(tmp_path):
-    given = entry({"of": FRICTION, "joints": {"friction": normal(1.0, 0.1)}})
-    text = dump_yaml([given.model_dump(exclude_none=True)])
-    assert TypeAdapter(list[StudyArch]).validate_python(yaml.safe_load(text)) == [given]

@@ -6,7 +6,7 @@ from pydantic import TypeAdapter
 
 from archfrag.errors import StudyError
 from archfrag.study.arches import StudyArch
-from archfrag.study.members import expand, summaries
+from archfrag.study.members import expand
 
 DEFAULTS = {
     "id": "fleet", "profile": "circular", "embrace": 157.5, "voussoirs": 7, "friction": 0.7,
@@ -37,15 +37,6 @@ class TestRows:
         assert [arch.radius for arch in found.entries] == [10.0, 12.0, 8.0]
         assert {(arch.embrace, arch.voussoirs) for arch in found.entries} == {(157.5, 7)}
         assert found.meets(2).all()
-
-    def test_other_columns_are_attributes(self, tmp_path):
-        found = expand([fleet(tmp_path)])
-        assert found.attributes() == {
-            "region": ["north", "south", "north"], "built": ["1880", "1901", ""]
-        }  # fmt: skip
-        (listed,) = summaries(found)
-        assert listed.startswith("fleet: 3 arches, radius 8 to 12, thickness 1.25 to 1.8")
-        assert listed.endswith("2 of region, 3 of built")
 
     def test_lists_and_a_spreadsheets_full_numbers(self, tmp_path):
         text = '\ufeffid,radius,thickness,voussoirs,friction\r\na,10,1.5,2.0,"[0.5, 0.6, 0.7]"\r\n'

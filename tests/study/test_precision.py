@@ -78,9 +78,3 @@ class TestStopping:
         groups = np.repeat(np.arange(400), 4).astype(str)
         aware, unaware = play_ida(shared, groups)[0], play_ida(shared)[0]
         assert aware["records"] > 2 * unaware["records"]
-
-
-def test_no_curve_yet():
-    for verdict in (np.full((3, 15), 2), np.zeros((3, 15), int)):
-        assert known_so_far("ida", verdict, LEVELS).half_width == np.inf
-    assert known_so_far("scattered", [2, 3], [0.1, 0.2]).half_width == np.inf

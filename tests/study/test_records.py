@@ -65,15 +65,6 @@ def test_shipped_records_are_selected_in_the_order_asked_for(tmp_path):
     assert [record.distance for record in prepared] == [20.0, 10.0]
 
 
-def test_unknown_selected_id_is_refused_with_the_right_one(tmp_path):
-    study = study_with(tmp_path, f"{{index: {INDEX}, select: [syn-m55-r01]}}")
-    with pytest.raises(StudyError) as caught:
-        prepare_motions(study)
-    assert str(caught.value).startswith(
-        "motions.select: 'syn-m55-r01' is no record of the study; did you mean syn-m55-r01"
-    )
-
-
 def made(path):
     path.parent.mkdir(parents=True, exist_ok=True)
     return write_at2(path, np.sin(np.arange(50.0)), 0.01)

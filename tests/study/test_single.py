@@ -7,7 +7,7 @@ import pytest
 
 import archfrag as af
 from archfrag.study.provenance import strict_json
-from archfrag.study.single import response_facts, response_text
+from archfrag.study.single import response_facts
 
 ARCH = af.Arch.circular(10.0, 1.5, 157.5, 5, 0.7)
 PUSH = af.Motion(np.where(np.arange(800) < 250, 6.0, 0.0), 1e-3)
@@ -44,13 +44,3 @@ def test_what_a_status_advises_can_be_given():
     advised = set(re.findall(r"`(\w+)`", " ".join(STATUS_MESSAGE.values())))
     assert {"dt", "follow"} <= advised
     assert advised <= known | set(method_names())
-
-
-def test_text_states_times_events_work_and_as_much_of_the_log_as_fits(response):
-    text = response_text(response, 1.0)
-    for part in (
-        f"mega voussoirs {response.model_time['mega_voussoirs']:.3f} s",
-        f"impacts {response.events['impacts']}", f"steps {response.steps}",
-        f"  {response.mechanism[2]}", f"... and {len(response.mechanism) - 40} more entries",
-    ):  # fmt: skip
-        assert part in text

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from archfrag.errors import InputError
-from archfrag.fragility.counts import Verdict
 from archfrag.study.config import load_study
 from archfrag.study.files import PACKAGE
 from archfrag.study.plan import DECIDING, KEY, Plan, make_plan
@@ -35,14 +34,6 @@ def runs_of(plan):
 
 
 class TestPlan:
-    def test_runs_are_arch_by_record_by_level(self, done):
-        cases, factors, keys = runs_of(done.plan)
-        assert cases["arch"].tolist() == [0] * 6 + [1] * 6
-        assert cases["record"].tolist() == ([0] * 3 + [1] * 3) * 2
-        np.testing.assert_array_equal(cases["level"].reshape(4, 3), [done.plan.levels] * 4)
-        np.testing.assert_array_equal(factors[:6], factors[6:])
-        assert len({key.tobytes() for key in keys}) == 12
-
     @pytest.mark.parametrize("design", ["stripes", "ida", "two_stage", "scattered", "cloud"])
     def test_stored_plan_is_the_same_plan(self, copied, design):
         study = copied.study.model_validate(
@@ -53,11 +44,6 @@ class TestPlan:
         again = Plan.load(plan.path)
         assert again == plan
         assert again.digest == plan.digest
-
-    def test_workers_and_title_do_not_make_another_plan(self, done):
-        execution = done.study.execution.model_copy(update={"workers": 7, "batches": 3})
-        same = done.study.model_copy(update={"title": "Another", "execution": execution})
-        assert make_plan(same).digest == done.plan.digest
 
     @pytest.mark.parametrize(
         ("override", "same"),
@@ -159,14 +145,6 @@ class TestStore:
         assert ((places >= 0) == (np.array(expected) >= 0)).all()
         for rows in store.rows(places):
             np.testing.assert_array_equal(rows.table["key"], asked[rows.asked])
-
-    def test_a_run_made_twice_is_one(self, tmp_path):
-        keys = drawn(np.random.default_rng(3), 4)
-        part_of(tmp_path, keys[:3], Verdict.COLLAPSED)
-        part_of(tmp_path, keys[1:], Verdict.COLLAPSED)
-        store = Store(tmp_path)
-        assert store.verdicts(keys).tolist() == [1] * 4
-        assert sum(len(rows.asked) for rows in store.rows(store.places(keys))) == 4
 
     def test_a_part_damaged_while_it_is_read_is_reported(self, tmp_path):
         keys = drawn(np.random.default_rng(4), 3)

@@ -52,19 +52,6 @@ class TestStop:
             be_stopped_thrice()
         assert signal.getsignal(signal.SIGTERM) == before
 
-    def test_while_a_process_is_made_a_signal_waits(self):
-        made = []
-
-        def make(stop):
-            with stop.held():
-                os.kill(os.getpid(), signal.SIGTERM)
-                made.append("process")
-            stop.check()
-
-        with pytest.raises(tree.Stopped), tree.stoppable() as stop:
-            make(stop)
-        assert made == ["process"]
-
 
 def test_processes_that_will_not_end_are_ended(monkeypatch):
     monkeypatch.setattr(tree, "_PATIENCE", 0.3)

@@ -17,9 +17,6 @@ from tests.study.small import TEXT, make_runs, small_study, write_at2
 
 ARCH = ["--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoirs", "7",
         "--friction", "0.7"]  # fmt: skip
-COMMANDS = ("onset", "simulate", "records", "validate", "warmup", "run", "motions", "batch",
-            "cube", "fit", "report", "risk", "export", "evidence")  # fmt: skip
-RECORDS = ("inspect", "measure", "select", "convert", "fetch", "make")
 
 
 def call(*arguments):
@@ -54,16 +51,6 @@ class TestHelp:
         assert not loaded & {"numpy", "numba", "pydantic", "yaml", "dask", "obspy", "snakemake"}
         assert min(took) < 0.3
 
-    def test_every_command_explains_itself(self):
-        for command in COMMANDS:
-            assert command in call(command, "--help").output.split("\n", 1)[0]
-            assert command in call("--help").output
-        for command in RECORDS:
-            assert command in call("records", "--help").output
-            text = call("records", command, "--help").output
-            assert "--json" in text
-            assert f"archfrag records {command}" in text.split("Example:")[1]
-
 
 class TestOnset:
     def test_by_numbers_in_text_and_json(self):
@@ -90,17 +77,6 @@ class TestOnset:
         result = call("onset", *thin)
         assert (result.exit_code, result.output) == (0, "does not stand under its own weight\n")
         assert json.loads(call("onset", *thin, "--json").output)["stands"] is False
-
-    def test_what_is_missing_or_impossible(self):
-        for given, start in (
-            (ARCH[:2], "--profile circular: friction is missing (3 more keys"),
-            ([*ARCH, "--span", "3"], "--profile circular: span is no known key"),
-            ([*ARCH[:2], "--thickness", "-1", *ARCH[4:]], "thickness = -1.0 m is impossible"),
-            ([*ARCH[:-1], "nan"], "friction = nan is impossible"),
-        ):
-            code, message = refused("onset", *given)
-            assert code == 2
-            assert message.startswith(start)
 
 
 class TestSimulate:
@@ -144,20 +120,6 @@ class TestValidate:
             f"{path}: in order; 2 arches, 2 records, 3 levels, 12 runs\n"
         )
         assert json.loads(call("validate", path, "--json").output)["runs"] == 12
-
-    @pytest.mark.parametrize(
-        ("old", "new", "code", "message"),
-        [
-            ("radius:", "radus:", 2, "arches[0].radus is no known key; did you mean radius?"),
-            ("thickness: 1.5", "thickness: 0.3", 3, "arches[0] (ring): does not stand under"),
-            ("output: out", "output: small.yaml/out", 4, "small.yaml/out: cannot be written (Not"),
-        ],
-    )  # fmt: skip
-    def test_what_is_wrong(self, tmp_path, old, new, code, message):
-        assert old in TEXT
-        found, text = refused("validate", small_study(tmp_path, TEXT.replace(old, new, 1)))
-        assert found == code
-        assert message in text
 
     def test_nothing_is_created(self, tmp_path):
         path = small_study(tmp_path, TEXT.replace("output: out", "output: deep/out"))

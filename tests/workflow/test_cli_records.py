@@ -160,15 +160,6 @@ class TestConvert:
         assert "factor 9.80665" in entries["record"].metadata["steps"]
         assert load_motion(entries["three.HNE"]).log[0] == "Read from three.HNE.AT2 (AT2)."
 
-    def test_text_holds_every_digit_and_states_where_it_comes_from(self, at2, tmp_path):
-        done("convert", at2, "--to", "text", "--in", "g", "--out", tmp_path)
-        text = (tmp_path / "record.txt").read_text()
-        time, values = np.loadtxt(tmp_path / "record.txt").T
-        assert np.array_equal(values, read_motion(at2).acceleration / G)
-        assert np.allclose(time, np.arange(400) * 0.01, rtol=1e-9)
-        for words in ("time [s], acceleration [g]", "from record.AT2, sha256 ", "dt = 0.01 s"):
-            assert words in text.split("\n0 ")[0]
-
     def test_what_is_refused(self, at2, three, tmp_path):
         assert "written twice" in refused("convert", at2, "--to", "at2", "--out", tmp_path)
         assert str(three) in refused("convert", three, "--out", tmp_path / "o")
@@ -339,12 +330,6 @@ class TestMeasure:
         files[20].write_text("no record")
         assert "r6-20.AT2" in refused("measure", *files, "--out", tmp_path / "h.csv")
         assert not (tmp_path / "h.csv").exists()
-
-    def test_a_vertical_beside_its_horizontals_is_left_out(self, tmp_path):
-        for code in ("000", "090", "-UP"):
-            (tmp_path / f"RSN1_{code}.AT2").write_text(at2_text(0.3 * wave()))
-        rows = facts("measure", *sorted(tmp_path.glob("*.AT2")), "--out", tmp_path / "f.csv")
-        assert [row["record"] for row in rows] == ["RSN1_000", "RSN1_090"]
 
     def test_what_is_refused(self, at2, tmp_path):
         refused("measure", tmp_path / "no.AT2", "--out", tmp_path / "f.csv")
