@@ -69,19 +69,6 @@ def take_four(bundles):
     return tuple(bundles._waiting.popleft() for _ in range(min(4, len(bundles._waiting))))
 
 
-def test_one_worker_with_large_bundles_gives_the_same_parts_as_two(done, copied, monkeypatch):
-    monkeypatch.setattr(Bundles, "take", take_four)
-    for path in copied.study.work.glob("parts/*/*.npy"):
-        path.unlink()
-    log = run_batch(copied.study, workers=1, quiet=True)
-    assert (log.workers, log.runs, log.kept) == (1, 12, 0)
-    assert done.log.workers == 2
-    assert len(log.peak_memory) == 1
-    assert os.getpid() not in map(int, log.peak_memory)
-    assert parts_of(copied.study.work) == parts_of(done.study.work)
-    assert len(parts_of(copied.study.work)) == 6
-
-
 def test_workers_stay_small(done):
     assert len(done.log.peak_memory) >= 1
     assert max(done.log.peak_memory.values()) < 400.0
@@ -252,11 +239,14 @@ def test_disk_full_in_a_worker_is_reported_and_keeps_the_finished_parts(copied):
 
 
 @pytest.mark.parametrize("in_process", [None, 1e-9])
-def test_workers_are_started_only_if_a_batch_takes_longer(copied, monkeypatch, in_process):
+def test_workers_are_started_if_a_batch_takes_longer_and_change_no_part(
+    copied, monkeypatch, in_process
+):
     study = copied.study.model_copy(
         update={"execution": copied.study.execution.model_copy(update={"workers": None})}
     )
-    before = {path.name for path in copied.plan.parts.glob("*.npy")}
+    monkeypatch.setattr(Bundles, "take", take_four)
+    before = parts_of(copied.study.work)
     for path in copied.plan.parts.glob("*.npy"):
         path.unlink()
     if in_process is None:
@@ -266,7 +256,7 @@ def test_workers_are_started_only_if_a_batch_takes_longer(copied, monkeypatch, i
     log = run_batch(study, workers=1, quiet=True)
     assert (log.runs, log.kept, log.workers) == (12, 0, 1)
     assert len(log.peak_memory) == (1 if in_process is None else 2)
-    assert {path.name for path in copied.plan.parts.glob("*.npy")} == before
+    assert parts_of(copied.study.work) == before
 
 
 LENGTHS, KINDS = [3.0] * 600, [0] * 300 + [1] * 300
