@@ -116,7 +116,8 @@ class TestLabelsKeepClear:
             {"measure": f"Sa({i / 10:g})", "efficiency": 0.2 + 0.01 * i, "sufficient": None}
             for i in range(25)
         ]
-        curve_figures.measures(rows, "ring", "Sa(0)")
+        answer = replace(synthetic.none(""), more={"measures": {"rows": rows, "best": "Sa(0)"}})
+        curve_figures.measures(answer, "ring")
         assert [overlaps(sheet) for sheet in drawn] == 6 * [[]]
         # A point for each arch in each panel.
         assert "".join(drawn[2].parts).count("a2.4 2.4 0 1 0 4.8") == 40

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from archfrag.errors import InputError
-from archfrag.fragility.curve import Fragility
 from archfrag.mechanics.collapse import NOTED_GAP
 from archfrag.report import picture as look
 from archfrag.report import tables
@@ -41,6 +40,7 @@ class _Side(NamedTuple):
     vertical: str
     results: ArchResults
     answer: Answer
+    numbers: dict[str, int]
 
 
 def load_beside(study: Study, other: Study) -> Beside:
@@ -75,14 +75,12 @@ def beside_section(inputs: ReportInputs, scale: Scale) -> dict[str, Any] | None:
         raise InputError(f"{refused}: it has no arch {' or '.join(own)}, but {', '.join(theirs)}")
     arches = []
     for arch in common:
-        sides = [
-            _Side(
-                name, str(cube.attrs.get("vertical_component", "not stated")),
-                arch_results(cube, arch, scale), answers[arch],
-            )
-            for name, (cube, answers) in zip(names, studies)
-        ]  # fmt: skip
-        arches.append({"name": arch, "curves": _curves(sides), "table": _table(sides)})
+        sides = []
+        for name, (cube, answers) in zip(names, studies):
+            results = arch_results(cube, arch, scale)
+            vertical = str(cube.attrs.get("vertical_component", "not stated"))
+            sides.append(_Side(name, vertical, results, answers[arch], _numbers(results)))
+        arches.append({"name": arch, "curves": _curves(sides), "sides": sides})
     records = [set(each["record"].values.tolist()) for each in cubes]
     return {
         "names": names,
@@ -124,42 +122,18 @@ def _curves(sides: Sequence[_Side]) -> Picture:
     )  # fmt: skip
 
 
-def _table(sides: Sequence[_Side]) -> tables.Table:
-    """One row for each figure, one column for each study."""
-    columns = [_figures(side, sides[0]) for side in sides]
-    rows = [[key, *(column[key] for column in columns)] for key in columns[0]]
-    return tables.Table(["figure", *(side.study for side in sides)], rows)
-
-
-def _figures(side: _Side, first: _Side) -> dict[str, str]:
-    results, counts = side.results, side.results.counts
-    percent = tables.percent_of(first.answer.confidence)
-    answer = tables.answer(side.answer, results.scale)
-    change, fit, before = "–", side.answer.curve, first.answer.curve
-    if side is not first and isinstance(fit, Fragility) and isinstance(before, Fragility):
-        change = tables.signed(f"{100.0 * (fit.theta / before.theta - 1.0):+.1f} %")
-    losses = results["contact_losses"]
-    numbers = {
+def _numbers(results: ArchResults) -> dict[str, int]:
+    counts, losses = results.counts, results["contact_losses"]
+    lost = results.simulated & np.isfinite(results["lost_contact_time"])
+    return {
         "runs": counts.runs.sum(),
         "collapsed": counts.collapsed.sum(),
-        f"lost contact by a gap above {100 * NOTED_GAP:g} % of a joint's length":
-            (results.simulated & np.isfinite(results["lost_contact_time"])).sum(),
+        f"lost contact by a gap above {100 * NOTED_GAP:g} % of a joint's length": lost.sum(),
         "of these, standing": results.stood_after_loss,
         "runs with a loss of contact by any gap": (losses > 0).sum(),
         "losses of contact by any gap": losses.sum(),
         "unfinished": counts.unfinished.sum(),
         "solver failures": counts.solver_failures.sum(),
-    }  # fmt: skip
-    return {
-        "vertical component": side.vertical,
-        "median capacity θ": answer.get("theta", "no curve"),
-        f"{percent} of θ": answer.get("theta_interval", "–"),
-        "θ by maximum likelihood": answer.get("theta_likelihood", "–"),
-        f"change of θ from {first.study}": change,
-        "dispersion β": answer.get("beta", "no curve"),
-        f"{percent} of β": answer.get("beta_interval", "–"),
-        "β by maximum likelihood": answer.get("beta_likelihood", "–"),
-        **{key: f"{number:,}" for key, number in numbers.items()},
     }
 
 

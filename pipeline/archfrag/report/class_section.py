@@ -16,7 +16,6 @@ from archfrag.report.inputs import ReportInputs
 from archfrag.report.picture import BELOW, BESIDE, LINE, FloatArray, Picture
 from archfrag.report.plot import Entry, Panel, Sheet, picture
 from archfrag.report.summary import Scale
-from archfrag.report.tables import Table
 from archfrag.study.curves import Answer
 
 if TYPE_CHECKING:
@@ -24,12 +23,6 @@ if TYPE_CHECKING:
 
 MOST_PANELS, MOST_TEXTS = 9, 7
 _HIGH = 150.0  # of a panel [px]
-_PARTS = {
-    "beta_record_to_record": "from record to record",
-    "beta_model": "between the arches of the class",
-    "beta_numerical": "numerical",
-    "combined": "of both together",
-}
 
 
 def class_section(inputs: ReportInputs, name: str, number: int, scale: Scale) -> dict[str, Any]:
@@ -37,16 +30,13 @@ def class_section(inputs: ReportInputs, name: str, number: int, scale: Scale) ->
     of_class = classes(inputs.cube)
     members = [inputs.answers[arch] for arch, own in of_class.items() if own == name]
     answer = inputs.classes[name]
-    split = answer.more.get("dispersion", {})
     differences = _differences(inputs.cube, np.array(list(of_class.values())) == name)
     return {
         "id": f"class{number}",
         "name": name,
         "n_arch": len(members),
-        "answer": tables.answer(answer, scale),
+        "answer": answer,
         "curve": class_curve(answer, members, name, scale),
-        "dispersion": split.get("message") or split.get("none", ""),
-        "dispersion_table": _dispersion(split),
         "panels": theta_panels(members, differences, name, scale),
     }
 
@@ -72,15 +62,6 @@ def class_curve(answer: Answer, members: Sequence[Answer], name: str, scale: Sca
         "known, so that both records and arches differ. Thin: its arches, of many some from the "
         "weakest to the strongest." + curves.band_words(answer),
     )  # fmt: skip
-
-
-def _dispersion(split: Mapping[str, Any]) -> Table | None:
-    rows = [
-        [words, f"{float(split[key]):.3f}"]
-        for key, words in _PARTS.items()
-        if key in split and (key != "beta_numerical" or float(split[key]) > 0.0)
-    ]
-    return Table(["dispersion β", "value"], rows) if rows else None
 
 
 def _differences(cube: "xr.Dataset", own: NDArray[np.bool_]) -> dict[str, NDArray]:

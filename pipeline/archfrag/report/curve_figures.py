@@ -12,7 +12,7 @@ from archfrag.report.picture import BELOW, SMALL, FloatArray, Picture
 from archfrag.report.plot import Entry, Panel, Sheet, picture
 from archfrag.report.summary import ArchResults, Scale
 from archfrag.report.tables import Table, percent_of
-from archfrag.study.curves import Answer
+from archfrag.study.curves import Answer, curve_of_dict
 
 _DASH = "5 2.5"
 COLOURS = (
@@ -246,9 +246,14 @@ def draw_thin(panel: Panel, fits: Sequence[Fragility], scale: Scale, colour: str
         panel.line(im, fit.probability(im / scale.factor), colour, 0.5, opacity=opacity)
 
 
-def limit_states(fits: Mapping[str, Fragility], results: ArchResults) -> Picture:
-    """Curves of the limit states of an arch, in the order given."""
-    scale = results.scale
+def limit_states(answer: Answer, results: ArchResults) -> Picture | None:
+    """Curves of the limit states of an arch, in the order given; None if none has one."""
+    scale, fits = results.scale, {}
+    for state in answer.more.get("limit_states", {}).get("states", ()):
+        if not isinstance(fit := curve_of_dict(state["curve"]), str):
+            fits[state["name"].replace("_", " ")] = fit
+    if not fits:
+        return None
     strokes = [stroke(name, i) for i, name in enumerate(fits)]
 
     def draw(panel: Panel) -> None:
@@ -285,8 +290,10 @@ def measures_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     return Table(["measure", "θ", "unit", *_MEASURES], cells)
 
 
-def measures(rows: Sequence[Mapping[str, Any]], arch: str, best: str) -> Picture | None:
+def measures(answer: Answer, arch: str) -> Picture | None:
     """Efficiency of each measure, the best on top; None if fewer than two are known."""
+    given = answer.more.get("measures", {})
+    rows, best = given.get("rows", ()), given.get("best", "")
     known = sorted((row for row in rows if np.isfinite(_efficiency(row))), key=_efficiency)
     if len(known) < 2:
         return None

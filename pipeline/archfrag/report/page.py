@@ -11,6 +11,7 @@ from markupsafe import Markup
 from archfrag.errors import InputError
 from archfrag.report import tables
 from archfrag.report.answer import classes, summary
+from archfrag.report.arch_figure import onset_text
 from archfrag.report.arch_section import arch_section, cautions_of
 from archfrag.report.beside import beside_section
 from archfrag.report.class_section import class_section
@@ -98,6 +99,7 @@ def _render(inputs: ReportInputs) -> tuple[str, dict[str, Picture], dict[str, An
             all_curves=every,
             n_arch=len(inputs.answers),
             sections=sections,
+            design={"arches": {}} | json.loads(cube.attrs.get("archfrag_design", "{}")),
             classes=[class_section(inputs, n, i, scale) for i, n in enumerate(inputs.classes)],
             beside=beside_section(inputs, scale),
             risk=inputs.risk,
@@ -147,7 +149,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["inline"] = _inline
+    environment.filters.update(inline=_inline, onset=onset_text)
     return environment
 
 

@@ -40,24 +40,6 @@ def percent_of(confidence: float) -> str:
     return f"{100 * confidence:.0f} %"
 
 
-def answer(given: "Answer", scale: Scale) -> dict[str, str]:
-    """The curve in words: keys theta, theta_interval, beta and more, or `none` why not."""
-    if isinstance(given.curve, str):
-        return {"none": given.curve}
-    low, high = map(scale.digits, given.theta)
-    fit = given.likelihood if isinstance(given.likelihood, Fragility) else None
-    return {
-        "theta": scale.text(given.curve.theta),
-        "theta_interval": f"{low} to {high} {scale.unit}",
-        "beta": f"{given.curve.beta:#.3g}",
-        "beta_interval": f"{given.beta[0]:#.3g} to {given.beta[1]:#.3g}",
-        "n_independent": f"{given.n_independent:.3g}",
-        "n_islands": str(given.n_islands),
-        "theta_likelihood": scale.text(fit.theta) if fit else "no maximum",
-        "beta_likelihood": f"{fit.beta:#.3g}" if fit else "no maximum",
-    }
-
-
 def answers(given: Mapping[str, "Answer"], scale: Scale, at: float | None) -> Table:
     """One row for each arch or class: probability at the level asked for, theta and beta.
 
@@ -190,11 +172,6 @@ def _median_and_largest(values: FloatArray) -> str:
     if values.size == 0:
         return "not known"
     return f"{np.median(values):.1e}, {values.max():.1e}"
-
-
-def signed(text: str) -> str:
-    """A number with a proper minus."""
-    return text.replace("-", "−")
 
 
 def _together(words: str) -> str:
