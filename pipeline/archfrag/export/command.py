@@ -2,7 +2,7 @@
 
 import functools
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,13 +12,18 @@ import xarray as xr
 
 import archfrag
 from archfrag.export.curve_set import CurveSet, Made, crossing
-from archfrag.export.in_core import in_core_sets
-from archfrag.export.nrml import nrml_continuous, nrml_discrete
-from archfrag.export.pelicun import pelicun_description, pelicun_table
-from archfrag.export.points import Unit, curve_tables
+from archfrag.export.formats import FORMATS
 from archfrag.export.receivers import named_measure
 from archfrag.export.runs import facts_table, runs_table
-from archfrag.export.tables import Table, column_facts, require_pyarrow, write_csv, write_parquet
+from archfrag.export.tables import (
+    Table,
+    Unit,
+    column_facts,
+    curve_tables,
+    require_pyarrow,
+    write_csv,
+    write_parquet,
+)
 from archfrag.fragility.curve import Fragility
 from archfrag.study.config import Study
 from archfrag.study.cube import CUBE
@@ -30,20 +35,6 @@ from archfrag.study.steps import require
 
 FOLDER = "export"
 MOST_CROSSING = 0.01  # probability by which curves of two limit states may cross
-_RECEIVERS = {
-    "nrml-continuous": "OpenQuake", "nrml-discrete": "OpenQuake", "pelicun": "pelicun",
-    "in-core": "IN-CORE",
-}  # fmt: skip
-TEXTS: dict[str, Callable[[CurveSet], dict[str, str]]] = {
-    "nrml-continuous": lambda curves: {"fragility-continuous.xml": nrml_continuous(curves)},
-    "nrml-discrete": lambda curves: {"fragility-discrete.xml": nrml_discrete(curves)},
-    "pelicun": lambda curves: {
-        "pelicun.csv": pelicun_table(curves), "pelicun.json": pelicun_description(curves),
-    },
-    "in-core": lambda curves: {
-        f"in-core-{arch}.json": text for arch, text in in_core_sets(curves).items()
-    },
-}  # fmt: skip
 
 
 @dataclass
@@ -94,7 +85,7 @@ def export_study(study: Study, formats: Sequence[str], folder: Path | None = Non
     with open_cube(study) as cube:
         answers = load_answers(study.folder / FITS)
         curves, notes = study_curves(study, cube, answers)
-        texts = {name: TEXTS[name](curves) for name in wanted if name in TEXTS}
+        texts = {name: FORMATS[name][1](curves) for name in wanted if name in FORMATS}
         if "parquet" in wanted:
             require_pyarrow()
         made = Exported(make_folder(folder or study.folder / FOLDER), left_out=curves.left_out)
@@ -109,8 +100,7 @@ def export_study(study: Study, formats: Sequence[str], folder: Path | None = Non
             facts = (facts_table(cube, dimension) for dimension in ("record", "arch"))
             tables = [*curve_tables(curves, answers, unit), runs_table(cube), *facts]
             made.files += _write_tables(curves, tables, made.folder, name)
-    named = [(name, _RECEIVERS[name]) for name in wanted if name in _RECEIVERS]
-    about = {name: named_measure(receiver, curves.measure).note for name, receiver in named}
+    about = {name: named_measure(FORMATS[name][0], curves.measure).note for name in texts}
     made.notes = [*notes, *sorted(f"{name}: {note}" for name, note in about.items() if note)]
     return made
 

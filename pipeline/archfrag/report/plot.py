@@ -26,7 +26,7 @@ Box = tuple[float, float, float, float]  # left, top, right, bottom [px]
 
 
 class Entry(NamedTuple):
-    """One line of a legend; `mark` is line, dash, dot, ring, square, area or a hatch."""
+    """One line of a legend; `mark` is line, dash, dot, ring, area or a hatch."""
 
     label: str
     colour: str
@@ -127,9 +127,8 @@ class Sheet:
                 f"M{number(x)} {number(y + 6.0)}h16", stroke=colour, stroke_width=1.8,
                 fill="none", stroke_dasharray="4 2.5" if mark == "dash" else "",
             )  # fmt: skip
-        elif mark in ("dot", "ring", "square"):
-            d = look.symbol(x + 8.0, y + 6.0, 3.2, mark == "square")
-            self.path(d, **_dotted(colour, mark))
+        elif mark in ("dot", "ring"):
+            self.path(look.symbol(x + 8.0, y + 6.0, 3.2), **_dotted(colour, mark))
         else:
             self.fill(f"M{number(x + 2)} {number(y + 1)}h13v10h-13z", colour, mark)
 
@@ -224,9 +223,7 @@ class Panel:
     ) -> None:
         """Marks at points."""
         places = zip(self.at_x(x), self.at_y(y), strict=True)
-        d = "".join(
-            look.symbol(a, b, radius, mark == "square") for a, b in places if np.isfinite(a + b)
-        )
+        d = "".join(look.symbol(a, b, radius) for a, b in places if np.isfinite(a + b))
         self.sheet.path(d, **_dotted(colour, mark))
 
     def errors(self, x: ArrayLike, low: ArrayLike, high: ArrayLike) -> None:
