@@ -93,10 +93,9 @@ def theta_panels(
     margin = 0.05 * float(np.ptp(theta)) or 0.05 * float(theta[0])
     ends = float(theta.min()) - margin, float(theta.max()) + margin
 
-    def draw(width: float) -> Sheet:
-        sheet = Sheet(width)
+    def draw(sheet: Sheet) -> None:
         columns = 1 if sheet.narrow else min(3, len(shown))
-        each = (width - 10.0) / columns
+        each = (sheet.width - 10.0) / columns
         for i, (title, values) in enumerate(shown.items()):
             row, column = divmod(i, columns)
             top = row * (_HIGH + BELOW + LINE) + LINE
@@ -106,7 +105,6 @@ def theta_panels(
             panel.axis_y(look.even_ticks(*ends), f"θ [{scale.unit}]", grid=True)
             panel.heading(look.shortened(title, each - BESIDE - 8.0))
         sheet.height = -(-len(shown) // columns) * (_HIGH + BELOW + LINE) + 4.0
-        return sheet
 
     return picture(
         draw,

@@ -55,15 +55,13 @@ def curve_picture(
     """A figure of probabilities over levels from 0; `x` is where they end, and their title."""
     reach, title = x
 
-    def drawn(width: float) -> Sheet:
-        sheet = Sheet(width)
+    def drawn(sheet: Sheet) -> None:
         height = 250.0 if sheet.narrow else 300.0
         panel = sheet.below_legend(entries, height, (0.0, reach), (0.0, 1.0))
         ticks = np.linspace(0.0, 1.0, 6)
         panel.axis_y(ticks, words, [f"{p:.1f}" for p in ticks])
         panel.axis_x(look.even_ticks(0.0, reach, 6 if sheet.narrow else 9), title, grid=True)
         draw(panel)
-        return sheet
 
     return picture(drawn, alternative=alternative, caption=caption)
 
@@ -302,10 +300,9 @@ def measures(answer: Answer, arch: str) -> Picture | None:
     chosen = np.array([name == best for name in names])
     tested = _SUFFICIENT[next((row["sufficient"] for row in rows if row["measure"] == best), None)]
 
-    def draw(width: float) -> Sheet:
-        sheet = Sheet(width)
-        left = min(max(look.text_width(name, SMALL) for name in names) + 10.0, 0.4 * width)
-        box = (left, 4.0, width - 44.0, 4.0 + 16.0 * len(known))
+    def draw(sheet: Sheet) -> None:
+        left = min(max(look.text_width(name, SMALL) for name in names) + 10.0, 0.4 * sheet.width)
+        box = (left, 4.0, sheet.width - 44.0, 4.0 + 16.0 * len(known))
         panel = Panel(sheet, box, (0.0, 1.02 * values.max()), (len(known) - 0.5, -0.5))
         panel.axis_x(look.even_ticks(0.0, float(values.max())), "efficiency [1]", grid=True)
         for own, colour in ((chosen, look.BLUE), (~chosen, look.SKY)):
@@ -314,7 +311,6 @@ def measures(answer: Answer, arch: str) -> Picture | None:
             sheet.text(left - 5.0, y, look.shortened(name, left - 8.0, SMALL), "s e")
             sheet.text(float(panel.at_x(value)) + 4.0, y, f"{value:.3f}", "s")
         sheet.height = box[3] + BELOW
-        return sheet
 
     return picture(
         draw,

@@ -35,15 +35,14 @@ def verdict_map(results: ArchResults) -> Picture:
     if not results.simulated.all():
         entries.append(Entry("blank: not simulated", "#ffffff"))
 
-    def draw(width: float) -> Sheet:
-        sheet = Sheet(width)
+    def draw(sheet: Sheet) -> None:
         labelled = len(names) <= _LABELLED
         longest = max(look.text_width(name, SMALL) for name in names)
-        left = min(longest + 8.0, 0.36 * width) if labelled else 26.0
-        top = sheet.legend(left, 0.0, entries, width - left - 8.0) + 2.0
+        left = min(longest + 8.0, 0.36 * sheet.width) if labelled else 26.0
+        top = sheet.legend(left, 0.0, entries, sheet.width - left - 8.0) + 2.0
         bottom = top + (14.0 if labelled else min(14.0, 620.0 / len(names))) * len(names)
         panel = Panel(
-            sheet, (left, top, width - 8.0, bottom), (-0.5, rows.shape[1] - 0.5),
+            sheet, (left, top, sheet.width - 8.0, bottom), (-0.5, rows.shape[1] - 0.5),
             (len(names) - 0.5, -0.5),
         )  # fmt: skip
         for code, (_, colour, mark) in VERDICT_LOOK.items():
@@ -61,7 +60,6 @@ def verdict_map(results: ArchResults) -> Picture:
             sheet.text(left - 8.0, 0.5 * (top + bottom), words, "m", angle=-90)
         panel.level_axis(results.levels, results.scale.label)
         sheet.height = bottom + BELOW
-        return sheet
 
     return picture(
         draw,
@@ -87,8 +85,7 @@ def scattered_runs(results: ArchResults) -> Picture:
     high = max(float(10.0 ** np.ceil(np.log10(seen.max()))), 10.0 * low)
     x = 0.95 * float(level.min()), 1.05 * float(level.max())
 
-    def draw(width: float) -> Sheet:
-        sheet = Sheet(width)
+    def draw(sheet: Sheet) -> None:
         panel = sheet.below_legend(entries, 220.0, x, (low, high), left=56.0, log=True)
         panel.axis_x(look.log_ticks(*x), results.scale.label, grid=True)
         panel.axis_y(look.log_ticks(low, high, subs=(1.0,)), "largest displacement [m]")
@@ -96,7 +93,6 @@ def scattered_runs(results: ArchResults) -> Picture:
             own = verdict == code
             height = np.clip(np.where(moved, reach, low), low, high)
             panel.dots(level[own], height[own], colour, radius=2.6)
-        return sheet
 
     return picture(
         draw,

@@ -72,8 +72,7 @@ def fractions(groups: Sequence[Deaggregation], results: ArchResults) -> Picture 
     stacks = [_parts(group, every) for group in groups]
     keys = [[entry for entry, _ in parts] for parts in stacks]
 
-    def draw(width: float) -> Sheet:
-        sheet = Sheet(width)
+    def draw(sheet: Sheet) -> None:
         first = sheet.panes(len(groups), 0.0, 150.0)[0][0]
         rows = max(sheet.legend_rows(key, first[2] - first[0]) for key in keys)
         gap = 10.0 + rows * LINE if sheet.narrow else 10.0
@@ -88,7 +87,6 @@ def fractions(groups: Sequence[Deaggregation], results: ArchResults) -> Picture 
             panel.level_axis(results.levels, results.scale.label)
             panel.heading(title)
             sheet.legend(box[0], box[3] + 35.0, key, box[2] - box[0])
-        return sheet
 
     return picture(
         draw,

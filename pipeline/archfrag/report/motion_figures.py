@@ -74,8 +74,7 @@ def spectra(
         Entry("median", look.BLUE, "line"),
     ]  # fmt: skip
 
-    def draw(width: float) -> Sheet:
-        sheet = Sheet(width)
+    def draw(sheet: Sheet) -> None:
         panel = spectral_panel(sheet, entries, periods, ends)
         every = 2 if sheet.narrow else 1
         above = np.where(scaled >= floor, scaled, np.nan)
@@ -83,7 +82,6 @@ def spectra(
             panel.line(periods[::every], row[::every], look.GREY, 0.5, opacity=0.6)
         panel.band(periods, np.maximum(low, floor), np.maximum(high, floor), look.SKY, 0.35)
         panel.line(periods, np.where(median >= floor, median, np.nan), look.BLUE, 2.0)
-        return sheet
 
     of = f"{min(len(scaled), _MOST_SPECTRA)} of " if len(scaled) > _MOST_SPECTRA else ""
     return picture(

@@ -47,11 +47,14 @@ def hatch_definitions() -> str:
 
 
 def picture(
-    draw: Callable[[float], "Sheet"], *, alternative: str, caption: str, narrow: bool = True
+    draw: Callable[["Sheet"], None], *, alternative: str, caption: str, narrow: bool = True
 ) -> Picture:
     """Draw a figure for the page's column and for a narrow screen."""
-    small = draw(look.NARROW).svg(alternative) if narrow else ""
-    return Picture(draw(look.WIDE).svg(alternative), caption, small)
+    drawn = ""
+    for width in (look.NARROW, look.WIDE) if narrow else (look.WIDE,):
+        draw(sheet := Sheet(width))
+        small, drawn = drawn, sheet.svg(alternative)
+    return Picture(drawn, caption, small)
 
 
 class Sheet:
@@ -99,10 +102,12 @@ class Sheet:
         if mark in HATCHES:
             self.path(d, fill=f"url(#hatch-{mark})")
 
-    def legend(self, x: float, y: float, entries: Sequence[Entry], width: float) -> float:
-        """Rows of marks and labels from y downwards; returns where they end."""
+    def legend(
+        self, x: float, y: float, entries: Sequence[Entry], width: float | None = None
+    ) -> float:
+        """Rows of marks and labels from y downwards, as wide as the sheet; where they end."""
         row = 0
-        for row, place, (label, colour, mark) in _rows(entries, width):
+        for row, place, (label, colour, mark) in _rows(entries, width or self.width - x - 10.0):
             self._mark(x + place, y + row * LINE, colour, mark)
             self.text(x + place + 20.0, y + row * LINE + 10.0, label)
         return y + (row + 1) * LINE + 3.0 if entries else y
@@ -117,7 +122,7 @@ class Sheet:
         y: tuple[float, float], *, left: float = BESIDE, top: float = 0.0, log: bool = False,
     ) -> "Panel":  # fmt: skip
         """A legend, and below it the last panel of the sheet, over its full width."""
-        top = self.legend(left, top, entries, self.width - left - 10.0) + 6.0
+        top = self.legend(left, top, entries) + 6.0
         self.height = top + height + BELOW
         return Panel(self, (left, top, self.width - 10.0, top + height), x, y, log, log)
 

@@ -40,8 +40,8 @@ def inspected(traces: Sequence[tuple[str, Motion]]) -> Picture:
     top = float(every.max()) or 1.0
     ends = 0.8 * float(every[every > _DECADES * top].min(initial=top)), 1.4 * top
 
-    def draw(width: float) -> Sheet:
-        sheet, start, half = Sheet(width), 20.0, 0.5 * width
+    def draw(sheet: Sheet) -> None:
+        start, half = 20.0, 0.5 * sheet.width
         for label, motion in traces:
             quantities = (
                 (motion, 1.0 / STANDARD_GRAVITY, f"{label}: acceleration [g]"),
@@ -56,7 +56,6 @@ def inspected(traces: Sequence[tuple[str, Motion]]) -> Picture:
         for row, (_, colour, mark) in zip(rows, entries):
             dash = "5 2.5" if mark == "dash" else ""
             panel.line(PERIODS, np.where(row >= ends[0], row, np.nan), colour, 1.3, dash)
-        return sheet
 
     return picture(
         draw,

@@ -131,12 +131,11 @@ def hazard_and_fragility(arch: ArchRisk, hazard: Hazard, scale: Scale) -> Pictur
     low, high = float(every[every > 0.0].min()), float(every.max())
     entries = [Entry(key, look.GREY if i else look.BLUE, "line") for i, key in enumerate(rates)]
 
-    def draw(width: float) -> Sheet:
-        sheet = Sheet(width)
-        top = sheet.legend(_BESIDE, 0.0, entries, width - _BESIDE - 10.0) + 6.0
+    def draw(sheet: Sheet) -> None:
+        top = sheet.legend(_BESIDE, 0.0, entries) + 6.0
         panels: list[Panel] = []
         for height, y in zip(_HEIGHTS, ((low, high), (0.0, 1.0), (0.0, 1.05 * density.max()))):
-            box = (_BESIDE, top, width - 10.0, top + height)
+            box = (_BESIDE, top, sheet.width - 10.0, top + height)
             panels.append(Panel(sheet, box, ends, y, True, log_y=not panels))
             top += height + 14.0
         first, second, third = panels
@@ -157,7 +156,6 @@ def hazard_and_fragility(arch: ArchRisk, hazard: Hazard, scale: Scale) -> Pictur
             last = panel is third
             panel.axis_x(ticks, scale.label * last, None if last else [""] * ticks.size, True)
         sheet.height = third.box[3] + BELOW
-        return sheet
 
     return picture(
         draw,
@@ -192,10 +190,9 @@ def deaggregation(arch: ArchRisk, scale: Scale) -> Picture | None:
         parts.append((Entry("no collapse seen", look.GREY), found.unassigned))
     highest = 1.05 * float(np.sum([rate for _, rate in parts], axis=0).max())
 
-    def draw(width: float) -> Sheet:
-        sheet = Sheet(width)
+    def draw(sheet: Sheet) -> None:
         entries = [entry for entry, _ in parts]
-        top = sheet.legend(_BESIDE, 0.0, entries, width - _BESIDE - 10.0)
+        top = sheet.legend(_BESIDE, 0.0, entries)
         boxes, sheet.height = sheet.panes(1 + len(beside), top, 170.0, left=84.0)
         panel = Panel(sheet, boxes[0], (-0.5, arch.levels.size - 0.5), (0.0, highest))
         _rates(panel, look.even_ticks(0.0, highest, 4), "rate of collapse [1/year]")
@@ -204,7 +201,6 @@ def deaggregation(arch: ArchRisk, scale: Scale) -> Picture | None:
         panel.heading("by level and mechanism")
         for box, (title, part) in zip(boxes[1:], beside):
             _bars(sheet, box, part, f"by {title}")
-        return sheet
 
     return picture(
         draw,

@@ -42,10 +42,9 @@ def timeline(example: Example) -> Picture | None:
         model = MODEL_LOOK[Model(code)]
         entries.append(model._replace(label=f"model: {model.label}"))
 
-    def draw(width: float) -> Sheet:
-        sheet = Sheet(width)
-        top = sheet.legend(BESIDE, 0.0, entries, width - BESIDE - 10.0) + LINE + 4.0
-        right, height = width - 10.0, float(np.clip(15.0 * n_joint, 70.0, 400.0))
+    def draw(sheet: Sheet) -> None:
+        top = sheet.legend(BESIDE, 0.0, entries) + LINE + 4.0
+        right, height = sheet.width - 10.0, float(np.clip(15.0 * n_joint, 70.0, 400.0))
         first = Panel(sheet, (BESIDE, top, right, top + 62.0), (start, end), (-1.0, 1.0))
         _ground(first, example)
         sheet.text(BESIDE, top - 6.0, _stated(example), "b")
@@ -73,7 +72,6 @@ def timeline(example: Example) -> Picture | None:
             line = f"M{time:.1f} {top:.1f}V{bottom:.1f}"
             sheet.path(line, stroke=look.INK, stroke_dasharray="4 2")
         sheet.height = bottom + 14.0 + BELOW
-        return sheet
 
     return picture(
         draw,
