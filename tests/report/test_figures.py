@@ -195,7 +195,7 @@ class TestRuns:
         assert "not simulated" not in figures.verdict_map(data).svg
         sheet, panel = drawn[1], drawn[1].panels[0]
         cells = re.findall(rf'd="([^"]+)" fill="{picture.VERMILION}"', "".join(sheet.parts[2:]))
-        bars = np.array(re.findall(r"M([\d.]+) ([\d.]+)H([\d.]+)v", "".join(cells)), dtype=float)
+        bars = np.array(re.findall(r"M([\d.]+) ([\d.]+)H([\d.]+)V", "".join(cells)), dtype=float)
         cell = (panel.box[2] - panel.box[0]) / data.levels.size
         rows, place = np.unique(bars[:, 1], return_inverse=True)
         shown = np.bincount(place, bars[:, 2] - bars[:, 0], rows.size) / cell

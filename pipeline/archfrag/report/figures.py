@@ -46,7 +46,7 @@ def verdict_map(results: ArchResults) -> Picture:
             (len(names) - 0.5, -0.5),
         )  # fmt: skip
         for code, (_, colour, mark) in VERDICT_LOOK.items():
-            sheet.fill(_cells(panel, rows == code, 1.5 if labelled else 0.0), colour, mark)
+            panel.cells(rows == code, colour, mark, half=0.45 if labelled else 0.5)
         lines = "".join(
             f"M{number(x)} {number(top)}V{number(bottom)}"
             for x in panel.at_x(np.arange(1, rows.shape[1]) - 0.5)
@@ -101,15 +101,3 @@ def scattered_runs(results: ArchResults) -> Picture:
         caption="Every run: the largest displacement of a voussoir against the run's own "
         f"intensity. What moved by less than {low:g} m is shown there.",
     )
-
-
-def _cells(panel: Panel, mask: np.ndarray, gap: float) -> str:
-    """Path of the cells of a mask (n_row, n_column), neighbours of a row joined."""
-    parts = []
-    each = abs(float(panel.at_y(1.0) - panel.at_y(0.0)))
-    for row, cells in enumerate(mask):
-        ends = np.flatnonzero(np.diff(np.concatenate([[0], cells.astype(int), [0]])))
-        y = number(float(panel.at_y(row)) - 0.5 * each)
-        for a, b in panel.at_x(ends - 0.5).reshape(-1, 2):
-            parts.append(f"M{number(a)} {y}H{number(b)}v{number(each - gap)}H{number(a)}z")
-    return "".join(parts)

@@ -11,7 +11,7 @@ from html import escape
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from archfrag.report import picture as look
 from archfrag.report.picture import BELOW, BESIDE, LINE, FloatArray, Picture, number, text_width
@@ -253,6 +253,19 @@ class Panel:
             for a, b, c, e in zip(*(np.ravel(edge) for edge in edges), strict=True)
         )
         self.sheet.fill(d, colour, mark)
+
+    def cells(
+        self, mask: NDArray[np.bool_], colour: str, mark: str = "area",
+        edges: FloatArray | None = None, half: float = 0.5,
+    ) -> None:  # fmt: skip
+        """Cells of a mask, (n_row, n_column), about 0, 1, 2, ...; neighbours of a row are joined.
+
+        `edges` are those of the columns, (n_column + 1,); `half` is half the height of a cell.
+        """
+        x = np.arange(mask.shape[1] + 1) - 0.5 if edges is None else edges
+        steps = np.diff(mask.astype(int), axis=1, prepend=0, append=0)
+        (row, first), (_, last) = np.nonzero(steps > 0), np.nonzero(steps < 0)
+        self.boxes(x[first], x[last], row - half, row + half, colour, mark)
 
     def stack(self, parts: Sequence[tuple[Entry, FloatArray]]) -> None:
         """Columns at 0, 1, 2, ... of parts (n_column,) over each other."""
