@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from archfrag.cli import main
 from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict
-from archfrag.report.beside import Beside, beside_section
+from archfrag.report.beside import beside_section
 from archfrag.report.page import render
 from archfrag.report.summary import reading_scale
 from tests.report import synthetic
@@ -34,7 +34,7 @@ def study(name, vertical, theta=4.0, arches=("ring",), thickness=1.5):
 
 def inputs(one, other):
     names = [str(arch) for arch in one["arch"].values]
-    return synthetic.inputs(names, cube=one, beside=Beside(other, synthetic.answers_of(other)))
+    return synthetic.inputs(names, cube=one, beside=(other, synthetic.answers_of(other)))
 
 
 def shown(given):
@@ -52,7 +52,7 @@ class TestSection:
         one, other = study("up", "used"), study("flat", "not used", theta=5.0)
         given = inputs(one, other)
         rows = rows_of(given)
-        fits = [given.answers["ring"].curve, given.beside.answers["ring"].curve]
+        fits = [given.answers["ring"].curve, given.beside[1]["ring"].curve]
         fell = [int((cube["verdict"] == Verdict.COLLAPSED).sum()) for cube in (one, other)]
         change = 100 * (fits[1].theta / fits[0].theta - 1)
         assert change > 5
@@ -103,7 +103,7 @@ class TestSection:
 )
 def test_refused(attributes, arches, kind):
     given = inputs(study("up", "used"), study("flat", "not used", arches=arches))
-    given.beside.cube["intensity"].attrs |= attributes
+    given.beside[0]["intensity"].attrs |= attributes
     with pytest.raises(InputError, match=f"study 'flat' cannot be shown beside 'up': {kind}"):
         shown(given)
 

@@ -1,11 +1,11 @@
 """A study shown beside another one of the same arches: both curves, and what changed."""
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from archfrag.errors import InputError
 from archfrag.mechanics.collapse import NOTED_GAP
@@ -16,21 +16,7 @@ from archfrag.report.inputs import ReportInputs
 from archfrag.report.picture import Picture
 from archfrag.report.plot import Entry, Panel
 from archfrag.report.summary import ArchResults, Scale, arch_results, study_config
-from archfrag.study.config import Study
 from archfrag.study.curves import Answer
-from archfrag.study.fits import FITS, load_answers, open_cube
-from archfrag.study.steps import require
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-
-@dataclass(frozen=True)
-class Beside:
-    """Another study: its cube, and what is known of each arch."""
-
-    cube: "xr.Dataset"
-    answers: Mapping[str, Answer]
 
 
 class _Side(NamedTuple):
@@ -43,25 +29,11 @@ class _Side(NamedTuple):
     numbers: dict[str, int]
 
 
-def load_beside(study: Study, other: Study) -> Beside:
-    """Results of a study that is to be shown beside the report's own."""
-    refused = f"study {other.id!r} cannot be shown beside {study.id!r}"
-    if study.id == other.id:
-        raise InputError(f"{refused}: each study needs its own id")
-    try:
-        require(other, "cube")
-        require(other, "fit")
-        with open_cube(other) as cube:
-            return Beside(cube.load(), load_answers(other.folder / FITS))
-    except InputError as error:
-        raise InputError(f"{refused}, since it is not finished: {error}") from error
-
-
 def beside_section(inputs: ReportInputs, scale: Scale) -> dict[str, Any] | None:
     """What the page shows of another study, by the names that its template uses."""
     if inputs.beside is None:
         return None
-    studies = (inputs.cube, inputs.answers), (inputs.beside.cube, inputs.beside.answers)
+    studies = (inputs.cube, inputs.answers), inputs.beside
     cubes = [cube for cube, _ in studies]
     names = [str(cube.attrs["archfrag_study"]) for cube in cubes]
     refused = f"study {names[1]!r} cannot be shown beside {names[0]!r}"
@@ -138,7 +110,7 @@ def _numbers(results: ArchResults) -> dict[str, int]:
 
 
 def _differences(
-    names: Sequence[str], cubes: "Sequence[xr.Dataset]", arches: Sequence[str]
+    names: Sequence[str], cubes: Sequence[xr.Dataset], arches: Sequence[str]
 ) -> tables.Table | None:
     """Arches, levels and method in which the studies differ; None if they do not."""
     one, other = (_settings(cube, arches) for cube in cubes)
@@ -150,7 +122,7 @@ def _differences(
     return tables.Table(["key", *names], rows) if rows else None
 
 
-def _settings(cube: "xr.Dataset", arches: Sequence[str]) -> dict[str, str]:
+def _settings(cube: xr.Dataset, arches: Sequence[str]) -> dict[str, str]:
     config = study_config(cube)
     parts = {name: config.get(name, {}) for name in ("intensity", "method")}
     entries = {entry["id"]: entry for entry in config.get("arches", ())}

@@ -2,9 +2,10 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from archfrag.fragility.curve import Fragility
@@ -17,9 +18,6 @@ from archfrag.report.picture import BELOW, BESIDE, LINE, FloatArray, Picture
 from archfrag.report.plot import Entry, Panel, Sheet, picture
 from archfrag.report.summary import Scale
 from archfrag.study.curves import Answer
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 MOST_PANELS, MOST_TEXTS = 9, 7
 _HIGH = 150.0  # of a panel [px]
@@ -64,7 +62,7 @@ def class_curve(answer: Answer, members: Sequence[Answer], name: str, scale: Sca
     )  # fmt: skip
 
 
-def _differences(cube: "xr.Dataset", own: NDArray[np.bool_]) -> dict[str, NDArray]:
+def _differences(cube: xr.Dataset, own: NDArray[np.bool_]) -> dict[str, NDArray]:
     """What the arches of a class differ by: numbers as floats, attributes as texts."""
     found: dict[str, NDArray] = {}
     for name in map(str, cube.data_vars):

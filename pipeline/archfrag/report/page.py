@@ -20,6 +20,7 @@ from archfrag.report.inputs import ReportInputs
 from archfrag.report.motion_figures import motion_section
 from archfrag.report.picture import SVG_STYLE, Picture, standalone
 from archfrag.report.plot import hatch_definitions
+from archfrag.report.risk_section import risk_section
 from archfrag.report.summary import Scale, arch_results, reading_scale
 from archfrag.study.curves import Answer
 from archfrag.study.files import write_text
@@ -102,7 +103,7 @@ def _render(inputs: ReportInputs) -> tuple[str, dict[str, Picture], dict[str, An
             design={"arches": {}} | json.loads(cube.attrs.get("archfrag_design", "{}")),
             classes=[class_section(inputs, n, i, scale) for i, n in enumerate(inputs.classes)],
             beside=beside_section(inputs, scale),
-            risk=inputs.risk,
+            risk=None if inputs.risk is None else risk_section(inputs.risk, scale),
             scale=scale,
             cautions=[c for c in inputs.cautions if not any(cautions_of([c], n) for n in named)],
             # Gap over joint length from which a loss of contact is a collapse.
