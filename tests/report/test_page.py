@@ -213,16 +213,24 @@ def test_risk(drawn):
     data = synthetic.cube(names=("ring", "slab"), items=synthetic.motions(12))
     fits = {"ring": synthetic.answers_of(data)["ring"].curve, "slab": "no curve"}
     risk = risk_of(data, fits, HAZARD)
-    section = risk_section(risk, reading_scale(data, "PGA"))
-    ring, slab = section["arches"]
-    assert slab == {"name": "slab", "none": "no curve", "cautions": ()}
+    risk_section(risk, reading_scale(data, "PGA"))
     assert [overlaps(sheet) for sheet in drawn] == 4 * [[]]
-    rows = section["table"].rows
+    page = read(synthetic.inputs(("ring", "slab"), 12, cube=data, risk=risk))
+    assert "No rate: no curve." in text(page)
+    (heads, rows), levels, contributions = (
+        table(page, label)
+        for label in (
+            "Rates of collapse", "Rate of collapse of ring by level",
+            "Contributions to the rate of collapse of ring",
+        )
+    )  # fmt: skip
     assert [row[0] for row in rows] == ["ring", "slab"]
     assert rows[0][1] == f"{risk.arches['ring'].rate.rate:.2g}"
-    for grid in (section["table"], ring["levels"], ring["contributions"]):
-        assert all(len(row) == len(grid.heads) for row in grid.rows)
-    assert sum(float(row[2]) for row in ring["levels"].rows) == pytest.approx(1.0, abs=0.01)
+    for names, given in ((heads, rows), levels, contributions):
+        assert all(len(row) == len(names) for row in given)
+    assert sum(float(row[2]) for row in levels[1]) == pytest.approx(1.0, abs=0.01)
+    of_mechanisms = [float(row[2]) for row in contributions[1] if row[0] == "mechanism"]
+    assert sum(of_mechanisms) == pytest.approx(1.0, abs=0.02)
 
 
 class TestCautions:

@@ -30,32 +30,21 @@ def risk_section(risk: StudyRisk, scale: Scale) -> dict[str, Any]:
     Of many arches only the first have figures: each takes 0.3 MB.
     """
     shown = SHOWN if len(risk.arches) <= SHOWN else 3
-    arches = [
-        {"name": name, "none": arch, "cautions": ()}
-        if isinstance(arch, str)
-        else _arch(arch, risk, scale)
-        for name, arch in list(risk.arches.items())[:shown]
-    ]
     return {
-        "hazard": risk.hazard.source,
-        "curve": risk.hazard.main_name,
-        "notes": risk.hazard.notes,
+        "hazard": risk.hazard,
         "assumptions": ASSUMPTIONS,
         "table": _answers(risk),
-        "arches": arches,
-    }
-
-
-def _arch(arch: ArchRisk, risk: StudyRisk, scale: Scale) -> dict[str, Any]:
-    return {
-        "name": arch.arch,
-        "none": None,
-        "cautions": arch.cautions,
-        "picture": hazard_and_fragility(arch, risk.hazard, scale),
-        "fractions": deaggregation(arch, scale),
-        "levels": _levels(arch, scale),
-        "contributions": _contributions(arch),
-    }
+        "arches": [
+            {"name": name, "risk": arch}
+            if isinstance(arch, str)
+            else {
+                "name": name, "risk": arch, "ranges": _ranges(arch, scale),
+                "picture": hazard_and_fragility(arch, risk.hazard, scale),
+                "fractions": deaggregation(arch, scale),
+            }
+            for name, arch in list(risk.arches.items())[:shown]
+        ],
+    }  # fmt: skip
 
 
 def _answers(risk: StudyRisk) -> tables.Table:
@@ -84,33 +73,11 @@ def _answers(risk: StudyRisk) -> tables.Table:
     return tables.Table(heads, rows)
 
 
-def _levels(arch: ArchRisk, scale: Scale) -> tables.Table:
-    edges, total = [scale.digits(edge) for edge in arch.edges], arch.rate.rate or 1.0
-    ranges = [f"{low} to {high}" for low, high in zip(["0", *edges], edges)]
-    ranges.append(f"from {edges[-1] if edges else '0'} on")
-    counts = arch.by_mechanism.counts.sum(axis=0)
-    rows = [
-        [words, f"{rate:.2g}", f"{rate / total:.3f}", str(fell)]
-        for words, rate, fell in zip(ranges, arch.level_rate, counts, strict=True)
-    ]
-    return tables.Table([scale.label, "rate [1/year]", "fraction", "collapses"], rows)
-
-
-def _contributions(arch: ArchRisk) -> tables.Table:
-    rows = [
-        [
-            by, found.categories[i], f"{found.fraction[i]:.2f}",
-            f"{found.lower[i]:.2f} to {found.upper[i]:.2f}", str(found.counts[i].sum()),
-        ]
-        for by, found in (
-            ("mechanism", arch.by_mechanism), ("magnitude", arch.by_magnitude),
-            ("distance", arch.by_distance),
-        )
-        for i in np.flatnonzero(found.rate.any(axis=1))
-    ]  # fmt: skip
-    percent = tables.percent_of(arch.by_mechanism.confidence)
-    heads = ["by", "category", "fraction of the rate", percent, "collapses"]
-    return tables.Table(heads, rows, numeric_from=2)
+def _ranges(arch: ArchRisk, scale: Scale) -> list[str]:
+    """The range of intensity that each level stands for, in words."""
+    edges = [scale.digits(edge) for edge in arch.edges]
+    ends = [f"{low} to {high}" for low, high in zip(["0", *edges], edges)]
+    return [*ends, f"from {edges[-1] if edges else '0'} on"]
 
 
 def _years(period: float) -> str:
