@@ -232,22 +232,20 @@ def _curve(description: str, variable: str, theta: float, beta: float) -> dict[s
     }  # fmt: skip
 
 
-#: By name of a format: its receiver, and its files, by the ends of their names.
-FORMATS: dict[str, tuple[str, Callable[[CurveSet], dict[str, str]]]] = {
-    "nrml-continuous": (
-        "OpenQuake", lambda curves: {"fragility-continuous.xml": nrml_continuous(curves)}
-    ),
-    "nrml-discrete": (
-        "OpenQuake", lambda curves: {"fragility-discrete.xml": nrml_discrete(curves)}
-    ),
-    "pelicun": (
-        "pelicun", lambda curves: {
-            "pelicun.csv": pelicun_table(curves), "pelicun.json": pelicun_description(curves),
-        },
-    ),
-    "in-core": (
-        "IN-CORE", lambda curves: {
-            f"in-core-{arch}.json": text for arch, text in in_core_sets(curves).items()
-        },
-    ),
-}  # fmt: skip
+#: By name of a format: its receiver, and the texts of its files by the ends of their names.
+FORMATS: dict[str, tuple[str, dict[str, Callable[[CurveSet], str | dict[str, str]]]]] = {
+    "nrml-continuous": ("OpenQuake", {"fragility-continuous.xml": nrml_continuous}),
+    "nrml-discrete": ("OpenQuake", {"fragility-discrete.xml": nrml_discrete}),
+    "pelicun": ("pelicun", {"pelicun.csv": pelicun_table, "pelicun.json": pelicun_description}),
+    "in-core": ("IN-CORE", {"in-core-{arch}.json": in_core_sets}),  # a text for each arch
+}
+
+
+def written(curves: CurveSet, name: str) -> dict[str, str]:
+    """Texts of a format's files, by the ends of their names."""
+    texts: dict[str, str] = {}
+    for ending, write in FORMATS[name][1].items():
+        text = write(curves)
+        parts = {"": text} if isinstance(text, str) else text
+        texts |= {ending.format(arch=arch): part for arch, part in parts.items()}
+    return texts

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+from archfrag.fragility.counts import clopper_pearson
 from archfrag.report import arch_figure, curve_figures, example, figures, mechanism_figures, tables
 from archfrag.report.animation import animation
 from archfrag.report.inputs import ReportInputs
@@ -30,7 +31,7 @@ def arch_section(
         "onset": onset,
         "cautions": cautions_of(inputs.cautions, name),
         "curve": curve_figures.curve(results, answer),
-        "levels": tables.levels(results, answer),
+        "interval": clopper_pearson(results.known.collapsed, results.known.n, answer.confidence),
         "limit_states": curve_figures.limit_states(answer, results),
         "measures": curve_figures.measures(answer, name),
         "measures_table": curve_figures.measures_table(measured),

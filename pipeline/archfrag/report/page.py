@@ -18,7 +18,7 @@ from archfrag.report.class_section import class_section
 from archfrag.report.curve_figures import all_curves
 from archfrag.report.inputs import ReportInputs
 from archfrag.report.motion_figures import motion_section
-from archfrag.report.picture import SVG_STYLE, Picture, standalone
+from archfrag.report.picture import SVG_STYLE, Picture, digits, standalone
 from archfrag.report.plot import hatch_definitions
 from archfrag.report.risk_section import risk_section
 from archfrag.report.summary import Scale, arch_results, reading_scale
@@ -150,7 +150,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(inline=_inline, onset=onset_text)
+    environment.filters.update(digits=digits, inline=_inline, onset=onset_text)
     return environment
 
 

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.fragility.counts import Verdict, clopper_pearson
-from archfrag.fragility.curve import Fragility
+from archfrag.fragility.counts import Verdict
 from archfrag.report.picture import FloatArray, digits
 from archfrag.report.summary import ArchResults, Scale
 
@@ -65,34 +64,6 @@ def answers(given: Mapping[str, "Answer"], scale: Scale, at: float | None) -> Ta
         rows.append(row)
     heads = ["arch", *asked, f"θ [{scale.unit}] ({percent})", f"β ({percent})"]
     return Table([*heads, "θ, β by maximum likelihood"], rows)
-
-
-def levels(results: ArchResults, given: "Answer") -> Table:
-    """One row for each level: runs by verdict, observed fraction with its interval, the curve.
-
-    Where levels were bisected the fraction is of all records whose capacity is known to lie below
-    or above the level.
-    """
-    counts, known, fit = results.counts, results.known, given.curve
-    low, high = clopper_pearson(known.collapsed, known.n, given.confidence)
-    kinds = (
-        counts.runs, counts.collapsed, counts.standing, counts.unfinished, counts.solver_failures,
-    )  # fmt: skip
-    rows = []
-    for i, level in enumerate(results.levels):
-        fraction, ends, fitted = "–", "–", "–"
-        if known.n[i]:
-            fraction = f"{known.collapsed[i] / known.n[i]:.3f}"
-            ends = f"{low[i]:.3f} – {high[i]:.3f}"
-        if isinstance(fit, Fragility):
-            fitted = f"{fit.probability(level / results.scale.factor):.3f}"
-        rows.append([digits(level), *(str(kind[i]) for kind in kinds), fraction, ends, fitted])
-    heads = [
-        results.scale.label, "runs", "collapsed", "standing", "unfinished", "solver failures",
-        "records with capacity below" if results.bisected else "fraction",
-        f"exact {percent_of(given.confidence)} interval", "curve",
-    ]  # fmt: skip
-    return Table(heads, rows, numeric_from=0)
 
 
 def motions(
