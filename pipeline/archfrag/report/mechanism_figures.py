@@ -21,7 +21,7 @@ _OTHER = "other joints"
 _MOST_JOINTS = 4
 LOOKS = (
     (look.BLUE, "area"), (look.ORANGE, "slash"), (look.GREEN, "dots"), (look.PURPLE, "cross"),
-    (look.GREY, "area"),
+    (look.VERMILION, "slash"), (look.SKY, "area"), (look.INK, "area"), (look.GREY, "area"),
 )  # fmt: skip
 OF_RUNS = (
     "Each column is the observed fraction of collapses at a level, among the runs that collapsed "

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from archfrag.fragility.contributions import NOT_KNOWN, Contributions
 from archfrag.report import picture as look
 from archfrag.report import tables
+from archfrag.report.mechanism_figures import LOOKS
 from archfrag.report.picture import BELOW, FloatArray, Picture
 from archfrag.report.plot import Box, Entry, Panel, Sheet, picture
 from archfrag.report.summary import Scale
@@ -16,10 +17,6 @@ from archfrag.study.members import SHOWN
 from archfrag.study.risk import OTHER, ArchRisk, StudyRisk
 from archfrag.study.risk_output import ASSUMPTIONS
 
-_LOOKS = (
-    (look.BLUE, "area"), (look.ORANGE, "slash"), (look.GREEN, "dots"), (look.PURPLE, "cross"),
-    (look.SKY, "area"), (look.VERMILION, "slash"), (look.INK, "area"), ("#8c6d31", "area"),
-)  # fmt: skip
 _REACH = 1e-4  # of the greatest density of the rate, where the axis ends
 _BESIDE, _HEIGHTS = 66.0, (150.0, 110.0, 110.0)  # left of the panels and their heights [px]
 
@@ -149,7 +146,7 @@ def deaggregation(arch: ArchRisk, scale: Scale) -> Picture | None:
     ]
     found = arch.by_mechanism
     parts = [
-        (Entry(name, *((look.PALE, "area") if name == OTHER else _LOOKS[i % len(_LOOKS)])), rate)
+        (Entry(name, *((look.PALE, "area") if name == OTHER else LOOKS[i % len(LOOKS)])), rate)
         for i, (name, rate) in enumerate(zip(found.categories, found.rate))
         if rate.any()
     ]
