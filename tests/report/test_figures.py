@@ -16,7 +16,6 @@ from archfrag.report import (
     class_section,
     curve_figures,
     figures,
-    mechanism_figures,
     motion_figures,
     picture,
     timeline,
@@ -73,7 +72,7 @@ class TestLabelsKeepClear:
         data = results(n_level=n_level)
         figures.verdict_map(data)
         curve_figures.curve(data, synthetic.none("no run collapsed"))
-        mechanism_figures.fractions(mechanism_figures.groupings(data, 0.9), data)
+        figures.fractions(figures.groupings(data, 0.9), data)
         assert [sheet.width for sheet in drawn] == 3 * [NARROW, WIDE]
         assert [overlaps(sheet) for sheet in drawn] == 6 * [[]]
 
@@ -236,7 +235,7 @@ class TestMechanisms:
     def test_every_grouping_has_the_collapses_of_the_cube(self, drawn):
         data = results()
         fell = data.verdict == Verdict.COLLAPSED
-        groups = mechanism_figures.groupings(data, 0.9)
+        groups = figures.groupings(data, 0.9)
         for group in groups:
             np.testing.assert_array_equal(group.counts.sum(axis=0), fell.sum(axis=0))
         mode, joint, impacts = groups
@@ -247,28 +246,26 @@ class TestMechanisms:
             assert count.sum() == (fell & (data["collapse_joint"] == number)).sum() > 0
         seen = [(fell & (data["impacts"] == n)).sum() for n in (0, 1, 2, 50, 300)]
         assert impacts.counts.sum(axis=1).tolist() == seen
-        mechanism_figures.fractions(groups, data)
+        figures.fractions(groups, data)
         for sheet in drawn:
             for panel in sheet.panels:
                 top = np.zeros(data.levels.size)
-                for colour, _ in mechanism_figures.LOOKS:
+                for colour, _ in figures.LOOKS:
                     for left, right, _, high in rectangles(sheet, panel, colour):
                         level = round(0.5 * (left + right))
                         top[level] = max(top[level], high)
                 np.testing.assert_allclose(top, data.counts.collapsed / data.counts.n, atol=1e-3)
         drawn.clear()
         data.verdict[0, -1] = Verdict.NOT_SIMULATED
-        picture = mechanism_figures.fractions(mechanism_figures.groupings(data, 0.9), data)
+        picture = figures.fractions(figures.groupings(data, 0.9), data)
         assert "all collapses at a level" in picture.caption
         for panel in drawn[0].panels:
-            tops = [
-                rectangles(drawn[0], panel, colour)[:, 3] for colour, _ in mechanism_figures.LOOKS
-            ]
+            tops = [rectangles(drawn[0], panel, colour)[:, 3] for colour, _ in figures.LOOKS]
             assert np.concatenate(tops).max() == pytest.approx(1.0, abs=2e-3)
 
     def test_table_of_what_ran(self):
         data = results()
-        rows = dict(mechanism_figures.ran_table(data).rows)
+        rows = dict(figures.ran_table(data).rows)
         time = data["model_time"]
         mega, again = time[..., 2].sum(), data["level_iterations"].sum()
         assert rows["simulated time, mega-voussoirs"] == (
@@ -280,7 +277,7 @@ class TestMechanisms:
         assert rows["of these, with more than one round"] == f"{again:,} ({part:.2g} %)"
         time[..., 0] = time.sum(axis=2)
         time[..., 1:] = 0.0
-        rows = dict(mechanism_figures.ran_table(data).rows)
+        rows = dict(figures.ran_table(data).rows)
         assert "fraction of the time in motion on all voussoirs" not in rows
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from archfrag.fragility.counts import clopper_pearson
-from archfrag.report import arch_figure, curve_figures, example, figures, mechanism_figures, tables
+from archfrag.report import arch_figure, curve_figures, example, figures, tables
 from archfrag.report.animation import animation
 from archfrag.report.inputs import ReportInputs
 from archfrag.report.picture import Picture
@@ -21,7 +21,7 @@ def arch_section(
     name, arch, onset = inputs.arches[place]
     answer = inputs.answers[name]
     wall = None if inputs.timings is None else inputs.timings.get(name)
-    groups = mechanism_figures.groupings(results, inputs.confidence)
+    groups = figures.groupings(results, inputs.confidence)
     measured = answer.more.get("measures", {}).get("rows", ())
     return {
         "id": f"arch{place}",
@@ -38,11 +38,11 @@ def arch_section(
         "verdicts": (figures.scattered_runs if results.grouped else figures.verdict_map)(results),
         "arch": arch_figure.arch_at_onset(arch, onset, name),
         "geometry": tables.geometry(arch.parameters),
-        "fractions": mechanism_figures.fractions(groups, results),
-        "fractions_table": mechanism_figures.fractions_table(groups, results),
+        "fractions": figures.fractions(groups, results),
+        "fractions_table": figures.fractions_table(groups, results),
         "n_effective": groups[0].n_effective,
         **_repeated(inputs, results, place, animated),
-        "ran_table": mechanism_figures.ran_table(results),
+        "ran_table": figures.ran_table(results),
         "quality": tables.quality(results, wall),
     }
 

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from archfrag.fragility.contributions import NOT_KNOWN, Contributions
 from archfrag.report import picture as look
 from archfrag.report import tables
-from archfrag.report.mechanism_figures import LOOKS
+from archfrag.report.figures import LOOKS
 from archfrag.report.picture import BELOW, FloatArray, Picture
 from archfrag.report.plot import Box, Entry, Panel, Sheet, picture
 from archfrag.report.summary import Scale

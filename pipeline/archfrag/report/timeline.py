@@ -7,7 +7,7 @@ import numpy as np
 from archfrag.mechanics.status import Model
 from archfrag.report import picture as look
 from archfrag.report.example import Example
-from archfrag.report.mechanism_figures import MODEL_LOOK
+from archfrag.report.figures import MODEL_LOOK
 from archfrag.report.picture import BELOW, BESIDE, LINE, FloatArray, Picture
 from archfrag.report.plot import Entry, Panel, Sheet, picture
 from archfrag.report.summary import IntArray
