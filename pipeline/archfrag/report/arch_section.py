@@ -22,7 +22,6 @@ def arch_section(
     answer = inputs.answers[name]
     wall = None if inputs.timings is None else inputs.timings.get(name)
     groups = figures.groupings(results, inputs.confidence)
-    measured = answer.more.get("measures", {}).get("rows", ())
     return {
         "id": f"arch{place}",
         "name": name,
@@ -34,10 +33,10 @@ def arch_section(
         "interval": clopper_pearson(results.known.collapsed, results.known.n, answer.confidence),
         "limit_states": curve_figures.limit_states(answer, results),
         "measures": curve_figures.measures(answer, name),
-        "measures_table": curve_figures.measures_table(measured),
+        "measured": curve_figures.efficient_first(answer),
         "verdicts": (figures.scattered_runs if results.grouped else figures.verdict_map)(results),
         "arch": arch_figure.arch_at_onset(arch, onset, name),
-        "geometry": tables.geometry(arch.parameters),
+        "geometry": arch.parameters,
         "fractions": figures.fractions(groups, results),
         "fractions_table": figures.fractions_table(groups, results),
         "n_effective": groups[0].n_effective,

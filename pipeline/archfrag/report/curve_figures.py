@@ -11,7 +11,7 @@ from archfrag.report import picture as look
 from archfrag.report.picture import BELOW, SMALL, FloatArray, Picture
 from archfrag.report.plot import Entry, Panel, Sheet, picture
 from archfrag.report.summary import ArchResults, Scale
-from archfrag.report.tables import Table, percent_of
+from archfrag.report.tables import percent_of
 from archfrag.study.curves import Answer, curve_of_dict
 
 _DASH = "5 2.5"
@@ -32,12 +32,6 @@ _DATA = {
     "stripes": "Points: collapsed / (collapsed + standing) at each level; bars: Clopper–Pearson, "
     "of the records at that level.",
 }
-# Columns of the table of measures; a row is a `MeasureRow` with the unit of theta.
-_MEASURES = {
-    "β": "beta", "efficiency": "efficiency", "practicality": "practicality",
-    "proficiency": "proficiency", "p of magnitude": "p_magnitude", "p of distance": "p_distance",
-}  # fmt: skip
-
 _BEYOND = " Dotted: the highest level that was run; beyond it the curve is its shape alone."
 _SUFFICIENT = {
     True: "those that are sufficient, which means that magnitude and distance add nothing (p of "
@@ -278,23 +272,18 @@ def stroke(name: str, place: int) -> Entry:
     return Entry(name, COLOURS[place % len(COLOURS)], "dash" if dashed else "line")
 
 
-def measures_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """One row for each measure, the most efficient first."""
-    cells = [
-        [row["measure"], _measured(row["theta"]), row["unit"],
-         *(_measured(row[key]) for key in _MEASURES.values())]
-        for row in sorted(rows, key=_efficiency)
-    ]  # fmt: skip
-    return Table(["measure", "θ", "unit", *_MEASURES], cells)
+def efficient_first(answer: Answer) -> list[Mapping[str, Any]]:
+    """Measures that were compared, the most efficient first: `MeasureRow`s with their units."""
+    return sorted(answer.more.get("measures", {}).get("rows", ()), key=_efficiency)
 
 
 def measures(answer: Answer, arch: str) -> Picture | None:
     """Efficiency of each measure, the best on top; None if fewer than two are known."""
-    given = answer.more.get("measures", {})
-    rows, best = given.get("rows", ()), given.get("best", "")
-    known = sorted((row for row in rows if np.isfinite(_efficiency(row))), key=_efficiency)
+    rows = efficient_first(answer)
+    known = [row for row in rows if np.isfinite(_efficiency(row))]
     if len(known) < 2:
         return None
+    best = answer.more["measures"]["best"]
     names = [str(row["measure"]) for row in known]
     values, place = np.array([_efficiency(row) for row in known]), np.arange(len(known))
     chosen = np.array([name == best for name in names])
@@ -323,13 +312,6 @@ def measures(answer: Answer, arch: str) -> Picture | None:
 
 
 def _efficiency(row: Mapping[str, Any]) -> float:
-    return _number(row["efficiency"])
-
-
-def _number(value: Any) -> float:
-    """A stored number; null where it is not known."""
-    return np.nan if value is None else float(value)
-
-
-def _measured(value: Any) -> str:
-    return f"{_number(value):#.3g}" if np.isfinite(_number(value)) else "–"
+    """Infinite where it is not known, so that such measures come last."""
+    value = np.nan if row["efficiency"] is None else float(row["efficiency"])
+    return value if np.isfinite(value) else np.inf

@@ -150,7 +150,10 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(digits=digits, inline=_inline, onset=onset_text)
+    environment.filters |= {
+        "digits": digits, "inline": _inline, "measured": tables.measured, "onset": onset_text,
+        "short": tables.short,
+    }  # fmt: skip
     return environment
 
 

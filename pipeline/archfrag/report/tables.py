@@ -17,11 +17,6 @@ if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
     from archfrag.study.curves import Answer
 
-_UNITS = {
-    **dict.fromkeys(("radius", "thickness", "span", "rise", "width", "height", "depth"), " [m]"),
-    **dict.fromkeys(("intrados", "extrados"), " [m]"),
-    "embrace": " [deg]", "density": " [kg/m³]", "dead_load": " [N]",
-}  # fmt: skip
 MOST_ROWS = 200  # arches of the table of answers
 
 
@@ -121,16 +116,10 @@ def quality(results: ArchResults, wall: Sequence[float] | None) -> Table:
     return Table(["figure", "value"], list(rows.items()))
 
 
-def geometry(parameters: Mapping[str, Any]) -> Table:
-    """What an arch was built from; long lists shortened to their range."""
-    rows = [
-        [name.replace("_", " ") + _UNITS.get(name, ""), _short(value)]
-        for name, value in parameters.items()
-        if value is not None
-    ]
-    if parameters.get("dead_load", 0.0) is None:
-        rows.append(["dead load", "none: the ring alone, without fill and spandrels"])
-    return Table(["parameter", "value"], rows)
+def measured(value: float | str | None) -> str:
+    """A stored number with three digits, which may be null where it is not known."""
+    number = np.nan if value is None else float(value)
+    return f"{number:#.3g}" if np.isfinite(number) else "–"
 
 
 def _optional(cube: "xr.Dataset", name: str, place: int, form: str) -> str:
@@ -159,10 +148,11 @@ def _chance(value: float) -> str:
     return f"{value:.2f}" if 0.1 <= value <= 0.9 else f"{value:.3f}"
 
 
-def _short(value: Any) -> str:
+def short(value: Any) -> str:
+    """A parameter of an arch; a long list shortened to its size."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list | tuple):
         flat = np.ravel(np.array(value, dtype=object))
-        return f"{flat.size} values" if flat.size > 6 else ", ".join(map(_short, flat))
+        return f"{flat.size} values" if flat.size > 6 else ", ".join(map(short, flat))
     return f"{value:g}" if isinstance(value, float) else str(value)
