@@ -41,9 +41,8 @@ def shown(given):
     return beside_section(given, reading_scale(given.cube, "PGA"))
 
 
-def rows_of(given):
-    page = lxml.html.document_fromstring(render(given))
-    heads, rows = table(page, "ring in both studies")
+def rows_of(given, label="ring in both studies"):
+    heads, rows = table(lxml.html.document_fromstring(render(given)), label)
     return {key: values for key, *values in (heads, *rows)}
 
 
@@ -79,10 +78,10 @@ class TestSection:
         one = study("up", "used", arches=("ring", "wall"))
         found = shown(inputs(one, study("flat", "not used", arches=("tower", "wall"))))
         assert [arch["name"] for arch in found["arches"]] == ["wall"]
-        assert found["differences"] is None
-        found = shown(inputs(one, study("flat", "used", thickness=1.2)))["differences"]
-        assert found.heads == ["key", "up", "flat"]
-        assert found.rows == [["arches.ring.thickness", "1.5", "1.2"]]
+        assert found["settings"][0] == found["settings"][1]
+        differing = inputs(one, study("flat", "used", thickness=1.2))
+        rows = rows_of(differing, "Arches, levels and method in which the studies differ")
+        assert rows == {"key": ["up", "flat"], "arches.ring.thickness": ["1.5", "1.2"]}
         assert shown(synthetic.inputs()) is None
 
     def test_without_a_curve(self):

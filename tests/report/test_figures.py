@@ -263,23 +263,6 @@ class TestMechanisms:
             tops = [rectangles(drawn[0], panel, colour)[:, 3] for colour, _ in figures.LOOKS]
             assert np.concatenate(tops).max() == pytest.approx(1.0, abs=2e-3)
 
-    def test_table_of_what_ran(self):
-        data = results()
-        rows = dict(figures.ran_table(data).rows)
-        time = data["model_time"]
-        mega, again = time[..., 2].sum(), data["level_iterations"].sum()
-        assert rows["simulated time, mega-voussoirs"] == (
-            f"{mega:,.1f} s ({100 * mega / time.sum():.1f} %)"
-        )
-        assert rows["fraction of the time in motion on all voussoirs"] == "10.0 %"
-        assert rows["switches to time stepping"].startswith(f"{data['switches'].sum():,} (")
-        part = 100 * again / data["levels"].sum()
-        assert rows["of these, with more than one round"] == f"{again:,} ({part:.2g} %)"
-        time[..., 0] = time.sum(axis=2)
-        time[..., 1:] = 0.0
-        rows = dict(figures.ran_table(data).rows)
-        assert "fraction of the time in motion on all voussoirs" not in rows
-
 
 def test_run_that_is_shown():
     data = results()

@@ -318,6 +318,23 @@ class TestNumbers:
         found = rows["contact residual of solver failures, median and largest"]
         assert found == "7.0e-01, 7.0e-01"
 
+    def test_what_ran(self, study, page):
+        data = study.cube.copy(deep=True)
+        rows = dict(table(page, "Models and events of ring")[1])
+        time = data["model_time"].values[0]
+        mega, again = time[..., 2].sum(), int(data["level_iterations"].sum())
+        assert rows["simulated time, mega-voussoirs"] == (
+            f"{mega:,.1f} s ({100 * mega / time.sum():.1f} %)"
+        )
+        assert rows["fraction of the time in motion on all voussoirs"] == "10.0 %"
+        assert rows["switches to time stepping"].startswith(f"{int(data['switches'].sum()):,} (")
+        part = 100 * again / int(data["levels"].sum())
+        assert rows["of these, with more than one round"] == f"{again:,} ({part:.2g} %)"
+        time[..., 0] = time.sum(axis=2)
+        time[..., 1:] = 0.0
+        rows = dict(table(read(replace(study, cube=data)), "Models and events of ring")[1])
+        assert "fraction of the time in motion on all voussoirs" not in rows
+
     def test_motions_and_the_level_of_their_spectra(self, study, page):
         heads, rows = table(page, "Ground motions as recorded, and their scale factors")
         assert [row[0] for row in rows] == [motion.id for motion in study.motions]

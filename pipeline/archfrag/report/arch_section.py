@@ -3,13 +3,16 @@
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from archfrag.fragility.counts import clopper_pearson
-from archfrag.report import arch_figure, curve_figures, example, figures, tables
+from archfrag.report import arch_figure, curve_figures, example, figures
 from archfrag.report.animation import animation
 from archfrag.report.inputs import ReportInputs
 from archfrag.report.picture import Picture
 from archfrag.report.summary import ArchResults
 from archfrag.report.timeline import timeline
+from archfrag.simulation.mechanism import MODEL_WORDS
 
 _ENTRIES = 60  # of the log, in words
 
@@ -20,7 +23,8 @@ def arch_section(
     """Data, figures and tables of an arch, by the names that the page's template uses."""
     name, arch, onset = inputs.arches[place]
     answer = inputs.answers[name]
-    wall = None if inputs.timings is None else inputs.timings.get(name)
+    wall = np.array((inputs.timings or {}).get(name, ()), dtype=float)
+    runs = results.counts.runs.sum()
     groups = figures.groupings(results, inputs.confidence)
     return {
         "id": f"arch{place}",
@@ -38,11 +42,13 @@ def arch_section(
         "arch": arch_figure.arch_at_onset(arch, onset, name),
         "geometry": arch.parameters,
         "fractions": figures.fractions(groups, results),
-        "fractions_table": figures.fractions_table(groups, results),
-        "n_effective": groups[0].n_effective,
+        "groups": groups,
         **_repeated(inputs, results, place, animated),
-        "ran_table": figures.ran_table(results),
-        "quality": tables.quality(results, wall),
+        "model_time": dict(zip(results.models, results["model_time"].sum(axis=(0, 1)).tolist())),
+        "model_words": {model.name.lower(): words for model, words in MODEL_WORDS.items()},
+        "simulated": np.nansum(results["end_time"]),
+        "wall": wall,
+        "wall_ends": np.quantile(wall, [0.5, 0.95]) if wall.size and wall.size == runs else (),
     }
 
 

@@ -10,7 +10,6 @@ import xarray as xr
 from archfrag.errors import InputError
 from archfrag.mechanics.collapse import NOTED_GAP
 from archfrag.report import picture as look
-from archfrag.report import tables
 from archfrag.report.curve_figures import curve_picture, draw_answer
 from archfrag.report.inputs import ReportInputs
 from archfrag.report.picture import Picture
@@ -59,7 +58,7 @@ def beside_section(inputs: ReportInputs, scale: Scale) -> dict[str, Any] | None:
         "arches": arches,
         "records": [len(each) for each in records],
         "common": len(records[0] & records[1]),
-        "differences": _differences(names, cubes, common),
+        "settings": [_settings(cube, common) for cube in cubes],
     }
 
 
@@ -107,19 +106,6 @@ def _numbers(results: ArchResults) -> dict[str, int]:
         "unfinished": counts.unfinished.sum(),
         "solver failures": counts.solver_failures.sum(),
     }
-
-
-def _differences(
-    names: Sequence[str], cubes: Sequence[xr.Dataset], arches: Sequence[str]
-) -> tables.Table | None:
-    """Arches, levels and method in which the studies differ; None if they do not."""
-    one, other = (_settings(cube, arches) for cube in cubes)
-    rows = [
-        [key, one.get(key, "–"), other.get(key, "–")]
-        for key in sorted(one.keys() | other.keys())
-        if one.get(key) != other.get(key)
-    ]
-    return tables.Table(["key", *names], rows) if rows else None
 
 
 def _settings(cube: xr.Dataset, arches: Sequence[str]) -> dict[str, str]:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from archfrag.fragility.curve import Fragility
 from archfrag.report import curve_figures as curves
 from archfrag.report import picture as look
-from archfrag.report import tables
 from archfrag.report.answer import classes
+from archfrag.report.filters import percent_of
 from archfrag.report.inputs import ReportInputs
 from archfrag.report.picture import BELOW, BESIDE, LINE, FloatArray, Picture
 from archfrag.report.plot import Entry, Panel, Sheet, picture
@@ -45,7 +45,7 @@ def class_curve(answer: Answer, members: Sequence[Answer], name: str, scale: Sca
     ends = [scale.factor * each.im[-1] for each in (answer, *members) if each.im]
     entries = [Entry("arches of the class", curves.THIN, "line")]
     if isinstance(answer.curve, Fragility):
-        percent = tables.percent_of(answer.confidence)
+        percent = percent_of(answer.confidence)
         entries += curves.band_entries("an arch of the class", percent)
 
     def draw(panel: Panel) -> None:

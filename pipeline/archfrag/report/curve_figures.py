@@ -8,10 +8,10 @@ import numpy as np
 from archfrag.fragility.counts import clopper_pearson
 from archfrag.fragility.curve import Fragility
 from archfrag.report import picture as look
+from archfrag.report.filters import percent_of
 from archfrag.report.picture import BELOW, SMALL, FloatArray, Picture
 from archfrag.report.plot import Entry, Panel, Sheet, picture
 from archfrag.report.summary import ArchResults, Scale
-from archfrag.report.tables import percent_of
 from archfrag.study.curves import Answer, curve_of_dict
 
 _DASH = "5 2.5"

@@ -11,7 +11,6 @@ from archfrag.report import picture as look
 from archfrag.report.picture import BELOW, LINE, SMALL, FloatArray, Picture, number
 from archfrag.report.plot import Entry, Panel, Sheet, picture
 from archfrag.report.summary import ArchResults
-from archfrag.report.tables import Table
 from archfrag.simulation.mechanism import MODEL_WORDS
 
 VERDICT_LOOK = {
@@ -191,20 +190,6 @@ def fractions(groups: Sequence[Deaggregation], results: ArchResults) -> Picture 
     )
 
 
-def fractions_table(groups: Sequence[Deaggregation], results: ArchResults) -> Table:
-    """Collapses of each category at each level, and their fraction of all with its interval."""
-    percent = f"{100 * groups[0].confidence:.0f} %"
-    heads = ["collapses", "all levels", "fraction", f"{percent} interval"]
-    everything = groups[0].collapsed
-    rows = [["all", str(everything.sum()), "", "", *map(str, everything)]]
-    for group in groups:
-        for i in np.flatnonzero(group.counts.any(axis=1)):
-            ends = f"{group.overall_lower[i]:.2f} – {group.overall_upper[i]:.2f}"
-            total, fraction = str(group.counts[i].sum()), f"{group.overall[i]:.2f}"
-            rows.append([group.categories[i], total, fraction, ends, *map(str, group.counts[i])])
-    return Table([*heads, *map(look.digits, results.levels)], rows)
-
-
 def _parts(group: Deaggregation, every: bool) -> list[tuple[Entry, FloatArray]]:
     """Categories that occur: how they look, and their fraction at each level, as `fractions`."""
     modes = {entry.label: entry for entry in MODE_LOOK.values()}
@@ -217,32 +202,3 @@ def _parts(group: Deaggregation, every: bool) -> list[tuple[Entry, FloatArray]]:
             part = np.nan_to_num(group.probability[i])
         found.append((modes.get(name, Entry(name, *colours)), part))
     return found
-
-
-def ran_table(results: ArchResults) -> Table:
-    """Simulated time of each model, and totals of events and contact problems."""
-    time = results["model_time"]
-    moving = time.sum() - time[..., results.models.index("rest")].sum()
-    total = max(float(time.sum()), np.finfo(float).tiny)
-    rows = {}
-    for i, model in enumerate(results.models):
-        seconds = float(time[..., i].sum())
-        words = f"simulated time, {MODEL_LOOK[Model[model.upper()]].label}"
-        rows[words] = f"{seconds:,.1f} s ({100 * seconds / total:.1f} %)" if seconds else "0"
-    if moving > 0.0:
-        by_steps = time[..., results.models.index("all_voussoirs")].sum() / moving
-        rows["fraction of the time in motion on all voussoirs"] = f"{100 * by_steps:.1f} %"
-    for label, name in (
-        ("events located", "events"), ("impacts", "impacts"),
-        ("switches to time stepping", "switches"),
-    ):  # fmt: skip
-        count = results[name].sum()
-        rate = f" ({count / moving:.3g} in a second of motion)" if moving > 0.0 else ""
-        rows[label] = f"{count:,}{rate}"
-    solved, again = int(results["levels"].sum()), int(results["level_iterations"].sum())
-    part = f" ({100 * again / solved:.2g} %)" if solved else ""
-    rows["contact problems solved by the two levels"] = f"{solved:,}"
-    rows["of these, with more than one round"] = f"{again:,}{part}"
-    rows["contact problems left to the general solver"] = f"{results['general'].sum():,}"
-    some = [[name, text] for name, text in rows.items() if text.split()[0] != "0"]
-    return Table(["figure", "value"], some)

@@ -13,7 +13,6 @@ from archfrag.motions.measures import measure, spectral_acceleration
 from archfrag.motions.motion import Motion
 from archfrag.motions.process import velocity
 from archfrag.report import picture as look
-from archfrag.report import tables
 from archfrag.report.curve_figures import COLOURS
 from archfrag.report.inputs import ReportInputs
 from archfrag.report.picture import BESIDE, FloatArray, Picture, number
@@ -118,18 +117,26 @@ def envelope(motion: Motion, bins: int = _BINS) -> tuple[FloatArray, FloatArray,
 
 def motion_section(inputs: ReportInputs, scale: Scale) -> dict[str, Any]:
     """Figures and table of the ground motions, by the names that the page's template uses."""
-    measures = {
-        motion.id: {name: measure(motion, name) for name in ("PGA", "PGV", "Arias", "D5_95")}
-        for motion in inputs.motions
-    }
+    cube, rows = inputs.cube, []
+    names = cube["record"].values.astype(str).tolist()
+    for motion in inputs.motions:
+        at = {"record": names.index(motion.id)}
+        factor = cube["scale_factor"].isel(at).values
+        rows.append({
+            "motion": motion, "factor": factor[np.isfinite(factor)],
+            **{name: cube[name].isel(at).item() if name in cube else None
+               for name in ("magnitude", "distance")},
+            **{name: measure(motion, name) for name in ("PGA", "PGV", "Arias", "D5_95")},
+        })  # fmt: skip
     responses = {
         motion.id: (SHOWN, np.asarray(spectral_acceleration(motion, SHOWN, damping=0.05)))
         for motion in inputs.motions
     }
     return {
         "thumbnails": thumbnails(inputs.motions),
-        "table": tables.motions(inputs.cube, inputs.motions, measures),
-        "accepted": accepted_records(inputs.cube),
+        "rows": rows,
+        "gravity": STANDARD_GRAVITY,
+        "accepted": accepted_records(cube),
         "spectra": spectra(responses, *_shown_factors(inputs, scale)),
     }
 

@@ -9,16 +9,15 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from archfrag.errors import InputError
-from archfrag.report import tables
 from archfrag.report.answer import classes, summary
-from archfrag.report.arch_figure import onset_text
 from archfrag.report.arch_section import arch_section, cautions_of
 from archfrag.report.beside import beside_section
 from archfrag.report.class_section import class_section
 from archfrag.report.curve_figures import all_curves
+from archfrag.report.filters import FILTERS, percent_of
 from archfrag.report.inputs import ReportInputs
 from archfrag.report.motion_figures import motion_section
-from archfrag.report.picture import SVG_STYLE, Picture, digits, standalone
+from archfrag.report.picture import SVG_STYLE, Picture, standalone
 from archfrag.report.plot import hatch_definitions
 from archfrag.report.risk_section import risk_section
 from archfrag.report.summary import Scale, arch_results, reading_scale
@@ -29,6 +28,7 @@ from archfrag.study.steps import ALL_CURVES, REPORT_FILES
 
 SUMMARY = REPORT_FILES[1]  # beside the page
 _MOST_ANIMATED = 4
+_MOST_ROWS = 200  # arches of the table of answers
 
 
 def write_report(study_results: ReportInputs, out: Path) -> Path:
@@ -93,8 +93,9 @@ def _render(inputs: ReportInputs) -> tuple[str, dict[str, Picture], dict[str, An
         .get_template("report.html.j2")
         .render(
             title=inputs.title,
-            answers=tables.answers(listed, scale, inputs.at),
-            most_rows=tables.MOST_ROWS,
+            listed=list(listed.items()),
+            most_rows=_MOST_ROWS,
+            at=inputs.at,
             # How curves and bands were made, each once.
             methods=list(dict.fromkeys(a.method for a in listed.values() if a.method)),
             all_curves=every,
@@ -108,7 +109,7 @@ def _render(inputs: ReportInputs) -> tuple[str, dict[str, Picture], dict[str, An
             cautions=[c for c in inputs.cautions if not any(cautions_of([c], n) for n in named)],
             # Gap over joint length from which a loss of contact is a collapse.
             loss_limit=f"{100.0 * float(cube.attrs['loss_limit']):g} %",
-            percent=tables.percent_of(inputs.confidence),
+            percent=percent_of(inputs.confidence),
             n_record=cube.sizes["record"],
             n_level=cube.sizes["level"],
             motions=motion_section(inputs, scale),
@@ -150,10 +151,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {
-        "digits": digits, "inline": _inline, "measured": tables.measured, "onset": onset_text,
-        "short": tables.short,
-    }  # fmt: skip
+    environment.filters |= FILTERS | {"inline": _inline}
     return environment
 
 

@@ -7,7 +7,6 @@ from numpy.typing import ArrayLike
 
 from archfrag.fragility.contributions import NOT_KNOWN, Contributions
 from archfrag.report import picture as look
-from archfrag.report import tables
 from archfrag.report.figures import LOOKS
 from archfrag.report.picture import BELOW, FloatArray, Picture
 from archfrag.report.plot import Box, Entry, Panel, Sheet, picture
@@ -28,9 +27,9 @@ def risk_section(risk: StudyRisk, scale: Scale) -> dict[str, Any]:
     """
     shown = SHOWN if len(risk.arches) <= SHOWN else 3
     return {
-        "hazard": risk.hazard,
+        "study": risk,
+        "others": [f"a year, {key}" for key in list(risk.hazard.curves)[1:]],
         "assumptions": ASSUMPTIONS,
-        "table": _answers(risk),
         "arches": [
             {"name": name, "risk": arch}
             if isinstance(arch, str)
@@ -44,44 +43,11 @@ def risk_section(risk: StudyRisk, scale: Scale) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _answers(risk: StudyRisk) -> tables.Table:
-    """Rates with their bands, and the rates with the other curves of the hazard."""
-    others = list(risk.hazard.curves)[1:]
-    known = [arch for arch in risk.arches.values() if not isinstance(arch, str)]
-    percent = tables.percent_of(known[0].rate.confidence) if known else "band"
-    heads = [
-        "arch", "collapses a year", percent, "return period [years]",
-        f"probability in {risk.years:g} years", percent, "beyond the hazard curve",
-        *(f"a year, {name}" for name in others),
-    ]  # fmt: skip
-    rows = []
-    for name, arch in risk.arches.items():
-        if isinstance(arch, str):
-            rows.append([name, "no curve", *["–"] * (len(heads) - 2)])
-            continue
-        rate = arch.rate
-        value, low, high = rate.probability_in(risk.years)
-        rows.append([
-            name, f"{rate.rate:.2g}", f"{rate.lower:.2g} to {rate.upper:.2g}",
-            _years(rate.return_period),
-            f"{value:.2g}", f"{low:.2g} to {high:.2g}", f"{100 * rate.outside:.1f} %",
-            *(f"{arch.by_curve[key]:.2g}" for key in others),
-        ])  # fmt: skip
-    return tables.Table(heads, rows)
-
-
 def _ranges(arch: ArchRisk, scale: Scale) -> list[str]:
     """The range of intensity that each level stands for, in words."""
     edges = [scale.digits(edge) for edge in arch.edges]
     ends = [f"{low} to {high}" for low, high in zip(["0", *edges], edges)]
     return [*ends, f"from {edges[-1] if edges else '0'} on"]
-
-
-def _years(period: float) -> str:
-    """Three digits, never as a power of ten."""
-    if period > 1e9:
-        return "more than 1e9"
-    return f"{float(f'{period:.3g}'):,.{0 if period >= 100.0 else 1}f}"
 
 
 def hazard_and_fragility(arch: ArchRisk, hazard: Hazard, scale: Scale) -> Picture:

@@ -110,6 +110,16 @@ class ArchResults:
         return self.verdict != Verdict.NOT_SIMULATED
 
     @property
+    def failed(self) -> NDArray[np.bool_]:
+        """Runs that the solver could not finish."""
+        return self.verdict == Verdict.SOLVER_FAILURE
+
+    @property
+    def sound(self) -> NDArray[np.bool_]:
+        """Runs that the solver finished."""
+        return self.simulated & ~self.failed
+
+    @property
     def stood_after_loss(self) -> int:
         """Runs that lost all contact at a joint and stand."""
         lost = np.isfinite(self["lost_contact_time"])
