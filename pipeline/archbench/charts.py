@@ -124,11 +124,12 @@ def overview_chart(points: pd.DataFrame, quantity: str = "amplitude") -> Figure:
     kept = kept_errors(points)
     kept = kept[kept["quantity"] == quantity]
     figure, (axes,) = _panels(3.6)
+    enough = kept.groupby(["method", "value"])["scene"].transform("size")
+    kept = kept[enough * 2 > kept["scene"].nunique()]
     methods = _ordered(kept["method"])
     for method in methods:
         group = kept[kept["method"] == method].groupby("value", sort=False)
         table = group.agg({"kept": "median", "seconds": "median", "at_floor": "all"})
-        table = table[group.size() * 2 > kept["scene"].nunique()]
         _marked(axes, table["kept"], table["seconds"], table["at_floor"], style_of(method))
     _log(axes, QUANTITIES[quantity], COST, "Medians over scenes")
     _legend(figure, methods)
