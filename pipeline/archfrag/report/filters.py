@@ -14,7 +14,7 @@ def percent_of(confidence: float) -> str:
 
 
 def measured(value: float | str | None, form: str = "{:#.3g}") -> str:
-    """A number, three digits if not said otherwise, which may be null where it is not known."""
+    """A number, with three digits by default, which may be null where it is not known."""
     number = np.nan if value is None else float(value)
     return form.format(number) if np.isfinite(number) else "–"
 
