@@ -108,8 +108,6 @@ def theta_panels(
         draw,
         alternative=f"Median capacities of {theta.size} arches of {name} against "
         f"{', '.join(shown)}",
-        caption="Points: median capacities of the arches of the class against what they differ "
-        "by. Bars: medians of groups.",
     )
 
 

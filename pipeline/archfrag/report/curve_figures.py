@@ -44,7 +44,7 @@ _SUFFICIENT = {
 
 def curve_picture(
     draw: Callable[[Panel], None], entries: Sequence[Entry], x: tuple[float, str],
-    words: str = "probability of collapse", *, alternative: str, caption: str,
+    words: str = "probability of collapse", *, alternative: str, caption: str = "",
 ) -> Picture:  # fmt: skip
     """A figure of probabilities over levels from 0; `x` is where they end, and their title."""
     reach, title = x
@@ -257,7 +257,6 @@ def limit_states(answer: Answer, results: ArchResults) -> Picture | None:
         "probability of reaching it",
         alternative=f"Curves of limit states of {results.arch} against {scale.label}. Medians: "
         + _medians(fits, scale),
-        caption="Lognormal curves from the same runs, one for each limit state.",
     )  # fmt: skip
 
 

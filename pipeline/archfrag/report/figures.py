@@ -36,14 +36,6 @@ LOOKS = (
     (look.BLUE, "area"), (look.ORANGE, "slash"), (look.GREEN, "dots"), (look.PURPLE, "cross"),
     (look.VERMILION, "slash"), (look.SKY, "area"), (look.INK, "area"), (look.GREY, "area"),
 )  # fmt: skip
-OF_RUNS = (
-    "Each column is the observed fraction of collapses at a level, among the runs that collapsed "
-    "or stood"
-)
-OF_COLLAPSES = (
-    "Each column is all collapses at a level (how many of the runs collapse it does not show: "
-    "records were run at levels of their own)"
-)
 _TITLES = ("how it was moving", "joint that was lost", "joints closed by then")
 MODEL_LOOK = {
     Model.REST: Entry(MODEL_WORDS[Model.REST], look.PALE),
@@ -93,7 +85,6 @@ def verdict_map(results: ArchResults) -> Picture:
         draw,
         alternative=f"Verdicts of {results.arch} for {len(names)} records at {rows.shape[1]} "
         "levels",
-        caption="Every run, records ordered by the number of collapses.",
     )
 
 
@@ -183,10 +174,6 @@ def fractions(groups: Sequence[Deaggregation], results: ArchResults) -> Picture 
         draw,
         alternative=f"Fraction of collapses of {results.arch} by level, split by mode, by joint "
         "and by impacts",
-        caption=f"{OF_RUNS if every else OF_COLLAPSES}, split by how the joint that lost all "
-        "contact had been moving, by which joint that was, and by how many joints had closed with "
-        "an impact since the start of the run. Joint 0 is the left springing, or the base of a "
-        "free-standing chain.",
     )
 
 

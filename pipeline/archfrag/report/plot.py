@@ -47,7 +47,7 @@ def hatch_definitions() -> str:
 
 
 def picture(
-    draw: Callable[["Sheet"], None], *, alternative: str, caption: str, narrow: bool = True
+    draw: Callable[["Sheet"], None], *, alternative: str, caption: str = "", narrow: bool = True
 ) -> Picture:
     """Draw a figure for the page's column and for a narrow screen."""
     drawn = ""

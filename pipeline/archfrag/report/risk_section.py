@@ -91,10 +91,6 @@ def hazard_and_fragility(arch: ArchRisk, hazard: Hazard, scale: Scale) -> Pictur
         draw,
         alternative=f"Hazard curve, fragility curve of {arch.arch} and their product; rate of "
         f"collapse {arch.rate.rate:.2g} a year",
-        caption="From above: how often a year an intensity is exceeded (points: as given); "
-        "probability of collapse; and the rate of collapse by motions of an intensity, whose "
-        "area is the rate of collapse. Dotted: ends of the hazard curve, beyond which its slope "
-        "goes on.",
     )
 
 
@@ -136,10 +132,6 @@ def deaggregation(arch: ArchRisk, scale: Scale) -> Picture | None:
         draw,
         alternative=f"Rate of collapse of {arch.arch} by level and mechanism, and its fractions "
         "by magnitude and distance of the records",
-        caption="Rate of collapse by motions nearest to each level, divided as the collapses "
-        "at that level were; grey: levels at which none was seen. Beside it, fractions of the "
-        "rate by records of each magnitude and distance, with bands from resampled records. They "
-        "hold for this set of records and are no deaggregation of the hazard.",
     )
 
 
