@@ -440,6 +440,7 @@ class TestDesigns:
         (section,) = page.xpath('//section[@id="arch0"]')
         assert "Steps: distribution of the capacities of the records" in text(section)
         assert "not simulated" in text(section)
+        assert "Each column is all collapses at a level" in text(section)
         assert "nan" not in text(section)
         assert "-" not in dict(table(page, "Models and events of ring")[1])["impacts"]
         found = arch_results(study.cube, "ring", reading_scale(study.cube, "PGA"))
