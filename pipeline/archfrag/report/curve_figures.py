@@ -33,13 +33,6 @@ _DATA = {
     "of the records at that level.",
 }
 _BEYOND = " Dotted: the highest level that was run; beyond it the curve is its shape alone."
-_SUFFICIENT = {
-    True: "those that are sufficient, which means that magnitude and distance add nothing (p of "
-    "magnitude, p of distance above 0.05)",
-    False: "all, of which none is sufficient: magnitude or distance add something",
-    None: "all; whether magnitude and distance add something could not be tested, for they are "
-    "not known of enough records",
-}
 
 
 def curve_picture(
@@ -174,24 +167,24 @@ def capacities(results: ArchResults) -> FloatArray:
 def all_curves(
     answers: Mapping[str, Answer],
     classes: Mapping[str, Answer],
-    members: Mapping[str, Sequence[Answer]],
+    of_class: Mapping[str, str],
     scale: Scale,
     marks: tuple[float, float | None],
 ) -> Picture | None:
     """Curves of all arches in one figure; None if there are fewer than two.
 
-    Classes are drawn with their bands, their arches (`members`) thinly; other arches by name if
-    they are not many. `marks` are the level to which the curves are drawn, and one that is
+    Classes are drawn with their bands, their arches (by `of_class`) thinly; other arches by name
+    if they are not many. `marks` are the level to which the curves are drawn, and one that is
     marked, in the reader's unit.
     """
     known = {k: a for k, a in answers.items() if isinstance(a.curve, Fragility)}
     if len(known) < 2:
         return None
     highest, at = marks
-    inside = {id(each) for own in members.values() for each in own}
     named = {k: a for k, a in classes.items() if isinstance(a.curve, Fragility)}
-    single = {k: a for k, a in known.items() if id(a) not in inside}
-    thin = [(stroke(k, i).colour, thinned(members[k])) for i, k in enumerate(named)]
+    single = {k: a for k, a in known.items() if of_class.get(k) not in classes}
+    members = [[a for k, a in known.items() if of_class.get(k) == name] for name in named]
+    thin = [(stroke("", i).colour, thinned(own)) for i, own in enumerate(members)]
     if len(named) + len(single) <= MOST_NAMED:
         named |= single
     elif single:
@@ -278,15 +271,12 @@ def efficient_first(answer: Answer) -> list[Mapping[str, Any]]:
 
 def measures(answer: Answer, arch: str) -> Picture | None:
     """Efficiency of each measure, the best on top; None if fewer than two are known."""
-    rows = efficient_first(answer)
-    known = [row for row in rows if np.isfinite(_efficiency(row))]
+    known = [row for row in efficient_first(answer) if np.isfinite(_efficiency(row))]
     if len(known) < 2:
         return None
-    best = answer.more["measures"]["best"]
     names = [str(row["measure"]) for row in known]
     values, place = np.array([_efficiency(row) for row in known]), np.arange(len(known))
-    chosen = np.array([name == best for name in names])
-    tested = _SUFFICIENT[next((row["sufficient"] for row in rows if row["measure"] == best), None)]
+    chosen = np.array([name == answer.more["measures"]["best"] for name in names])
 
     def draw(sheet: Sheet) -> None:
         left = min(max(look.text_width(name, SMALL) for name in names) + 10.0, 0.4 * sheet.width)
@@ -304,9 +294,6 @@ def measures(answer: Answer, arch: str) -> Picture | None:
         draw,
         alternative=f"Efficiency of {len(known)} intensity measures for {arch}; smallest in "
         f"{names[0]}",
-        caption="Efficiency: dispersion of the factors on the records that cause collapse, once "
-        "the records are scaled to the same value of a measure. The smaller, the fewer records "
-        f"give the median as well. Dark: the best of {tested}.",
     )
 
 

@@ -20,7 +20,7 @@ from archfrag.report.motion_figures import motion_section
 from archfrag.report.picture import SVG_STYLE, Picture, standalone
 from archfrag.report.plot import hatch_definitions
 from archfrag.report.risk_section import risk_section
-from archfrag.report.summary import Scale, arch_results, reading_scale
+from archfrag.report.summary import arch_results, reading_scale
 from archfrag.study.curves import Answer
 from archfrag.study.files import write_text
 from archfrag.study.members import SHOWN
@@ -85,7 +85,8 @@ def _render(inputs: ReportInputs) -> tuple[str, dict[str, Picture], dict[str, An
         arch_section(inputs, arch_results(cube, name, scale), i, i < _MOST_ANIMATED)
         for i, (name, _, _) in enumerate(inputs.arches)
     ]
-    listed, every = _listed(inputs), _all_curves(inputs, scale)
+    listed, marks = _listed(inputs), (scale.factor * float(cube["intensity"].max()), inputs.at)
+    every = all_curves(inputs.answers, inputs.classes, classes(cube), scale, marks)
     named = [name for name, _, _ in inputs.arches]
     provenance = [_plain(item) for item in cube.attrs.items()]
     text = (
@@ -132,15 +133,6 @@ def _listed(inputs: ReportInputs) -> dict[str, Answer]:
     first = {f"{k}, {counted.count(k)} arches": answer for k, answer in inputs.classes.items()}
     own = {k: a for k, a in inputs.answers.items() if of_class.get(k) not in inputs.classes}
     return first | own | dict(inputs.answers)
-
-
-def _all_curves(inputs: ReportInputs, scale: Scale) -> Picture | None:
-    members: dict[str, list[Answer]] = {name: [] for name in inputs.classes}
-    for name, of in classes(inputs.cube).items():
-        if of in members:
-            members[of].append(inputs.answers[name])
-    highest = scale.factor * float(inputs.cube["intensity"].max())
-    return all_curves(inputs.answers, inputs.classes, members, scale, (highest, inputs.at))
 
 
 def _environment() -> Environment:
