@@ -19,7 +19,7 @@ from archfrag.fragility.measure_rows import (
     compare_grid,
     compare_scattered,
 )
-from archfrag.fragility.runs import Resampling, event_groups
+from archfrag.fragility.runs import Resampling
 
 __all__ = ["MeasureRow", "MeasureTable", "Motions", "compare_measures"]
 
@@ -93,7 +93,7 @@ def compare_measures(
     --------
     >>> import numpy as np
     >>> from archfrag.fragility.measures import Motions, compare_measures
-    >>> from archfrag.fragility.runs import Resampling, event_groups
+    >>> from archfrag.fragility.runs import Resampling
     >>> generator = np.random.default_rng(1)
     >>> pgv = np.exp(generator.normal(-2.0, 0.5, 40))
     >>> pga = 8.0 * pgv * np.exp(generator.normal(0.0, 0.5, 40))
@@ -106,8 +106,7 @@ def compare_measures(
     ('PGV', True)
     """
     codes, factors, log_value, exponent = _checked(verdict, factor, motions, own)
-    group = event_groups(motions.event, len(codes))
-    times = resampling.multiplicities(int(group.max()) + 1).astype(float)[:, group]
+    times = resampling.draws(motions.event, len(codes)).astype(float)
     more = exponent, _covariates(motions, len(codes)), times
     if codes.shape[1] == 1:
         log_im = log_value + exponent[:, None] * np.log(factors[:, 0])

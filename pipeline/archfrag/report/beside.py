@@ -4,7 +4,6 @@ import json
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
 import xarray as xr
 
 from archfrag.errors import InputError
@@ -25,7 +24,6 @@ class _Side(NamedTuple):
     vertical: str
     results: ArchResults
     answer: Answer
-    numbers: dict[str, int]
 
 
 def beside_section(inputs: ReportInputs, scale: Scale) -> dict[str, Any] | None:
@@ -46,15 +44,16 @@ def beside_section(inputs: ReportInputs, scale: Scale) -> dict[str, Any] | None:
         raise InputError(f"{refused}: it has no arch {' or '.join(own)}, but {', '.join(theirs)}")
     arches = []
     for arch in common:
-        sides = []
-        for name, (cube, answers) in zip(names, studies):
-            results = arch_results(cube, arch, scale)
-            vertical = str(cube.attrs.get("vertical_component", "not stated"))
-            sides.append(_Side(name, vertical, results, answers[arch], _numbers(results)))
+        sides = [
+            _Side(name, cube.attrs.get("vertical_component", "not stated"),
+                  arch_results(cube, arch, scale), answers[arch])
+            for name, (cube, answers) in zip(names, studies)
+        ]  # fmt: skip
         arches.append({"name": arch, "curves": _curves(sides), "sides": sides})
     records = [set(each["record"].values.tolist()) for each in cubes]
     return {
         "names": names,
+        "noted_gap": f"{100 * NOTED_GAP:g} %",
         "arches": arches,
         "records": [len(each) for each in records],
         "common": len(records[0] & records[1]),
@@ -91,21 +90,6 @@ def _curves(sides: Sequence[_Side]) -> Picture:
         "each study by itself. Where both have the same records the change is known better than "
         "the bands, which hold the variation between records, suggest.",
     )  # fmt: skip
-
-
-def _numbers(results: ArchResults) -> dict[str, int]:
-    counts, losses = results.counts, results["contact_losses"]
-    lost = results.simulated & np.isfinite(results["lost_contact_time"])
-    return {
-        "runs": counts.runs.sum(),
-        "collapsed": counts.collapsed.sum(),
-        f"lost contact by a gap above {100 * NOTED_GAP:g} % of a joint's length": lost.sum(),
-        "of these, standing": results.stood_after_loss,
-        "runs with a loss of contact by any gap": (losses > 0).sum(),
-        "losses of contact by any gap": losses.sum(),
-        "unfinished": counts.unfinished.sum(),
-        "solver failures": counts.solver_failures.sum(),
-    }
 
 
 def _settings(cube: xr.Dataset, arches: Sequence[str]) -> dict[str, str]:

@@ -120,10 +120,14 @@ class ArchResults:
         return self.simulated & ~self.failed
 
     @property
+    def lost_contact(self) -> NDArray[np.bool_]:
+        """Runs that lost all contact at a joint by more than a noted gap."""
+        return self.simulated & np.isfinite(self["lost_contact_time"])
+
+    @property
     def stood_after_loss(self) -> int:
         """Runs that lost all contact at a joint and stand."""
-        lost = np.isfinite(self["lost_contact_time"])
-        return int(((self.verdict == Verdict.STANDING) & lost).sum())
+        return int(((self.verdict == Verdict.STANDING) & self.lost_contact).sum())
 
     @property
     def resurrections(self) -> int:
