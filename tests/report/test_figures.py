@@ -317,7 +317,7 @@ def test_repetition_is_the_run_of_the_study(settings, drawn):
     assert (again().same, again().factor) == (True, 1.0)
     assert again().response.mechanism == fell.mechanism
     data["steps"][0, 0, 1] += 1
-    assert "did not end as the run in the cube did" in timeline.timeline(again()).caption
+    assert not again().same
 
 
 def change(time, until, joints, model="mega_voussoirs"):

@@ -80,7 +80,7 @@ def _repeated(
     found["log"] = [str(change) for change in changes[:_ENTRIES]]
     if len(changes) > _ENTRIES:
         found["log"].append(f"... and {len(changes) - _ENTRIES} more")
-    found["timeline"] = timeline(shown)
+    found["timeline"], found["example"] = timeline(shown), shown
     if animated:
         near = again(example.near_miss(results))
         for key, title, run in (("fall", "A collapse", shown), ("miss", "A near miss", near)):

@@ -86,9 +86,6 @@ def _curves(sides: Sequence[_Side]) -> Picture:
         draw, strokes, (reach, scale.label),
         alternative=f"Probability of collapse of {sides[0].results.arch} against {scale.label} in "
         f"two studies: {', '.join(medians)}",
-        caption="Points: fraction of the records that collapse at each level. Shaded: bands, of "
-        "each study by itself. Where both have the same records the change is known better than "
-        "the bands, which hold the variation between records, suggest.",
     )  # fmt: skip
 
 

@@ -34,6 +34,7 @@ def class_section(inputs: ReportInputs, name: str, number: int, scale: Scale) ->
         "name": name,
         "n_arch": len(members),
         "answer": answer,
+        "band": curves.band_words(answer),
         "curve": class_curve(answer, members, name, scale),
         "panels": theta_panels(members, differences, name, scale),
     }
@@ -56,9 +57,6 @@ def class_curve(answer: Answer, members: Sequence[Answer], name: str, scale: Sca
         draw, entries, (max(ends, default=1.0), scale.label),
         alternative=f"Probability of collapse of an arch of the class {name} against "
         f"{scale.label}, and the curves of {len(thin)} of its arches",
-        caption="Bold: probability of collapse of an arch of the class of which nothing more is "
-        "known, so that both records and arches differ. Thin: its arches, of many some from the "
-        "weakest to the strongest." + curves.band_words(answer),
     )  # fmt: skip
 
 

@@ -69,7 +69,6 @@ def timeline(example: Example) -> Picture | None:
         draw,
         alternative=f"Mechanism over time under {example.motion.id}: hinges, sliding and open "
         "joints, and the model of the ladder",
-        caption=_caption(example),
     )
 
 
@@ -127,17 +126,3 @@ def _stated(example: Example) -> str:
         time, joint = response.collapse_time, response.collapse_joint
         return f"{example.level}: contact lost at {time:.2f} s, joint {joint}"
     return f"{example.level}: {response.status.name.lower().replace('_', ' ')}"
-
-
-def _caption(example: Example) -> str:
-    text = (
-        f"Log of the mechanism under {example.motion.id} at {example.level}, {example.reason}. "
-        "Joint 0 is the left springing, or the base of a free-standing chain; joints without a "
-        "bar are closed and stick. Dashed: contact lost for good."
-    )
-    if not example.same:
-        text += (
-            " This repetition did not end as the run in the cube did: versions or machine differ "
-            "from those that made the cube."
-        )
-    return text
