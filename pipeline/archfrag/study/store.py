@@ -37,7 +37,7 @@ def table_type(models: tuple[str, ...]) -> np.dtype:
 
 
 def new_table(keys: NDArray[np.void], columns: dict[str, NDArray]) -> Table:
-    """Rows of runs from their keys and from `archfrag.study.outcome.table_of`."""
+    """Rows of runs from their keys and from `archfrag.study.outcome.columns_of`."""
     models = tuple(str(name) for name in columns["model"])
     table = np.zeros(len(keys), table_type(models))
     table["key"] = keys
