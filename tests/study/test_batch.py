@@ -16,7 +16,7 @@ import pytest
 from archfrag.errors import WorkerError
 from archfrag.study import batch as batch_module
 from archfrag.study.batch import kernels_needed, run_batch
-from archfrag.study.bundles import LONGEST, SHORTEST, Bundles, Rates
+from archfrag.study.bundles import LONGEST, SHORTEST, Bundles
 from archfrag.study.config import Method
 from archfrag.study.plan import make_plan
 from archfrag.study.store import Gathered, read_part
@@ -274,7 +274,7 @@ LENGTHS, KINDS = [3.0] * 600, [0] * 300 + [1] * 300
 
 def dealt(workers, wall, lengths=LENGTHS, rates=None):
     """Bundles as they are taken by workers that are done with each at once."""
-    bundles = Bundles(lengths, KINDS, workers, rates or Rates())
+    bundles = Bundles(lengths, KINDS, workers, {} if rates is None else rates)
     taken = []
     while bundle := bundles.take():
         taken.append(bundle)
@@ -298,7 +298,7 @@ def test_bundles_are_short_at_the_end():
 
 
 def test_of_a_kind_of_which_nothing_is_known_one_chunk_goes_first():
-    rates = Rates()
+    rates = {}
     taken = dealt(1, lambda chunk: 0.01 if chunk < 300 else 1.0, rates=rates)
     assert taken[0] == (0,)
     assert (300,) in taken

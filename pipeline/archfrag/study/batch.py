@@ -283,7 +283,7 @@ class _Workers:
         self._seen = set(self._addresses())
         self.size = len(self._seen)
         self._alive_at = self._looked_at = time.monotonic()
-        self._rates = Rates()
+        self._rates: Rates = {}
 
     def results(self, plan: Plan, work: list[tuple[Cases, NDArray]]) -> Iterator[dict[str, Any]]:
         """Run chunks, so many in flight that memory does not grow with their number."""

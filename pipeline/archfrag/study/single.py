@@ -86,12 +86,8 @@ def response_facts(response: "Response", scale: float) -> dict[str, Any]:
     )  # fmt: skip
     facts = {name: getattr(response, name) for name in names}
     if response.mechanism is not None:
-        facts["mechanism"] = [
-            {key: None if value != value else value for key, value in asdict(change).items()}
-            for change in response.mechanism
-        ]
-    facts = {"status": response.status.name.lower(), "scale": scale, **facts}
-    return {key: None if value != value else value for key, value in facts.items()}
+        facts["mechanism"] = [asdict(change) for change in response.mechanism]
+    return finite({"status": response.status.name.lower(), "scale": scale, **facts}, None)
 
 
 def response_text(response: "Response", scale: float) -> str:
