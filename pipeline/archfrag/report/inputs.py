@@ -12,7 +12,7 @@ from archfrag.simulate import Onset, onset
 from archfrag.study.config import Study
 from archfrag.study.cube import read_timings
 from archfrag.study.curves import Answer
-from archfrag.study.fits import FITS, cautions_of_cube, load_answers, load_fits, open_cube
+from archfrag.study.fits import FITS, cautions_of_cube, load_answers, open_cube
 from archfrag.study.members import members, shown
 from archfrag.study.records import load_prepared, load_record
 from archfrag.study.steps import require
@@ -107,6 +107,7 @@ def _risk(study: Study, cube: "xr.Dataset") -> dict[str, Any]:
     given, measure = study.risk, study.intensity.measure
     assert given is not None
     hazard = load_hazard(Path(given.hazard), measure, given.unit, given.site)
-    fits = load_fits(study.folder / FITS)
+    answers = load_answers(study.folder / FITS)
+    fits = {name: answer.curve for name, answer in answers.items()}
     found = risk_of(cube, fits, hazard, given.years, study.report.confidence)
     return risk_section(found, reading_scale(cube, measure))

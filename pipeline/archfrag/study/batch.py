@@ -92,13 +92,18 @@ def run_batch(
     rounds, store = plan.rounds(batch, study.execution.batches), Store(plan.parts)
     count = workers or study.execution.workers or available_cores()
     with contextlib.ExitStack() as stack:
-        bar = stack.enter_context(_progress(quiet))
+        bar = stack.enter_context(tqdm(
+            unit="run", desc="simulations", disable=quiet, file=sys.stderr, dynamic_ncols=True,
+            mininterval=0.2 if sys.stderr.isatty() else 10.0,
+        ))  # fmt: skip
         in_one_round = plan.design["kind"] in ("stripes", "cloud")
         executor = _Executor(study, plan, count, bar, stack)
         while len(rounds.wanted):
             factors = plan.factors(rounds.wanted)
             keys = plan.keys(rounds.wanted, factors)
-            missing = _first_of_each(keys, np.flatnonzero(store.places(keys) < 0))
+            missing = np.flatnonzero(store.places(keys) < 0)
+            # Arches that differ in id only have runs in common.
+            missing = missing[np.sort(np.unique(keys[missing], return_index=True)[1])]
             log.runs += len(keys)
             log.kept += len(keys) - missing.size
             _count(bar, log.runs, missing.size, in_one_round)
@@ -116,11 +121,6 @@ def run_batch(
     log.wall_time = time.perf_counter() - started
     add_to_log(study.work, {"step": "batch", **asdict(log), **machine()})
     return log
-
-
-def _first_of_each(keys: NDArray, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Rows without those whose run is another's too, as of two arches that differ in id only."""
-    return rows[np.sort(np.unique(keys[rows], return_index=True)[1])]
 
 
 def cut(cases: Cases, chunk: int | None, workers: int) -> list[tuple[slice, Cases]]:
@@ -212,14 +212,6 @@ def kernels_needed(study: Study, plan: Plan) -> list[str]:
         by_events = {goes_by_events(n, each, rtol, coarse) for n in bodies for each in breaks}
         names += [(AUTO, "event_driven")[by] for by in sorted(by_events)]
     return list(dict.fromkeys(names))
-
-
-def _progress(quiet: bool) -> tqdm:
-    interval = 0.2 if sys.stderr.isatty() else 10.0
-    return tqdm(
-        unit="run", desc="simulations", disable=quiet, file=sys.stderr,
-        dynamic_ncols=True, mininterval=interval,
-    )  # fmt: skip
 
 
 def _count(bar: tqdm, asked: int, missing: int, in_one_round: bool) -> None:

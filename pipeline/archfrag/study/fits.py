@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
-from archfrag.fragility.curve import Fragility
 from archfrag.study import comparisons, curves
 from archfrag.study.checks import doubts, uncorrected
 from archfrag.study.config import Study
@@ -131,17 +130,6 @@ def load_answers(path: Path, of: str = "arches") -> dict[str, Answer]:
         raise InputError(f"{path}: there are no fits yet; `archfrag fit` makes them") from None
     except (OSError, ValueError, LookupError, TypeError, AttributeError, InputError) as error:
         raise InputError(f"{path}: is damaged ({error}); `archfrag fit` makes it anew") from None
-
-
-def load_fits(path: Path) -> dict[str, Fragility | str]:
-    """Curves that `fit_cube` stored.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or damaged.
-    """
-    return {name: answer.curve for name, answer in load_answers(path).items()}
 
 
 MOST_UNDECIDED = 0.05  # fraction of the runs at a level
