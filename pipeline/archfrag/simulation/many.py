@@ -31,14 +31,6 @@ CHECK_INTERVAL = 64
 COARSEST_FRAMES = 0.01
 
 
-class Call(NamedTuple):
-    """What runs of one arch have in common, checked."""
-
-    info: MethodInfo
-    settings: dict[str, float]  # the method's own
-    options: Options
-
-
 def checked_call(
     arch: Arch,
     motions: Sequence[Motion],
@@ -49,8 +41,8 @@ def checked_call(
     follow: float = 20.0,
     settings: Mapping[str, float] | None = None,
     loss_limit: float = LOSS_LIMIT,
-) -> Call:
-    """Arguments of `simulate` and `simulate_many`, once they are seen to make sense."""
+) -> tuple[MethodInfo, dict[str, float], Options]:
+    """What runs of one arch have in common, checked: method, its own settings, options."""
     checks.check_arch(arch)
     info = checks.check_method(method)
     for motion in motions:
@@ -84,7 +76,7 @@ def checked_call(
         crowding=0.0,
         largest_step=float(steps[1]),
     )
-    return Call(info, own, options)
+    return info, own, options
 
 
 def ground_of(motion: Motion, scale: float, info: MethodInfo) -> GroundMotion:

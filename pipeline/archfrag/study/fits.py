@@ -138,14 +138,8 @@ MOST_STANDING = 0.25  # fraction of the records
 MOST_NAMED = 12  # arches; of more only their number
 
 
-def study_cautions(study: Study) -> list[str]:
-    """All that a study's cube gives reason to caution, levels in the study's unit."""
-    with open_cube(study) as cube:
-        return cautions_of_cube(study, cube)
-
-
 def cautions_of_cube(study: Study, cube: "xr.Dataset") -> list[str]:
-    """`study_cautions` of a cube that is available."""
+    """All that a study's cube gives reason to caution, levels in the study's unit."""
     levels = [f"{level:.4g} {study.intensity.unit}" for level in study.intensity.given]
     if cube["intensity"].ndim > 1:
         levels = ["levels of their own"]
