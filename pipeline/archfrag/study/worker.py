@@ -18,7 +18,7 @@ from archfrag.study.outcome import tabulate_cases
 from archfrag.study.plan import Plan
 from archfrag.study.records import PreparedRecord, load_record
 from archfrag.study.rounds import Cases
-from archfrag.study.store import new_table, write_part, write_timing
+from archfrag.study.store import new_table, write_part
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
@@ -60,7 +60,7 @@ def run_chunks(plan_path: str, chunks: Sequence[tuple[Cases, NDArray]]) -> list[
 
 
 def run_chunk(plan_path: str, cases: Cases, factors: NDArray) -> dict[str, Any]:
-    """Run some cases of one arch and stage, write their part and then their wall times."""
+    """Run some cases of one arch and stage, write their part."""
     started = time.perf_counter()
     place = Path(plan_path)
     modified = place.stat().st_mtime_ns
@@ -74,7 +74,6 @@ def run_chunk(plan_path: str, cases: Cases, factors: NDArray) -> dict[str, Any]:
     )
     table = new_table(plan.keys(cases, factors), columns)
     part = write_part(plan.parts, table)
-    write_timing(part, wall_time)
     return {
         "part": str(part),
         "runs": len(table),
