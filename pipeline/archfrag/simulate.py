@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -199,11 +199,10 @@ def simulate_many(
             f"motions are {len(each)} and factors have shape {scales.shape}; there must be one "
             "motion for each factor, or one for all"
         )
-    shared: dict[str, Any] = {
-        "method": method, "rtol": rtol, "dt": dt, "follow": follow, "settings": settings,
-        "loss_limit": loss_limit,
-    }  # fmt: skip
-    responses = simulate_runs(arch, each, scales.tolist(), **shared)
+    responses = simulate_runs(
+        arch, each, scales.tolist(), method=method, rtol=rtol, dt=dt, follow=follow,
+        settings=settings, loss_limit=loss_limit,
+    )  # fmt: skip
     columns = {name: [getattr(response, name) for response in responses] for name in _NAMES}
     columns["status"] = [response.status.name.lower() for response in responses]
     variables = {

@@ -52,7 +52,7 @@ class TestContent:
 
     def test_runs_that_lost_contact_and_stand_are_counted(self, done, tmp_path, monkeypatch):
         gathered = Gathered(done.plan)
-        full = gathered.read_all()
+        full = gathered.read()
         table, shape = full.table, (2, 2, 3)
         table["verdict"][:] = Verdict.STANDING
         table["verdict"].reshape(shape)[1, 0, 2] = Verdict.COLLAPSED
@@ -149,7 +149,7 @@ def test_gathering_a_hundred_thousand_runs_takes_less_than_a_gibibyte(copied, tm
         "import sys; from pathlib import Path; from archfrag.study.plan import Plan; "
         "from archfrag.study.store import Gathered as G; "
         "from archfrag.study.worker import peak_memory; "
-        "steps = G(Plan.load(Path(sys.argv[1]))).read_all().table['steps']; "
+        "steps = G(Plan.load(Path(sys.argv[1]))).read().table['steps']; "
         "assert steps.size == 100_000; print(peak_memory())"
     )
     found = subprocess.run(

@@ -53,10 +53,13 @@ def history_of(arch: Arch, frames: Frames, n_frame: int) -> xarray.Dataset:
         name: (dimensions, values, {"units": units, "long_name": text})
         for name, dimensions, values, units, text in table
     }
+    places = (arch.corner_name(0), arch.corner_name(1), "closed")
+    slips = ("sticks", "slides_plus", "slides_minus")
+    meanings = ["open", *(f"{place}_{slip}" for place in places for slip in slips)]
     mode = {
         "long_name": "contact mode of the joint",
         "flag_values": np.arange(10, dtype=np.int8),
-        "flag_meanings": _mode_meanings(arch),
+        "flag_meanings": " ".join(meanings),
     }
     dataset = xarray.Dataset(
         variables | {"contact_mode": (joint[:2], frames.mode[:n_frame], mode)},
@@ -69,9 +72,3 @@ def history_of(arch: Arch, frames: Frames, n_frame: int) -> xarray.Dataset:
     )
     dataset.attrs["gravity"] = STANDARD_GRAVITY
     return dataset
-
-
-def _mode_meanings(arch: Arch) -> str:
-    places = [arch.corner_name(0), arch.corner_name(1), "closed"]
-    slips = ("sticks", "slides_plus", "slides_minus")
-    return " ".join(["open", *(f"{place}_{slip}" for place in places for slip in slips)])

@@ -19,7 +19,7 @@ from distributed.scheduler import KilledWorker
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from archfrag.errors import ArchfragError, WorkerError
+from archfrag.errors import WorkerError
 from archfrag.study.bundles import Bundles, Rates
 from archfrag.study.checks import check_arches
 from archfrag.study.config import Study
@@ -257,8 +257,6 @@ def _result(future: Future) -> list[dict[str, float]] | None:
     """Results of a bundle; None if it went under with its worker and is to be made again."""
     try:
         return future.result(timeout=2.0)
-    except ArchfragError:
-        raise
     except TimeoutError:
         return None
     except KilledWorker as error:

@@ -123,7 +123,10 @@ def needs_records(entries: Sequence[Any]) -> bool:
 def expand(entries: Sequence[Any], n_record: int | None = None) -> Members:
     """The arches that entries of a study file amount to."""
     text = json.dumps([entry.model_dump(exclude_none=True) for entry in entries])
-    return Members(_expanded(text, _state_of_tables(entries), n_record))
+    paths = [path for path in map(file_of, entries) if path is not None and path.is_file()]
+    # What distinguishes an edited table from the one that was read.
+    states = tuple((path.stat().st_mtime_ns, path.stat().st_size) for path in paths)
+    return Members(_expanded(text, states, n_record))
 
 
 def summaries(given: Members) -> tuple[str, ...]:
@@ -176,12 +179,6 @@ def _samples(given: Members, some: Sequence[Member]) -> str:
     alike, drawn = (sum(m.place == first.place for m in each) for each in (some, given))
     values = listed(first.values)
     return f"{alike} of {drawn} samples, the first is sample {first.number} ({values})"
-
-
-def _state_of_tables(entries: Sequence[Any]) -> tuple[tuple[int, int], ...]:
-    """What distinguishes an edited table from the one that was read."""
-    paths = [path for path in map(file_of, entries) if path is not None and path.is_file()]
-    return tuple((path.stat().st_mtime_ns, path.stat().st_size) for path in paths)
 
 
 # A study's arches are asked for by each of its steps.
