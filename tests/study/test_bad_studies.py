@@ -142,7 +142,7 @@ BAD += [
         ("[1, 1e9]", "levels[1] = 1000000000.0 must be less than or equal to 1e+06"),
         ("{start: 1, stop: 2, count: 100000000}", "less than or equal to 1000"),
         ("{start: 1.0, stop: 0.5, count: 3}", "must have stop above start = 1, not 0.5"),
-        ("{start: 1, stop: 1.0000000000000002, count: 50}", "must have 50 different levels"),
+        ("{start: 1, stop: 1.0000000000000002, count: 50}", "must increase, but 1 follows 1"),
         ("{start: 1, stop: 2, step: 3}", "step is no known key"),
     ]
 ]
