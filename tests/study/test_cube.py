@@ -11,8 +11,8 @@ import xarray as xr
 
 from archfrag.errors import InputError, OutputError
 from archfrag.fragility.counts import Verdict
-from archfrag.study.cube import _write, write_cube, write_timings
-from archfrag.study.fits import fit_cube, fit_text, load_answers, load_fits
+from archfrag.study.cube import _write, write_cube
+from archfrag.study.fits import fit_cube, fit_text, load_answers
 from archfrag.study.outcome import COLUMNS
 from archfrag.study.provenance import finite
 from archfrag.study.store import Gathered, Store, read_part, table_type, write_part
@@ -39,8 +39,10 @@ class TestContent:
         cases = done.plan.rounds().wanted
         store = Store(done.plan.parts)
         seen = 0
-        for rows in store.rows(store.places(done.plan.keys(cases, done.plan.factors(cases)))):
-            for case, row in zip(cases[rows.asked], rows.table):
+        for _, asked, table in store.rows(
+            store.places(done.plan.keys(cases, done.plan.factors(cases)))
+        ):
+            for case, row in zip(cases[asked], table):
                 place = {"arch": case["arch"], "record": case["record"], "level": case["place"]}
                 for column in COLUMNS:
                     np.testing.assert_array_equal(cube[column.name].isel(place), row[column.name])
@@ -50,7 +52,7 @@ class TestContent:
 
     def test_runs_that_lost_contact_and_stand_are_counted(self, done, tmp_path, monkeypatch):
         gathered = Gathered(done.plan)
-        full = gathered.read_all()
+        full = gathered.read()
         table, shape = full.table, (2, 2, 3)
         table["verdict"][:] = Verdict.STANDING
         table["verdict"].reshape(shape)[1, 0, 2] = Verdict.COLLAPSED
@@ -123,17 +125,6 @@ class TestFile:
             write_cube(copied.study)
         assert not path.exists()
 
-    def test_wall_times_are_beside_the_cube(self, done, cube_file):
-        import pandas as pd
-
-        table = pd.read_csv(write_timings(done.study))
-        assert table["arch"].tolist() == ["ring"] * 6 + ["slab"] * 6
-        assert table["record"].tolist() == (["wave0"] * 3 + ["wave1"] * 3) * 2
-        assert (table["stage"] == 0).all()
-        assert (table["wall_time"] > 0.0).all()
-        with xr.open_dataset(cube_file) as cube:
-            np.testing.assert_array_equal(table["steps"], cube["steps"].values.ravel())
-
 
 @pytest.mark.slow
 def test_gathering_a_hundred_thousand_runs_takes_less_than_a_gibibyte(copied, tmp_path):
@@ -158,7 +149,7 @@ def test_gathering_a_hundred_thousand_runs_takes_less_than_a_gibibyte(copied, tm
         "import sys; from pathlib import Path; from archfrag.study.plan import Plan; "
         "from archfrag.study.store import Gathered as G; "
         "from archfrag.study.worker import peak_memory; "
-        "steps = G(Plan.load(Path(sys.argv[1]))).read_all().table['steps']; "
+        "steps = G(Plan.load(Path(sys.argv[1]))).read().table['steps']; "
         "assert steps.size == 100_000; print(peak_memory())"
     )
     found = subprocess.run(
@@ -173,15 +164,14 @@ class TestFits:
         write_cube(copied.study)
         fits = fit_cube(copied.study)
         assert set(fits) == {"ring", "slab"}
-        again = load_fits(copied.study.folder / "fits.json")
         answers = load_answers(copied.study.folder / "fits.json")
         for name, fit in fits.items():
             assert finite(answers[name].to_dict()) == finite(fit.to_dict())
             if isinstance(fit.curve, str):
-                assert again[name] == fit.curve
+                assert answers[name].curve == fit.curve
                 assert fit.curve in fit_text(copied.study, name, fit)
             else:
-                assert again[name].to_dict() == fit.curve.to_dict()
+                assert answers[name].curve.to_dict() == fit.curve.to_dict()
 
     def test_why_there_is_no_curve_is_stated_in_the_unit_of_the_study(self, copied):
         write_cube(copied.study)
@@ -203,4 +193,4 @@ class TestFits:
         path = tmp_path / "fits.json"
         path.write_text(content)
         with pytest.raises(InputError, match=r"fits.json: is damaged .*`archfrag fit` makes it"):
-            load_fits(path)
+            load_answers(path)

@@ -17,12 +17,9 @@ from archfrag.study.store import (
     Gathered,
     Store,
     read_part,
-    read_timing,
     replay,
     table_type,
-    timings_folder,
     write_part,
-    write_timing,
 )  # fmt: skip
 from tests.study.small import make_runs
 
@@ -99,7 +96,7 @@ class TestPlan:
 class TestParts:
     def test_a_damaged_part_is_ignored_and_made_again(self, copied):
         plan = copied.plan
-        before = Gathered(plan).read_all()
+        before = Gathered(plan).read()
         parts = sorted(plan.parts.glob("*.npy"))
         full = parts[0].read_bytes()
         for spoilt in (b"", full[:-40], full[:300] + b"\x01" * 8 + full[308:],
@@ -109,7 +106,7 @@ class TestParts:
             with pytest.raises(InputError, match="runs of round 1 are missing or damaged"):
                 replay(plan, Store(plan.parts))
         make_runs(plan)
-        after = Gathered(plan).read_all()
+        after = Gathered(plan).read()
         for name, values in before.table.items():
             np.testing.assert_array_equal(after.table[name], values)
 
@@ -157,8 +154,8 @@ class TestStore:
         assert store.verdicts(asked).tolist() == expected
         places = store.places(asked)
         assert ((places >= 0) == (np.array(expected) >= 0)).all()
-        for rows in store.rows(places):
-            np.testing.assert_array_equal(rows.table["key"], asked[rows.asked])
+        for _, rows, table in store.rows(places):
+            np.testing.assert_array_equal(table["key"], asked[rows])
 
     def test_a_run_made_twice_is_one(self, tmp_path):
         keys = drawn(np.random.default_rng(3), 4)
@@ -166,7 +163,7 @@ class TestStore:
         part_of(tmp_path, keys[1:], Verdict.COLLAPSED)
         store = Store(tmp_path)
         assert store.verdicts(keys).tolist() == [1] * 4
-        assert sum(len(rows.asked) for rows in store.rows(store.places(keys))) == 4
+        assert sum(len(rows) for _, rows, _ in store.rows(store.places(keys))) == 4
 
     def test_a_part_damaged_while_it_is_read_is_reported(self, tmp_path):
         keys = drawn(np.random.default_rng(4), 3)
@@ -179,17 +176,13 @@ class TestStore:
 
     def test_what_is_damaged_or_of_other_code_goes_and_nothing_else(self, tmp_path):
         parts, other = tmp_path / "parts" / "now", tmp_path / "parts" / "before"
-        for folder in (parts, timings_folder(parts), other):
+        for folder in (parts, other):
             folder.mkdir(parents=True)
         keys = drawn(np.random.default_rng(5), 6)
         made, late = part_of(parts, keys[:3], 1), part_of(other, keys[3:], 0)
         (parts / f"{'0' * 32}.npy").write_bytes(b"torn")
-        write_timing(made, np.arange(3.0))
         store = Store(parts)
         late = late.rename(parts / late.name)  # by another batch meanwhile
         assert store.tidy() == 1
-        assert set(parts.iterdir()) == {made, late, timings_folder(parts)}
+        assert set(parts.iterdir()) == {made, late}
         assert not other.exists()
-        assert read_timing(made, 3).tolist() == [0.0, 1.0, 2.0]
-        assert np.isnan(read_timing(made, 2)).all()
-        assert np.isnan(read_timing(late, 3)).all()

@@ -10,9 +10,8 @@ import numpy as np
 from archfrag.report.summary import reading_scale
 from archfrag.simulate import Onset, onset
 from archfrag.study.config import Study
-from archfrag.study.cube import read_timings
 from archfrag.study.curves import Answer
-from archfrag.study.fits import FITS, cautions_of_cube, load_answers, load_fits, open_cube
+from archfrag.study.fits import FITS, cautions_of_cube, load_answers, open_cube
 from archfrag.study.members import members, shown
 from archfrag.study.records import load_prepared, load_record
 from archfrag.study.steps import require
@@ -39,8 +38,6 @@ class ReportInputs:
     #: What must be known before a curve is used; what concerns one arch begins with its name and a
     #: colon.
     cautions: Sequence[str] = ()
-    #: Wall time of each run of an arch, or of groups of them [s].
-    timings: Mapping[str, Sequence[float]] | None = None
     title: str = "Fragility of masonry arches"
     confidence: float = 0.9  #: of all bands and intervals
     #: Another study with the same measure, to be compared in the arches that both have.
@@ -83,7 +80,6 @@ def report_inputs(study: Study, beside: Path | None = None) -> ReportInputs:
         answers=answers,
         classes=load_answers(study.folder / FITS, "classes"),
         cautions=cautions_of_cube(study, cube),
-        timings=read_timings(study),
         title=study.title,
         confidence=study.report.confidence,
         beside=None if beside is None else _beside(study, beside),
@@ -107,6 +103,7 @@ def _risk(study: Study, cube: "xr.Dataset") -> dict[str, Any]:
     given, measure = study.risk, study.intensity.measure
     assert given is not None
     hazard = load_hazard(Path(given.hazard), measure, given.unit, given.site)
-    fits = load_fits(study.folder / FITS)
+    answers = load_answers(study.folder / FITS)
+    fits = {name: answer.curve for name, answer in answers.items()}
     found = risk_of(cube, fits, hazard, given.years, study.report.confidence)
     return risk_section(found, reading_scale(cube, measure))

@@ -1,6 +1,5 @@
 """The cube: all parts of a study in one CF-1.11 netCDF file."""
 
-import csv
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -23,11 +22,10 @@ from archfrag.study.plan import Plan, make_plan
 from archfrag.study.provenance import attributes, strict_json
 from archfrag.study.records import SEEDS, PreparedRecord
 from archfrag.study.rounds import CASE, COARSE, FINE, Cases
-from archfrag.study.store import Gathered, Results, Store, replay
+from archfrag.study.store import Gathered, Results, Store
 from archfrag.study.vary import VARIABLE
 
 CUBE = "cube.nc"
-TIMINGS = "timings.csv"
 _RUN = ("arch", "record", "level")
 # Of a chunk, which is read and decompressed at once [values].
 LARGEST_CHUNK = 100_000
@@ -74,29 +72,6 @@ def write_cube(study: Study) -> Path:
     return path
 
 
-def write_timings(study: Study) -> Path:
-    """Gather the wall times of all runs into ``timings.csv``; not part of the cube."""
-    import pandas as pd
-
-    plan = make_plan(study)
-    store = Store(plan.parts)
-    cases, _ = replay(plan, store)
-    keys = plan.keys(cases, plan.factors(cases))
-    wall_time, steps = np.full(len(cases), np.nan), np.zeros(len(cases), np.int64)
-    for _, rows, part, times in store.rows(store.places(keys)):
-        wall_time[rows], steps[rows] = times, part["steps"]
-    table = pd.DataFrame({
-        "stage": cases["stage"],
-        "arch": _named(cases["arch"], [arch["id"] for arch in plan.arches]),
-        "record": _named(cases["record"], [record.id for record in plan.records]),
-        "level": cases["level"], "steps": steps, "wall_time": wall_time,
-    })  # fmt: skip
-    path = study.work / TIMINGS
-    with replacing(path) as temporary:
-        table.to_csv(temporary, index=False)
-    return path
-
-
 def forget_other_code(study: Study) -> int:
     """Remove results that no study can use any more; the number of versions they were made by."""
     plan = make_plan(study)
@@ -104,25 +79,6 @@ def forget_other_code(study: Study) -> int:
         if old != plan.path:
             old.unlink(missing_ok=True)
     return Store(plan.parts).tidy()
-
-
-def read_timings(study: Study) -> dict[str, list[float]] | None:
-    """Wall times of the runs of each arch that `write_timings` gathered [s]; None without."""
-    path = study.work / TIMINGS
-    if not path.is_file():
-        return None
-    found: dict[str, list[float]] = {}
-    with open(path, newline="", encoding="utf-8") as file:
-        for row in csv.DictReader(file):
-            found.setdefault(row["arch"], []).append(float(row["wall_time"] or "nan"))
-    return found
-
-
-def _named(numbers: NDArray, names: list[str]) -> Any:
-    """Names by their numbers, each kept once."""
-    import pandas as pd
-
-    return pd.Categorical.from_codes(numbers.astype(np.int64), pd.Index(names))
 
 
 class _Layout:
