@@ -154,9 +154,7 @@ class LevelRange(Rising):
 
     @model_validator(mode="after")
     def _differ(self) -> Self:
-        if len(set(self.values())) < self.count:
-            ends = f"start = {self.start!r} and stop = {self.stop!r}"
-            raise refuse(f"must have {self.count} different levels; {ends} are too close for that")
+        _rising(self.values())
         return self
 
     def values(self) -> tuple[float, ...]:

@@ -22,7 +22,7 @@ from archfrag.errors import InputError
 from archfrag.study.files import replacing
 from archfrag.study.outcome import COLUMNS
 from archfrag.study.plan import KEY, Plan
-from archfrag.study.rounds import NO_CASES, Cases, Rounds
+from archfrag.study.rounds import FINE, NO_CASES, Cases, Rounds
 
 Table = NDArray[np.void]
 _SUFFIX = ".npy"
@@ -37,7 +37,7 @@ def table_type(models: tuple[str, ...]) -> np.dtype:
 
 
 def new_table(keys: NDArray[np.void], columns: dict[str, NDArray]) -> Table:
-    """Rows of runs from their keys and from `archfrag.study.outcome.table_of`."""
+    """Rows of runs from their keys and from `archfrag.study.outcome.columns_of`."""
     models = tuple(str(name) for name in columns["model"])
     table = np.zeros(len(keys), table_type(models))
     table["key"] = keys
@@ -229,19 +229,15 @@ class Gathered:
         for rows in self._store.rows(self._places[:1]):
             self.models = rows.table.dtype["model_time"].names or ()
 
-    def read(self, arch: int, stage: int) -> Results:
-        """Results of the runs of an arch in a stage."""
-        # They are sorted by stage, then by arch.
-        count = len(self._plan.arches)
-        kinds = self.cases["stage"] * np.int64(count) + self.cases["arch"]
-        kind = stage * count + arch
-        return self._read(slice(*np.searchsorted(kinds, [kind, kind + 1]).tolist()))
-
-    def read_all(self) -> Results:
-        """Results of all runs, about 250 bytes each; errors as of `read`."""
-        return self._read(slice(0, len(self.cases)))
-
-    def _read(self, own: slice) -> Results:
+    def read(self, arch: int | None = None, stage: int = FINE) -> Results:
+        """Results of all runs, about 250 bytes each, or of those of one arch in a stage."""
+        own = slice(0, len(self.cases))
+        if arch is not None:
+            # They are sorted by stage, then by arch.
+            n_arch = len(self._plan.arches)
+            kinds = self.cases["stage"] * np.int64(n_arch) + self.cases["arch"]
+            kind = stage * n_arch + arch
+            own = slice(*np.searchsorted(kinds, [kind, kind + 1]).tolist())
         count = own.stop - own.start
         table: dict[str, NDArray] = {c.name: np.empty(count, c.dtype) for c in COLUMNS}
         table["model_time"] = np.empty((count, len(self.models)))
