@@ -85,12 +85,16 @@ class Fragility:
             If a key is missing.
         """
         try:
-            covariance = np.array(values["covariance_ln_theta_beta"], dtype=float)
-            # JSON has no nan: of what is no maximum of a likelihood it holds null.
-            likelihood = float("nan" if (v := values["log_likelihood"]) is None else v)
-            sizes = int(values["n_levels"]), int(values["n_total"])
-            fit = float(values["theta"]), float(values["beta"]), covariance, likelihood
-            return cls(*fit, *sizes, str(values["kind"]))
+            return cls(
+                theta=float(values["theta"]),
+                beta=float(values["beta"]),
+                covariance=np.array(values["covariance_ln_theta_beta"], dtype=float),
+                # JSON has no nan: of what is no maximum of a likelihood it holds null.
+                log_likelihood=float("nan" if (v := values["log_likelihood"]) is None else v),
+                n_levels=int(values["n_levels"]),
+                n_total=int(values["n_total"]),
+                kind=str(values["kind"]),
+            )
         except KeyError as error:
             raise InputError(f"a stored fragility lacks the key {error}") from error
 
