@@ -15,7 +15,7 @@ from archfrag.motions.process import velocity
 from archfrag.report import picture as look
 from archfrag.report.curve_figures import COLOURS
 from archfrag.report.inputs import ReportInputs
-from archfrag.report.picture import BESIDE, FloatArray, Picture, number
+from archfrag.report.picture import BESIDE, FloatArray, Picture
 from archfrag.report.plot import Entry, Panel, Sheet, picture
 from archfrag.report.summary import Scale
 from archfrag.study.fits import accepted_records
@@ -57,9 +57,8 @@ def _outline(motion: Motion) -> str:
     """Filled trace of a record in a box of 110 by 40."""
     _, low, high = envelope(motion, _THUMBNAIL_BINS)
     across = np.linspace(0.5, 109.5, low.size)
-    top = [f"{number(x)} {number(y)}" for x, y in zip(across, 20.0 - 19.5 * high - 0.25)]
-    back = zip(across[::-1], (20.0 - 19.5 * low + 0.25)[::-1])
-    return "M" + " ".join(top + [f"{number(x)} {number(y)}" for x, y in back]) + "z"
+    ends = np.append(20.0 - 19.5 * high - 0.25, (20.0 - 19.5 * low + 0.25)[::-1])
+    return look.trace(np.append(across, across[::-1]), ends) + "z"
 
 
 def spectra(

@@ -34,20 +34,13 @@ def risk_section(risk: StudyRisk, scale: Scale) -> dict[str, Any]:
             {"name": name, "risk": arch}
             if isinstance(arch, str)
             else {
-                "name": name, "risk": arch, "ranges": _ranges(arch, scale),
+                "name": name, "risk": arch,
                 "picture": hazard_and_fragility(arch, risk.hazard, scale),
                 "fractions": deaggregation(arch, scale),
             }
             for name, arch in list(risk.arches.items())[:shown]
         ],
     }  # fmt: skip
-
-
-def _ranges(arch: ArchRisk, scale: Scale) -> list[str]:
-    """The range of intensity that each level stands for, in words."""
-    edges = [scale.digits(edge) for edge in arch.edges]
-    ends = [f"{low} to {high}" for low, high in zip(["0", *edges], edges)]
-    return [*ends, f"from {edges[-1] if edges else '0'} on"]
 
 
 def hazard_and_fragility(arch: ArchRisk, hazard: Hazard, scale: Scale) -> Picture:
