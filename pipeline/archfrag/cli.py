@@ -366,9 +366,10 @@ def batch(
 @_step
 def cube(study: Any, note: Callable[[str], None]) -> None:
     """Gather the results into one CF netCDF cube."""
-    from archfrag.study.cube import forget_other_code, write_cube
+    from archfrag.study.cube import forget_other_code, write_cube, write_timings
 
     path = write_cube(study)
+    write_timings(study)
     if forget_other_code(study):
         note("cube: runs made by other versions of archfrag, of use to no study now, are removed")
     note(f"cube: {path}")

@@ -125,6 +125,7 @@ def inputs(names=("ring",), n_record=6, n_level=9, voussoirs=7, **changes):
         "motions": items,
         "arches": [(name, arch, onset) for name in names],
         "answers": answers_of(changes.get("cube", data)),
+        "timings": {name: [0.05] * (n_record * n_level) for name in names},
     }
     return ReportInputs(**(values | changes))
 

@@ -296,11 +296,14 @@ class TestOffline:
 
 
 class TestNumbers:
-    def test_residuals(self, study):
+    def test_speed_and_residuals(self, study):
         data = study.cube.copy(deep=True)
         failed = data["verdict"] == Verdict.SOLVER_FAILURE
         data["contact_residual"] = data["contact_residual"].where(~failed, 0.7)
         rows = dict(table(read(replace(study, cube=data)), "Speed and energy figures of ring")[1])
+        per_second = 1e3 * 0.05 * failed.size / float(data["end_time"].sum())
+        assert rows["wall time for one simulated second"] == f"{per_second:#.3g} ms"
+        assert rows["wall time of a run, median and 95 %"] == "0.0500 s, 0.0500 s"
         for name in ("energy error", "contact residual"):
             largest = float(data[name.replace(" ", "_")].where(~failed).max())
             assert rows[f"{name}, median and largest"].endswith(f", {largest:.1e}")

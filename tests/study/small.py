@@ -13,7 +13,7 @@ from archfrag.study import batch
 from archfrag.study.batch import cut
 from archfrag.study.files import make_folder
 from archfrag.study.plan import Plan
-from archfrag.study.store import Store
+from archfrag.study.store import Store, timings_folder
 from archfrag.study.worker import run_chunk
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -81,7 +81,8 @@ def in_process() -> Iterator[None]:
 
 def make_runs(plan: Plan, chunk: int = 2) -> None:
     """Make all runs that are missing, in this process: starting workers takes seconds."""
-    make_folder(plan.parts)
+    for folder in (plan.parts, timings_folder(plan.parts)):
+        make_folder(folder)
     plan.save()
     rounds, store = plan.rounds(), Store(plan.parts)
     while len(rounds.wanted):

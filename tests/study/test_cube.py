@@ -11,7 +11,7 @@ import xarray as xr
 
 from archfrag.errors import InputError, OutputError
 from archfrag.fragility.counts import Verdict
-from archfrag.study.cube import _write, write_cube
+from archfrag.study.cube import _write, write_cube, write_timings
 from archfrag.study.fits import fit_cube, fit_text, load_answers
 from archfrag.study.outcome import COLUMNS
 from archfrag.study.provenance import finite
@@ -39,10 +39,8 @@ class TestContent:
         cases = done.plan.rounds().wanted
         store = Store(done.plan.parts)
         seen = 0
-        for _, asked, table in store.rows(
-            store.places(done.plan.keys(cases, done.plan.factors(cases)))
-        ):
-            for case, row in zip(cases[asked], table):
+        for rows in store.rows(store.places(done.plan.keys(cases, done.plan.factors(cases)))):
+            for case, row in zip(cases[rows.asked], rows.table):
                 place = {"arch": case["arch"], "record": case["record"], "level": case["place"]}
                 for column in COLUMNS:
                     np.testing.assert_array_equal(cube[column.name].isel(place), row[column.name])
@@ -124,6 +122,17 @@ class TestFile:
         with pytest.raises(InputError, match="2 of 12 runs of round 1 are missing or damaged"):
             write_cube(copied.study)
         assert not path.exists()
+
+    def test_wall_times_are_beside_the_cube(self, done, cube_file):
+        import pandas as pd
+
+        table = pd.read_csv(write_timings(done.study))
+        assert table["arch"].tolist() == ["ring"] * 6 + ["slab"] * 6
+        assert table["record"].tolist() == (["wave0"] * 3 + ["wave1"] * 3) * 2
+        assert (table["stage"] == 0).all()
+        assert (table["wall_time"] > 0.0).all()
+        with xr.open_dataset(cube_file) as cube:
+            np.testing.assert_array_equal(table["steps"], cube["steps"].values.ravel())
 
 
 @pytest.mark.slow

@@ -17,9 +17,12 @@ from archfrag.study.store import (
     Gathered,
     Store,
     read_part,
+    read_timing,
     replay,
     table_type,
+    timings_folder,
     write_part,
+    write_timing,
 )  # fmt: skip
 from tests.study.small import make_runs
 
@@ -154,8 +157,8 @@ class TestStore:
         assert store.verdicts(asked).tolist() == expected
         places = store.places(asked)
         assert ((places >= 0) == (np.array(expected) >= 0)).all()
-        for _, rows, table in store.rows(places):
-            np.testing.assert_array_equal(table["key"], asked[rows])
+        for rows in store.rows(places):
+            np.testing.assert_array_equal(rows.table["key"], asked[rows.asked])
 
     def test_a_run_made_twice_is_one(self, tmp_path):
         keys = drawn(np.random.default_rng(3), 4)
@@ -163,7 +166,7 @@ class TestStore:
         part_of(tmp_path, keys[1:], Verdict.COLLAPSED)
         store = Store(tmp_path)
         assert store.verdicts(keys).tolist() == [1] * 4
-        assert sum(len(rows) for _, rows, _ in store.rows(store.places(keys))) == 4
+        assert sum(len(rows.asked) for rows in store.rows(store.places(keys))) == 4
 
     def test_a_part_damaged_while_it_is_read_is_reported(self, tmp_path):
         keys = drawn(np.random.default_rng(4), 3)
@@ -176,13 +179,17 @@ class TestStore:
 
     def test_what_is_damaged_or_of_other_code_goes_and_nothing_else(self, tmp_path):
         parts, other = tmp_path / "parts" / "now", tmp_path / "parts" / "before"
-        for folder in (parts, other):
+        for folder in (parts, timings_folder(parts), other):
             folder.mkdir(parents=True)
         keys = drawn(np.random.default_rng(5), 6)
         made, late = part_of(parts, keys[:3], 1), part_of(other, keys[3:], 0)
         (parts / f"{'0' * 32}.npy").write_bytes(b"torn")
+        write_timing(made, np.arange(3.0))
         store = Store(parts)
         late = late.rename(parts / late.name)  # by another batch meanwhile
         assert store.tidy() == 1
-        assert set(parts.iterdir()) == {made, late}
+        assert set(parts.iterdir()) == {made, late, timings_folder(parts)}
         assert not other.exists()
+        assert read_timing(made, 3).tolist() == [0.0, 1.0, 2.0]
+        assert np.isnan(read_timing(made, 2)).all()
+        assert np.isnan(read_timing(late, 3)).all()

@@ -40,6 +40,7 @@ def arch_section(
     name, arch, onset = inputs.arches[place]
     answer = inputs.answers[name]
     counts = {kind: int(number.sum()) for kind, number in asdict(results.counts).items()}
+    wall = None if inputs.timings is None else inputs.timings.get(name)
     groups = mechanism_figures.groupings(results, inputs.confidence)
     return {
         "id": f"arch{place}",
@@ -66,7 +67,7 @@ def arch_section(
         "limit_states": _limit_states(answer, results),
         "measures": _measures(answer, name),
         "ran_table": mechanism_figures.ran_table(results),
-        "quality": tables.quality(results),
+        "quality": tables.quality(results, wall),
     }
 
 

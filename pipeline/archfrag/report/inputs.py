@@ -10,6 +10,7 @@ import numpy as np
 from archfrag.report.summary import reading_scale
 from archfrag.simulate import Onset, onset
 from archfrag.study.config import Study
+from archfrag.study.cube import read_timings
 from archfrag.study.curves import Answer
 from archfrag.study.fits import FITS, cautions_of_cube, load_answers, open_cube
 from archfrag.study.members import members, shown
@@ -38,6 +39,8 @@ class ReportInputs:
     #: What must be known before a curve is used; what concerns one arch begins with its name and a
     #: colon.
     cautions: Sequence[str] = ()
+    #: Wall time of each run of an arch, or of groups of them [s].
+    timings: Mapping[str, Sequence[float]] | None = None
     title: str = "Fragility of masonry arches"
     confidence: float = 0.9  #: of all bands and intervals
     #: Another study with the same measure, to be compared in the arches that both have.
@@ -80,6 +83,7 @@ def report_inputs(study: Study, beside: Path | None = None) -> ReportInputs:
         answers=answers,
         classes=load_answers(study.folder / FITS, "classes"),
         cautions=cautions_of_cube(study, cube),
+        timings=read_timings(study),
         title=study.title,
         confidence=study.report.confidence,
         beside=None if beside is None else _beside(study, beside),

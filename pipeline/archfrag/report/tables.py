@@ -140,11 +140,19 @@ def motions(
     return Table(heads, rows)
 
 
-def quality(results: ArchResults) -> Table:
-    """Steps, energy and contact residuals of one arch."""
+def quality(results: ArchResults, wall: Sequence[float] | None) -> Table:
+    """Speed and energy figures of one arch."""
     simulated = float(np.nansum(results["end_time"]))
     runs = int(results.counts.runs.sum())
     rows = {"simulated time": f"{simulated:,.0f} s in {runs:,} runs"}
+    times = np.array([] if wall is None else wall, dtype=float)
+    if times.sum() > 0.0 and simulated > 0.0:
+        rows["wall time of the simulations, summed over workers"] = f"{times.sum():,.2f} s"
+        per_second = 1e3 * times.sum() / simulated
+        rows["wall time for one simulated second"] = f"{per_second:#.3g} ms"
+    if times.size == runs:
+        middle, tail = np.quantile(times, [0.5, 0.95])
+        rows["wall time of a run, median and 95 %"] = f"{middle:#.3g} s, {tail:#.3g} s"
     rows["steps of integration"] = f"{results['steps'].sum():,}"
     failed, residual = results.verdict == Verdict.SOLVER_FAILURE, results["contact_residual"]
     good = results.simulated & ~failed

@@ -28,7 +28,7 @@ from archfrag.study.members import members
 from archfrag.study.plan import Plan, make_plan
 from archfrag.study.provenance import add_to_log, available_cores, machine
 from archfrag.study.rounds import Cases
-from archfrag.study.store import Store
+from archfrag.study.store import Store, timings_folder
 from archfrag.study.worker import run_chunk, run_chunks
 
 # A worker is to stay below 400 MB; dask ends one that reaches 95 % of the limit.
@@ -86,7 +86,8 @@ def run_batch(
     """Make the runs of one batch that the design asks for; those that are there are kept."""
     started = time.perf_counter()
     plan = make_plan(study)
-    make_folder(plan.parts)
+    for folder in (plan.parts, timings_folder(plan.parts)):
+        make_folder(folder)
     log = BatchLog(batch)
     rounds, store = plan.rounds(batch, study.execution.batches), Store(plan.parts)
     count = workers or study.execution.workers or available_cores()

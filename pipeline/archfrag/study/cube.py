@@ -22,10 +22,11 @@ from archfrag.study.plan import Plan, make_plan
 from archfrag.study.provenance import attributes, strict_json
 from archfrag.study.records import SEEDS, PreparedRecord
 from archfrag.study.rounds import CASE, COARSE, FINE, Cases
-from archfrag.study.store import Gathered, Results, Store
+from archfrag.study.store import Gathered, Results, Store, replay
 from archfrag.study.vary import VARIABLE
 
 CUBE = "cube.nc"
+TIMINGS = "timings.csv"
 _RUN = ("arch", "record", "level")
 # Of a chunk, which is read and decompressed at once [values].
 LARGEST_CHUNK = 100_000
@@ -72,6 +73,29 @@ def write_cube(study: Study) -> Path:
     return path
 
 
+def write_timings(study: Study) -> Path:
+    """Gather the wall times of all runs into ``timings.csv``; not part of the cube."""
+    import pandas as pd
+
+    plan = make_plan(study)
+    store = Store(plan.parts)
+    cases, _ = replay(plan, store)
+    keys = plan.keys(cases, plan.factors(cases))
+    wall_time, steps = np.full(len(cases), np.nan), np.zeros(len(cases), np.int64)
+    for _, rows, part, times in store.rows(store.places(keys)):
+        wall_time[rows], steps[rows] = times, part["steps"]
+    table = pd.DataFrame({
+        "stage": cases["stage"],
+        "arch": np.array([arch["id"] for arch in plan.arches], object)[cases["arch"]],
+        "record": np.array([record.id for record in plan.records], object)[cases["record"]],
+        "level": cases["level"], "steps": steps, "wall_time": wall_time,
+    })  # fmt: skip
+    path = study.work / TIMINGS
+    with replacing(path) as temporary:
+        table.to_csv(temporary, index=False)
+    return path
+
+
 def forget_other_code(study: Study) -> int:
     """Remove results that no study can use any more; the number of versions they were made by."""
     plan = make_plan(study)
@@ -79,6 +103,17 @@ def forget_other_code(study: Study) -> int:
         if old != plan.path:
             old.unlink(missing_ok=True)
     return Store(plan.parts).tidy()
+
+
+def read_timings(study: Study) -> dict[str, list[float]] | None:
+    """Wall times of the runs of each arch that `write_timings` gathered [s]; None without."""
+    path = study.work / TIMINGS
+    if not path.is_file():
+        return None
+    import pandas as pd
+
+    table = pd.read_csv(path, usecols=["arch", "wall_time"], converters={"arch": str})
+    return {str(name): own.tolist() for name, own in table.groupby("arch")["wall_time"]}
 
 
 class _Layout:

@@ -53,7 +53,7 @@ def products(study: Study, step: str) -> list[Path]:
     """Files that a step makes; parts of batches have checks of their own."""
     made = {
         "motions": [study.work / MANIFEST],
-        "cube": [study.folder / "cube.nc"],
+        "cube": [study.folder / "cube.nc", study.work / "timings.csv"],
         "fit": [study.folder / "fits.json"],
     }
     if step == "report":

@@ -5,6 +5,7 @@ damaged one is seen; what the rows mean follows from their keys, so that a study
 or grows keeps every run that is still what it was.
 """
 
+import contextlib
 import hashlib
 import io
 import shutil
@@ -12,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,6 +76,15 @@ def read_part(path: Path) -> Table | None:
     return rows
 
 
+class Rows(NamedTuple):
+    """Some rows of a part: which of those asked for they are, and their wall times [s]."""
+
+    path: Path
+    asked: NDArray[np.int64]
+    table: Table
+    wall_time: NDArray[np.float64]
+
+
 class Store:
     """All runs of which the parts of a folder hold the results.
 
@@ -128,8 +138,8 @@ class Store:
         found[place >= 0] = verdict[place[place >= 0]]
         return found
 
-    def rows(self, places: NDArray[np.int64]) -> Iterator[tuple[Path, NDArray[np.int64], Table]]:
-        """Rows at some places part by part: its file, which of those asked for, and themselves."""
+    def rows(self, places: NDArray[np.int64]) -> Iterator["Rows"]:
+        """Rows at some places, part by part."""
         ends = np.cumsum(self._of_part)
         order = np.argsort(places, kind="stable")
         starts = np.searchsorted(places[order], np.concatenate([[0], ends]))
@@ -140,7 +150,8 @@ class Store:
                 again = "the same command again states what is to be done"
                 raise InputError(f"{path}: was damaged or removed while it was read; {again}")
             within = places[some] - (ends[number] - len(table))
-            yield path, some, table[within]
+            times = read_timing(path, len(table))[within]
+            yield Rows(path, some, table[within], times)
 
     def tidy(self) -> int:
         """Remove damaged parts and those of other code; the number of folders of the latter.
@@ -153,6 +164,27 @@ class Store:
         for path in others:
             shutil.rmtree(path, ignore_errors=True)
         return len(others)
+
+
+def timings_folder(parts: Path) -> Path:
+    """Folder of the wall times beside the parts: they belong in no result."""
+    return parts / "timings"
+
+
+def write_timing(part: Path, wall_time: NDArray[np.float64]) -> None:
+    """Write the wall times of the rows of a part [s]."""
+    path = timings_folder(part.parent) / part.name
+    with replacing(path, lasting=False) as temporary, open(temporary, "wb") as file:
+        np.save(file, wall_time)
+
+
+def read_timing(part: Path, count: int) -> NDArray[np.float64]:
+    """Wall times of the rows of a part [s], nan where they are not known."""
+    with contextlib.suppress(OSError, ValueError, EOFError):
+        times: NDArray[np.float64] = np.load(timings_folder(part.parent) / part.name)
+        if times.shape == (count,):
+            return times
+    return np.full(count, np.nan)
 
 
 @dataclass(frozen=True)
@@ -194,8 +226,8 @@ class Gathered:
         self._places = self._store.places(plan.keys(self.cases, self._factors))
         self.notes: dict[int, dict[str, Any]] = rounds.notes  # of the design, by arch
         self.models: tuple[str, ...] = ()
-        for _, _, table in self._store.rows(self._places[:1]):
-            self.models = table.dtype["model_time"].names or ()
+        for rows in self._store.rows(self._places[:1]):
+            self.models = rows.table.dtype["model_time"].names or ()
 
     def read(self, arch: int | None = None, stage: int = FINE) -> Results:
         """Results of all runs, about 250 bytes each, or of those of one arch in a stage."""
@@ -209,7 +241,7 @@ class Gathered:
         count = own.stop - own.start
         table: dict[str, NDArray] = {c.name: np.empty(count, c.dtype) for c in COLUMNS}
         table["model_time"] = np.empty((count, len(self.models)))
-        for path, rows, part in self._store.rows(self._places[own]):
+        for path, rows, part, _ in self._store.rows(self._places[own]):
             if part.dtype["model_time"].names != self.models:
                 raise InputError(f"{path}: is of other models than the parts before")
             for column in COLUMNS:

@@ -18,7 +18,7 @@ from archfrag.study.outcome import tabulate_cases
 from archfrag.study.plan import Plan
 from archfrag.study.records import PreparedRecord, load_record
 from archfrag.study.rounds import Cases
-from archfrag.study.store import new_table, write_part
+from archfrag.study.store import new_table, write_part, write_timing
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
@@ -59,7 +59,7 @@ def run_chunks(plan_path: str, chunks: Sequence[tuple[Cases, NDArray]]) -> list[
 
 
 def run_chunk(plan_path: str, cases: Cases, factors: NDArray) -> dict[str, Any]:
-    """Run some cases of one arch and stage, write their part."""
+    """Run some cases of one arch and stage, write their part and then their wall times."""
     started = time.perf_counter()
     plan, numbers = _plan(plan_path), cases["record"].tolist()
     motions = {r: _motion(plan.folder, plan.records[r]) for r in dict.fromkeys(numbers)}
@@ -71,6 +71,7 @@ def run_chunk(plan_path: str, cases: Cases, factors: NDArray) -> dict[str, Any]:
     )
     table = new_table(plan.keys(cases, factors), columns)
     part = write_part(plan.parts, table)
+    write_timing(part, wall_time)
     return {
         "part": str(part),
         "runs": len(table),
