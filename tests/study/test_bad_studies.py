@@ -108,7 +108,7 @@ BAD += [
     (FILES, "[small.yaml]", "small.yaml"),
     (f"files: {FILES}", "index: lost.csv", "lost.csv: the index cannot"),
     (f"files: {FILES}", "index: small.yaml", "small.yaml"),
-    (f"files: {FILES}", "index: a.csv\n  select: []", "at least one"),
+    (f"files: {FILES}", "index: a.csv\n  select: []", "at least 1 entries"),
     (f"files: {FILES}", "{index: a.csv, select: [b, b]}", "but 'b' is there twice"),
     # Intensity.
     ("unit: g", "unit: cm/s", "unit 'cm/s' is not one of g, m/s2"),
