@@ -273,12 +273,7 @@ class FromDrawing(Drawn):
     """Of the drawing, over what it states."""
 
     def read(self) -> Polygons:
-        """The same with what the drawing holds in its place.
-
-        Raises
-        ------
-        GeometryError
-        """
+        """The same with what the drawing holds in its place; `GeometryError` if that is none."""
         from archfrag.arch.drawing import read_drawing
         from archfrag.arch.polygons import polygon_ring
 

@@ -106,10 +106,7 @@ def known_so_far(
     confidence: float = 0.9,
     groups: ArrayLike | None = None,
 ) -> Known:
-    """Curve of the runs made, by the posterior from which a report quotes its band.
-
-    Arguments are those of `archfrag.fragility.quoted.quoted_posterior`.
-    """
+    """Curve of the runs made, by the posterior from which a report quotes its band."""
     try:
         known = quoted_posterior(design, verdict, level, groups)[0]
     except FitError:
@@ -120,10 +117,7 @@ def known_so_far(
 
 
 class Stop:
-    """Whether there are runs enough, asked after each round.
-
-    A design stops when the interval is narrow enough in two rounds in a row.
-    """
+    """Whether there are runs enough: the interval is narrow enough in two rounds in a row."""
 
     def __init__(self, wanted: "Precision") -> None:
         self.wanted = wanted
