@@ -108,7 +108,7 @@ BAD += [
     (FILES, "[small.yaml]", "small.yaml"),
     (f"files: {FILES}", "index: lost.csv", "lost.csv: the index cannot"),
     (f"files: {FILES}", "index: small.yaml", "small.yaml"),
-    (f"files: {FILES}", "index: a.csv\n  select: []", "at least one"),
+    (f"files: {FILES}", "index: a.csv\n  select: []", "1 or more entries"),
     (f"files: {FILES}", "{index: a.csv, select: [b, b]}", "but 'b' is there twice"),
     # Intensity.
     ("unit: g", "unit: cm/s", "unit 'cm/s' is not one of g, m/s2"),
@@ -138,7 +138,7 @@ BAD += [
         ("0.5", "intensity.levels = 0.5 must be a list"),
         ("[0.0, 0.6]", "intensity.levels[0] = 0.0 must be greater than 0"),
         ("[1, 1]", "must increase, but 1 follows 1"),
-        ("[]", "must have at least one entry"),
+        ("[]", "must have 1 or more entries, not 0"),
         ("[1, 1e9]", "levels[1] = 1000000000.0 must be less than or equal to 1e+06"),
         ("{start: 1, stop: 2, count: 100000000}", "less than or equal to 1000"),
         ("{start: 1.0, stop: 0.5, count: 3}", "must have stop above start = 1, not 0.5"),

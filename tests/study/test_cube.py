@@ -39,8 +39,10 @@ class TestContent:
         cases = done.plan.rounds().wanted
         store = Store(done.plan.parts)
         seen = 0
-        for rows in store.rows(store.places(done.plan.keys(cases, done.plan.factors(cases)))):
-            for case, row in zip(cases[rows.asked], rows.table):
+        for _, asked, table, _ in store.rows(
+            store.places(done.plan.keys(cases, done.plan.factors(cases)))
+        ):
+            for case, row in zip(cases[asked], table):
                 place = {"arch": case["arch"], "record": case["record"], "level": case["place"]}
                 for column in COLUMNS:
                     np.testing.assert_array_equal(cube[column.name].isel(place), row[column.name])

@@ -157,8 +157,8 @@ class TestStore:
         assert store.verdicts(asked).tolist() == expected
         places = store.places(asked)
         assert ((places >= 0) == (np.array(expected) >= 0)).all()
-        for rows in store.rows(places):
-            np.testing.assert_array_equal(rows.table["key"], asked[rows.asked])
+        for _, rows, table, _ in store.rows(places):
+            np.testing.assert_array_equal(table["key"], asked[rows])
 
     def test_a_run_made_twice_is_one(self, tmp_path):
         keys = drawn(np.random.default_rng(3), 4)
@@ -166,7 +166,7 @@ class TestStore:
         part_of(tmp_path, keys[1:], Verdict.COLLAPSED)
         store = Store(tmp_path)
         assert store.verdicts(keys).tolist() == [1] * 4
-        assert sum(len(rows.asked) for rows in store.rows(store.places(keys))) == 4
+        assert sum(len(rows) for _, rows, _, _ in store.rows(store.places(keys))) == 4
 
     def test_a_part_damaged_while_it_is_read_is_reported(self, tmp_path):
         keys = drawn(np.random.default_rng(4), 3)

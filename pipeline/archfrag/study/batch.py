@@ -138,10 +138,7 @@ def cut(cases: Cases, chunk: int | None, workers: int) -> list[tuple[slice, Case
 
 
 class _Executor:
-    """Makes runs: the first ones in this process, then on workers, if there is work for them.
-
-    Workers take seconds to start, which is more than all runs of a small study take.
-    """
+    """Makes runs: in this process for as long as workers take to start, then on workers."""
 
     def __init__(
         self, study: Study, plan: Plan, count: int, bar: tqdm, stack: contextlib.ExitStack

@@ -5,6 +5,8 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
+from itertools import groupby
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -42,13 +44,6 @@ class Members(tuple[Member, ...]):
     def classes(self) -> list[str]:
         """Class of each arch."""
         return [member.arch_class for member in self]
-
-    def of_class(self) -> dict[str, list[int]]:
-        """Places of the arches of each class, classes in the order of the entries."""
-        places: dict[str, list[int]] = {}
-        for place, name in enumerate(self.classes):
-            places.setdefault(name, []).append(place)
-        return places
 
     def parameters(self) -> dict[str, NDArray[np.float64]]:
         """What arches differ by within their classes: name to (n_arch,); nan where fixed."""
@@ -132,8 +127,8 @@ def expand(entries: Sequence[Any], n_record: int | None = None) -> Members:
 def summaries(given: Members) -> tuple[str, ...]:
     """Classes whose arches were drawn or come from a table: how many, and what they differ by."""
     found = []
-    for name, places in given.of_class().items():
-        own = Members(given[i] for i in places)
+    for name, alike in groupby(given, attrgetter("arch_class")):
+        own = Members(alike)
         if not any(member.number or member.id != name for member in own):
             continue
         parts = [f"{name}: {counted(len(own), 'arch')}"]

@@ -138,10 +138,7 @@ _OWN = ("status", "collapse_time", "collapse_joint", "collapse_mode", "end_time"
 
 
 def columns_of(results: "Results") -> dict[str, NDArray]:
-    """Columns of several runs, each (n_run,), and `model_time` (n_run, n_model) [s].
-
-    Column `model` holds the names of the models, (n_model,).
-    """
+    """Columns (n_run,), names of models (n_model,) and `model_time` (n_run, n_model) [s]."""
     energy = results.energy
     largest = energy[:, Energy.LARGEST_KINETIC]
     moved = largest > 0.0

@@ -70,7 +70,7 @@ _KINDS = {
     "string_unicode": "must be text in UTF-8",
     "less_than_equal": "must be less than or equal to {le:g}",
     "too_long": "must have at most {max_length} entries, not {actual_length}",
-    "too_short": "must have at least {min_length} entries, not {actual_length}",
+    "too_short": "must have {min_length} or more entries, not {actual_length}",
     "dict_type": "must be a mapping of keys to values",
     "refused": "{text}",
     "finite_number": "must be a finite number",

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,15 +76,6 @@ def read_part(path: Path) -> Table | None:
     return rows
 
 
-class Rows(NamedTuple):
-    """Some rows of a part: which of those asked for they are, and their wall times [s]."""
-
-    path: Path
-    asked: NDArray[np.int64]
-    table: Table
-    wall_time: NDArray[np.float64]
-
-
 class Store:
     """All runs of which the parts of a folder hold the results.
 
@@ -138,8 +129,10 @@ class Store:
         found[place >= 0] = verdict[place[place >= 0]]
         return found
 
-    def rows(self, places: NDArray[np.int64]) -> Iterator["Rows"]:
-        """Rows at some places, part by part."""
+    def rows(
+        self, places: NDArray[np.int64]
+    ) -> Iterator[tuple[Path, NDArray[np.int64], Table, NDArray[np.float64]]]:
+        """Part by part its file, which of some places are in it, their rows, wall times [s]."""
         ends = np.cumsum(self._of_part)
         order = np.argsort(places, kind="stable")
         starts = np.searchsorted(places[order], np.concatenate([[0], ends]))
@@ -151,7 +144,7 @@ class Store:
                 raise InputError(f"{path}: was damaged or removed while it was read; {again}")
             within = places[some] - (ends[number] - len(table))
             times = read_timing(path, len(table))[within]
-            yield Rows(path, some, table[within], times)
+            yield path, some, table[within], times
 
     def tidy(self) -> int:
         """Remove damaged parts and those of other code; the number of folders of the latter.
@@ -226,8 +219,8 @@ class Gathered:
         self._places = self._store.places(plan.keys(self.cases, self._factors))
         self.notes: dict[int, dict[str, Any]] = rounds.notes  # of the design, by arch
         self.models: tuple[str, ...] = ()
-        for rows in self._store.rows(self._places[:1]):
-            self.models = rows.table.dtype["model_time"].names or ()
+        for _, _, table, _ in self._store.rows(self._places[:1]):
+            self.models = table.dtype["model_time"].names or ()
 
     def read(self, arch: int | None = None, stage: int = FINE) -> Results:
         """Results of all runs, about 250 bytes each, or of those of one arch in a stage."""

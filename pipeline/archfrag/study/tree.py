@@ -160,10 +160,7 @@ def _session(leader: int) -> list[int]:
 
 
 def follow_run() -> None:
-    """End this process and its children when the run that it is a step of is gone.
-
-    Nothing happens outside a run, and on another host than the run's.
-    """
+    """End this process and its children when the run on this host that it is a step of is gone."""
     run = json.loads(os.environ.get(RUN, "{}"))
     if run.get("host") != socket.gethostname():
         return
