@@ -326,5 +326,7 @@ def _run(
         log_fits = count[Count.LOG_ENTRIES] <= n_entry or n_entry in (0, LARGEST_LOG)
         if frames_fit and log_fits:
             return outcome, frames, log
-        n_frame *= 1 if frames_fit else 2
-        n_entry = n_entry if log_fits else min(int(count[Count.LOG_ENTRIES]), LARGEST_LOG)
+        if not frames_fit:
+            n_frame *= 2
+        if not log_fits:
+            n_entry = min(int(count[Count.LOG_ENTRIES]), LARGEST_LOG)

@@ -76,8 +76,9 @@ def cloud_binary(
     """
     x, fell = _checked(im, collapsed)
     if not fell.any() or fell.all():
-        below = "every", "below", "weaker"
-        many, side, what = below if fell.all() else ("no", "above", "stronger")
+        many, side, what = "no", "above", "stronger"
+        if fell.all():
+            many, side, what = "every", "below", "weaker"
         raise FitError(
             f"{many} run of the cloud collapsed between {np.exp(x.min()):g} and "
             f"{np.exp(x.max()):g}, so theta lies {side} them; add {what} records"
