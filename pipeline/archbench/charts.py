@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocator
 
 from archbench.growth import medians
 from archbench.quantities import QUANTITIES
@@ -23,6 +23,7 @@ INK, GREY, PALE = "#1f2933", "#7b8794", "#d3dae2"
 WIDTH = 7.4  # [inch]
 DASHES = (0, (5, 3))
 COST = "CPU seconds of a run"
+PERCENTS = (-80, -40, -20, -10, 0, 10, 20, 40, 80, 160, 320)
 
 
 class Style(NamedTuple):
@@ -123,11 +124,12 @@ def overview_chart(points: pd.DataFrame, quantity: str = "amplitude") -> Figure:
     kept = kept_errors(points)
     kept = kept[kept["quantity"] == quantity]
     figure, (axes,) = _panels(3.6)
+    enough = kept.groupby(["method", "value"])["scene"].transform("size")
+    kept = kept[enough * 2 > kept["scene"].nunique()]
     methods = _ordered(kept["method"])
     for method in methods:
         group = kept[kept["method"] == method].groupby("value", sort=False)
         table = group.agg({"kept": "median", "seconds": "median", "at_floor": "all"})
-        table = table[group.size() * 2 > kept["scene"].nunique()]
         _marked(axes, table["kept"], table["seconds"], table["at_floor"], style_of(method))
     _log(axes, QUANTITIES[quantity], COST, "Medians over scenes")
     _legend(figure, methods)
@@ -156,6 +158,7 @@ def fragility_chart(curves: pd.DataFrame) -> Figure:
         title = f"{name} less the reference's (%)"
         _log(axes, "CPU seconds of one study", "", title, both=False)
         axes.set_yscale("symlog", linthresh=20.0)
+        axes.yaxis.set_major_locator(FixedLocator(PERCENTS))
         axes.yaxis.set_major_formatter("{x:g}")
     panels[1].sharex(panels[0])
     _legend(figure, methods, floor=False)

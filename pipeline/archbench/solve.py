@@ -125,9 +125,8 @@ def solve_many(scene: Scene, setting: Setting, factors: Sequence[float]) -> list
         wall, cpu = time.perf_counter(), time.process_time()
         runs = simulate_runs(arch, [motion] * len(factors), list(factors), **given)
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-        if runs:
-            seconds = cpu * sum(run.wall_time for run in runs) / wall / len(runs)
-            return [_solution(run, seconds) for run in runs]
+        seconds = cpu * sum(run.wall_time for run in runs) / wall / len(runs)
+        return [_solution(run, seconds) for run in runs]
     own = scene.motion.get("amplitude", 1.0)
     return [solve(scene.at(factor * own), setting) for factor in factors]
 

@@ -7,36 +7,19 @@ from typing import TYPE_CHECKING
 
 __version__ = "0.1.0"
 
-_HOME = {
-    "Arch": "archfrag.arch",
-    "Block": "archfrag.arch",
-    "Columns": "archfrag.motions.formats.columns",
-    "Motion": "archfrag.motions.motion",
-    "read_motion": "archfrag.motions.read",
-    "onset": "archfrag.simulate",
-    "simulate_many": "archfrag.simulate",
-    "Onset": "archfrag.simulate",
-    "Response": "archfrag.simulate",
-    "fit_stripes": "archfrag.fragility.fit",
-    "fit_ida": "archfrag.fragility.fit",
-    "Fragility": "archfrag.fragility.fit",
+_NAMES = {
+    "archfrag.arch": ("Arch", "Block"),
+    "archfrag.motions.formats.columns": ("Columns",),
+    "archfrag.motions.motion": ("Motion",),
+    "archfrag.motions.read": ("read_motion",),
+    "archfrag.simulate": ("Onset", "Response", "onset", "simulate", "simulate_many"),
+    "archfrag.fragility.fit": ("Fragility", "fit_ida", "fit_stripes"),
 }
+_HOME = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = [
-    "Arch",
-    "Block",
-    "Columns",
-    "Fragility",
-    "Motion",
-    "Onset",
-    "Response",
-    "__version__",
-    "fit_ida",
-    "fit_stripes",
-    "onset",
-    "read_motion",
-    "simulate",
-    "simulate_many",
-]
+    "Arch", "Block", "Columns", "Fragility", "Motion", "Onset", "Response", "__version__",
+    "fit_ida", "fit_stripes", "onset", "read_motion", "simulate", "simulate_many",
+]  # fmt: skip
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch, Block
@@ -54,7 +37,7 @@ def __getattr__(name: str):
 
 
 def __dir__():
-    return sorted(__all__)
+    return __all__
 
 
 class _Package(ModuleType):

@@ -379,22 +379,24 @@ def cube(study: Any, note: Callable[[str], None]) -> None:
 @json_option
 def fit(study: Any, note: Callable[[str], None], as_json: bool = False) -> None:
     """Fit a fragility curve to each arch and each class of arches of the cube."""
-    from archfrag.study.fits import FITS, fit_cube, fit_text, load_answers, study_cautions
+    from archfrag.study import fits
     from archfrag.study.members import SHOWN
     from archfrag.study.steps import require
 
     require(study, "cube")
-    found = fit_cube(study)
+    found = fits.fit_cube(study)
     for name, curve in list(found.items())[:SHOWN]:
-        note(f"fit: {fit_text(study, name, curve)}")
+        note(f"fit: {fits.fit_text(study, name, curve)}")
+    path = study.folder / fits.FITS
     if len(found) > SHOWN:
-        note(f"fit: {len(found) - SHOWN} more arches in {study.folder / FITS}")
-    for name, curve in load_answers(study.folder / FITS, "classes").items():
-        note(f"fit: class {fit_text(study, name, curve)}")
-    for caution in study_cautions(study):
-        note(f"caution: {caution}")
+        note(f"fit: {len(found) - SHOWN} more arches in {path}")
+    for name, curve in fits.load_answers(path, "classes").items():
+        note(f"fit: class {fits.fit_text(study, name, curve)}")
+    with fits.open_cube(study) as cube:
+        for caution in fits.cautions_of_cube(study, cube):
+            note(f"caution: {caution}")
     if as_json:
-        click.echo((study.folder / FITS).read_text(encoding="utf-8"))
+        click.echo(path.read_text(encoding="utf-8"))
 
 
 @_step

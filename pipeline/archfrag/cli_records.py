@@ -120,7 +120,7 @@ def inspect(
             unreadable.append(str(error))
             facts.append({"file": str(file), "error": str(error)})
     if figure is not None and found:
-        from archfrag.report.record_figures import inspected
+        from archfrag.report.motion_figures import inspected
 
         _save(inspected(commands.inspection_motions(found)), figure)
     if found or as_json:
@@ -159,7 +159,7 @@ def measure(
     table = measure_files(files, out, periods, reading)
     write_flatfile(out, table)
     if figure is not None:
-        from archfrag.report.record_figures import measured
+        from archfrag.report.motion_figures import measured
 
         _save(measured(table_spectra(table)), figure)
     rows = json.loads(table.to_json(orient="records", double_precision=15))

@@ -54,7 +54,7 @@ def risk(
     """
     from archfrag.study.config import load_study
     from archfrag.study.files import write_text
-    from archfrag.study.fits import FITS, load_fits, open_cube
+    from archfrag.study.fits import FITS, load_answers, open_cube
     from archfrag.study.hazard import load_hazard
     from archfrag.study.risk import risk_of
     from archfrag.study.risk_output import risk_facts, risk_text
@@ -66,7 +66,8 @@ def risk(
     require(study, "cube")
     require(study, "fit")
     with open_cube(study) as cube:
-        fits = load_fits(study.folder / FITS)
+        answers = load_answers(study.folder / FITS)
+        fits = {name: answer.curve for name, answer in answers.items()}
         found = risk_of(cube, fits, hazard, options["years"], options["confidence"])
     facts = risk_facts(found, study)
     text = json.dumps(facts, allow_nan=False)

@@ -68,22 +68,20 @@ def use_kernel_cache() -> Path | None:
         None if there is no safe place: kernels are then compiled again in every process.
     """
     name = f"k-{kernel_hash()}"
-    temporary = _temporary()
     places = [(_base(), False)]
-    if temporary is not None:
-        places.append((temporary / f"archfrag-{os.getuid()}", True))
+    with contextlib.suppress(OSError):
+        places.append((Path(tempfile.gettempdir()) / f"archfrag-{os.getuid()}", True))
     if INHERITED in os.environ:
         places.insert(0, (Path(os.environ[INHERITED]), True))
     for base, ours in places:
         with contextlib.suppress(OSError):
             return _prepared(base, name, ours)
-    if temporary is None:
-        return None
     with contextlib.suppress(OSError):
-        base = Path(tempfile.mkdtemp(prefix="archfrag-", dir=temporary))
+        base = Path(tempfile.mkdtemp(prefix="archfrag-"))
         atexit.register(_remove, base, os.getpid())
+        found = _prepared(base, name, True)
         os.environ[INHERITED] = str(base)
-        return _prepared(base, name, True)
+        return found
     return None
 
 
@@ -96,21 +94,10 @@ def _base() -> Path:
     return user_cache_path("archfrag") / "kernels"
 
 
-def _temporary() -> Path | None:
-    """The system's temporary directory; None if there is none where others keep off our files."""
-    with contextlib.suppress(OSError):
-        path = Path(tempfile.gettempdir()).resolve()
-        for place in (path, *path.parents):
-            mode = place.stat().st_mode
-            if mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
-                return None
-        return path
-    return None
-
-
 def _prepared(base: Path, name: str, ours: bool) -> Path:
     """Folder `name` in `base`, private; `ours` if `base` is to be too; `OSError` if it cannot."""
     if ours:
+        _kept_from_others(base.parent)
         _make_private(base)
     base = _kept_from_others(base)
     _make_folders(base)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +18,7 @@ from archfrag.methods.registry import AUTO
 from archfrag.motions.motion import Motion
 from archfrag.simulation import checks, warm
 from archfrag.simulation.history import empty_frames, history_of
-from archfrag.simulation.many import LOSS_LIMIT, checked_call, ground_of, simulate_runs
+from archfrag.simulation.many import LOSS_LIMIT, at_rest, checked_call, ground_of, simulate_runs
 from archfrag.simulation.mechanism import (
     FIRST_LOG,
     LARGEST_LOG,
@@ -123,9 +123,7 @@ def simulate(
     info, own, options = checked_call(
         arch, [motion], [scale], method, rtol, dt, follow, settings, loss_limit
     )
-    position = np.zeros((arch.n_voussoir, 3))
-    position[:, :2] = arch.chain.centroid
-    velocity = np.zeros_like(position)
+    position, velocity = at_rest(arch)
     if initial is None:
         check_stands(arch)
     else:
@@ -201,16 +199,10 @@ def simulate_many(
             f"motions are {len(each)} and factors have shape {scales.shape}; there must be one "
             "motion for each factor, or one for all"
         )
-    shared: dict[str, Any] = {
-        "method": method, "rtol": rtol, "dt": dt, "follow": follow, "settings": settings,
-        "loss_limit": loss_limit,
-    }  # fmt: skip
-    responses = simulate_runs(arch, each, scales.tolist(), **shared)
-    if responses is None:
-        responses = [
-            simulate(arch, motion, scale=scale, **shared)
-            for motion, scale in zip(each, scales.tolist())
-        ]
+    responses = simulate_runs(
+        arch, each, scales.tolist(), method=method, rtol=rtol, dt=dt, follow=follow,
+        settings=settings, loss_limit=loss_limit,
+    )  # fmt: skip
     columns = {name: [getattr(response, name) for response in responses] for name in _NAMES}
     columns["status"] = [response.status.name.lower() for response in responses]
     variables = {

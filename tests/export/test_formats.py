@@ -12,9 +12,14 @@ import scipy.stats
 
 from archfrag.errors import InputError
 from archfrag.export.curve_set import crossing
-from archfrag.export.in_core import in_core_sets
-from archfrag.export.nrml import NAMESPACE, nrml_continuous, nrml_discrete
-from archfrag.export.pelicun import pelicun_description, pelicun_table
+from archfrag.export.formats import (
+    NAMESPACE,
+    in_core_sets,
+    nrml_continuous,
+    nrml_discrete,
+    pelicun_description,
+    pelicun_table,
+)
 from archfrag.export.receivers import named_measure
 from tests.export.made import STATES, curve_set, fragility, lognormal
 

@@ -13,9 +13,12 @@ from pathlib import Path
 
 import pytest
 
-from archfrag.export.in_core import in_core_sets
-from archfrag.export.nrml import nrml_continuous, nrml_discrete
-from archfrag.export.pelicun import pelicun_table
+from archfrag.export.formats import (
+    in_core_sets,
+    nrml_continuous,
+    nrml_discrete,
+    pelicun_table,
+)
 from archfrag.export.receivers import named_measure
 from tests.export.made import curve_set, lognormal
 

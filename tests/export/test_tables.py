@@ -8,9 +8,8 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from archfrag.export.points import Unit, curve_tables
 from archfrag.export.runs import facts_table, runs_table
-from archfrag.export.tables import Table, write_csv, write_parquet
+from archfrag.export.tables import Table, Unit, curve_tables, write_csv, write_parquet
 from archfrag.fragility.counts import Verdict
 from tests.export.made import curve_set, lognormal
 from tests.report import synthetic

@@ -11,7 +11,8 @@ from click.testing import CliRunner
 from archfrag.cli import main
 from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict
-from archfrag.report.beside import Beside, beside_section
+from archfrag.report.beside import beside_section
+from archfrag.report.page import render
 from archfrag.report.summary import reading_scale
 from tests.report import synthetic
 from tests.report.test_page import table, text
@@ -33,24 +34,24 @@ def study(name, vertical, theta=4.0, arches=("ring",), thickness=1.5):
 
 def inputs(one, other):
     names = [str(arch) for arch in one["arch"].values]
-    return synthetic.inputs(names, cube=one, beside=Beside(other, synthetic.answers_of(other)))
+    return synthetic.inputs(names, cube=one, beside=(other, synthetic.answers_of(other)))
 
 
 def shown(given):
     return beside_section(given, reading_scale(given.cube, "PGA"))
 
 
-def rows_of(table):
-    return {key: values for key, *values in (table.heads, *table.rows)}
+def rows_of(given, label="ring in both studies"):
+    heads, rows = table(lxml.html.document_fromstring(render(given)), label)
+    return {key: values for key, *values in (heads, *rows)}
 
 
 class TestSection:
     def test_figures_of_both_studies(self):
         one, other = study("up", "used"), study("flat", "not used", theta=5.0)
         given = inputs(one, other)
-        (ring,) = shown(given)["arches"]
-        rows = rows_of(ring["table"])
-        fits = [given.answers["ring"].curve, given.beside.answers["ring"].curve]
+        rows = rows_of(given)
+        fits = [given.answers["ring"].curve, given.beside[1]["ring"].curve]
         fell = [int((cube["verdict"] == Verdict.COLLAPSED).sum()) for cube in (one, other)]
         change = 100 * (fits[1].theta / fits[0].theta - 1)
         assert change > 5
@@ -77,15 +78,16 @@ class TestSection:
         one = study("up", "used", arches=("ring", "wall"))
         found = shown(inputs(one, study("flat", "not used", arches=("tower", "wall"))))
         assert [arch["name"] for arch in found["arches"]] == ["wall"]
-        assert found["differences"] is None
-        found = shown(inputs(one, study("flat", "used", thickness=1.2)))["differences"]
-        assert rows_of(found) == {"key": ["up", "flat"], "arches.ring.thickness": ["1.5", "1.2"]}
+        assert found["settings"][0] == found["settings"][1]
+        differing = inputs(one, study("flat", "used", thickness=1.2))
+        rows = rows_of(differing, "Arches, levels and method in which the studies differ")
+        assert rows == {"key": ["up", "flat"], "arches.ring.thickness": ["1.5", "1.2"]}
         assert shown(synthetic.inputs()) is None
 
     def test_without_a_curve(self):
         other = study("flat", "not used")
         other["verdict"][:] = Verdict.STANDING
-        rows = rows_of(shown(inputs(study("up", "used"), other))["arches"][0]["table"])
+        rows = rows_of(inputs(study("up", "used"), other))
         assert rows["median capacity θ"][1] == "no curve"
         assert rows["change of θ from up"] == ["–", "–"]
 
@@ -100,7 +102,7 @@ class TestSection:
 )
 def test_refused(attributes, arches, kind):
     given = inputs(study("up", "used"), study("flat", "not used", arches=arches))
-    given.beside.cube["intensity"].attrs |= attributes
+    given.beside[0]["intensity"].attrs |= attributes
     with pytest.raises(InputError, match=f"study 'flat' cannot be shown beside 'up': {kind}"):
         shown(given)
 

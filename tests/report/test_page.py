@@ -213,16 +213,24 @@ def test_risk(drawn):
     data = synthetic.cube(names=("ring", "slab"), items=synthetic.motions(12))
     fits = {"ring": synthetic.answers_of(data)["ring"].curve, "slab": "no curve"}
     risk = risk_of(data, fits, HAZARD)
-    section = risk_section(risk, reading_scale(data, "PGA"))
-    ring, slab = section["arches"]
-    assert slab == {"name": "slab", "none": "no curve", "cautions": ()}
+    risk_section(risk, reading_scale(data, "PGA"))
     assert [overlaps(sheet) for sheet in drawn] == 4 * [[]]
-    rows = section["table"].rows
+    page = read(synthetic.inputs(("ring", "slab"), 12, cube=data, risk=risk))
+    assert "No rate: no curve." in text(page)
+    (heads, rows), levels, contributions = (
+        table(page, label)
+        for label in (
+            "Rates of collapse", "Rate of collapse of ring by level",
+            "Contributions to the rate of collapse of ring",
+        )
+    )  # fmt: skip
     assert [row[0] for row in rows] == ["ring", "slab"]
     assert rows[0][1] == f"{risk.arches['ring'].rate.rate:.2g}"
-    for grid in (section["table"], ring["levels"], ring["contributions"]):
-        assert all(len(row) == len(grid.heads) for row in grid.rows)
-    assert sum(float(row[2]) for row in ring["levels"].rows) == pytest.approx(1.0, abs=0.01)
+    for names, given in ((heads, rows), levels, contributions):
+        assert all(len(row) == len(names) for row in given)
+    assert sum(float(row[2]) for row in levels[1]) == pytest.approx(1.0, abs=0.01)
+    of_mechanisms = [float(row[2]) for row in contributions[1] if row[0] == "mechanism"]
+    assert sum(of_mechanisms) == pytest.approx(1.0, abs=0.02)
 
 
 class TestCautions:
@@ -300,6 +308,23 @@ class TestNumbers:
             assert rows[f"{name}, median and largest"].endswith(f", {largest:.1e}")
         found = rows["contact residual of solver failures, median and largest"]
         assert found == "7.0e-01, 7.0e-01"
+
+    def test_what_ran(self, study, page):
+        data = study.cube.copy(deep=True)
+        rows = dict(table(page, "Models and events of ring")[1])
+        time = data["model_time"].values[0]
+        mega, again = time[..., 2].sum(), int(data["level_iterations"].sum())
+        assert rows["simulated time, mega-voussoirs"] == (
+            f"{mega:,.1f} s ({100 * mega / time.sum():.1f} %)"
+        )
+        assert rows["fraction of the time in motion on all voussoirs"] == "10.0 %"
+        assert rows["switches to time stepping"].startswith(f"{int(data['switches'].sum()):,} (")
+        part = 100 * again / int(data["levels"].sum())
+        assert rows["of these, with more than one round"] == f"{again:,} ({part:.2g} %)"
+        time[..., 0] = time.sum(axis=2)
+        time[..., 1:] = 0.0
+        rows = dict(table(read(replace(study, cube=data)), "Models and events of ring")[1])
+        assert "fraction of the time in motion on all voussoirs" not in rows
 
 
 class TestWritten:
@@ -387,6 +412,7 @@ class TestDesigns:
         (section,) = page.xpath('//section[@id="arch0"]')
         assert "Steps: distribution of the capacities of the records" in text(section)
         assert "not simulated" in text(section)
+        assert "Each column is all collapses at a level" in text(section)
         assert "nan" not in text(section)
         assert "-" not in dict(table(page, "Models and events of ring")[1])["impacts"]
         found = arch_results(study.cube, "ring", reading_scale(study.cube, "PGA"))

@@ -27,10 +27,6 @@ BAD = [
     for value in (NO_NUMBERS if key in ("arches[0].radius", "method.dt") else (".nan", "-1", "a"))
 ]
 DEEP = "more than 20 levels of nesting"
-ALIASES = "a0: &a0 [x]\n" + "".join(f"a{i}: &a{i} [*a{i - 1}]\n" for i in range(1, 999))
-REPEATED = "a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
-    f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 12)
-)
 BAD += [
     ("title: A small study", f"title: {value}", part)
     for value, part in [
@@ -41,16 +37,13 @@ BAD += [
         (r'"a\0b"', "line 2: text must hold no control characters"),
         ("a\0b", "special characters are not allowed"),
         ("\n" + "- " * 200 + "a", DEEP),
-        ("&a [*a]", "line 2: the alias a stands inside what it repeats"),
-        ("*nothing", "line 2: found undefined alias"),
+        ("&a [*a]", "line 2: aliases such as *a have no place"),
     ]
 ]
 BAD += [
     (None, text, part)
     for text, part in [
-        (ALIASES, DEEP),
-        (REPEATED, "or 200000 values"),
-        ("a: &a {b: 1}\n<<: *a\n", "a is no known key"),
+        ("a: &a {b: 1}\n<<: *a\n", "line 2: aliases such as *a have no place"),
         ("? [a, b]\n: 3\n", "line 1: found unhashable key"),
         (f"{TEXT}---\n{TEXT}", "but found another document"),
         ("", "must hold keys with values"),
@@ -121,7 +114,7 @@ BAD += [
         ("[1, 1]", "must increase, but 1 follows 1"),
         ("{start: 1, stop: 2, count: 100000000}", "less than or equal to 1000"),
         ("{start: 1.0, stop: 0.5, count: 3}", "must have stop above start = 1, not 0.5"),
-        ("{start: 1, stop: 1.0000000000000002, count: 50}", "must have 50 different levels"),
+        ("{start: 1, stop: 1.0000000000000002, count: 50}", "must increase, but 1 follows 1"),
     ]
 ]
 

@@ -16,7 +16,7 @@ import pytest
 from archfrag.errors import WorkerError
 from archfrag.study import batch as batch_module
 from archfrag.study.batch import kernels_needed, run_batch
-from archfrag.study.bundles import LONGEST, SHORTEST, Bundles, Rates
+from archfrag.study.bundles import LONGEST, SHORTEST, Bundles
 from archfrag.study.config import Method
 from archfrag.study.plan import make_plan
 from archfrag.study.store import Gathered, read_part
@@ -144,7 +144,7 @@ def test_finished_parts_are_kept_and_only_the_others_made(done, copied):
     log = run_batch(copied.study, workers=2, quiet=True)
     assert (log.runs, log.kept) == (12, 8)
     assert kept.stat().st_mtime == 1
-    assert_same(Gathered(copied.plan).read_all(), Gathered(done.plan).read_all())
+    assert_same(Gathered(copied.plan).read(), Gathered(done.plan).read())
 
 
 def test_nothing_to_do_starts_no_workers(copied, monkeypatch):
@@ -186,12 +186,12 @@ def test_a_killed_worker_costs_nothing_but_time(copied):
     killer.join(10.0)
     assert killer.killed == 1
     plan = make_plan(study)
-    disturbed = Gathered(plan).read_all()
+    disturbed = Gathered(plan).read()
     # In this process, where nobody is killed and no workers have to start.
     for path in plan.parts.glob("*.npy"):
         path.unlink()
     make_runs(plan)
-    assert_same(Gathered(plan).read_all(), disturbed)
+    assert_same(Gathered(plan).read(), disturbed)
 
 
 def test_workers_killed_again_and_again_end_the_batch(copied, monkeypatch):
@@ -264,7 +264,7 @@ LENGTHS, KINDS = [3.0] * 600, [0] * 300 + [1] * 300
 
 def dealt(workers, wall, lengths=LENGTHS, rates=None):
     """Bundles as they are taken by workers that are done with each at once."""
-    bundles = Bundles(lengths, KINDS, workers, rates or Rates())
+    bundles = Bundles(lengths, KINDS, workers, {} if rates is None else rates)
     taken = []
     while bundle := bundles.take():
         taken.append(bundle)

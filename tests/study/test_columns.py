@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 import archfrag as af
+from archfrag.fragility.counts import Verdict
+from archfrag.mechanics.status import CollapseMode
 from archfrag.simulation.many import results_of_runs, simulate_runs
-from archfrag.study.outcome import columns_of, table_of, tabulate_cases
+from archfrag.study.outcome import COLUMNS, columns_of, tabulate_cases
 from archfrag.study.rounds import cases_of
 
 FACTORS = [0.0, 0.5, 2.0, 6.0]
@@ -24,6 +26,26 @@ def both():
     options = {"method": "time_stepping", "dt": 2e-3, "follow": 1.0}
     given = arch, [motion] * len(FACTORS), FACTORS
     return results_of_runs(*given, **options).results, simulate_runs(*given, **options)
+
+
+VERDICTS = {None: Verdict.UNFINISHED, False: Verdict.STANDING, True: Verdict.COLLAPSED}
+
+
+def table_of(responses):
+    """The columns by the responses' attributes, in the order of `COLUMNS`."""
+    rows = []
+    for each in responses:
+        known = vars(each) | each.work | each.events
+        failed = each.collapsed is None and each.status.name != "UNFINISHED"
+        known["verdict"] = Verdict.SOLVER_FAILURE if failed else VERDICTS[each.collapsed]
+        for name in ("collapse_mode", "lost_contact_mode"):
+            known[name] = CollapseMode[known[name].upper()]
+        known |= {"contact_residual": each.residual, "fallbacks": each.fallbacks}
+        rows.append(known)
+    table = {c.name: np.array([row[c.name] for row in rows], dtype=c.dtype) for c in COLUMNS}
+    table["model"] = np.array(list(responses[0].model_time), dtype=np.str_)
+    table["model_time"] = np.array([list(each.model_time.values()) for each in responses])
+    return table
 
 
 def assert_equal(first, second):

@@ -12,7 +12,7 @@ import xarray as xr
 from archfrag.errors import InputError, OutputError
 from archfrag.fragility.counts import Verdict
 from archfrag.study.cube import _write, write_cube, write_timings
-from archfrag.study.fits import fit_cube, fit_text, load_answers, load_fits
+from archfrag.study.fits import fit_cube, fit_text, load_answers
 from archfrag.study.outcome import COLUMNS
 from archfrag.study.provenance import finite
 from archfrag.study.store import Gathered, Store, read_part, table_type, write_part
@@ -38,8 +38,10 @@ class TestContent:
         cases = done.plan.rounds().wanted
         store = Store(done.plan.parts)
         seen = 0
-        for rows in store.rows(store.places(done.plan.keys(cases, done.plan.factors(cases)))):
-            for case, row in zip(cases[rows.asked], rows.table):
+        for _, asked, table, _ in store.rows(
+            store.places(done.plan.keys(cases, done.plan.factors(cases)))
+        ):
+            for case, row in zip(cases[asked], table):
                 place = {"arch": case["arch"], "record": case["record"], "level": case["place"]}
                 for column in COLUMNS:
                     np.testing.assert_array_equal(cube[column.name].isel(place), row[column.name])
@@ -49,7 +51,7 @@ class TestContent:
 
     def test_runs_that_lost_contact_and_stand_are_counted(self, done, tmp_path, monkeypatch):
         gathered = Gathered(done.plan)
-        full = gathered.read_all()
+        full = gathered.read()
         table, shape = full.table, (2, 2, 3)
         table["verdict"][:] = Verdict.STANDING
         table["verdict"].reshape(shape)[1, 0, 2] = Verdict.COLLAPSED
@@ -146,7 +148,7 @@ def test_gathering_a_hundred_thousand_runs_takes_less_than_a_gibibyte(copied, tm
         "import sys; from pathlib import Path; from archfrag.study.plan import Plan; "
         "from archfrag.study.store import Gathered as G; "
         "from archfrag.study.worker import peak_memory; "
-        "steps = G(Plan.load(Path(sys.argv[1]))).read_all().table['steps']; "
+        "steps = G(Plan.load(Path(sys.argv[1]))).read().table['steps']; "
         "assert steps.size == 100_000; print(peak_memory())"
     )
     found = subprocess.run(
@@ -161,15 +163,14 @@ class TestFits:
         write_cube(copied.study)
         fits = fit_cube(copied.study)
         assert set(fits) == {"ring", "slab"}
-        again = load_fits(copied.study.folder / "fits.json")
         answers = load_answers(copied.study.folder / "fits.json")
         for name, fit in fits.items():
             assert finite(answers[name].to_dict()) == finite(fit.to_dict())
             if isinstance(fit.curve, str):
-                assert again[name] == fit.curve
+                assert answers[name].curve == fit.curve
                 assert fit.curve in fit_text(copied.study, name, fit)
             else:
-                assert again[name].to_dict() == fit.curve.to_dict()
+                assert answers[name].curve.to_dict() == fit.curve.to_dict()
 
     @pytest.mark.parametrize(
         "content", ['{"fits": []}', '{"fits": {"a": 1}}', "[]", '{"fits": {"a": {}}}', "\0"]
@@ -178,4 +179,4 @@ class TestFits:
         path = tmp_path / "fits.json"
         path.write_text(content)
         with pytest.raises(InputError, match=r"fits.json: is damaged .*`archfrag fit` makes it"):
-            load_fits(path)
+            load_answers(path)

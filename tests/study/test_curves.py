@@ -9,7 +9,7 @@ from archfrag.fragility.curve import Fragility
 from archfrag.study.comparisons import _above, dispersion_split
 from archfrag.study.cube import write_cube
 from archfrag.study.curves import POINTS, Answer, Runs, answer, likeliest
-from archfrag.study.fits import design_cautions, study_cautions, undecided
+from archfrag.study.fits import cautions_of_cube, design_cautions, open_cube, undecided
 
 LEVELS = np.geomspace(0.1, 10.0, 60)
 
@@ -122,7 +122,7 @@ def test_of_a_study_they_name_the_arch_and_its_unit(copied):
     cube = xr.load_dataset(path)
     cube["verdict"][:] = Verdict.STANDING
     cube.to_netcdf(path)
-    *standing, last = study_cautions(copied.study)
+    *standing, last = cautions_of_cube(copied.study, open_cube(copied.study))
     assert [text.split(";")[0] for text in standing] == [
         f"{name}: 2 of 2 records stand at 1.2 g, the highest level: theta rests on the others "
         "and on the shape of the curve" for name in ("ring", "slab")
@@ -131,7 +131,7 @@ def test_of_a_study_they_name_the_arch_and_its_unit(copied):
     cube["verdict"][1, :, 2] = Verdict.UNFINISHED
     cube["scale_factor"][0, 1] = 11.0
     cube.to_netcdf(path)
-    first, ring, second, _ = study_cautions(copied.study)
+    first, ring, second, _ = cautions_of_cube(copied.study, open_cube(copied.study))
     assert ring.startswith("ring: 2 of 2")
     assert first.startswith("slab: more than 5 % of the runs")
     assert "(most: 2 of 2 at 1.2 g)" in first

@@ -111,15 +111,15 @@ def test_new_motions_take_the_place_of_old_ones_together_or_not_at_all(done, tmp
     assert make_plan(study).digest == digest
     make_runs(make_plan(study))
     assert (
-        Gathered(make_plan(study)).read_all().table["steps"].tolist()
-        == Gathered(done.plan).read_all().table["steps"].tolist()
+        Gathered(make_plan(study)).read().table["steps"].tolist()
+        == Gathered(done.plan).read().table["steps"].tolist()
     )
     small_study(tmp_path)
     write_at2(tmp_path / "records" / "wave0.AT2", np.sin(np.arange(150.0)), 0.01)
     assert steps(path, "motions")[0] == 0
     assert make_plan(study).digest != digest
     with pytest.raises(InputError, match="6 of 12 runs of round 1 are missing"):
-        Gathered(make_plan(study)).read_all()
+        Gathered(make_plan(study)).read()
     assert len(list((tmp_path / "out" / ".archfrag" / "motions").iterdir())) == 1
 
 

@@ -85,7 +85,7 @@ class TestPlan:
 class TestParts:
     def test_a_damaged_part_is_ignored_and_made_again(self, copied):
         plan = copied.plan
-        before = Gathered(plan).read_all()
+        before = Gathered(plan).read()
         parts = sorted(plan.parts.glob("*.npy"))
         full = parts[0].read_bytes()
         for spoilt in (b"", full[:-40], full[:300] + b"\x01" * 8 + full[308:],
@@ -95,7 +95,7 @@ class TestParts:
             with pytest.raises(InputError, match="runs of round 1 are missing or damaged"):
                 replay(plan, Store(plan.parts))
         make_runs(plan)
-        after = Gathered(plan).read_all()
+        after = Gathered(plan).read()
         for name, values in before.table.items():
             np.testing.assert_array_equal(after.table[name], values)
 
@@ -143,8 +143,8 @@ class TestStore:
         assert store.verdicts(asked).tolist() == expected
         places = store.places(asked)
         assert ((places >= 0) == (np.array(expected) >= 0)).all()
-        for rows in store.rows(places):
-            np.testing.assert_array_equal(rows.table["key"], asked[rows.asked])
+        for _, rows, table, _ in store.rows(places):
+            np.testing.assert_array_equal(table["key"], asked[rows])
 
     def test_a_part_damaged_while_it_is_read_is_reported(self, tmp_path):
         keys = drawn(np.random.default_rng(4), 3)

@@ -11,8 +11,7 @@ import statsmodels.api as sm
 from scipy.stats import norm
 
 import archfrag as af
-from archfrag.export.nrml import nrml_continuous
-from archfrag.export.pelicun import pelicun_table
+from archfrag.export.formats import nrml_continuous, pelicun_table
 from archfrag.fragility.hazard_curve import HazardCurve
 from archfrag.fragility.risk import collapse_rate
 from tests.export.made import curve_set, fragility

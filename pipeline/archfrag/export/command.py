@@ -1,8 +1,7 @@
 """Export a study: its curves and runs, in the formats asked for."""
 
-import functools
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,14 +10,11 @@ import numpy as np
 import xarray as xr
 
 import archfrag
+from archfrag.export import tables
 from archfrag.export.curve_set import CurveSet, Made, crossing
-from archfrag.export.in_core import in_core_sets
-from archfrag.export.nrml import nrml_continuous, nrml_discrete
-from archfrag.export.pelicun import pelicun_description, pelicun_table
-from archfrag.export.points import Unit, curve_tables
+from archfrag.export.formats import FORMATS, written
 from archfrag.export.receivers import named_measure
 from archfrag.export.runs import facts_table, runs_table
-from archfrag.export.tables import Table, column_facts, require_pyarrow, write_csv, write_parquet
 from archfrag.fragility.curve import Fragility
 from archfrag.study.config import Study
 from archfrag.study.cube import CUBE
@@ -30,20 +26,6 @@ from archfrag.study.steps import require
 
 FOLDER = "export"
 MOST_CROSSING = 0.01  # probability by which curves of two limit states may cross
-_RECEIVERS = {
-    "nrml-continuous": "OpenQuake", "nrml-discrete": "OpenQuake", "pelicun": "pelicun",
-    "in-core": "IN-CORE",
-}  # fmt: skip
-TEXTS: dict[str, Callable[[CurveSet], dict[str, str]]] = {
-    "nrml-continuous": lambda curves: {"fragility-continuous.xml": nrml_continuous(curves)},
-    "nrml-discrete": lambda curves: {"fragility-discrete.xml": nrml_discrete(curves)},
-    "pelicun": lambda curves: {
-        "pelicun.csv": pelicun_table(curves), "pelicun.json": pelicun_description(curves),
-    },
-    "in-core": lambda curves: {
-        f"in-core-{arch}.json": text for arch, text in in_core_sets(curves).items()
-    },
-}  # fmt: skip
 
 
 @dataclass
@@ -94,9 +76,9 @@ def export_study(study: Study, formats: Sequence[str], folder: Path | None = Non
     with open_cube(study) as cube:
         answers = load_answers(study.folder / FITS)
         curves, notes = study_curves(study, cube, answers)
-        texts = {name: TEXTS[name](curves) for name in wanted if name in TEXTS}
+        texts = {name: written(curves, name) for name in wanted if name in FORMATS}
         if "parquet" in wanted:
-            require_pyarrow()
+            tables.require_pyarrow()
         made = Exported(make_folder(folder or study.folder / FOLDER), left_out=curves.left_out)
         for name in wanted:
             for ending, text in texts.get(name, {}).items():
@@ -104,13 +86,14 @@ def export_study(study: Study, formats: Sequence[str], folder: Path | None = Non
                 write_text(path, text)
                 made.files.append((name, path))
         si = str(cube["intensity"].attrs.get("units", ""))
-        unit = Unit(study.intensity.unit, si, study.intensity.given[0] / study.intensity.si[0])
+        unit = tables.Unit(
+            study.intensity.unit, si, study.intensity.given[0] / study.intensity.si[0]
+        )
         for name in [name for name in wanted if name in ("csv", "parquet")]:
             facts = (facts_table(cube, dimension) for dimension in ("record", "arch"))
-            tables = [*curve_tables(curves, answers, unit), runs_table(cube), *facts]
-            made.files += _write_tables(curves, tables, made.folder, name)
-    named = [(name, _RECEIVERS[name]) for name in wanted if name in _RECEIVERS]
-    about = {name: named_measure(receiver, curves.measure).note for name, receiver in named}
+            every = [*tables.curve_tables(curves, answers, unit), runs_table(cube), *facts]
+            made.files += _write_tables(curves, every, made.folder, name)
+    about = {name: named_measure(FORMATS[name][0], curves.measure).note for name in texts}
     made.notes = [*notes, *sorted(f"{name}: {note}" for name, note in about.items() if note)]
     return made
 
@@ -177,16 +160,18 @@ def _limit_states(
 
 
 def _write_tables(
-    curves: CurveSet, tables: Sequence[Table], folder: Path, name: str
+    curves: CurveSet, every: Sequence[tables.Table], folder: Path, name: str
 ) -> list[tuple[str, Path]]:
     """Tables as CSV, with a JSON file that describes their columns; or as Parquet."""
     facts = {"made": asdict(curves.made), "left_out": curves.left_out}
-    paths = [folder / f"{curves.made.study}-{table.name}.{name}" for table in tables]
-    write = write_csv if name == "csv" else functools.partial(write_parquet, facts=facts)
-    for table, path in zip(tables, paths):
-        write(table, path)
+    paths = [folder / f"{curves.made.study}-{table.name}.{name}" for table in every]
+    for table, path in zip(every, paths):
+        if name == "csv":
+            tables.write_csv(table, path)
+        else:
+            tables.write_parquet(table, path, facts)
     if name == "csv":
         paths.append(folder / f"{curves.made.study}-tables.json")
-        content = facts | {"tables": {table.name: column_facts(table) for table in tables}}
+        content = facts | {"tables": {table.name: tables.column_facts(table) for table in every}}
         write_text(paths[-1], json.dumps(content, indent=1, ensure_ascii=False) + "\n")
     return [(name, path) for path in paths]

@@ -19,6 +19,11 @@ class Named(NamedTuple):
     factor: float
     note: str
 
+    @property
+    def remark(self) -> str:
+        """The note as the end of a description."""
+        return f" Note: {self.note}." if self.note else ""
+
 
 _PER_G = 1.0 / STANDARD_GRAVITY
 #: By receiver (OpenQuake: hazardlib's imt.py) and kind of measure: name, unit, factor from SI.

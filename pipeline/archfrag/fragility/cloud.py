@@ -16,7 +16,7 @@ from archfrag.errors import FitError, InputError
 from archfrag.fragility.curve import BoolArray, FloatArray, log_intensity, positive, shaped
 from archfrag.fragility.grid import root
 from archfrag.fragility.lines import binomial_lines
-from archfrag.fragility.runs import Resampling, event_groups
+from archfrag.fragility.runs import Resampling
 
 _QUANTILES = ndtr([-1.0, 0.0, 1.0])
 _BISECTIONS = 60
@@ -83,7 +83,8 @@ def cloud_binary(
             f"{many} run of the cloud collapsed between {np.exp(x.min()):g} and "
             f"{np.exp(x.max()):g}, so theta lies {side} them; add {what} records"
         )
-    weight = _weights(x.size, event, resampling)
+    # Each run once, then as drawn.
+    weight = np.vstack([np.ones(x.size), resampling.draws(event, x.size)])
     lines = binomial_lines(x, weight * fell, weight, "logistic")
     if lines.degenerate[0]:
         near = np.exp(0.5 * (x[fell].min() + x[~fell].max()))
@@ -138,7 +139,8 @@ def cloud_modified(
     given = shaped(response, fell.shape, "response")
     positive(limit, "limit")
     y = np.log(positive(np.where(fell, 1.0, given), "response of runs that did not collapse"))
-    weight = _weights(x.size, event, resampling)
+    # Each run once, then as drawn.
+    weight = np.vstack([np.ones(x.size), resampling.draws(event, x.size)])
     standing = weight * ~fell
     count = standing.sum(axis=1)
     if count[0] < 3:
@@ -167,13 +169,6 @@ def cloud_modified(
     elif lines.slope[0] > 0.0:
         note = "collapses and standing runs do not overlap in intensity: P(collapse) is a step"
     return _curve(draws, lost, resampling, (note,) if lines.degenerate[0] else ())
-
-
-def _weights(n_run: int, event: ArrayLike | None, resampling: Resampling) -> FloatArray:
-    """How often each run counts: once in the first row, then as drawn, (1 + n_draw, n_run)."""
-    group = event_groups(event, n_run)
-    times = resampling.multiplicities(int(group.max()) + 1)
-    return np.concatenate([np.ones((1, n_run)), times[:, group]])
 
 
 def _checked(im: ArrayLike, collapsed: ArrayLike) -> tuple[FloatArray, BoolArray]:

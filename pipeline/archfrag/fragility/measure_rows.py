@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc, log_ndtr, stdtr
@@ -65,9 +65,9 @@ class LogCapacities(NamedTuple):
         """Which records have a value, the same in all measures, (n_record,)."""
         return self.lower[0] == self.upper[0]
 
-    def of(self, records: BoolArray) -> "LogCapacities":
-        """The same of some records."""
-        return LogCapacities(*(part[:, records] for part in self))  # type: ignore[call-arg]
+    def at(self, index: Any) -> "LogCapacities":
+        """The same of some measures and records."""
+        return LogCapacities(*(part[index] for part in self))  # type: ignore[call-arg]
 
 
 def log_capacities(found: Brackets, log_value: FloatArray, exponent: FloatArray) -> LogCapacities:
@@ -116,22 +116,6 @@ def weighted_normal(known: LogCapacities, weight: FloatArray) -> tuple[FloatArra
         rounding = (weight * known.rounding).sum(axis=1) / number
         square = np.where(square > rounding, square - rounding, square)
     return mean, np.where(square > 0.0, np.sqrt(np.maximum(square, 0.0)), np.nan)
-
-
-def fit_capacities(known: LogCapacities, covariates: FloatArray) -> MeasureFits:
-    """Normal distribution of ln capacity in each measure, and its regression on each covariate.
-
-    `covariates`, (n_covariate, n_record), are nan where not known.
-    """
-    n_measure, n_record = known.lower.shape
-    log_theta, beta, likelihood = np.full((3, n_measure), np.nan)
-    slopes, p_values = np.full((2, n_measure, len(covariates)), np.nan)
-    if n_record > 1:
-        log_theta, beta = weighted_normal(known, np.ones((1, n_record)))
-    for j, used in _testable(covariates):
-        part = known.of(used)
-        slopes[:, j], p_values[:, j] = _regressions(part, covariates[j, used])
-    return MeasureFits(log_theta, beta, likelihood, slopes, p_values)
 
 
 def _testable(covariates: FloatArray) -> list[tuple[int, BoolArray]]:
@@ -231,16 +215,24 @@ def compare_grid(
     (n_draw, n_record).
     """
     keep = found.decided > 0
-    known = log_capacities(found.rows(keep), log_value[:, keep], exponent)
-    fits = fit_capacities(known, covariates[:, keep])
-    counts = int(np.count_nonzero(keep)), int(np.count_nonzero(found.bracketed & keep))
+    known, covariates = found.rows(keep), covariates[:, keep]
+    capacities = log_capacities(known, log_value[:, keep], exponent)
+    log_theta, beta, likelihood = np.full((3, exponent.size), np.nan)
+    slopes, p_values = np.full((2, exponent.size, len(covariates)), np.nan)
+    if known.decided.size > 1:
+        log_theta, beta = weighted_normal(capacities, np.ones((1, known.decided.size)))
+    for j, used in _testable(covariates):
+        some = capacities.at((slice(None), used))
+        slopes[:, j], p_values[:, j] = _regressions(some, covariates[j, used])
+    fits = MeasureFits(log_theta, beta, likelihood, slopes, p_values)
+    counts = known.decided.size, int(np.count_nonzero(known.bracketed))
     none = "fewer than two records with different capacities in this measure"
 
     def better_by(best: int, own: int) -> FloatArray:
         ratios = []
         for i in (own, best):
-            one = LogCapacities(*(part[[i]] for part in known))
-            ratios.append(weighted_normal(one, times[:, keep])[1] / exponent[i])
+            deviation = weighted_normal(capacities.at([i]), times[:, keep])[1]
+            ratios.append(deviation / exponent[i])
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.log(ratios[0]) - np.log(ratios[1])
 

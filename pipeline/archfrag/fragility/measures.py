@@ -19,7 +19,7 @@ from archfrag.fragility.measure_rows import (
     compare_grid,
     compare_scattered,
 )
-from archfrag.fragility.runs import Resampling, event_groups
+from archfrag.fragility.runs import Resampling
 
 __all__ = ["MeasureRow", "MeasureTable", "Motions", "compare_measures"]
 
@@ -93,7 +93,7 @@ def compare_measures(
     --------
     >>> import numpy as np
     >>> from archfrag.fragility.measures import Motions, compare_measures
-    >>> from archfrag.fragility.runs import Resampling, event_groups
+    >>> from archfrag.fragility.runs import Resampling
     >>> generator = np.random.default_rng(1)
     >>> pgv = np.exp(generator.normal(-2.0, 0.5, 40))
     >>> pga = 8.0 * pgv * np.exp(generator.normal(0.0, 0.5, 40))
@@ -106,8 +106,7 @@ def compare_measures(
     ('PGV', True)
     """
     codes, factors, log_value, exponent = _checked(verdict, factor, motions, own)
-    group = event_groups(motions.event, len(codes))
-    times = resampling.multiplicities(int(group.max()) + 1).astype(float)[:, group]
+    times = resampling.draws(motions.event, len(codes)).astype(float)
     more = exponent, _covariates(motions, len(codes)), times
     if codes.shape[1] == 1:
         log_im = log_value + exponent[:, None] * np.log(factors[:, 0])
@@ -117,30 +116,26 @@ def compare_measures(
 
 
 def _table(own: str, compared: Compared) -> MeasureTable:
-    rows, names = compared.rows, [row.measure for row in compared.rows]
-
-    def merit(row: MeasureRow) -> float:
-        return float(compared.merit[names.index(row.measure)])
-
-    known = [row for row in rows if not row.none and np.isfinite(merit(row))]
+    rows, merit = compared.rows, compared.merit.tolist()
+    mine = [row.measure for row in rows].index(own)
+    known = [i for i, row in enumerate(rows) if not row.none and np.isfinite(merit[i])]
     if not known:
-        raise FitError("no measure has a curve from these runs: " + rows[names.index(own)].none)
-    tested = [row for row in known if row.sufficient]
-    chosen = tested or [row for row in known if row.sufficient is None] or known
-    best = max(chosen, key=merit)
-    mine = rows[names.index(own)]
+        raise FitError("no measure has a curve from these runs: " + rows[mine].none)
+    tested = [i for i in known if rows[i].sufficient]
+    chosen = tested or [i for i in known if rows[i].sufficient is None] or known
+    best = max(chosen, key=merit.__getitem__)
     p_value, ratio = 1.0, 1.0
-    if best.measure != own and not mine.none:
-        gain = compared.better_by(names.index(best.measure), names.index(own))
+    if best != mine and not rows[mine].none:
+        gain = compared.better_by(best, mine)
         gain = gain[np.isfinite(gain)]
         failed = (1.0 + np.count_nonzero(gain <= 0.0)) / (1.0 + gain.size)
         p_value = float(min(1.0, failed * (len(chosen) - (mine in chosen))))
-        ratio = best.efficiency / mine.efficiency
-    first = max(known, key=merit)
-    message = _message(best, mine, p_value, ratio)
-    if first.sufficient is False and first is not best:
-        message += f" {first.measure} is more efficient, but not sufficient."
-    return MeasureTable(rows, own, best.measure, p_value, float(ratio), message)
+        ratio = rows[best].efficiency / rows[mine].efficiency
+    first = max(known, key=merit.__getitem__)
+    message = _message(rows[best], rows[mine], p_value, ratio)
+    if rows[first].sufficient is False and first != best:
+        message += f" {rows[first].measure} is more efficient, but not sufficient."
+    return MeasureTable(rows, own, rows[best].measure, p_value, float(ratio), message)
 
 
 def _message(best: MeasureRow, own: MeasureRow, p_value: float, ratio: float) -> str:

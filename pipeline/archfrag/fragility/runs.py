@@ -40,6 +40,11 @@ class Resampling:
         """How often each group is drawn in each resample, (resamples, n_group)."""
         return self.generator.multinomial(n_group, np.full(n_group, 1.0 / n_group), self.resamples)
 
+    def draws(self, event: ArrayLike | None, n_record: int) -> IntArray:
+        """How often each record is drawn, with its event, (resamples, n_record)."""
+        group = event_groups(event, n_record)
+        return self.multiplicities(int(group.max()) + 1)[:, group]
+
 
 @dataclass(frozen=True)
 class Runs:

@@ -1,26 +1,23 @@
 """The answer of a study as data, for ``summary.json``."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import Fragility
 from archfrag.mechanics.status import CollapseMode
+from archfrag.report.inputs import ReportInputs
 from archfrag.report.summary import Scale, study_config
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from archfrag.report.inputs import ReportInputs
-    from archfrag.study.curves import Answer
+from archfrag.study.curves import Answer
 
 SUMMARY_FORMAT = "archfrag-summary/2"
 _MADE_BY = ("archfrag_commit", "archfrag_versions", "archfrag_plan", "archfrag_machine", "source")
 
 
-def summary(inputs: "ReportInputs", scale: Scale) -> dict[str, Any]:
+def summary(inputs: ReportInputs, scale: Scale) -> dict[str, Any]:
     """Content of ``summary.json``.
 
     Keys: ``format``; ``study`` and ``title``; ``measure``, ``unit`` (of all levels here) and
@@ -73,14 +70,14 @@ def summary(inputs: "ReportInputs", scale: Scale) -> dict[str, Any]:
     return found
 
 
-def classes(cube: "xr.Dataset") -> dict[str, str]:
+def classes(cube: xr.Dataset) -> dict[str, str]:
     """Class of each arch of a cube; its own name where the cube holds none."""
     names = [str(name) for name in cube["arch"].values]
     own = [str(name) for name in cube["arch_class"].values] if "arch_class" in cube else names
     return dict(zip(names, own, strict=True))
 
 
-def _answered(answer: "Answer", scale: Scale, at: float | None) -> dict[str, Any]:
+def _answered(answer: Answer, scale: Scale, at: float | None) -> dict[str, Any]:
     """Curve and probability of an arch or a class, or the reason why there is none."""
     if isinstance(answer.curve, str):
         return {"curve": None, "reason": answer.curve, "probability": None}
@@ -107,7 +104,7 @@ def _answered(answer: "Answer", scale: Scale, at: float | None) -> dict[str, Any
     return {"curve": curve, "reason": None, "probability": probability}
 
 
-def _runs(cube: "xr.Dataset") -> Iterator[tuple[str, dict[str, Any]]]:
+def _runs(cube: xr.Dataset) -> Iterator[tuple[str, dict[str, Any]]]:
     """Counts and mechanisms of each arch, by its name."""
     names = ("verdict", "collapse_mode", "collapse_joint", "lost_contact_time")
     tables = [cube[name].transpose("arch", "record", "level").values for name in names]

@@ -45,10 +45,9 @@ def arch_at_onset(arch: Arch, onset: "Onset", identifier: str) -> Picture:
     """Draw the chain twice: ground accelerating towards +x, and towards -x."""
     directions = (("+x", 1.0), ("−x", -1.0)) if onset.stands else (("", 0.0),)
 
-    def draw(width: float) -> Sheet:
-        sheet = Sheet(width)
-        top = sheet.legend(8.0, 0.0, _key(onset), width - 16.0) if onset.stands else 0.0
-        each = width if sheet.narrow else width / len(directions)
+    def draw(sheet: Sheet) -> None:
+        top = sheet.legend(8.0, 0.0, _key(onset), sheet.width - 16.0) if onset.stands else 0.0
+        each = sheet.width if sheet.narrow else sheet.width / len(directions)
         for i, (direction, sign) in enumerate(directions):
             left = 0.0 if sheet.narrow else i * each
             title = 20.0 if onset.stands else 0.0
@@ -66,7 +65,6 @@ def arch_at_onset(arch: Arch, onset: "Onset", identifier: str) -> Picture:
             sheet.height = max(sheet.height, view.end)
             if sheet.narrow:
                 top = view.end + 4.0
-        return sheet
 
     if onset.stands:
         text = (

@@ -1,37 +1,20 @@
 """A study shown beside another one of the same arches: both curves, and what changed."""
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
-import numpy as np
+import xarray as xr
 
 from archfrag.errors import InputError
-from archfrag.fragility.curve import Fragility
 from archfrag.mechanics.collapse import NOTED_GAP
 from archfrag.report import picture as look
-from archfrag.report import tables
 from archfrag.report.curve_figures import curve_picture, draw_answer
 from archfrag.report.inputs import ReportInputs
 from archfrag.report.picture import Picture
 from archfrag.report.plot import Entry, Panel
 from archfrag.report.summary import ArchResults, Scale, arch_results, study_config
-from archfrag.study.config import Study
 from archfrag.study.curves import Answer
-from archfrag.study.fits import FITS, load_answers, open_cube
-from archfrag.study.steps import require
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-
-@dataclass(frozen=True)
-class Beside:
-    """Another study: its cube, and what is known of each arch."""
-
-    cube: "xr.Dataset"
-    answers: Mapping[str, Answer]
 
 
 class _Side(NamedTuple):
@@ -43,25 +26,11 @@ class _Side(NamedTuple):
     answer: Answer
 
 
-def load_beside(study: Study, other: Study) -> Beside:
-    """Results of a study that is to be shown beside the report's own."""
-    refused = f"study {other.id!r} cannot be shown beside {study.id!r}"
-    if study.id == other.id:
-        raise InputError(f"{refused}: each study needs its own id")
-    try:
-        require(other, "cube")
-        require(other, "fit")
-        with open_cube(other) as cube:
-            return Beside(cube.load(), load_answers(other.folder / FITS))
-    except InputError as error:
-        raise InputError(f"{refused}, since it is not finished: {error}") from error
-
-
 def beside_section(inputs: ReportInputs, scale: Scale) -> dict[str, Any] | None:
     """What the page shows of another study, by the names that its template uses."""
     if inputs.beside is None:
         return None
-    studies = (inputs.cube, inputs.answers), (inputs.beside.cube, inputs.beside.answers)
+    studies = (inputs.cube, inputs.answers), inputs.beside
     cubes = [cube for cube, _ in studies]
     names = [str(cube.attrs["archfrag_study"]) for cube in cubes]
     refused = f"study {names[1]!r} cannot be shown beside {names[0]!r}"
@@ -76,20 +45,19 @@ def beside_section(inputs: ReportInputs, scale: Scale) -> dict[str, Any] | None:
     arches = []
     for arch in common:
         sides = [
-            _Side(
-                name, str(cube.attrs.get("vertical_component", "not stated")),
-                arch_results(cube, arch, scale), answers[arch],
-            )
+            _Side(name, cube.attrs.get("vertical_component", "not stated"),
+                  arch_results(cube, arch, scale), answers[arch])
             for name, (cube, answers) in zip(names, studies)
         ]  # fmt: skip
-        arches.append({"name": arch, "curves": _curves(sides), "table": _table(sides)})
+        arches.append({"name": arch, "curves": _curves(sides), "sides": sides})
     records = [set(each["record"].values.tolist()) for each in cubes]
     return {
         "names": names,
+        "noted_gap": f"{100 * NOTED_GAP:g} %",
         "arches": arches,
         "records": [len(each) for each in records],
         "common": len(records[0] & records[1]),
-        "differences": _differences(names, cubes, common),
+        "settings": [_settings(cube, common) for cube in cubes],
     }
 
 
@@ -118,65 +86,10 @@ def _curves(sides: Sequence[_Side]) -> Picture:
         draw, strokes, (reach, scale.label),
         alternative=f"Probability of collapse of {sides[0].results.arch} against {scale.label} in "
         f"two studies: {', '.join(medians)}",
-        caption="Points: fraction of the records that collapse at each level. Shaded: bands, of "
-        "each study by itself. Where both have the same records the change is known better than "
-        "the bands, which hold the variation between records, suggest.",
     )  # fmt: skip
 
 
-def _table(sides: Sequence[_Side]) -> tables.Table:
-    """One row for each figure, one column for each study."""
-    columns = [_figures(side, sides[0]) for side in sides]
-    rows = [[key, *(column[key] for column in columns)] for key in columns[0]]
-    return tables.Table(["figure", *(side.study for side in sides)], rows)
-
-
-def _figures(side: _Side, first: _Side) -> dict[str, str]:
-    results, counts = side.results, side.results.counts
-    percent = tables.percent_of(first.answer.confidence)
-    answer = tables.answer(side.answer, results.scale)
-    change, fit, before = "–", side.answer.curve, first.answer.curve
-    if side is not first and isinstance(fit, Fragility) and isinstance(before, Fragility):
-        change = tables.signed(f"{100.0 * (fit.theta / before.theta - 1.0):+.1f} %")
-    losses = results["contact_losses"]
-    numbers = {
-        "runs": counts.runs.sum(),
-        "collapsed": counts.collapsed.sum(),
-        f"lost contact by a gap above {100 * NOTED_GAP:g} % of a joint's length":
-            (results.simulated & np.isfinite(results["lost_contact_time"])).sum(),
-        "of these, standing": results.stood_after_loss,
-        "runs with a loss of contact by any gap": (losses > 0).sum(),
-        "losses of contact by any gap": losses.sum(),
-        "unfinished": counts.unfinished.sum(),
-        "solver failures": counts.solver_failures.sum(),
-    }  # fmt: skip
-    return {
-        "vertical component": side.vertical,
-        "median capacity θ": answer.get("theta", "no curve"),
-        f"{percent} of θ": answer.get("theta_interval", "–"),
-        "θ by maximum likelihood": answer.get("theta_likelihood", "–"),
-        f"change of θ from {first.study}": change,
-        "dispersion β": answer.get("beta", "no curve"),
-        f"{percent} of β": answer.get("beta_interval", "–"),
-        "β by maximum likelihood": answer.get("beta_likelihood", "–"),
-        **{key: f"{number:,}" for key, number in numbers.items()},
-    }
-
-
-def _differences(
-    names: Sequence[str], cubes: "Sequence[xr.Dataset]", arches: Sequence[str]
-) -> tables.Table | None:
-    """Arches, levels and method in which the studies differ; None if they do not."""
-    one, other = (_settings(cube, arches) for cube in cubes)
-    rows = [
-        [key, one.get(key, "–"), other.get(key, "–")]
-        for key in sorted(one.keys() | other.keys())
-        if one.get(key) != other.get(key)
-    ]
-    return tables.Table(["key", *names], rows) if rows else None
-
-
-def _settings(cube: "xr.Dataset", arches: Sequence[str]) -> dict[str, str]:
+def _settings(cube: xr.Dataset, arches: Sequence[str]) -> dict[str, str]:
     config = study_config(cube)
     parts = {name: config.get(name, {}) for name in ("intensity", "method")}
     entries = {entry["id"]: entry for entry in config.get("arches", ())}

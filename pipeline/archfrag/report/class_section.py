@@ -2,34 +2,25 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from archfrag.fragility.curve import Fragility
 from archfrag.report import curve_figures as curves
 from archfrag.report import picture as look
-from archfrag.report import tables
 from archfrag.report.answer import classes
+from archfrag.report.filters import percent_of
 from archfrag.report.inputs import ReportInputs
 from archfrag.report.picture import BELOW, BESIDE, LINE, FloatArray, Picture
 from archfrag.report.plot import Entry, Panel, Sheet, picture
 from archfrag.report.summary import Scale
-from archfrag.report.tables import Table
 from archfrag.study.curves import Answer
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 MOST_PANELS, MOST_TEXTS = 9, 7
 _HIGH = 150.0  # of a panel [px]
-_PARTS = {
-    "beta_record_to_record": "from record to record",
-    "beta_model": "between the arches of the class",
-    "beta_numerical": "numerical",
-    "combined": "of both together",
-}
 
 
 def class_section(inputs: ReportInputs, name: str, number: int, scale: Scale) -> dict[str, Any]:
@@ -37,16 +28,14 @@ def class_section(inputs: ReportInputs, name: str, number: int, scale: Scale) ->
     of_class = classes(inputs.cube)
     members = [inputs.answers[arch] for arch, own in of_class.items() if own == name]
     answer = inputs.classes[name]
-    split = answer.more.get("dispersion", {})
     differences = _differences(inputs.cube, np.array(list(of_class.values())) == name)
     return {
         "id": f"class{number}",
         "name": name,
         "n_arch": len(members),
-        "answer": tables.answer(answer, scale),
+        "answer": answer,
+        "band": curves.band_words(answer),
         "curve": class_curve(answer, members, name, scale),
-        "dispersion": split.get("message") or split.get("none", ""),
-        "dispersion_table": _dispersion(split),
         "panels": theta_panels(members, differences, name, scale),
     }
 
@@ -57,7 +46,7 @@ def class_curve(answer: Answer, members: Sequence[Answer], name: str, scale: Sca
     ends = [scale.factor * each.im[-1] for each in (answer, *members) if each.im]
     entries = [Entry("arches of the class", curves.THIN, "line")]
     if isinstance(answer.curve, Fragility):
-        percent = tables.percent_of(answer.confidence)
+        percent = percent_of(answer.confidence)
         entries += curves.band_entries("an arch of the class", percent)
 
     def draw(panel: Panel) -> None:
@@ -68,22 +57,10 @@ def class_curve(answer: Answer, members: Sequence[Answer], name: str, scale: Sca
         draw, entries, (max(ends, default=1.0), scale.label),
         alternative=f"Probability of collapse of an arch of the class {name} against "
         f"{scale.label}, and the curves of {len(thin)} of its arches",
-        caption="Bold: probability of collapse of an arch of the class of which nothing more is "
-        "known, so that both records and arches differ. Thin: its arches, of many some from the "
-        "weakest to the strongest." + curves.band_words(answer),
     )  # fmt: skip
 
 
-def _dispersion(split: Mapping[str, Any]) -> Table | None:
-    rows = [
-        [words, f"{float(split[key]):.3f}"]
-        for key, words in _PARTS.items()
-        if key in split and (key != "beta_numerical" or float(split[key]) > 0.0)
-    ]
-    return Table(["dispersion β", "value"], rows) if rows else None
-
-
-def _differences(cube: "xr.Dataset", own: NDArray[np.bool_]) -> dict[str, NDArray]:
+def _differences(cube: xr.Dataset, own: NDArray[np.bool_]) -> dict[str, NDArray]:
     """What the arches of a class differ by: numbers as floats, attributes as texts."""
     found: dict[str, NDArray] = {}
     for name in map(str, cube.data_vars):
@@ -112,10 +89,9 @@ def theta_panels(
     margin = 0.05 * float(np.ptp(theta)) or 0.05 * float(theta[0])
     ends = float(theta.min()) - margin, float(theta.max()) + margin
 
-    def draw(width: float) -> Sheet:
-        sheet = Sheet(width)
+    def draw(sheet: Sheet) -> None:
         columns = 1 if sheet.narrow else min(3, len(shown))
-        each = (width - 10.0) / columns
+        each = (sheet.width - 10.0) / columns
         for i, (title, values) in enumerate(shown.items()):
             row, column = divmod(i, columns)
             top = row * (_HIGH + BELOW + LINE) + LINE
@@ -125,14 +101,11 @@ def theta_panels(
             panel.axis_y(look.even_ticks(*ends), f"θ [{scale.unit}]", grid=True)
             panel.heading(look.shortened(title, each - BESIDE - 8.0))
         sheet.height = -(-len(shown) // columns) * (_HIGH + BELOW + LINE) + 4.0
-        return sheet
 
     return picture(
         draw,
         alternative=f"Median capacities of {theta.size} arches of {name} against "
         f"{', '.join(shown)}",
-        caption="Points: median capacities of the arches of the class against what they differ "
-        "by. Bars: medians of groups.",
     )
 
 

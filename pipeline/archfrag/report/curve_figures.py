@@ -8,11 +8,11 @@ import numpy as np
 from archfrag.fragility.counts import clopper_pearson
 from archfrag.fragility.curve import Fragility
 from archfrag.report import picture as look
+from archfrag.report.filters import percent_of
 from archfrag.report.picture import BELOW, SMALL, FloatArray, Picture
 from archfrag.report.plot import Entry, Panel, Sheet, picture
 from archfrag.report.summary import ArchResults, Scale
-from archfrag.report.tables import Table, percent_of
-from archfrag.study.curves import Answer
+from archfrag.study.curves import Answer, curve_of_dict
 
 _DASH = "5 2.5"
 COLOURS = (
@@ -32,38 +32,23 @@ _DATA = {
     "stripes": "Points: collapsed / (collapsed + standing) at each level; bars: Clopper–Pearson, "
     "of the records at that level.",
 }
-# Columns of the table of measures; a row is a `MeasureRow` with the unit of theta.
-_MEASURES = {
-    "β": "beta", "efficiency": "efficiency", "practicality": "practicality",
-    "proficiency": "proficiency", "p of magnitude": "p_magnitude", "p of distance": "p_distance",
-}  # fmt: skip
-
 _BEYOND = " Dotted: the highest level that was run; beyond it the curve is its shape alone."
-_SUFFICIENT = {
-    True: "those that are sufficient, which means that magnitude and distance add nothing (p of "
-    "magnitude, p of distance above 0.05)",
-    False: "all, of which none is sufficient: magnitude or distance add something",
-    None: "all; whether magnitude and distance add something could not be tested, for they are "
-    "not known of enough records",
-}
 
 
 def curve_picture(
     draw: Callable[[Panel], None], entries: Sequence[Entry], x: tuple[float, str],
-    words: str = "probability of collapse", *, alternative: str, caption: str,
+    words: str = "probability of collapse", *, alternative: str, caption: str = "",
 ) -> Picture:  # fmt: skip
     """A figure of probabilities over levels from 0; `x` is where they end, and their title."""
     reach, title = x
 
-    def drawn(width: float) -> Sheet:
-        sheet = Sheet(width)
+    def drawn(sheet: Sheet) -> None:
         height = 250.0 if sheet.narrow else 300.0
         panel = sheet.below_legend(entries, height, (0.0, reach), (0.0, 1.0))
         ticks = np.linspace(0.0, 1.0, 6)
         panel.axis_y(ticks, words, [f"{p:.1f}" for p in ticks])
         panel.axis_x(look.even_ticks(0.0, reach, 6 if sheet.narrow else 9), title, grid=True)
         draw(panel)
-        return sheet
 
     return picture(drawn, alternative=alternative, caption=caption)
 
@@ -182,24 +167,24 @@ def capacities(results: ArchResults) -> FloatArray:
 def all_curves(
     answers: Mapping[str, Answer],
     classes: Mapping[str, Answer],
-    members: Mapping[str, Sequence[Answer]],
+    of_class: Mapping[str, str],
     scale: Scale,
     marks: tuple[float, float | None],
 ) -> Picture | None:
     """Curves of all arches in one figure; None if there are fewer than two.
 
-    Classes are drawn with their bands, their arches (`members`) thinly; other arches by name if
-    they are not many. `marks` are the level to which the curves are drawn, and one that is
+    Classes are drawn with their bands, their arches (by `of_class`) thinly; other arches by name
+    if they are not many. `marks` are the level to which the curves are drawn, and one that is
     marked, in the reader's unit.
     """
     known = {k: a for k, a in answers.items() if isinstance(a.curve, Fragility)}
     if len(known) < 2:
         return None
     highest, at = marks
-    inside = {id(each) for own in members.values() for each in own}
     named = {k: a for k, a in classes.items() if isinstance(a.curve, Fragility)}
-    single = {k: a for k, a in known.items() if id(a) not in inside}
-    thin = [(stroke(k, i).colour, thinned(members[k])) for i, k in enumerate(named)]
+    single = {k: a for k, a in known.items() if of_class.get(k) not in classes}
+    members = [[a for k, a in known.items() if of_class.get(k) == name] for name in named]
+    thin = [(stroke("", i).colour, thinned(own)) for i, own in enumerate(members)]
     if len(named) + len(single) <= MOST_NAMED:
         named |= single
     elif single:
@@ -246,9 +231,14 @@ def draw_thin(panel: Panel, fits: Sequence[Fragility], scale: Scale, colour: str
         panel.line(im, fit.probability(im / scale.factor), colour, 0.5, opacity=opacity)
 
 
-def limit_states(fits: Mapping[str, Fragility], results: ArchResults) -> Picture:
-    """Curves of the limit states of an arch, in the order given."""
-    scale = results.scale
+def limit_states(answer: Answer, results: ArchResults) -> Picture | None:
+    """Curves of the limit states of an arch, in the order given; None if none has one."""
+    scale, fits = results.scale, {}
+    for state in answer.more.get("limit_states", {}).get("states", ()):
+        if not isinstance(fit := curve_of_dict(state["curve"]), str):
+            fits[state["name"].replace("_", " ")] = fit
+    if not fits:
+        return None
     strokes = [stroke(name, i) for i, name in enumerate(fits)]
 
     def draw(panel: Panel) -> None:
@@ -260,7 +250,6 @@ def limit_states(fits: Mapping[str, Fragility], results: ArchResults) -> Picture
         "probability of reaching it",
         alternative=f"Curves of limit states of {results.arch} against {scale.label}. Medians: "
         + _medians(fits, scale),
-        caption="Lognormal curves from the same runs, one for each limit state.",
     )  # fmt: skip
 
 
@@ -275,30 +264,23 @@ def stroke(name: str, place: int) -> Entry:
     return Entry(name, COLOURS[place % len(COLOURS)], "dash" if dashed else "line")
 
 
-def measures_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """One row for each measure, the most efficient first."""
-    cells = [
-        [row["measure"], _measured(row["theta"]), row["unit"],
-         *(_measured(row[key]) for key in _MEASURES.values())]
-        for row in sorted(rows, key=_efficiency)
-    ]  # fmt: skip
-    return Table(["measure", "θ", "unit", *_MEASURES], cells)
+def efficient_first(answer: Answer) -> list[Mapping[str, Any]]:
+    """Measures that were compared, the most efficient first: `MeasureRow`s with their units."""
+    return sorted(answer.more.get("measures", {}).get("rows", ()), key=_efficiency)
 
 
-def measures(rows: Sequence[Mapping[str, Any]], arch: str, best: str) -> Picture | None:
+def measures(answer: Answer, arch: str) -> Picture | None:
     """Efficiency of each measure, the best on top; None if fewer than two are known."""
-    known = sorted((row for row in rows if np.isfinite(_efficiency(row))), key=_efficiency)
+    known = [row for row in efficient_first(answer) if np.isfinite(_efficiency(row))]
     if len(known) < 2:
         return None
     names = [str(row["measure"]) for row in known]
     values, place = np.array([_efficiency(row) for row in known]), np.arange(len(known))
-    chosen = np.array([name == best for name in names])
-    tested = _SUFFICIENT[next((row["sufficient"] for row in rows if row["measure"] == best), None)]
+    chosen = np.array([name == answer.more["measures"]["best"] for name in names])
 
-    def draw(width: float) -> Sheet:
-        sheet = Sheet(width)
-        left = min(max(look.text_width(name, SMALL) for name in names) + 10.0, 0.4 * width)
-        box = (left, 4.0, width - 44.0, 4.0 + 16.0 * len(known))
+    def draw(sheet: Sheet) -> None:
+        left = min(max(look.text_width(name, SMALL) for name in names) + 10.0, 0.4 * sheet.width)
+        box = (left, 4.0, sheet.width - 44.0, 4.0 + 16.0 * len(known))
         panel = Panel(sheet, box, (0.0, 1.02 * values.max()), (len(known) - 0.5, -0.5))
         panel.axis_x(look.even_ticks(0.0, float(values.max())), "efficiency [1]", grid=True)
         for own, colour in ((chosen, look.BLUE), (~chosen, look.SKY)):
@@ -307,26 +289,15 @@ def measures(rows: Sequence[Mapping[str, Any]], arch: str, best: str) -> Picture
             sheet.text(left - 5.0, y, look.shortened(name, left - 8.0, SMALL), "s e")
             sheet.text(float(panel.at_x(value)) + 4.0, y, f"{value:.3f}", "s")
         sheet.height = box[3] + BELOW
-        return sheet
 
     return picture(
         draw,
         alternative=f"Efficiency of {len(known)} intensity measures for {arch}; smallest in "
         f"{names[0]}",
-        caption="Efficiency: dispersion of the factors on the records that cause collapse, once "
-        "the records are scaled to the same value of a measure. The smaller, the fewer records "
-        f"give the median as well. Dark: the best of {tested}.",
     )
 
 
 def _efficiency(row: Mapping[str, Any]) -> float:
-    return _number(row["efficiency"])
-
-
-def _number(value: Any) -> float:
-    """A stored number; null where it is not known."""
-    return np.nan if value is None else float(value)
-
-
-def _measured(value: Any) -> str:
-    return f"{_number(value):#.3g}" if np.isfinite(_number(value)) else "–"
+    """Infinite where it is not known, so that such measures come last."""
+    value = np.nan if row["efficiency"] is None else float(row["efficiency"])
+    return value if np.isfinite(value) else np.inf

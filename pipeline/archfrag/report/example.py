@@ -1,23 +1,18 @@
 """One run of the study, done again with its history, to show the log of its mechanism."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.fragility.counts import Verdict
+from archfrag.motions.motion import Motion
 from archfrag.report.picture import FloatArray
 from archfrag.report.summary import ArchResults, study_config
+from archfrag.simulation.response import Response
 from archfrag.study.outcome import simulate_case
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import xarray as xr
-
-    from archfrag.motions.motion import Motion
-    from archfrag.simulation.response import Response
 
 Chosen = tuple[int, int, str]  # record, level, and why this run
 
@@ -27,10 +22,10 @@ class Example:
     """A run that was done again."""
 
     arch: Arch
-    motion: "Motion"  #: unscaled
+    motion: Motion  #: unscaled
     factor: float  #: on the motion
     level: str  #: intensity, with its measure and unit
-    response: "Response"  #: with its history
+    response: Response  #: with its history
     reason: str  #: why this run was chosen
     same: bool  #: whether it ended as in the study: status, steps and time of collapse
 
@@ -77,7 +72,7 @@ def _farthest(results: ArchResults, name: str, words: str, above: float) -> Chos
 
 
 def repeat(
-    cube: "xr.Dataset", results: ArchResults, arch: Arch, motions: "Sequence[Motion]",
+    cube: xr.Dataset, results: ArchResults, arch: Arch, motions: Sequence[Motion],
     chosen: Chosen | None,
 ) -> Example | None:  # fmt: skip
     """Do a run of a study again, with the study's method and its history."""

@@ -1,13 +1,17 @@
-"""Verdicts of all runs of one arch."""
+"""Runs of an arch: their verdicts, how, where and after how many impacts it fell, what ran."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
+from archfrag.fragility.contributions import Deaggregation, deaggregate
 from archfrag.fragility.counts import Verdict
-from archfrag.mechanics.status import CollapseMode
+from archfrag.mechanics.status import CollapseMode, Model
 from archfrag.report import picture as look
-from archfrag.report.picture import BELOW, SMALL, Picture, number
+from archfrag.report.picture import BELOW, LINE, SMALL, FloatArray, Picture, number
 from archfrag.report.plot import Entry, Panel, Sheet, picture
 from archfrag.report.summary import ArchResults
+from archfrag.simulation.mechanism import MODEL_WORDS
 
 VERDICT_LOOK = {
     Verdict.STANDING: Entry("standing", "#cfe0ee"),
@@ -24,6 +28,22 @@ MODE_LOOK = {
 }
 _LABELLED = 60  # records that have their names beside them
 
+IMPACTS = ("no impact", "1 impact", "2 to 9 impacts", "10 to 99 impacts", "100 or more impacts")
+_IMPACT_BOUNDS = (1, 2, 10, 100)
+_OTHER = "other joints"
+_MOST_JOINTS = 4
+LOOKS = (
+    (look.BLUE, "area"), (look.ORANGE, "slash"), (look.GREEN, "dots"), (look.PURPLE, "cross"),
+    (look.VERMILION, "slash"), (look.SKY, "area"), (look.INK, "area"), (look.GREY, "area"),
+)  # fmt: skip
+_TITLES = ("how it was moving", "joint that was lost", "joints closed by then")
+MODEL_LOOK = {
+    Model.REST: Entry(MODEL_WORDS[Model.REST], look.PALE),
+    Model.FOUR_HINGES: Entry(MODEL_WORDS[Model.FOUR_HINGES], look.SKY),
+    Model.MEGA_VOUSSOIRS: Entry(MODEL_WORDS[Model.MEGA_VOUSSOIRS], look.GREEN, "dots"),
+    Model.ALL_VOUSSOIRS: Entry(MODEL_WORDS[Model.ALL_VOUSSOIRS], look.PURPLE, "slash"),
+}
+
 
 def verdict_map(results: ArchResults) -> Picture:
     """Verdict of every run: records down, levels across."""
@@ -35,19 +55,18 @@ def verdict_map(results: ArchResults) -> Picture:
     if not results.simulated.all():
         entries.append(Entry("blank: not simulated", "#ffffff"))
 
-    def draw(width: float) -> Sheet:
-        sheet = Sheet(width)
+    def draw(sheet: Sheet) -> None:
         labelled = len(names) <= _LABELLED
         longest = max(look.text_width(name, SMALL) for name in names)
-        left = min(longest + 8.0, 0.36 * width) if labelled else 26.0
-        top = sheet.legend(left, 0.0, entries, width - left - 8.0) + 2.0
+        left = min(longest + 8.0, 0.36 * sheet.width) if labelled else 26.0
+        top = sheet.legend(left, 0.0, entries, sheet.width - left - 8.0) + 2.0
         bottom = top + (14.0 if labelled else min(14.0, 620.0 / len(names))) * len(names)
         panel = Panel(
-            sheet, (left, top, width - 8.0, bottom), (-0.5, rows.shape[1] - 0.5),
+            sheet, (left, top, sheet.width - 8.0, bottom), (-0.5, rows.shape[1] - 0.5),
             (len(names) - 0.5, -0.5),
         )  # fmt: skip
         for code, (_, colour, mark) in VERDICT_LOOK.items():
-            sheet.fill(_cells(panel, rows == code, 1.5 if labelled else 0.0), colour, mark)
+            panel.cells(rows == code, colour, mark, half=0.45 if labelled else 0.5)
         lines = "".join(
             f"M{number(x)} {number(top)}V{number(bottom)}"
             for x in panel.at_x(np.arange(1, rows.shape[1]) - 0.5)
@@ -61,13 +80,11 @@ def verdict_map(results: ArchResults) -> Picture:
             sheet.text(left - 8.0, 0.5 * (top + bottom), words, "m", angle=-90)
         panel.level_axis(results.levels, results.scale.label)
         sheet.height = bottom + BELOW
-        return sheet
 
     return picture(
         draw,
         alternative=f"Verdicts of {results.arch} for {len(names)} records at {rows.shape[1]} "
         "levels",
-        caption="Every run, records ordered by the number of collapses.",
     )
 
 
@@ -87,8 +104,7 @@ def scattered_runs(results: ArchResults) -> Picture:
     high = max(float(10.0 ** np.ceil(np.log10(seen.max()))), 10.0 * low)
     x = 0.95 * float(level.min()), 1.05 * float(level.max())
 
-    def draw(width: float) -> Sheet:
-        sheet = Sheet(width)
+    def draw(sheet: Sheet) -> None:
         panel = sheet.below_legend(entries, 220.0, x, (low, high), left=56.0, log=True)
         panel.axis_x(look.log_ticks(*x), results.scale.label, grid=True)
         panel.axis_y(look.log_ticks(low, high, subs=(1.0,)), "largest displacement [m]")
@@ -96,7 +112,6 @@ def scattered_runs(results: ArchResults) -> Picture:
             own = verdict == code
             height = np.clip(np.where(moved, reach, low), low, high)
             panel.dots(level[own], height[own], colour, radius=2.6)
-        return sheet
 
     return picture(
         draw,
@@ -107,13 +122,70 @@ def scattered_runs(results: ArchResults) -> Picture:
     )
 
 
-def _cells(panel: Panel, mask: np.ndarray, gap: float) -> str:
-    """Path of the cells of a mask (n_row, n_column), neighbours of a row joined."""
-    parts = []
-    each = abs(float(panel.at_y(1.0) - panel.at_y(0.0)))
-    for row, cells in enumerate(mask):
-        ends = np.flatnonzero(np.diff(np.concatenate([[0], cells.astype(int), [0]])))
-        y = number(float(panel.at_y(row)) - 0.5 * each)
-        for a, b in panel.at_x(ends - 0.5).reshape(-1, 2):
-            parts.append(f"M{number(a)} {y}H{number(b)}v{number(each - gap)}H{number(a)}z")
-    return "".join(parts)
+def groupings(results: ArchResults, confidence: float) -> list[Deaggregation]:
+    """Collapses by mode, by the joint that was lost, and by the joints that had closed by then."""
+    lost = results["collapse_joint"]
+    fell = np.bincount(np.maximum(lost[results.verdict == Verdict.COLLAPSED], 0), minlength=1)
+    order = np.argsort(-fell, kind="stable")
+    own = np.sort(order[: np.count_nonzero(fell)][:_MOST_JOINTS])
+    joint = np.full(lost.shape, own.size)
+    for place, each in enumerate(own):
+        joint[lost == each] = place
+    modes = [MODE_LOOK[mode].label for mode in CollapseMode]
+    impacts = np.searchsorted(_IMPACT_BOUNDS, results["impacts"], side="right")
+    return [
+        deaggregate(results.verdict, category, names, confidence=confidence)
+        for category, names in (
+            (results["collapse_mode"], modes),
+            (joint, [*(f"joint {each}" for each in own), _OTHER]),
+            (impacts, IMPACTS),
+        )
+    ]
+
+
+def fractions(groups: Sequence[Deaggregation], results: ArchResults) -> Picture | None:
+    """Fraction of collapses at each level, split by three criteria; None if none collapsed.
+
+    Of all runs where every record was run at every level, else of the collapses.
+    """
+    if not groups[0].collapsed.any():
+        return None
+    every = not bool((results.verdict == Verdict.NOT_SIMULATED).any())
+    stacks = [_parts(group, every) for group in groups]
+    keys = [[entry for entry, _ in parts] for parts in stacks]
+
+    def draw(sheet: Sheet) -> None:
+        first = sheet.panes(len(groups), 0.0, 150.0)[0][0]
+        rows = max(sheet.legend_rows(key, first[2] - first[0]) for key in keys)
+        gap = 10.0 + rows * LINE if sheet.narrow else 10.0
+        boxes, end = sheet.panes(len(groups), 0.0, 150.0, gap)
+        sheet.height = end + rows * LINE
+        for box, parts, key, title in zip(boxes, stacks, keys, _TITLES, strict=True):
+            panel = Panel(sheet, box, (-0.5, results.levels.size - 0.5), (0.0, 1.0))
+            panel.axis_y(
+                [0.0, 0.25, 0.5, 0.75, 1.0], f"fraction of the {'runs' if every else 'collapses'}"
+            )
+            panel.stack(parts)
+            panel.level_axis(results.levels, results.scale.label)
+            panel.heading(title)
+            sheet.legend(box[0], box[3] + 35.0, key, box[2] - box[0])
+
+    return picture(
+        draw,
+        alternative=f"Fraction of collapses of {results.arch} by level, split by mode, by joint "
+        "and by impacts",
+    )
+
+
+def _parts(group: Deaggregation, every: bool) -> list[tuple[Entry, FloatArray]]:
+    """Categories that occur: how they look, and their fraction at each level, as `fractions`."""
+    modes = {entry.label: entry for entry in MODE_LOOK.values()}
+    found = []
+    for i in np.flatnonzero(group.counts.any(axis=1)).tolist():
+        name = group.categories[i]
+        colours = LOOKS[-1] if name == _OTHER else LOOKS[i % len(LOOKS)]
+        part = group.counts[i] / np.maximum(group.collapsed, 1)
+        if every:
+            part = np.nan_to_num(group.probability[i])
+        found.append((modes.get(name, Entry(name, *colours)), part))
+    return found

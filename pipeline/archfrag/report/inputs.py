@@ -3,16 +3,16 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from archfrag.report.summary import reading_scale
+from archfrag.errors import InputError
 from archfrag.simulate import Onset, onset
-from archfrag.study.config import Study
+from archfrag.study.config import Study, load_study
 from archfrag.study.cube import read_timings
 from archfrag.study.curves import Answer
-from archfrag.study.fits import FITS, cautions_of_cube, load_answers, load_fits, open_cube
+from archfrag.study.fits import FITS, cautions_of_cube, load_answers, open_cube
 from archfrag.study.members import members, shown
 from archfrag.study.records import load_prepared, load_record
 from archfrag.study.steps import require
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from archfrag.arch import Arch
     from archfrag.motions.motion import Motion
-    from archfrag.report.beside import Beside
+    from archfrag.study.risk import StudyRisk
 
 
 @dataclass(frozen=True)
@@ -43,10 +43,10 @@ class ReportInputs:
     timings: Mapping[str, Sequence[float]] | None = None
     title: str = "Fragility of masonry arches"
     confidence: float = 0.9  #: of all bands and intervals
-    #: Another study with the same measure, to be compared in the arches that both have.
-    beside: "Beside | None" = None
+    #: Cube and answers of another study with the same measure, to be compared in common arches.
+    beside: "tuple[xr.Dataset, Mapping[str, Answer]] | None" = None
     at: float | None = None  #: level at which the probability is wanted, in the study's unit
-    risk: Mapping[str, Any] | None = None  #: from `risk_section.risk_section`
+    risk: "StudyRisk | None" = None
 
 
 def report_inputs(study: Study, beside: Path | None = None) -> ReportInputs:
@@ -88,25 +88,31 @@ def report_inputs(study: Study, beside: Path | None = None) -> ReportInputs:
         confidence=study.report.confidence,
         beside=None if beside is None else _beside(study, beside),
         at=study.report.at,
-        risk=None if study.risk is None else _risk(study, cube),
+        risk=_risk(study, cube, answers),
     )
 
 
-def _beside(study: Study, other: Path) -> "Beside":
-    from archfrag.report.beside import load_beside
-    from archfrag.study.config import load_study
+def _beside(study: Study, path: Path) -> "tuple[xr.Dataset, Mapping[str, Answer]]":
+    other = load_study(path)
+    refused = f"study {other.id!r} cannot be shown beside {study.id!r}"
+    if study.id == other.id:
+        raise InputError(f"{refused}: each study needs its own id")
+    try:
+        require(other, "cube")
+        require(other, "fit")
+        with open_cube(other) as cube:
+            return cube.load(), load_answers(other.folder / FITS)
+    except InputError as error:
+        raise InputError(f"{refused}, since it is not finished: {error}") from error
 
-    return load_beside(study, load_study(other))
 
-
-def _risk(study: Study, cube: "xr.Dataset") -> dict[str, Any]:
-    from archfrag.report.risk_section import risk_section
+def _risk(study: Study, cube: "xr.Dataset", answers: Mapping[str, Answer]) -> "StudyRisk | None":
     from archfrag.study.hazard import load_hazard
     from archfrag.study.risk import risk_of
 
-    given, measure = study.risk, study.intensity.measure
-    assert given is not None
-    hazard = load_hazard(Path(given.hazard), measure, given.unit, given.site)
-    fits = load_fits(study.folder / FITS)
-    found = risk_of(cube, fits, hazard, given.years, study.report.confidence)
-    return risk_section(found, reading_scale(cube, measure))
+    given = study.risk
+    if given is None:
+        return None
+    hazard = load_hazard(Path(given.hazard), study.intensity.measure, given.unit, given.site)
+    fits = {name: answer.curve for name, answer in answers.items()}
+    return risk_of(cube, fits, hazard, given.years, study.report.confidence)

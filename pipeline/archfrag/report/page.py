@@ -9,17 +9,18 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from archfrag.errors import InputError
-from archfrag.report import tables
 from archfrag.report.answer import classes, summary
 from archfrag.report.arch_section import arch_section, cautions_of
 from archfrag.report.beside import beside_section
 from archfrag.report.class_section import class_section
 from archfrag.report.curve_figures import all_curves
+from archfrag.report.filters import FILTERS, percent_of
 from archfrag.report.inputs import ReportInputs
 from archfrag.report.motion_figures import motion_section
 from archfrag.report.picture import SVG_STYLE, Picture, standalone
 from archfrag.report.plot import hatch_definitions
-from archfrag.report.summary import Scale, arch_results, reading_scale
+from archfrag.report.risk_section import risk_section
+from archfrag.report.summary import arch_results, reading_scale
 from archfrag.study.curves import Answer
 from archfrag.study.files import write_text
 from archfrag.study.members import SHOWN
@@ -27,6 +28,7 @@ from archfrag.study.steps import ALL_CURVES, REPORT_FILES
 
 SUMMARY = REPORT_FILES[1]  # beside the page
 _MOST_ANIMATED = 4
+_MOST_ROWS = 200  # arches of the table of answers
 
 
 def write_report(study_results: ReportInputs, out: Path) -> Path:
@@ -83,7 +85,8 @@ def _render(inputs: ReportInputs) -> tuple[str, dict[str, Picture], dict[str, An
         arch_section(inputs, arch_results(cube, name, scale), i, i < _MOST_ANIMATED)
         for i, (name, _, _) in enumerate(inputs.arches)
     ]
-    listed, every = _listed(inputs), _all_curves(inputs, scale)
+    listed, marks = _listed(inputs), (scale.factor * float(cube["intensity"].max()), inputs.at)
+    every = all_curves(inputs.answers, inputs.classes, classes(cube), scale, marks)
     named = [name for name, _, _ in inputs.arches]
     provenance = [_plain(item) for item in cube.attrs.items()]
     text = (
@@ -91,21 +94,23 @@ def _render(inputs: ReportInputs) -> tuple[str, dict[str, Picture], dict[str, An
         .get_template("report.html.j2")
         .render(
             title=inputs.title,
-            answers=tables.answers(listed, scale, inputs.at),
-            most_rows=tables.MOST_ROWS,
+            listed=list(listed.items()),
+            most_rows=_MOST_ROWS,
+            at=inputs.at,
             # How curves and bands were made, each once.
             methods=list(dict.fromkeys(a.method for a in listed.values() if a.method)),
             all_curves=every,
             n_arch=len(inputs.answers),
             sections=sections,
+            design={"arches": {}} | json.loads(cube.attrs.get("archfrag_design", "{}")),
             classes=[class_section(inputs, n, i, scale) for i, n in enumerate(inputs.classes)],
             beside=beside_section(inputs, scale),
-            risk=inputs.risk,
+            risk=None if inputs.risk is None else risk_section(inputs.risk, scale),
             scale=scale,
             cautions=[c for c in inputs.cautions if not any(cautions_of([c], n) for n in named)],
             # Gap over joint length from which a loss of contact is a collapse.
             loss_limit=f"{100.0 * float(cube.attrs['loss_limit']):g} %",
-            percent=tables.percent_of(inputs.confidence),
+            percent=percent_of(inputs.confidence),
             n_record=cube.sizes["record"],
             n_level=cube.sizes["level"],
             motions=motion_section(inputs, scale),
@@ -130,15 +135,6 @@ def _listed(inputs: ReportInputs) -> dict[str, Answer]:
     return first | own | dict(inputs.answers)
 
 
-def _all_curves(inputs: ReportInputs, scale: Scale) -> Picture | None:
-    members: dict[str, list[Answer]] = {name: [] for name in inputs.classes}
-    for name, of in classes(inputs.cube).items():
-        if of in members:
-            members[of].append(inputs.answers[name])
-    highest = scale.factor * float(inputs.cube["intensity"].max())
-    return all_curves(inputs.answers, inputs.classes, members, scale, (highest, inputs.at))
-
-
 def _environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("archfrag.report"),
@@ -147,7 +143,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["inline"] = _inline
+    environment.filters |= FILTERS | {"inline": _inline}
     return environment
 
 

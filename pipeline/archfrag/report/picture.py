@@ -1,6 +1,5 @@
 """What a figure is once it is drawn; the colours, sizes, ticks and pieces of SVG of all."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
@@ -51,9 +50,8 @@ def standalone(shown: Picture) -> str:
     """A figure with its caption as the text of a file of its own."""
     spaces = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
     svg = shown.svg.replace("<svg ", f"<svg {spaces} ", 1)
-    style = f"<style>{SVG_STYLE}</style>" if re.search(r'class="', svg) else ""
     inside = (
-        f"<desc>{escape(shown.caption)}</desc>{style}"
+        f"<desc>{escape(shown.caption)}</desc><style>{SVG_STYLE}</style>"
         '<rect width="100%" height="100%" fill="white"/>'
     )
     return svg.replace(">", f">{inside}", 1) + "\n"
@@ -82,13 +80,9 @@ def shortened(words: str, width: float, size: float = SIZE) -> str:
     return words[: keep // 2] + "…" + words[len(words) - (keep - keep // 2) :]
 
 
-def symbol(x: float, y: float, radius: float, square: bool = False) -> str:
-    """Path of a dot or a square."""
-    if square:
-        side = number(2.0 * radius)
-        return f"M{number(x - radius)} {number(y - radius)}h{side}v{side}h-{side}z"
-    r = number(radius)
-    across = number(2.0 * radius)
+def symbol(x: float, y: float, radius: float) -> str:
+    """Path of a dot."""
+    r, across = number(radius), number(2.0 * radius)
     return f"M{number(x - radius)} {number(y)}a{r} {r} 0 1 0 {across} 0a{r} {r} 0 1 0 -{across} 0z"
 
 

@@ -11,7 +11,7 @@ from html import escape
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from archfrag.report import picture as look
 from archfrag.report.picture import BELOW, BESIDE, LINE, FloatArray, Picture, number, text_width
@@ -26,7 +26,7 @@ Box = tuple[float, float, float, float]  # left, top, right, bottom [px]
 
 
 class Entry(NamedTuple):
-    """One line of a legend; `mark` is line, dash, dot, ring, square, area or a hatch."""
+    """One line of a legend; `mark` is line, dash, dot, ring, area or a hatch."""
 
     label: str
     colour: str
@@ -47,11 +47,14 @@ def hatch_definitions() -> str:
 
 
 def picture(
-    draw: Callable[[float], "Sheet"], *, alternative: str, caption: str, narrow: bool = True
+    draw: Callable[["Sheet"], None], *, alternative: str, caption: str = "", narrow: bool = True
 ) -> Picture:
     """Draw a figure for the page's column and for a narrow screen."""
-    small = draw(look.NARROW).svg(alternative) if narrow else ""
-    return Picture(draw(look.WIDE).svg(alternative), caption, small)
+    drawn = ""
+    for width in (look.NARROW, look.WIDE) if narrow else (look.WIDE,):
+        draw(sheet := Sheet(width))
+        small, drawn = drawn, sheet.svg(alternative)
+    return Picture(drawn, caption, small)
 
 
 class Sheet:
@@ -99,10 +102,12 @@ class Sheet:
         if mark in HATCHES:
             self.path(d, fill=f"url(#hatch-{mark})")
 
-    def legend(self, x: float, y: float, entries: Sequence[Entry], width: float) -> float:
-        """Rows of marks and labels from y downwards; returns where they end."""
+    def legend(
+        self, x: float, y: float, entries: Sequence[Entry], width: float | None = None
+    ) -> float:
+        """Rows of marks and labels from y downwards, as wide as the sheet; where they end."""
         row = 0
-        for row, place, (label, colour, mark) in _rows(entries, width):
+        for row, place, (label, colour, mark) in _rows(entries, width or self.width - x - 10.0):
             self._mark(x + place, y + row * LINE, colour, mark)
             self.text(x + place + 20.0, y + row * LINE + 10.0, label)
         return y + (row + 1) * LINE + 3.0 if entries else y
@@ -117,7 +122,7 @@ class Sheet:
         y: tuple[float, float], *, left: float = BESIDE, top: float = 0.0, log: bool = False,
     ) -> "Panel":  # fmt: skip
         """A legend, and below it the last panel of the sheet, over its full width."""
-        top = self.legend(left, top, entries, self.width - left - 10.0) + 6.0
+        top = self.legend(left, top, entries) + 6.0
         self.height = top + height + BELOW
         return Panel(self, (left, top, self.width - 10.0, top + height), x, y, log, log)
 
@@ -127,9 +132,8 @@ class Sheet:
                 f"M{number(x)} {number(y + 6.0)}h16", stroke=colour, stroke_width=1.8,
                 fill="none", stroke_dasharray="4 2.5" if mark == "dash" else "",
             )  # fmt: skip
-        elif mark in ("dot", "ring", "square"):
-            d = look.symbol(x + 8.0, y + 6.0, 3.2, mark == "square")
-            self.path(d, **_dotted(colour, mark))
+        elif mark in ("dot", "ring"):
+            self.path(look.symbol(x + 8.0, y + 6.0, 3.2), **_dotted(colour, mark))
         else:
             self.fill(f"M{number(x + 2)} {number(y + 1)}h13v10h-13z", colour, mark)
 
@@ -224,9 +228,7 @@ class Panel:
     ) -> None:
         """Marks at points."""
         places = zip(self.at_x(x), self.at_y(y), strict=True)
-        d = "".join(
-            look.symbol(a, b, radius, mark == "square") for a, b in places if np.isfinite(a + b)
-        )
+        d = "".join(look.symbol(a, b, radius) for a, b in places if np.isfinite(a + b))
         self.sheet.path(d, **_dotted(colour, mark))
 
     def errors(self, x: ArrayLike, low: ArrayLike, high: ArrayLike) -> None:
@@ -251,6 +253,19 @@ class Panel:
             for a, b, c, e in zip(*(np.ravel(edge) for edge in edges), strict=True)
         )
         self.sheet.fill(d, colour, mark)
+
+    def cells(
+        self, mask: NDArray[np.bool_], colour: str, mark: str = "area",
+        edges: FloatArray | None = None, half: float = 0.5,
+    ) -> None:  # fmt: skip
+        """Cells of a mask, (n_row, n_column), about 0, 1, 2, ...; neighbours of a row are joined.
+
+        `edges` are those of the columns, (n_column + 1,); `half` is half the height of a cell.
+        """
+        x = np.arange(mask.shape[1] + 1) - 0.5 if edges is None else edges
+        steps = np.diff(mask.astype(int), axis=1, prepend=0, append=0)
+        (row, first), (_, last) = np.nonzero(steps > 0), np.nonzero(steps < 0)
+        self.boxes(x[first], x[last], row - half, row + half, colour, mark)
 
     def stack(self, parts: Sequence[tuple[Entry, FloatArray]]) -> None:
         """Columns at 0, 1, 2, ... of parts (n_column,) over each other."""

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from archfrag.fragility.contributions import NOT_KNOWN, Contributions
 from archfrag.report import picture as look
-from archfrag.report import tables
+from archfrag.report.figures import LOOKS
 from archfrag.report.picture import BELOW, FloatArray, Picture
 from archfrag.report.plot import Box, Entry, Panel, Sheet, picture
 from archfrag.report.summary import Scale
@@ -16,10 +16,6 @@ from archfrag.study.members import SHOWN
 from archfrag.study.risk import OTHER, ArchRisk, StudyRisk
 from archfrag.study.risk_output import ASSUMPTIONS
 
-_LOOKS = (
-    (look.BLUE, "area"), (look.ORANGE, "slash"), (look.GREEN, "dots"), (look.PURPLE, "cross"),
-    (look.SKY, "area"), (look.VERMILION, "slash"), (look.INK, "area"), ("#8c6d31", "area"),
-)  # fmt: skip
 _REACH = 1e-4  # of the greatest density of the rate, where the axis ends
 _BESIDE, _HEIGHTS = 66.0, (150.0, 110.0, 110.0)  # left of the panels and their heights [px]
 
@@ -30,94 +26,21 @@ def risk_section(risk: StudyRisk, scale: Scale) -> dict[str, Any]:
     Of many arches only the first have figures: each takes 0.3 MB.
     """
     shown = SHOWN if len(risk.arches) <= SHOWN else 3
-    arches = [
-        {"name": name, "none": arch, "cautions": ()}
-        if isinstance(arch, str)
-        else _arch(arch, risk, scale)
-        for name, arch in list(risk.arches.items())[:shown]
-    ]
     return {
-        "hazard": risk.hazard.source,
-        "curve": risk.hazard.main_name,
-        "notes": risk.hazard.notes,
+        "study": risk,
+        "others": [f"a year, {key}" for key in list(risk.hazard.curves)[1:]],
         "assumptions": ASSUMPTIONS,
-        "table": _answers(risk),
-        "arches": arches,
-    }
-
-
-def _arch(arch: ArchRisk, risk: StudyRisk, scale: Scale) -> dict[str, Any]:
-    return {
-        "name": arch.arch,
-        "none": None,
-        "cautions": arch.cautions,
-        "picture": hazard_and_fragility(arch, risk.hazard, scale),
-        "fractions": deaggregation(arch, scale),
-        "levels": _levels(arch, scale),
-        "contributions": _contributions(arch),
-    }
-
-
-def _answers(risk: StudyRisk) -> tables.Table:
-    """Rates with their bands, and the rates with the other curves of the hazard."""
-    others = list(risk.hazard.curves)[1:]
-    known = [arch for arch in risk.arches.values() if not isinstance(arch, str)]
-    percent = tables.percent_of(known[0].rate.confidence) if known else "band"
-    heads = [
-        "arch", "collapses a year", percent, "return period [years]",
-        f"probability in {risk.years:g} years", percent, "beyond the hazard curve",
-        *(f"a year, {name}" for name in others),
-    ]  # fmt: skip
-    rows = []
-    for name, arch in risk.arches.items():
-        if isinstance(arch, str):
-            rows.append([name, "no curve", *["–"] * (len(heads) - 2)])
-            continue
-        rate = arch.rate
-        value, low, high = rate.probability_in(risk.years)
-        rows.append([
-            name, f"{rate.rate:.2g}", f"{rate.lower:.2g} to {rate.upper:.2g}",
-            _years(rate.return_period),
-            f"{value:.2g}", f"{low:.2g} to {high:.2g}", f"{100 * rate.outside:.1f} %",
-            *(f"{arch.by_curve[key]:.2g}" for key in others),
-        ])  # fmt: skip
-    return tables.Table(heads, rows)
-
-
-def _levels(arch: ArchRisk, scale: Scale) -> tables.Table:
-    edges, total = [scale.digits(edge) for edge in arch.edges], arch.rate.rate or 1.0
-    ranges = [f"{low} to {high}" for low, high in zip(["0", *edges], edges)]
-    ranges.append(f"from {edges[-1] if edges else '0'} on")
-    counts = arch.by_mechanism.counts.sum(axis=0)
-    rows = [
-        [words, f"{rate:.2g}", f"{rate / total:.3f}", str(fell)]
-        for words, rate, fell in zip(ranges, arch.level_rate, counts, strict=True)
-    ]
-    return tables.Table([scale.label, "rate [1/year]", "fraction", "collapses"], rows)
-
-
-def _contributions(arch: ArchRisk) -> tables.Table:
-    rows = [
-        [
-            by, found.categories[i], f"{found.fraction[i]:.2f}",
-            f"{found.lower[i]:.2f} to {found.upper[i]:.2f}", str(found.counts[i].sum()),
-        ]
-        for by, found in (
-            ("mechanism", arch.by_mechanism), ("magnitude", arch.by_magnitude),
-            ("distance", arch.by_distance),
-        )
-        for i in np.flatnonzero(found.rate.any(axis=1))
-    ]  # fmt: skip
-    percent = tables.percent_of(arch.by_mechanism.confidence)
-    heads = ["by", "category", "fraction of the rate", percent, "collapses"]
-    return tables.Table(heads, rows, numeric_from=2)
-
-
-def _years(period: float) -> str:
-    """Three digits, never as a power of ten."""
-    if period > 1e9:
-        return "more than 1e9"
-    return f"{float(f'{period:.3g}'):,.{0 if period >= 100.0 else 1}f}"
+        "arches": [
+            {"name": name, "risk": arch}
+            if isinstance(arch, str)
+            else {
+                "name": name, "risk": arch,
+                "picture": hazard_and_fragility(arch, risk.hazard, scale),
+                "fractions": deaggregation(arch, scale),
+            }
+            for name, arch in list(risk.arches.items())[:shown]
+        ],
+    }  # fmt: skip
 
 
 def hazard_and_fragility(arch: ArchRisk, hazard: Hazard, scale: Scale) -> Picture:
@@ -131,12 +54,11 @@ def hazard_and_fragility(arch: ArchRisk, hazard: Hazard, scale: Scale) -> Pictur
     low, high = float(every[every > 0.0].min()), float(every.max())
     entries = [Entry(key, look.GREY if i else look.BLUE, "line") for i, key in enumerate(rates)]
 
-    def draw(width: float) -> Sheet:
-        sheet = Sheet(width)
-        top = sheet.legend(_BESIDE, 0.0, entries, width - _BESIDE - 10.0) + 6.0
+    def draw(sheet: Sheet) -> None:
+        top = sheet.legend(_BESIDE, 0.0, entries) + 6.0
         panels: list[Panel] = []
         for height, y in zip(_HEIGHTS, ((low, high), (0.0, 1.0), (0.0, 1.05 * density.max()))):
-            box = (_BESIDE, top, width - 10.0, top + height)
+            box = (_BESIDE, top, sheet.width - 10.0, top + height)
             panels.append(Panel(sheet, box, ends, y, True, log_y=not panels))
             top += height + 14.0
         first, second, third = panels
@@ -157,16 +79,11 @@ def hazard_and_fragility(arch: ArchRisk, hazard: Hazard, scale: Scale) -> Pictur
             last = panel is third
             panel.axis_x(ticks, scale.label * last, None if last else [""] * ticks.size, True)
         sheet.height = third.box[3] + BELOW
-        return sheet
 
     return picture(
         draw,
         alternative=f"Hazard curve, fragility curve of {arch.arch} and their product; rate of "
         f"collapse {arch.rate.rate:.2g} a year",
-        caption="From above: how often a year an intensity is exceeded (points: as given); "
-        "probability of collapse; and the rate of collapse by motions of an intensity, whose "
-        "area is the rate of collapse. Dotted: ends of the hazard curve, beyond which its slope "
-        "goes on.",
     )
 
 
@@ -184,7 +101,7 @@ def deaggregation(arch: ArchRisk, scale: Scale) -> Picture | None:
     ]
     found = arch.by_mechanism
     parts = [
-        (Entry(name, *((look.PALE, "area") if name == OTHER else _LOOKS[i % len(_LOOKS)])), rate)
+        (Entry(name, *((look.PALE, "area") if name == OTHER else LOOKS[i % len(LOOKS)])), rate)
         for i, (name, rate) in enumerate(zip(found.categories, found.rate))
         if rate.any()
     ]
@@ -192,10 +109,9 @@ def deaggregation(arch: ArchRisk, scale: Scale) -> Picture | None:
         parts.append((Entry("no collapse seen", look.GREY), found.unassigned))
     highest = 1.05 * float(np.sum([rate for _, rate in parts], axis=0).max())
 
-    def draw(width: float) -> Sheet:
-        sheet = Sheet(width)
+    def draw(sheet: Sheet) -> None:
         entries = [entry for entry, _ in parts]
-        top = sheet.legend(_BESIDE, 0.0, entries, width - _BESIDE - 10.0)
+        top = sheet.legend(_BESIDE, 0.0, entries)
         boxes, sheet.height = sheet.panes(1 + len(beside), top, 170.0, left=84.0)
         panel = Panel(sheet, boxes[0], (-0.5, arch.levels.size - 0.5), (0.0, highest))
         _rates(panel, look.even_ticks(0.0, highest, 4), "rate of collapse [1/year]")
@@ -204,16 +120,11 @@ def deaggregation(arch: ArchRisk, scale: Scale) -> Picture | None:
         panel.heading("by level and mechanism")
         for box, (title, part) in zip(boxes[1:], beside):
             _bars(sheet, box, part, f"by {title}")
-        return sheet
 
     return picture(
         draw,
         alternative=f"Rate of collapse of {arch.arch} by level and mechanism, and its fractions "
         "by magnitude and distance of the records",
-        caption="Rate of collapse by motions nearest to each level, divided as the collapses "
-        "at that level were; grey: levels at which none was seen. Beside it, fractions of the "
-        "rate by records of each magnitude and distance, with bands from resampled records. They "
-        "hold for this set of records and are no deaggregation of the hazard.",
     )
 
 

@@ -110,10 +110,24 @@ class ArchResults:
         return self.verdict != Verdict.NOT_SIMULATED
 
     @property
+    def failed(self) -> NDArray[np.bool_]:
+        """Runs that the solver could not finish."""
+        return self.verdict == Verdict.SOLVER_FAILURE
+
+    @property
+    def sound(self) -> NDArray[np.bool_]:
+        """Runs that the solver finished."""
+        return self.simulated & ~self.failed
+
+    @property
+    def lost_contact(self) -> NDArray[np.bool_]:
+        """Runs that lost all contact at a joint by more than a noted gap."""
+        return self.simulated & np.isfinite(self["lost_contact_time"])
+
+    @property
     def stood_after_loss(self) -> int:
         """Runs that lost all contact at a joint and stand."""
-        lost = np.isfinite(self["lost_contact_time"])
-        return int(((self.verdict == Verdict.STANDING) & lost).sum())
+        return int(((self.verdict == Verdict.STANDING) & self.lost_contact).sum())
 
     @property
     def resurrections(self) -> int:
@@ -159,24 +173,23 @@ def arch_results(cube: "xr.Dataset", arch: str, scale: Scale) -> ArchResults:
     part = cube.isel(arch=names.index(arch)).transpose("record", "level", ...)
     run = part["verdict"].values != Verdict.NOT_SIMULATED
     levels, own, place = _levels(part, run, scale)
+    if own is not None:
+        run = run & (place[:, None] == np.arange(levels.size))
 
     def table(name: str, kind: type, missing: int) -> NDArray:
         """Values of the runs, and `missing` where there is none."""
         values: NDArray = part[name].values
-        values = np.where(run.reshape(run.shape + (1,) * (values.ndim - 2)), values, missing)
-        return _placed(values, place, levels.size).astype(kind)
+        made = run.reshape(run.shape + (1,) * (values.ndim - 2))
+        return np.where(made, values, missing).astype(kind)
 
-    tables = {name: table(name, *given) for name, given in _TABLES.items()}
-    if place is not None:
-        tables["verdict"][place[:, None] != np.arange(levels.size)] = Verdict.NOT_SIMULATED
     return ArchResults(
         arch=arch,
         records=[str(name) for name in cube["record"].values],
         levels=levels,
         scale=scale,
         models=[str(name) for name in part["model"].values],
-        factors=_placed(part["scale_factor"].values, place, levels.size),
-        tables=tables,
+        factors=table("scale_factor", float, 0),
+        tables={name: table(name, *given) for name, given in _TABLES.items()},
         own_levels=own,
         design=str(cube.attrs.get("archfrag_design_kind", "stripes")),
     )
@@ -184,14 +197,14 @@ def arch_results(cube: "xr.Dataset", arch: str, scale: Scale) -> ArchResults:
 
 def _levels(
     part: "xr.Dataset", made: NDArray[np.bool_], scale: Scale
-) -> tuple[FloatArray, FloatArray | None, IntArray | None]:
+) -> tuple[FloatArray, FloatArray | None, IntArray]:
     """Levels in the reader's unit; the own level and the group of each record, if it has such.
 
     The group of a record that was not run is -1.
     """
     given = part["intensity"]
     if given.dims == ("level",):
-        return given.values.astype(float) * scale.factor, None, None
+        return given.values.astype(float) * scale.factor, None, np.empty(0, int)
     own = given.values[:, 0].astype(float) * scale.factor
     run = np.flatnonzero(made[:, 0] & np.isfinite(own))
     order = run[np.argsort(own[run], kind="stable")]
@@ -201,13 +214,3 @@ def _levels(
         place[members] = number
     levels = np.array([np.exp(np.log(own[members]).mean()) for members in groups])
     return levels, own, place
-
-
-def _placed(values: NDArray, place: IntArray | None, n_level: int) -> NDArray:
-    """Values (n_record, 1, ...) put into the columns of their groups, zero elsewhere."""
-    if place is None:
-        return values
-    wide = np.zeros((values.shape[0], n_level, *values.shape[2:]), dtype=values.dtype)
-    run = np.flatnonzero(place >= 0)
-    wide[run, place[run]] = values[run, 0]
-    return wide

@@ -1,14 +1,13 @@
 """The log of a mechanism as a picture: which joints hinge, slide or are open, and when."""
 
 from collections.abc import Sequence
-from itertools import groupby
 
 import numpy as np
 
 from archfrag.mechanics.status import Model
 from archfrag.report import picture as look
 from archfrag.report.example import Example
-from archfrag.report.mechanism_figures import MODEL_LOOK
+from archfrag.report.figures import MODEL_LOOK
 from archfrag.report.picture import BELOW, BESIDE, LINE, FloatArray, Picture
 from archfrag.report.plot import Entry, Panel, Sheet, picture
 from archfrag.report.summary import IntArray
@@ -42,10 +41,9 @@ def timeline(example: Example) -> Picture | None:
         model = MODEL_LOOK[Model(code)]
         entries.append(model._replace(label=f"model: {model.label}"))
 
-    def draw(width: float) -> Sheet:
-        sheet = Sheet(width)
-        top = sheet.legend(BESIDE, 0.0, entries, width - BESIDE - 10.0) + LINE + 4.0
-        right, height = width - 10.0, float(np.clip(15.0 * n_joint, 70.0, 400.0))
+    def draw(sheet: Sheet) -> None:
+        top = sheet.legend(BESIDE, 0.0, entries) + LINE + 4.0
+        right, height = sheet.width - 10.0, float(np.clip(15.0 * n_joint, 70.0, 400.0))
         first = Panel(sheet, (BESIDE, top, right, top + 62.0), (start, end), (-1.0, 1.0))
         _ground(first, example)
         sheet.text(BESIDE, top - 6.0, _stated(example), "b")
@@ -54,18 +52,11 @@ def timeline(example: Example) -> Picture | None:
         step = max(1, -(-n_joint // int(height / 13.0)))
         middle.axis_y(np.arange(0, n_joint, step), "joint")
         for k, (_, colour, mark) in used:
-            bars = [
-                (edges[low], edges[high], joint)
-                for joint in range(n_joint)
-                for found, low, high in runs(joints[:, joint])
-                if found == k
-            ]
-            low, high, joint = np.array(bars, dtype=float).T
-            middle.boxes(low, high, joint - 0.4, joint + 0.4, colour, mark)
+            middle.cells((joints == k).T, colour, mark, edges, 0.4)
         bottom = middle.box[3] + 8.0
         last = Panel(sheet, (BESIDE, bottom, right, bottom + 14.0), (start, end), (-0.5, 0.5))
-        for code, low, high in runs(models):
-            last.boxes(edges[low], edges[high], -0.5, 0.5, *MODEL_LOOK[Model(code)][1:])
+        for code in np.unique(models):
+            last.cells(models[None] == code, *MODEL_LOOK[Model(code)][1:], edges)
         sheet.text(BESIDE - 5.0, bottom + 11.0, "model", "s e")
         last.axis_x(look.even_ticks(start, end, 5 if sheet.narrow else 9), "time [s]")
         if example.response.collapsed:
@@ -73,13 +64,11 @@ def timeline(example: Example) -> Picture | None:
             line = f"M{time:.1f} {top:.1f}V{bottom:.1f}"
             sheet.path(line, stroke=look.INK, stroke_dasharray="4 2")
         sheet.height = bottom + 14.0 + BELOW
-        return sheet
 
     return picture(
         draw,
         alternative=f"Mechanism over time under {example.motion.id}: hinges, sliding and open "
         "joints, and the model of the ladder",
-        caption=_caption(example),
     )
 
 
@@ -114,16 +103,6 @@ def state_of(text: str) -> int:
     return _STATES.index("slides" if text.startswith("slides") else "open")
 
 
-def runs(states: IntArray) -> list[tuple[int, int, int]]:
-    """Stretches of equal state: state, first bin, bin after the last."""
-    found, place = [], 0
-    for state, members in groupby(states.tolist()):
-        length = len(list(members))
-        found.append((state, place, place + length))
-        place += length
-    return found
-
-
 def _moving(changes: Sequence[MechanismChange]) -> list[MechanismChange]:
     """Entries that last, or last for a time not known, in another model than rest."""
     return [c for c in changes if c.model != "rest" and not c.until <= c.time]
@@ -147,17 +126,3 @@ def _stated(example: Example) -> str:
         time, joint = response.collapse_time, response.collapse_joint
         return f"{example.level}: contact lost at {time:.2f} s, joint {joint}"
     return f"{example.level}: {response.status.name.lower().replace('_', ' ')}"
-
-
-def _caption(example: Example) -> str:
-    text = (
-        f"Log of the mechanism under {example.motion.id} at {example.level}, {example.reason}. "
-        "Joint 0 is the left springing, or the base of a free-standing chain; joints without a "
-        "bar are closed and stick. Dashed: contact lost for good."
-    )
-    if not example.same:
-        text += (
-            " This repetition did not end as the run in the cube did: versions or machine differ "
-            "from those that made the cube."
-        )
-    return text

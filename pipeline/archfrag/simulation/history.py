@@ -12,18 +12,6 @@ from archfrag.mechanics.types import Frames
 if TYPE_CHECKING:
     import xarray
 
-_TEXT = {
-    "displacement": ("m", "displacement of the centroid from rest"),
-    "rotation": ("rad", "rotation of the voussoir"),
-    "velocity": ("m s-1", "velocity of the centroid relative to the ground"),
-    "angular_velocity": ("rad s-1", "angular velocity of the voussoir"),
-    "reaction": ("N", "reaction on the voussoir after the joint"),
-    "moment": (
-        "N m",
-        "moment of the reaction about the middle between the joint's contact points",
-    ),
-}
-
 
 def empty_frames(n_frame: int, n_body: int, n_joint: int) -> Frames:
     """Space for so many frames."""
@@ -47,22 +35,31 @@ def history_of(arch: Arch, frames: Frames, n_frame: int) -> xarray.Dataset:
     import xarray
 
     body, joint = ("time", "voussoir", "component"), ("time", "joint", "component")
-    arrays = {
-        "displacement": (body, frames.position[:n_frame, :, :2]),
-        "rotation": (body[:2], frames.position[:n_frame, :, 2]),
-        "velocity": (body, frames.velocity[:n_frame, :, :2]),
-        "angular_velocity": (body[:2], frames.velocity[:n_frame, :, 2]),
-        "reaction": (joint, frames.reaction[:n_frame, :, :2]),
-        "moment": (joint[:2], frames.reaction[:n_frame, :, 2]),
-    }
+    position, velocity, reaction = (
+        values[:n_frame] for values in (frames.position, frames.velocity, frames.reaction)
+    )
+    middle = "moment of the reaction about the middle between the joint's contact points"
+    table = (
+        ("displacement", body, position[:, :, :2], "m", "displacement of the centroid from rest"),
+        ("rotation", body[:2], position[:, :, 2], "rad", "rotation of the voussoir"),
+        ("velocity", body, velocity[:, :, :2], "m s-1",
+         "velocity of the centroid relative to the ground"),
+        ("angular_velocity", body[:2], velocity[:, :, 2], "rad s-1",
+         "angular velocity of the voussoir"),
+        ("reaction", joint, reaction[:, :, :2], "N", "reaction on the voussoir after the joint"),
+        ("moment", joint[:2], reaction[:, :, 2], "N m", middle),
+    )  # fmt: skip
     variables = {
-        name: (*arrays[name], {"units": units, "long_name": long_name})
-        for name, (units, long_name) in _TEXT.items()
+        name: (dimensions, values, {"units": units, "long_name": text})
+        for name, dimensions, values, units, text in table
     }
+    places = (arch.corner_name(0), arch.corner_name(1), "closed")
+    slips = ("sticks", "slides_plus", "slides_minus")
+    meanings = ["open", *(f"{place}_{slip}" for place in places for slip in slips)]
     mode = {
         "long_name": "contact mode of the joint",
         "flag_values": np.arange(10, dtype=np.int8),
-        "flag_meanings": _mode_meanings(arch),
+        "flag_meanings": " ".join(meanings),
     }
     dataset = xarray.Dataset(
         variables | {"contact_mode": (joint[:2], frames.mode[:n_frame], mode)},
@@ -75,9 +72,3 @@ def history_of(arch: Arch, frames: Frames, n_frame: int) -> xarray.Dataset:
     )
     dataset.attrs["gravity"] = STANDARD_GRAVITY
     return dataset
-
-
-def _mode_meanings(arch: Arch) -> str:
-    places = [arch.corner_name(0), arch.corner_name(1), "closed"]
-    slips = ("sticks", "slides_plus", "slides_minus")
-    return " ".join(["open", *(f"{place}_{slip}" for place in places for slip in slips)])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -18,6 +17,8 @@ from archfrag.mechanics.types import GroundMotion, Options
 from archfrag.methods.registry import AUTO, OWN_STEP, MethodInfo
 from archfrag.motions.motion import Motion
 from archfrag.simulation import checks
+from archfrag.simulation.history import empty_frames
+from archfrag.simulation.mechanism import empty_log
 from archfrag.simulation.response import Response, response_of
 from archfrag.simulation.rest import check_stands
 
@@ -30,14 +31,6 @@ CHECK_INTERVAL = 64
 COARSEST_FRAMES = 0.01
 
 
-class Call(NamedTuple):
-    """What runs of one arch have in common, checked."""
-
-    info: MethodInfo
-    settings: dict[str, float]  # the method's own
-    options: Options
-
-
 def checked_call(
     arch: Arch,
     motions: Sequence[Motion],
@@ -48,8 +41,8 @@ def checked_call(
     follow: float = 20.0,
     settings: Mapping[str, float] | None = None,
     loss_limit: float = LOSS_LIMIT,
-) -> Call:
-    """Arguments of `simulate` and `simulate_many`, once they are seen to make sense."""
+) -> tuple[MethodInfo, dict[str, float], Options]:
+    """What runs of one arch have in common, checked: method, its own settings, options."""
     checks.check_arch(arch)
     info = checks.check_method(method)
     for motion in motions:
@@ -83,7 +76,7 @@ def checked_call(
         crowding=0.0,
         largest_step=float(steps[1]),
     )
-    return Call(info, own, options)
+    return info, own, options
 
 
 def ground_of(motion: Motion, scale: float, info: MethodInfo) -> GroundMotion:
@@ -111,12 +104,12 @@ class Runs(NamedTuple):
 
 def results_of_runs(
     arch: Arch, motions: Sequence[Motion], factors: Sequence[float], **given: Any
-) -> Runs | None:
-    """As `simulate_many`, in arrays; None where a method cannot do so."""
+) -> Runs:
+    """As `simulate_many`, in arrays."""
     info, own, options = checked_call(arch, motions, factors, **given)
-    if info.load_many is None:
-        return None
     check_stands(arch)
+    if info.load_many is None:
+        return _one_by_one(arch, motions, factors, **given)
     unique = list({id(motion): motion for motion in motions}.values())
     number = {id(motion): k for k, motion in enumerate(unique)}
     grounds = [ground_of(motion, 1.0, info) for motion in unique]
@@ -135,17 +128,40 @@ def results_of_runs(
     return Runs(results, spent * work / work.sum(), info.name)
 
 
+def _one_by_one(
+    arch: Arch, motions: Sequence[Motion], factors: Sequence[float], **given: Any
+) -> Runs:
+    from archfrag.methods.time_stepping.service import new_results
+
+    results, wall_time = new_results(len(factors)), np.empty(len(factors))
+    for row, (motion, factor) in enumerate(zip(motions, factors)):
+        info, own, options = checked_call(arch, [motion], [factor], **given)
+        ground, run = ground_of(motion, factor, info), info.load()
+        output = empty_frames(0, arch.n_voussoir, arch.n_joint), empty_log(0, arch.n_joint)
+        started = time.perf_counter()
+        outcome = run(arch.chain, ground, *at_rest(arch), True, options, *output, **own)
+        wall_time[row] = time.perf_counter() - started
+        known = outcome._asdict() | outcome.diagnostics._asdict()
+        for name in results._fields:
+            getattr(results, name)[row] = known[name]
+    return Runs(results, wall_time, info.name)
+
+
+def at_rest(arch: Arch) -> tuple[np.ndarray, np.ndarray]:
+    """Position and velocity in which an arch was built, each (n_voussoir, 3)."""
+    position = np.zeros((arch.n_voussoir, 3))
+    position[:, :2] = arch.chain.centroid
+    return position, np.zeros_like(position)
+
+
 def simulate_runs(
     arch: Arch, motions: Sequence[Motion], factors: Sequence[float], **options: Any
-) -> list[Response] | None:
-    """As `simulate_many`, a response for each run; None where a method cannot do so."""
-    runs = results_of_runs(arch, motions, factors, **options)
-    if runs is None:
-        return None
+) -> list[Response]:
+    """As `simulate_many`, a response for each run."""
     from archfrag.methods.time_stepping.front import outcome_of
 
-    respond = partial(response_of, method=runs.method, mechanism=None, history=None)
+    results, wall_time, method = results_of_runs(arch, motions, factors, **options)
     return [
-        respond(outcome_of(runs.results, row), wall_time=float(seconds))
-        for row, seconds in enumerate(runs.wall_time)
+        response_of(outcome_of(results, row), method, seconds, None, None)
+        for row, seconds in enumerate(wall_time.tolist())
     ]

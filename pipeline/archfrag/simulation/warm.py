@@ -44,10 +44,18 @@ def compiling(
 ) -> Iterator[None]:
     """Around what compiles the kernels of some methods: help, messages, and a stamp at the end."""
     compiled = are_compiled(methods) or bool(config.DISABLE_JIT)  # type: ignore[attr-defined]
-    with contextlib.ExitStack() as stack:
+    started, expected = time.perf_counter(), EXPECTED * len(methods)
+
+    def report() -> None:
+        passed = time.perf_counter() - started
+        text = f"compiling kernels, once: {passed:.0f} s of about {expected:.0f} s"
         if progress is not None:
-            stack.enter_context(_reported(progress, 0.0 if compiled else EXPECTED * len(methods)))
+            progress("loading kernels" if compiled else text)
+
+    report()
+    with contextlib.ExitStack() as stack:
         if not compiled:
+            stack.enter_context(every(TICK, report))
             stack.enter_context(_helper(methods))
         yield
     folder = use_kernel_cache()
@@ -56,23 +64,6 @@ def compiling(
     for name in methods:
         with contextlib.suppress(OSError):  # only the next message depends on it
             _stamp(folder, name).touch()
-
-
-@contextlib.contextmanager
-def _reported(progress: Callable[[str], Any], expected: float) -> Iterator[None]:
-    if not expected:
-        progress("loading kernels")
-        yield
-        return
-    started = time.perf_counter()
-
-    def report() -> None:
-        passed = time.perf_counter() - started
-        progress(f"compiling kernels, once: {passed:.0f} s of about {expected:.0f} s")
-
-    report()
-    with every(TICK, report):
-        yield
 
 
 @contextlib.contextmanager

@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -54,24 +54,21 @@ Length = Annotated[float, Field(json_schema_extra={"minimum": SMALLEST, "maximum
 Angle = Annotated[float, Field(json_schema_extra={"exclusiveMinimum": 0, "maximum": 360})]
 Count = Annotated[int, Field(json_schema_extra={"minimum": 2, "maximum": MOST_VOUSSOIRS})]
 Numbers = Annotated[tuple[float, ...], Field(strict=False, max_length=MOST_VOUSSOIRS + 1)]
-_Load = Annotated[float, Field(le=MOST_LOAD, json_schema_extra={"minimum": 0})]
-_Loads = Annotated[tuple[_Load, ...], Field(strict=False, max_length=MOST_VOUSSOIRS)]
-LoadOrEach = Annotated[
-    Annotated[_Load, Tag("one")] | Annotated[_Loads, Tag("each")], Discriminator(_one_or_each)
-]
-_Coefficient = Annotated[
-    float,
-    Field(allow_inf_nan=True),
-    BeforeValidator(_infinite),
-    AfterValidator(_coefficient),
-    WithJsonSchema({"anyOf": [{"type": "number", "minimum": 0}, {"const": "inf"}]}),
-]
-_Coefficients = Annotated[
-    tuple[_Coefficient, ...], Field(strict=False, max_length=MOST_VOUSSOIRS + 1)
-]
-Friction = Annotated[
-    Annotated[_Coefficient, Tag("one")] | Annotated[_Coefficients, Tag("each")],
+_T = TypeVar("_T")
+OneOrEach = Annotated[
+    Annotated[_T, Tag("one")]
+    | Annotated[tuple[_T, ...], Field(strict=False, max_length=MOST_VOUSSOIRS + 1), Tag("each")],
     Discriminator(_one_or_each),
+]
+LoadOrEach = OneOrEach[Annotated[float, Field(le=MOST_LOAD, json_schema_extra={"minimum": 0})]]
+Friction = OneOrEach[
+    Annotated[
+        float,
+        Field(allow_inf_nan=True),
+        BeforeValidator(_infinite),
+        AfterValidator(_coefficient),
+        WithJsonSchema({"anyOf": [{"type": "number", "minimum": 0}, {"const": "inf"}]}),
+    ]
 ]
 _Point = Annotated[tuple[float, float], Field(strict=False)]
 _Corner = Annotated[
@@ -80,11 +77,7 @@ _Corner = Annotated[
     Field(union_mode="left_to_right"),
 ]
 Points = Annotated[tuple[_Point, ...], Field(strict=False, max_length=MOST_VOUSSOIRS + 1)]
-_Depth = Annotated[float, Field(ge=0.0, le=LARGEST)]
-_Depths = Annotated[tuple[_Depth, ...], Field(strict=False, max_length=MOST_VOUSSOIRS + 1)]
-DepthOrEach = Annotated[
-    Annotated[_Depth, Tag("one")] | Annotated[_Depths, Tag("each")], Discriminator(_one_or_each)
-]
+DepthOrEach = OneOrEach[Annotated[float, Field(ge=0.0, le=LARGEST)]]
 Identifier = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$", max_length=80)]
 
 
@@ -280,12 +273,7 @@ class FromDrawing(Drawn):
     """Of the drawing, over what it states."""
 
     def read(self) -> Polygons:
-        """The same with what the drawing holds in its place.
-
-        Raises
-        ------
-        GeometryError
-        """
+        """The same with what the drawing holds in its place; `GeometryError` if that is none."""
         from archfrag.arch.drawing import read_drawing
         from archfrag.arch.polygons import polygon_ring
 

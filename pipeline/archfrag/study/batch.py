@@ -19,7 +19,7 @@ from distributed.scheduler import KilledWorker
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from archfrag.errors import ArchfragError, WorkerError
+from archfrag.errors import WorkerError
 from archfrag.study.bundles import Bundles, Rates
 from archfrag.study.checks import check_arches
 from archfrag.study.config import Study
@@ -92,13 +92,18 @@ def run_batch(
     rounds, store = plan.rounds(batch, study.execution.batches), Store(plan.parts)
     count = workers or study.execution.workers or available_cores()
     with contextlib.ExitStack() as stack:
-        bar = stack.enter_context(_progress(quiet))
+        bar = stack.enter_context(tqdm(
+            unit="run", desc="simulations", disable=quiet, file=sys.stderr, dynamic_ncols=True,
+            mininterval=0.2 if sys.stderr.isatty() else 10.0,
+        ))  # fmt: skip
         in_one_round = plan.design["kind"] in ("stripes", "cloud")
         executor = _Executor(study, plan, count, bar, stack)
         while len(rounds.wanted):
             factors = plan.factors(rounds.wanted)
             keys = plan.keys(rounds.wanted, factors)
-            missing = _first_of_each(keys, np.flatnonzero(store.places(keys) < 0))
+            missing = np.flatnonzero(store.places(keys) < 0)
+            # Arches that differ in id only have runs in common.
+            missing = missing[np.sort(np.unique(keys[missing], return_index=True)[1])]
             log.runs += len(keys)
             log.kept += len(keys) - missing.size
             _count(bar, log.runs, missing.size, in_one_round)
@@ -118,11 +123,6 @@ def run_batch(
     return log
 
 
-def _first_of_each(keys: NDArray, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Rows without those whose run is another's too, as of two arches that differ in id only."""
-    return rows[np.sort(np.unique(keys[rows], return_index=True)[1])]
-
-
 def cut(cases: Cases, chunk: int | None, workers: int) -> list[tuple[slice, Cases]]:
     """Runs cut into chunks of one arch and stage each, which a worker makes in one call."""
     even = -(-len(cases) // (CHUNKS_EACH * workers))
@@ -138,10 +138,7 @@ def cut(cases: Cases, chunk: int | None, workers: int) -> list[tuple[slice, Case
 
 
 class _Executor:
-    """Makes runs: the first ones in this process, then on workers, if there is work for them.
-
-    Workers take seconds to start, which is more than all runs of a small study take.
-    """
+    """Makes runs: in this process for as long as workers take to start, then on workers."""
 
     def __init__(
         self, study: Study, plan: Plan, count: int, bar: tqdm, stack: contextlib.ExitStack
@@ -214,14 +211,6 @@ def kernels_needed(study: Study, plan: Plan) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def _progress(quiet: bool) -> tqdm:
-    interval = 0.2 if sys.stderr.isatty() else 10.0
-    return tqdm(
-        unit="run", desc="simulations", disable=quiet, file=sys.stderr,
-        dynamic_ncols=True, mininterval=interval,
-    )  # fmt: skip
-
-
 def _count(bar: tqdm, asked: int, missing: int, in_one_round: bool) -> None:
     """Show all runs that are not missing as done; how many there will be where that is known."""
     if not bar.disable:
@@ -266,8 +255,6 @@ def _result(future: Future) -> list[dict[str, float]] | None:
     """Results of a bundle; None if it went under with its worker and is to be made again."""
     try:
         return future.result(timeout=2.0)
-    except ArchfragError:
-        raise
     except TimeoutError:
         return None
     except KilledWorker as error:
@@ -283,7 +270,7 @@ class _Workers:
         self._seen = set(self._addresses())
         self.size = len(self._seen)
         self._alive_at = self._looked_at = time.monotonic()
-        self._rates = Rates()
+        self._rates: Rates = {}
 
     def results(self, plan: Plan, work: list[tuple[Cases, NDArray]]) -> Iterator[dict[str, Any]]:
         """Run chunks, so many in flight that memory does not grow with their number."""

@@ -1,5 +1,6 @@
 """Chunks of a round, dealt out to workers in bundles that take a second or two each."""
 
+import math
 from collections import deque
 from collections.abc import Iterable, Sequence
 
@@ -10,23 +11,7 @@ DEALT_AT_ONCE = 1 / 2  # of a worker's fair part of what is left
 MOST_CHUNKS = 200
 
 
-class Rates:
-    """Wall time a simulated second by kind of run, as far as chunks have shown it."""
-
-    def __init__(self) -> None:
-        self._wall: dict[object, float] = {}  # [s]
-        self._simulated: dict[object, float] = {}  # [s]
-
-    def learn(self, kind: object, wall: float, simulated: float) -> None:
-        """Take note of what a chunk took."""
-        self._wall[kind] = self._wall.get(kind, 0.0) + wall
-        self._simulated[kind] = self._simulated.get(kind, 0.0) + simulated
-
-    def of(self, kind: object) -> float:
-        """Wall time a simulated second; infinite if no chunk of this kind is done yet."""
-        if kind not in self._wall:
-            return float("inf")
-        return self._wall[kind] / max(self._simulated[kind], 1e-9)
+Rates = dict[object, tuple[float, float]]  # by kind of run: wall and simulated time so far [s]
 
 
 class Bundles:
@@ -47,7 +32,14 @@ class Bundles:
     def learn(self, walls: Iterable[tuple[int, float]]) -> None:
         """Take note of how long chunks took: number and wall time [s]."""
         for chunk, wall in walls:
-            self._rates.learn(self._kind[chunk], wall, self._length[chunk])
+            kind = self._kind[chunk]
+            before, simulated = self._rates.get(kind, (0.0, 0.0))
+            self._rates[kind] = before + wall, simulated + self._length[chunk]
+
+    def _rate(self, chunk: int) -> float:
+        """Wall time a simulated second; infinite if no chunk of this kind is done yet."""
+        wall, simulated = self._rates.get(self._kind[chunk], (math.inf, 1.0))
+        return wall / max(simulated, 1e-9)
 
     def take(self) -> tuple[int, ...]:
         """The next bundle; empty if all chunks are dealt out."""
@@ -55,7 +47,7 @@ class Bundles:
         spent, allowed = 0.0, 0.0
         while self._waiting and len(bundle) < MOST_CHUNKS:
             chunk = self._waiting[0]
-            rate = self._rates.of(self._kind[chunk])
+            rate = self._rate(chunk)
             if not bundle:
                 fair = DEALT_AT_ONCE * rate * self._left / self._workers
                 allowed = min(max(fair, SHORTEST), LONGEST)

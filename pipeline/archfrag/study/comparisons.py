@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -65,12 +66,12 @@ def cloud_curves(cube: "xr.Dataset", runs: Runs, confidence: float) -> dict[str,
     some = None if event is None else event[moved]
     moving = level[moved], response[moved], fell[moved], limit
     found: dict[str, Any] = {}
-    for name in ("logistic", "modified"):
+    for name, fit in (
+        ("logistic", partial(cloud_binary, level, fell, resampling, event=event)),
+        ("modified", partial(cloud_modified, *moving, resampling, event=some)),
+    ):
         try:
-            if name == "logistic":
-                curve = cloud_binary(level, fell, resampling, event=event)
-            else:
-                curve = cloud_modified(*moving, resampling, event=some)
+            curve = fit()
         except (FitError, InputError) as error:
             found[name] = {"none": str(error)}
             continue

@@ -99,12 +99,6 @@ def _as_file_set(given: Any) -> Any:
     return {"path": given} if isinstance(given, str) else given
 
 
-def _sized(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    if not values:
-        raise refuse("must have at least one entry")
-    return values
-
-
 FileSets = Annotated[
     tuple[Annotated[FileSet, BeforeValidator(_as_file_set)], ...], Field(strict=False)
 ]
@@ -115,7 +109,7 @@ class Motions(Section):
 
     index: PathText | None = None
     """Index (CSV) of shipped records, relative to the study file."""
-    select: Annotated[tuple[str, ...], Field(strict=False), AfterValidator(_sized)] | None = None
+    select: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] | None = None
     """Ids of the records to use, in this order; all where not given."""
     files: FileSets = ()
     """Record files or patterns; each a path, or a mapping with path and what to know of them."""
@@ -154,9 +148,7 @@ class LevelRange(Rising):
 
     @model_validator(mode="after")
     def _differ(self) -> Self:
-        if len(set(self.values())) < self.count:
-            ends = f"start = {self.start!r} and stop = {self.stop!r}"
-            raise refuse(f"must have {self.count} different levels; {ends} are too close for that")
+        _rising(self.values())
         return self
 
     def values(self) -> tuple[float, ...]:
@@ -169,7 +161,7 @@ def _rising(levels: tuple[float, ...]) -> tuple[float, ...]:
     for before, level in pairwise(levels):
         if level <= before:
             raise refuse(f"must increase, but {level:g} follows {before:g}")
-    return _sized(levels)
+    return levels
 
 
 def _listed_or_range(given: Any) -> str:
@@ -177,7 +169,9 @@ def _listed_or_range(given: Any) -> str:
 
 
 Levels = Annotated[
-    tuple[Level, ...], Field(strict=False, max_length=MOST_LEVELS), AfterValidator(_rising)
+    tuple[Level, ...],
+    Field(strict=False, min_length=1, max_length=MOST_LEVELS),
+    AfterValidator(_rising),
 ]
 
 
@@ -263,7 +257,7 @@ class Study(Section):
     output: PathText = "results"
     """Folder of the results, relative to the study file; results/ID beside it if not given."""
     arches: Annotated[
-        tuple[StudyArch, ...], Field(strict=False, max_length=MOST_ARCHES), AfterValidator(_sized)
+        tuple[StudyArch, ...], Field(strict=False, min_length=1, max_length=MOST_ARCHES)
     ]
     """Arches, columns or blocks; classes of them drawn by `vary` or listed in a table."""
     motions: Motions

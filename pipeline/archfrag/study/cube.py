@@ -1,6 +1,5 @@
 """The cube: all parts of a study in one CF-1.11 netCDF file."""
 
-import csv
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -87,8 +86,8 @@ def write_timings(study: Study) -> Path:
         wall_time[rows], steps[rows] = times, part["steps"]
     table = pd.DataFrame({
         "stage": cases["stage"],
-        "arch": _named(cases["arch"], [arch["id"] for arch in plan.arches]),
-        "record": _named(cases["record"], [record.id for record in plan.records]),
+        "arch": np.array([arch["id"] for arch in plan.arches], object)[cases["arch"]],
+        "record": np.array([record.id for record in plan.records], object)[cases["record"]],
         "level": cases["level"], "steps": steps, "wall_time": wall_time,
     })  # fmt: skip
     path = study.work / TIMINGS
@@ -111,18 +110,10 @@ def read_timings(study: Study) -> dict[str, list[float]] | None:
     path = study.work / TIMINGS
     if not path.is_file():
         return None
-    found: dict[str, list[float]] = {}
-    with open(path, newline="", encoding="utf-8") as file:
-        for row in csv.DictReader(file):
-            found.setdefault(row["arch"], []).append(float(row["wall_time"] or "nan"))
-    return found
-
-
-def _named(numbers: NDArray, names: list[str]) -> Any:
-    """Names by their numbers, each kept once."""
     import pandas as pd
 
-    return pd.Categorical.from_codes(numbers.astype(np.int64), pd.Index(names))
+    table = pd.read_csv(path, usecols=["arch", "wall_time"], converters={"arch": str})
+    return {str(name): own.tolist() for name, own in table.groupby("arch")["wall_time"]}
 
 
 class _Layout:

@@ -150,15 +150,12 @@ def changes(before: Inputs, now: Inputs) -> list[str]:
         if _contents(old) == _contents(new):
             continue
         for path in sorted(set(old) | set(new)):
-            if old.get(path) == new.get(path):
-                continue
-            what = f"{kind} {path}"
-            if path not in new:
-                lines.append(f"{what} is gone")
-            elif path not in old:
-                lines.append(f"{what} is new")
-            else:
-                lines.append(f"{what} has changed (sha256 {old[path][:12]}, now {new[path][:12]})")
+            was, is_ = old.get(path), new.get(path)
+            if was is None or is_ is None:
+                lines.append(f"{kind} {path} is {'new' if was is None else 'gone'}")
+            elif was != is_:
+                what = f"has changed (sha256 {was[:12]}, now {is_[:12]})"
+                lines.append(f"{kind} {path} {what}")
     return lines
 
 

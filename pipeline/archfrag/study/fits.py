@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from archfrag.errors import InputError
 from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
-from archfrag.fragility.curve import Fragility
 from archfrag.study import comparisons, curves
 from archfrag.study.checks import doubts, uncorrected
 from archfrag.study.config import Study
@@ -133,31 +132,14 @@ def load_answers(path: Path, of: str = "arches") -> dict[str, Answer]:
         raise InputError(f"{path}: is damaged ({error}); `archfrag fit` makes it anew") from None
 
 
-def load_fits(path: Path) -> dict[str, Fragility | str]:
-    """Curves that `fit_cube` stored.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or damaged.
-    """
-    return {name: answer.curve for name, answer in load_answers(path).items()}
-
-
 MOST_UNDECIDED = 0.05  # fraction of the runs at a level
 MOST_SCALING, FAR_TOO_MUCH = 10.0, 100.0
 MOST_STANDING = 0.25  # fraction of the records
 MOST_NAMED = 12  # arches; of more only their number
 
 
-def study_cautions(study: Study) -> list[str]:
-    """All that a study's cube gives reason to caution, levels in the study's unit."""
-    with open_cube(study) as cube:
-        return cautions_of_cube(study, cube)
-
-
 def cautions_of_cube(study: Study, cube: "xr.Dataset") -> list[str]:
-    """`study_cautions` of a cube that is available."""
+    """All that a study's cube gives reason to caution, levels in the study's unit."""
     levels = [f"{level:.4g} {study.intensity.unit}" for level in study.intensity.given]
     if cube["intensity"].ndim > 1:
         levels = ["levels of their own"]

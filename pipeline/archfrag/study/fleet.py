@@ -36,17 +36,26 @@ _ALIKE = 0.85  # of a column's name to a key, by difflib's ratio, for a slip of 
 
 
 @dataclass(frozen=True)
-class Row:
-    """An arch of a table."""
+class Member:
+    """An arch of a study."""
 
-    entry: Chain  # the arch, with what the table's entry gives for all
-    numbers: dict[str, float]  # its numbers of the keys that are columns of the table
-    # Its text from the columns that are no keys of an arch; empty cells too.
-    attributes: dict[str, str]
-    place: str  # file and line, for messages
+    entry: Chain  # the arch as a study file could have given it; its `id` is unique in the study
+    # Id of the study's entry that it was drawn for or listed in; its own id otherwise.
+    arch_class: str
+    number: int  # of the sample, from 1; 0 if it was not drawn
+    record: int | None  # place of the one record that it meets, from 0; None: it meets all
+    # What it differs by within its class: numbers drawn, and numbers from a table [SI, degrees].
+    values: dict[str, float]
+    attributes: dict[str, str]  # text from a table
+    place: str  # where it comes from, for messages
+
+    @property
+    def id(self) -> str:
+        """Name of the arch in results."""
+        return self.entry.id
 
 
-def read_fleet(table: Table) -> list[Row]:
+def read_fleet(table: Table) -> list[Member]:
     """Arches of a table."""
     path = Path(table.table)
     columns, lines = _cells(path)
@@ -75,7 +84,7 @@ def read_fleet(table: Table) -> list[Row]:
         found = {key: getattr(entry, key, None) for key in row if key in NUMBER_KEYS}
         numbers = {k: float(v) for k, v in found.items() if isinstance(v, float | int)}
         attributes = {key: text for key, text in row.items() if key not in ARCH_KEYS}
-        rows.append(Row(entry, numbers, attributes, place))
+        rows.append(Member(entry, table.id, 0, None, numbers, attributes, place))
     return rows
 
 

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import entr, ndtr
 
 from archfrag.fragility.counts import Verdict
+from archfrag.fragility.curve import FloatArray
 from archfrag.study.design import Ida, TwoStage
 from archfrag.study.rounds import (
     COARSE,
@@ -30,8 +31,6 @@ FIRST_RECORDS = 10  # searched without knowing what others have shown
 COST_OF_STANDING = 2.0
 LEAST_PRIOR = 1e-3  # at each level, whatever other records have shown
 LEAST_DEVIATION = 0.1  # of ln capacity from what is expected
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

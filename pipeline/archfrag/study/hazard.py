@@ -123,11 +123,6 @@ def unit_factor(unit: str | None, measure: str) -> float:
     return allowed[unit]
 
 
-def in_si(curve: HazardCurve, factor: float) -> HazardCurve:
-    """A curve with its intensities multiplied."""
-    return replace(curve, im=curve.im * factor)
-
-
 def number(text: str, place: str) -> float:
     """A number of a file."""
     try:
@@ -167,7 +162,7 @@ def _plain(text: str, measure: str, unit: str | None) -> Hazard:
             )  # fmt: skip
         except InputError as error:
             raise InputError(f"column {heads[i]!r}: {error}") from None
-        curves[name] = in_si(curve, factor)
+        curves[name] = replace(curve, im=curve.im * factor)
     return Hazard(measure, "", curves, notes)
 
 

@@ -6,6 +6,7 @@ Formats: the OpenQuake engine's manual, section on the outputs of a classical ca
 import csv
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 from xml.etree import ElementTree
 
@@ -13,7 +14,7 @@ import numpy as np
 
 from archfrag.errors import InputError
 from archfrag.fragility.hazard_curve import HazardCurve
-from archfrag.study.hazard import Hazard, check_measure, in_si, number, unit_factor
+from archfrag.study.hazard import Hazard, check_measure, number, unit_factor
 
 FARTHEST = 10.0  # [km], between the site asked for and the nearest one of the file
 _EARTH = 6371.0  # [km]
@@ -115,9 +116,10 @@ def _curve(im: Sequence[float], site: _Site, years: float, factor: float) -> Haz
     if len(poe) != len(im):
         raise InputError(f"{site.place} has {len(poe)} probabilities for {len(im)} levels")
     try:
-        return in_si(HazardCurve.from_exceedance(im, poe, years), factor)
+        curve = HazardCurve.from_exceedance(im, poe, years)
     except InputError as error:
         raise InputError(f"{site.place} (lon {site.lon:g}, lat {site.lat:g}): {error}") from None
+    return replace(curve, im=curve.im * factor)
 
 
 def _choose(sites: Sequence[_Site], wanted: tuple[float, float] | None) -> _Site:

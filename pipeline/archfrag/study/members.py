@@ -3,8 +3,10 @@
 import json
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
+from itertools import groupby
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,33 +16,13 @@ from pydantic import TypeAdapter
 from archfrag.errors import GeometryError, InputError, StabilityError, StudyError
 from archfrag.files import counted
 from archfrag.study.arches import Chain, FromDrawing, StudyArch, Table, file_of
-from archfrag.study.fleet import draw, listed, read_fleet
+from archfrag.study.fleet import Member, draw, listed, read_fleet
 
 if TYPE_CHECKING:
     from archfrag.study.config import Study
 
 MOST_MEMBERS = 20_000  # arches of a study, sampled ones counted each
 SHOWN = 12  # arches that a report shows one by one; of more it shows three
-
-
-@dataclass(frozen=True)
-class Member:
-    """An arch of a study."""
-
-    entry: Chain  # the arch as a study file could have given it; its `id` is unique in the study
-    # Id of the study's entry that it was drawn for or listed in; its own id otherwise.
-    arch_class: str
-    number: int  # of the sample, from 1; 0 if it was not drawn
-    record: int | None  # place of the one record that it meets, from 0; None: it meets all
-    # What it differs by within its class: numbers drawn, and numbers from a table [SI, degrees].
-    values: dict[str, float]
-    attributes: dict[str, str]  # text from a table
-    place: str  # where it comes from, for messages
-
-    @property
-    def id(self) -> str:
-        """Name of the arch in results."""
-        return self.entry.id
 
 
 class Members(tuple[Member, ...]):
@@ -62,13 +44,6 @@ class Members(tuple[Member, ...]):
     def classes(self) -> list[str]:
         """Class of each arch."""
         return [member.arch_class for member in self]
-
-    def of_class(self) -> dict[str, list[int]]:
-        """Places of the arches of each class, classes in the order of the entries."""
-        places: dict[str, list[int]] = {}
-        for place, name in enumerate(self.classes):
-            places.setdefault(name, []).append(place)
-        return places
 
     def parameters(self) -> dict[str, NDArray[np.float64]]:
         """What arches differ by within their classes: name to (n_arch,); nan where fixed."""
@@ -143,14 +118,17 @@ def needs_records(entries: Sequence[Any]) -> bool:
 def expand(entries: Sequence[Any], n_record: int | None = None) -> Members:
     """The arches that entries of a study file amount to."""
     text = json.dumps([entry.model_dump(exclude_none=True) for entry in entries])
-    return Members(_expanded(text, _state_of_tables(entries), n_record))
+    paths = [path for path in map(file_of, entries) if path is not None and path.is_file()]
+    # What distinguishes an edited table from the one that was read.
+    states = tuple((path.stat().st_mtime_ns, path.stat().st_size) for path in paths)
+    return Members(_expanded(text, states, n_record))
 
 
 def summaries(given: Members) -> tuple[str, ...]:
     """Classes whose arches were drawn or come from a table: how many, and what they differ by."""
     found = []
-    for name, places in given.of_class().items():
-        own = Members(given[i] for i in places)
+    for name, alike in groupby(given, attrgetter("arch_class")):
+        own = Members(alike)
         if not any(member.number or member.id != name for member in own):
             continue
         parts = [f"{name}: {counted(len(own), 'arch')}"]
@@ -198,12 +176,6 @@ def _samples(given: Members, some: Sequence[Member]) -> str:
     return f"{alike} of {drawn} samples, the first is sample {first.number} ({values})"
 
 
-def _state_of_tables(entries: Sequence[Any]) -> tuple[tuple[int, int], ...]:
-    """What distinguishes an edited table from the one that was read."""
-    paths = [path for path in map(file_of, entries) if path is not None and path.is_file()]
-    return tuple((path.stat().st_mtime_ns, path.stat().st_size) for path in paths)
-
-
 # A study's arches are asked for by each of its steps.
 @lru_cache(maxsize=8)
 def _expanded(
@@ -245,8 +217,8 @@ def _of_table(table: Table, where: str, n_record: int | None) -> list[Member]:
         stream = (zlib.crc32(row.entry.id.encode()),)
         place = f"{where}: {row.place}"
         for member in _of_entry(row.entry, table.id, place, n_record, stream):
-            values = {**row.numbers, **member.values}
-            found.append(replace(member, values=values, attributes=dict(row.attributes)))
+            values = {**row.values, **member.values}
+            found.append(replace(member, values=values, attributes=row.attributes))
     return found
 
 

@@ -134,39 +134,11 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def _row_of(response: "Response") -> dict[str, Any]:
-    """Values of all columns for one run."""
-    known = vars(response) | response.work | response.events
-    known |= {
-        "verdict": _VERDICTS.get(response.status, Verdict.SOLVER_FAILURE),
-        "collapse_mode": CollapseMode[response.collapse_mode.upper()],
-        "lost_contact_mode": CollapseMode[response.lost_contact_mode.upper()],
-        "contact_residual": response.residual,
-        "fallbacks": response.fallbacks,
-    }
-    return {column.name: known[column.name] for column in COLUMNS}
-
-
-def table_of(responses: Sequence["Response"]) -> dict[str, NDArray]:
-    """Columns of several runs, each (n_run,), and `model_time` (n_run, n_model) [s].
-
-    Column `model` holds the names of the models, (n_model,).
-    """
-    rows = [_row_of(response) for response in responses]
-    table = {c.name: np.array([row[c.name] for row in rows], dtype=c.dtype) for c in COLUMNS}
-    models = list(responses[0].model_time)
-    table["model"] = np.array(models, dtype=np.str_)
-    table["model_time"] = np.array(
-        [[response.model_time[name] for name in models] for response in responses]
-    )
-    return table
-
-
 _OWN = ("status", "collapse_time", "collapse_joint", "collapse_mode", "end_time")
 
 
 def columns_of(results: "Results") -> dict[str, NDArray]:
-    """As `table_of`, from what kernels leave of many runs, without a response of each."""
+    """Columns (n_run,), names of models (n_model,) and `model_time` (n_run, n_model) [s]."""
     energy = results.energy
     largest = energy[:, Energy.LARGEST_KINETIC]
     moved = largest > 0.0
@@ -207,9 +179,4 @@ def tabulate_cases(
 
     arguments = {key: value for key, value in method.items() if key != "name"}
     runs = results_of_runs(arch, motions, factors, method=method["name"], **arguments)
-    if runs is not None:
-        return columns_of(runs.results), runs.wall_time
-    responses = [
-        simulate_case(method, arch, motion, factor) for motion, factor in zip(motions, factors)
-    ]
-    return table_of(responses), np.array([response.wall_time for response in responses])
+    return columns_of(runs.results), runs.wall_time

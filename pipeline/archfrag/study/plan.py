@@ -82,11 +82,8 @@ class Plan:
         return {k: digest_of(v) for k, v in plain.items() if k not in ("folder", "identity")}
 
     def _dump(self) -> dict[str, Any]:
-        return {
-            each.name: getattr(self, each.name) if each.name != "records" else
-            [asdict(record) for record in self.records]
-            for each in fields(self) if not each.name.startswith("_")
-        }  # fmt: skip
+        plain = {each.name: getattr(self, each.name) for each in fields(self) if each.init}
+        return plain | {"records": [asdict(record) for record in self.records]}
 
     def save(self) -> None:
         """Store the plan for workers."""
@@ -96,11 +93,12 @@ class Plan:
     def load(cls, path: Path) -> "Plan":
         """Inverse of `save`."""
         stored = json.loads(path.read_text(encoding="utf-8"))
-        records = tuple(PreparedRecord(**entry) for entry in stored.pop("records"))
-        lists: dict[str, Any] = {
-            name: tuple(stored.pop(name)) for name in ("arches", "meets", "levels", "methods")
+        stored["records"] = [PreparedRecord(**entry) for entry in stored["records"]]
+        given: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in stored.items()
         }
-        return cls(records=records, **lists, **stored)
+        return cls(**given)
 
     def factors(self, cases: Cases) -> NDArray[np.float64]:
         """Factors that bring the records of runs to their levels, (n,)."""

@@ -63,15 +63,11 @@ def commit() -> str:
     """
     checkout = PACKAGE.parents[1]
     if (checkout / ".git").exists():
-        try:
-            command = ["git", "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty"]
-            found = subprocess.run(
-                command, cwd=checkout, capture_output=True, text=True, timeout=20
-            )
-        except (OSError, subprocess.TimeoutExpired):
-            return "unknown"
-        if found.returncode == 0:
-            return found.stdout.strip()
+        command = ["git", "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty"]
+        with contextlib.suppress(OSError, subprocess.SubprocessError):
+            return subprocess.check_output(
+                command, cwd=checkout, stderr=subprocess.DEVNULL, text=True, timeout=20
+            ).strip()
     built_from = PACKAGE / "commit.txt"
     if built_from.is_file():
         return built_from.read_text().strip()
@@ -119,8 +115,8 @@ def available_cores() -> int:
 
 def machine() -> dict[str, Any]:
     """Where it runs, for the log."""
-    about = {"host": socket.gethostname(), "system": platform.platform()}
-    return {**about, "cores": available_cores()}
+    host, system = socket.gethostname(), platform.platform()
+    return {"host": host, "system": system, "cores": available_cores()}
 
 
 def add_to_log(folder: Path, entry: dict[str, Any]) -> None:

@@ -16,6 +16,7 @@ from scipy.special import ndtri
 
 from archfrag.errors import FitError
 from archfrag.fragility.counts import Verdict
+from archfrag.fragility.curve import FloatArray
 from archfrag.fragility.quoted import quoted_posterior
 from archfrag.study.design import Scattered
 
@@ -105,10 +106,7 @@ def known_so_far(
     confidence: float = 0.9,
     groups: ArrayLike | None = None,
 ) -> Known:
-    """Curve of the runs made, by the posterior from which a report quotes its band.
-
-    Arguments are those of `archfrag.fragility.quoted.quoted_posterior`.
-    """
+    """Curve of the runs made, by the posterior from which a report quotes its band."""
     try:
         known = quoted_posterior(design, verdict, level, groups)[0]
     except FitError:
@@ -119,10 +117,7 @@ def known_so_far(
 
 
 class Stop:
-    """Whether there are runs enough, asked after each round.
-
-    A design stops when the interval is narrow enough in two rounds in a row.
-    """
+    """Whether there are runs enough: the interval is narrow enough in two rounds in a row."""
 
     def __init__(self, wanted: "Precision") -> None:
         self.wanted = wanted
@@ -156,8 +151,6 @@ def more_needed(width: float, wanted: float, done: int) -> int:
 
 BEYOND = 3.0  # times the highest, or below the lowest, of the study's levels that a run may go
 
-FloatArray = NDArray[np.float64]
-
 
 def scattered(
     arch: int, records: NDArray[np.int64], levels: FloatArray, design: Scattered
@@ -183,21 +176,16 @@ def scattered(
         known = known_so_far("scattered", verdict, tried, confidence)
         more = min(design.round, most - tried.size)
         if stop is not None:
-            more = _more_runs(stop, known.half_width, tried.size, design.round, most)
-            if not more and not stop.note["reached"]:
+            reached = stop.look(known.half_width, tried.size, 0)
+            # One round, or two where many are needed.
+            far = more_needed(known.half_width, stop.wanted.theta, tried.size) > design.round
+            more = 0 if reached else min((1 + far) * design.round, most - tried.size)
+            if not more and not reached:
                 none_left = tried.size >= len(records)
                 stop.end(f"there are no more than {len(records)} records" if none_left else "")
         level = _levels_at(design.targets, more, known, ends)
     note = {"runs": int(tried.size), "records": int(tried.size)}
     return note | ({} if stop is None else stop.note)
-
-
-def _more_runs(stop: Stop, width: float, done: int, at_once: int, most: int) -> int:
-    """Runs to make next: one round, or two where many are needed."""
-    if stop.look(width, done, 0):
-        return 0
-    far = more_needed(width, stop.wanted.theta, done) > at_once
-    return min(2 * at_once if far else at_once, most - done)
 
 
 def _levels_at(targets: Sequence[float], count: int, known: Known, ends: FloatArray) -> FloatArray:

@@ -1,6 +1,7 @@
 """Answers for one arch, as facts for scripts and as text for people."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -86,12 +87,8 @@ def response_facts(response: "Response", scale: float) -> dict[str, Any]:
     )  # fmt: skip
     facts = {name: getattr(response, name) for name in names}
     if response.mechanism is not None:
-        facts["mechanism"] = [
-            {key: None if value != value else value for key, value in asdict(change).items()}
-            for change in response.mechanism
-        ]
-    facts = {"status": response.status.name.lower(), "scale": scale, **facts}
-    return {key: None if value != value else value for key, value in facts.items()}
+        facts["mechanism"] = [asdict(change) for change in response.mechanism]
+    return finite({"status": response.status.name.lower(), "scale": scale, **facts}, None)
 
 
 def response_text(response: "Response", scale: float) -> str:
@@ -110,9 +107,9 @@ def response_text(response: "Response", scale: float) -> str:
         f"{response.peak_displacement:.4g} m",
         f"energy error {response.energy_error:.2g}, contact residual {response.residual:.2g}",
         f"{response.method}: {response.steps} steps in {response.wall_time:.2f} s",
-        f"simulated time: {_times(response.model_time)}",
-        f"events: {_numbers(response.events)}",
-        f"work: {_numbers(response.work)}",
+        f"simulated time: {_listed(response.model_time, ' {:.3f} s')}",
+        f"events: {_listed(response.events)}",
+        f"work: {_listed(response.work)}",
     ]
     if response.mechanism is not None:
         from archfrag.simulation.mechanism import summary
@@ -124,12 +121,9 @@ def response_text(response: "Response", scale: float) -> str:
     return "\n".join(lines)
 
 
-def _times(model_time: dict[str, float]) -> str:
-    some = ((name.replace("_", " "), time) for name, time in model_time.items() if time > 0.0)
-    return ", ".join(f"{name} {time:.3f} s" for name, time in some)
-
-
-def _numbers(counts: dict[str, int]) -> str:
-    """Counts that are not zero."""
-    shown = [f"{name.replace('_', ' ')} {count}" for name, count in counts.items() if count]
+def _listed(values: Mapping[str, float], form: str = " {}") -> str:
+    """Values that are not zero."""
+    shown = [
+        name.replace("_", " ") + form.format(value) for name, value in values.items() if value
+    ]
     return ", ".join(shown) or "none"

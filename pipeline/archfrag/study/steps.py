@@ -78,7 +78,7 @@ def finish(study: Study, step: str) -> None:
     files = [path for path in products(study, step) if path.is_file()]
     stamp = {
         "from": _made_from(study, step),
-        "files": {_name(study, path): sha256_if_there(path) for path in files},
+        "files": {str(path.relative_to(study.folder)): sha256_if_there(path) for path in files},
     }
     remember(study, [path.name for path in files if path.parent == study.folder], step)
     make_folder(study.work / STEPS)
@@ -211,7 +211,3 @@ def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, A
         if study.risk is not None:
             found["risk"] = [study.risk.model_dump(), sha256_if_there(study.risk.hazard)]
     return {name: digest_of(value) for name, value in found.items()}
-
-
-def _name(study: Study, path: Path) -> str:
-    return path.relative_to(study.folder).as_posix()

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from archfrag.errors import InputError
 from archfrag.study.files import replacing
 from archfrag.study.outcome import COLUMNS
 from archfrag.study.plan import KEY, Plan
-from archfrag.study.rounds import NO_CASES, Cases, Rounds
+from archfrag.study.rounds import FINE, NO_CASES, Cases, Rounds
 
 Table = NDArray[np.void]
 _SUFFIX = ".npy"
@@ -37,7 +37,7 @@ def table_type(models: tuple[str, ...]) -> np.dtype:
 
 
 def new_table(keys: NDArray[np.void], columns: dict[str, NDArray]) -> Table:
-    """Rows of runs from their keys and from `archfrag.study.outcome.table_of`."""
+    """Rows of runs from their keys and from `archfrag.study.outcome.columns_of`."""
     models = tuple(str(name) for name in columns["model"])
     table = np.zeros(len(keys), table_type(models))
     table["key"] = keys
@@ -74,15 +74,6 @@ def read_part(path: Path) -> Table | None:
         return None
     rows: Table = table
     return rows
-
-
-class Rows(NamedTuple):
-    """Some rows of a part: which of those asked for they are, and their wall times [s]."""
-
-    path: Path
-    asked: NDArray[np.int64]
-    table: Table
-    wall_time: NDArray[np.float64]
 
 
 class Store:
@@ -138,8 +129,10 @@ class Store:
         found[place >= 0] = verdict[place[place >= 0]]
         return found
 
-    def rows(self, places: NDArray[np.int64]) -> Iterator["Rows"]:
-        """Rows at some places, part by part."""
+    def rows(
+        self, places: NDArray[np.int64]
+    ) -> Iterator[tuple[Path, NDArray[np.int64], Table, NDArray[np.float64]]]:
+        """Part by part its file, which of some places are in it, their rows, wall times [s]."""
         ends = np.cumsum(self._of_part)
         order = np.argsort(places, kind="stable")
         starts = np.searchsorted(places[order], np.concatenate([[0], ends]))
@@ -151,7 +144,7 @@ class Store:
                 raise InputError(f"{path}: was damaged or removed while it was read; {again}")
             within = places[some] - (ends[number] - len(table))
             times = read_timing(path, len(table))[within]
-            yield Rows(path, some, table[within], times)
+            yield path, some, table[within], times
 
     def tidy(self) -> int:
         """Remove damaged parts and those of other code; the number of folders of the latter.
@@ -226,22 +219,18 @@ class Gathered:
         self._places = self._store.places(plan.keys(self.cases, self._factors))
         self.notes: dict[int, dict[str, Any]] = rounds.notes  # of the design, by arch
         self.models: tuple[str, ...] = ()
-        for rows in self._store.rows(self._places[:1]):
-            self.models = rows.table.dtype["model_time"].names or ()
+        for _, _, table, _ in self._store.rows(self._places[:1]):
+            self.models = table.dtype["model_time"].names or ()
 
-    def read(self, arch: int, stage: int) -> Results:
-        """Results of the runs of an arch in a stage."""
-        # They are sorted by stage, then by arch.
-        count = len(self._plan.arches)
-        kinds = self.cases["stage"] * np.int64(count) + self.cases["arch"]
-        kind = stage * count + arch
-        return self._read(slice(*np.searchsorted(kinds, [kind, kind + 1]).tolist()))
-
-    def read_all(self) -> Results:
-        """Results of all runs, about 250 bytes each; errors as of `read`."""
-        return self._read(slice(0, len(self.cases)))
-
-    def _read(self, own: slice) -> Results:
+    def read(self, arch: int | None = None, stage: int = FINE) -> Results:
+        """Results of all runs, about 250 bytes each, or of those of one arch in a stage."""
+        own = slice(0, len(self.cases))
+        if arch is not None:
+            # They are sorted by stage, then by arch.
+            n_arch = len(self._plan.arches)
+            kinds = self.cases["stage"] * np.int64(n_arch) + self.cases["arch"]
+            kind = stage * n_arch + arch
+            own = slice(*np.searchsorted(kinds, [kind, kind + 1]).tolist())
         count = own.stop - own.start
         table: dict[str, NDArray] = {c.name: np.empty(count, c.dtype) for c in COLUMNS}
         table["model_time"] = np.empty((count, len(self.models)))

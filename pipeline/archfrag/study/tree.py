@@ -160,10 +160,7 @@ def _session(leader: int) -> list[int]:
 
 
 def follow_run() -> None:
-    """End this process and its children when the run that it is a step of is gone.
-
-    Nothing happens outside a run, and on another host than the run's.
-    """
+    """End this process and its children when the run on this host that it is a step of is gone."""
     run = json.loads(os.environ.get(RUN, "{}"))
     if run.get("host") != socket.gethostname():
         return
@@ -223,7 +220,9 @@ def only_run(study: "Study") -> Iterator[Lock]:
     with file:
         granted, holder = _take(file), _read(file)
         if granted is False or _may_live(holder, path, known=granted is True):
-            raise _at_work(study, holder)
+            who = f" ({_name(holder)})" if holder else ""
+            what = f"another run of study {study.id!r} is at work here{who}"
+            raise OutputError(f"{study.folder}: {what}; wait for it or stop it")
         lock = Lock(path, _name(holder) if holder else "")
         _write(file, identity())
         try:
@@ -279,9 +278,3 @@ def _write(file: IO[str], holder: dict[str, Any]) -> None:
 
 def _name(holder: dict[str, Any]) -> str:
     return f"process {holder['pid']} on {holder['host']}"
-
-
-def _at_work(study: "Study", holder: dict[str, Any]) -> OutputError:
-    who = f" ({_name(holder)})" if holder else ""
-    what = f"another run of study {study.id!r} is at work here{who}"
-    return OutputError(f"{study.folder}: {what}; wait for it or stop it")

@@ -25,16 +25,15 @@ if TYPE_CHECKING:
     from archfrag.motions.motion import Motion
 
 
-# The modification time is only there to distinguish an edited file from the one in memory.
+# A plan's name follows from its content.
 @lru_cache(maxsize=2)
-def _plan(path: str, modified: int) -> Plan:
+def _plan(path: str) -> Plan:
     return Plan.load(Path(path))
 
 
 @lru_cache(maxsize=64)
-def _arch(path: str, modified: int, number: int) -> "Arch":
-    entry = TypeAdapter(ArchEntry).validate_python(_plan(path, modified).arches[number])
-    return entry.build()
+def _arch(path: str, number: int) -> "Arch":
+    return TypeAdapter(ArchEntry).validate_python(_plan(path).arches[number]).build()
 
 
 # A record of a minute with its vertical component takes 0.2 MB.
@@ -62,13 +61,11 @@ def run_chunks(plan_path: str, chunks: Sequence[tuple[Cases, NDArray]]) -> list[
 def run_chunk(plan_path: str, cases: Cases, factors: NDArray) -> dict[str, Any]:
     """Run some cases of one arch and stage, write their part and then their wall times."""
     started = time.perf_counter()
-    place = Path(plan_path)
-    modified = place.stat().st_mtime_ns
-    plan, numbers = _plan(plan_path, modified), cases["record"].tolist()
+    plan, numbers = _plan(plan_path), cases["record"].tolist()
     motions = {r: _motion(plan.folder, plan.records[r]) for r in dict.fromkeys(numbers)}
     columns, wall_time = tabulate_cases(
         plan.methods[cases["stage"][0]],
-        _arch(plan_path, modified, int(cases["arch"][0])),
+        _arch(plan_path, int(cases["arch"][0])),
         [motions[r] for r in numbers],
         factors.tolist(),
     )

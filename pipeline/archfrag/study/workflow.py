@@ -205,7 +205,6 @@ def _reason(text: str) -> str:
     return lines[-1][:500] if lines else "it gave no reason"
 
 
-STUDY = "study.yaml"
 SCHEMA = "study.schema.json"
 RECORDS = "records"
 
@@ -213,21 +212,18 @@ RECORDS = "records"
 def write_starter(folder: Path) -> Path:
     """Write a commented study file, its schema and the shipped motions; all of it or nothing."""
     folder = make_folder(folder)
-    for name in (RECORDS, SCHEMA, STUDY):
+    for name in (RECORDS, SCHEMA, STUDY_FILE):
         if os.path.lexists(folder / name):
             raise OutputError(f"{folder / name}: is there already; allowed is a folder without it")
     placed = []
     try:
         with tempfile.TemporaryDirectory(dir=folder, prefix=".init") as temporary:
             made = Path(temporary)
-            shutil.copytree(
-                shipped_folder() / RECORDS,
-                made / RECORDS,
-                ignore=lambda _, names: [n for n in names if n.endswith((".svg", ".py"))],
-            )
+            unwanted = shutil.ignore_patterns("*.svg", "*.py")
+            shutil.copytree(shipped_folder() / RECORDS, made / RECORDS, ignore=unwanted)
             (made / SCHEMA).write_text(study_schema())
-            shutil.copyfile(PACKAGE / "study" / "templates" / STUDY, made / STUDY)
-            for name in (RECORDS, SCHEMA, STUDY):
+            shutil.copyfile(PACKAGE / "study" / "templates" / STUDY_FILE, made / STUDY_FILE)
+            for name in (RECORDS, SCHEMA, STUDY_FILE):
                 os.rename(made / name, folder / name)
                 placed.append(folder / name)
     except OSError as error:
@@ -235,4 +231,4 @@ def write_starter(folder: Path) -> Path:
             shutil.rmtree(path, ignore_errors=True)
             path.unlink(missing_ok=True)
         raise cannot_write(folder, error) from error
-    return folder / STUDY
+    return folder / STUDY_FILE

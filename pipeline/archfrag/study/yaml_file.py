@@ -10,7 +10,7 @@ from archfrag.errors import StudyError
 from archfrag.files import read_text
 
 LARGEST_FILE = 500_000  # [bytes] read in about three seconds
-DEEPEST, MOST_VALUES = 20, 200_000  # lists in lists; values with those that aliases repeat
+DEEPEST = 20  # lists in lists
 # Scalars of YAML 1.2's core schema; whatever else is not in quotes is text.
 _PLAIN = {
     "null": (r"~|null|Null|NULL|", ["~", "n", "N", ""]),
@@ -37,10 +37,12 @@ class _Loader(yaml.SafeLoader):
     def __init__(self, text: str) -> None:
         super().__init__(text)
         self._depth = 0
-        self._complete: set[int] = set()  # nodes read to their end
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         event = self.peek_event()
+        if isinstance(event, yaml.AliasEvent):
+            alias = _short(str(event.anchor))
+            raise _marked(f"aliases such as *{alias} have no place in a study file", event)
         tag = getattr(event, "tag", None)
         if tag is not None and tag != "!":
             raise _marked(f"tags such as {_short(tag)} have no place in a study file", event)
@@ -49,12 +51,8 @@ class _Loader(yaml.SafeLoader):
             raise _marked(f"more than {DEEPEST} levels of nesting", event)
         node = super().compose_node(parent, index)
         self._depth -= 1
-        if isinstance(event, yaml.AliasEvent) and id(node) not in self._complete:
-            alias = _short(str(event.anchor))
-            raise _marked(f"the alias {alias} stands inside what it repeats", event)
         if isinstance(node, yaml.ScalarNode) and _CONTROL.search(node.value):
             raise _marked("text must hold no control characters", event)
-        self._complete.add(id(node))
         return node
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
@@ -88,24 +86,10 @@ def _problem(error: yaml.YAMLError) -> str:
     return " ".join(str(error).split())
 
 
-def _count(value: Any, before: int, depth: int) -> int:
-    """Values so far with those inside a value, aliases counted as what they repeat."""
-    total = before + 1
-    if depth < 1 or total > MOST_VALUES:
-        most = f"{DEEPEST} levels of nesting or {MOST_VALUES} values"
-        raise yaml.YAMLError(f"more than {most}, aliases counted as what they repeat")
-    inside = value.items() if isinstance(value, dict) else ()
-    for item in value if isinstance(value, list) else [part for pair in inside for part in pair]:
-        total = _count(item, total, depth - 1)
-    return total
-
-
 def parse_value(text: str, place: str) -> Any:
     """A value in YAML; `place` is named where it is none."""
     try:
-        value = yaml.load(text, Loader=_Loader)
-        _count(value, 0, DEEPEST)
-        return value
+        return yaml.load(text, Loader=_Loader)
     except yaml.YAMLError as error:
         raise StudyError(f"{place}: {_problem(error)}") from error
 
@@ -121,6 +105,9 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 class _Dumper(yaml.SafeDumper):
     """Tuples as lists; in quotes what version 1.1 or 1.2 of YAML would not read as text."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
 
 
 _Dumper.add_representer(tuple, lambda dumper, value: dumper.represent_list(value))

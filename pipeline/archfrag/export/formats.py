@@ -1,0 +1,251 @@
+"""Curves in the formats of other programs: OpenQuake's NRML 0.5, pelicun, IN-CORE's DFR3."""
+
+import csv
+import io
+import json
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable, Iterable
+from dataclasses import asdict
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from archfrag.errors import InputError
+from archfrag.export.curve_set import CurveSet
+from archfrag.export.receivers import Named, named_measure
+
+NAMESPACE = "http://openquake.org/xmlns/nrml/0.5"
+# OpenQuake holds a curve constant above its highest level: 4 dispersions above the median that
+# costs 3.2e-5 of probability.
+_REACH = 4.0
+_GRID = np.linspace(-_REACH, _REACH, 201)  # levels of a discrete curve, in dispersions
+
+_MOST = 4  # limit states in IN-CORE
+
+
+def nrml_continuous(curves: CurveSet) -> str:
+    """Lognormal curves by mean and standard deviation of the intensity.
+
+    OpenQuake wants those of the capacity itself, not of its logarithm: with median theta and
+    dispersion beta, mean = theta exp(beta^2 / 2) and stddev = mean sqrt(exp(beta^2) - 1).
+    ``minIML`` is 0, since below it OpenQuake would hold the curve constant; above ``maxIML``,
+    4 dispersions above the highest median, it does so at 0.99997.
+
+    In a job file: ``structural_fragility_file``, with the ids of the arches as taxonomies;
+    `continuous_fragility_discretization` (20 by default) cuts the range into levels in classical
+    damage calculations, 100 or more are advised.
+    """
+    imt, root, model = _model(curves, "")
+    for arch, states in curves.complete.items():
+        tops = [fit.theta * float(np.exp(_REACH * fit.beta)) for fit in states.values()]
+        function = ElementTree.SubElement(
+            model, "fragilityFunction", id=arch, format="continuous", shape="logncdf"
+        )
+        limits = {"noDamageLimit": "0.0", "minIML": "0.0", "maxIML": _real(imt.factor * max(tops))}
+        ElementTree.SubElement(function, "imls", {"imt": imt.name} | limits)
+        for state, fit in states.items():
+            variance = np.expm1(fit.beta**2)
+            mean = imt.factor * fit.theta * np.exp(0.5 * fit.beta**2)
+            values = {"ls": state, "mean": _real(mean), "stddev": _real(mean * np.sqrt(variance))}
+            ElementTree.SubElement(function, "params", values)
+    return _written(root)
+
+
+def nrml_discrete(curves: CurveSet) -> str:
+    """Curves by their probabilities at 201 levels for each limit state.
+
+    Levels are 0.04 dispersions apart, the median among them, and reach from 4 dispersions below
+    it to 4 above it and over the study's range: OpenQuake holds a curve constant above its
+    highest level, here at 0.99997 or more. Between levels it interpolates linearly, within 1e-4
+    for dispersions up to 1.
+    """
+    more = "Probabilities hold at the levels and are to be interpolated linearly. "
+    imt, root, model = _model(curves, more)
+    for arch, states in curves.complete.items():
+        function = ElementTree.SubElement(model, "fragilityFunction", id=arch, format="discrete")
+        parts = [fit.theta * np.exp(fit.beta * _GRID) for fit in states.values()]
+        levels = np.unique(imt.factor * np.concatenate([*parts, curves.levels]))
+        imls = ElementTree.SubElement(function, "imls", imt=imt.name, noDamageLimit="0.0")
+        imls.text = _row(levels)
+        for state, fit in states.items():
+            poes = fit.probability(levels / imt.factor)
+            ElementTree.SubElement(function, "poes", ls=state).text = _row(poes)
+    return _written(root)
+
+
+def _model(curves: CurveSet, more: str) -> tuple[Named, ElementTree.Element, ElementTree.Element]:
+    """The measure, the root of a file and its model, with all but the functions."""
+    imt = named_measure("OpenQuake", curves.measure)
+    curves.require_curves("OpenQuake")
+    root = ElementTree.Element(
+        "nrml", {"xmlns": NAMESPACE, "xmlns:gml": "http://www.opengis.net/gml"}
+    )
+    name = re.sub(r"[^A-Za-z0-9_:-]", "_", curves.made.study)[:75]
+    model = ElementTree.SubElement(
+        root, "fragilityModel", id=name, assetCategory="masonry arches",
+        lossCategory="structural",
+    )  # fmt: skip
+    left = "".join(f" No curve for {arch}: {why}." for arch, why in curves.left_out.items())
+    ElementTree.SubElement(model, "description").text = (
+        f"Probability of exceeding each limit state against {curves.measure} in {imt.unit}. {more}"
+        f"{curves.made.text}{imt.remark}{left}"
+    )
+    ElementTree.SubElement(model, "limitStates").text = " ".join(curves.limit_states)
+    return imt, root, model
+
+
+def _real(value: float) -> str:
+    return repr(float(value))
+
+
+def _row(values: Iterable[float]) -> str:
+    return " ".join(map(_real, values))
+
+
+def _written(root: ElementTree.Element) -> str:
+    ElementTree.indent(root, " ")
+    body = ElementTree.tostring(root, encoding="unicode")
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{body}\n'
+
+
+def pelicun_table(curves: CurveSet) -> str:
+    """Parameters of all arches as CSV, a component for each arch.
+
+    ``Theta_0`` is the median in ``Demand-Unit`` (g or cmps), ``Theta_1`` the dispersion.
+    ``Demand-Directional`` is 1: with 0 pelicun would multiply the demand by 1.2.
+    """
+    demand = named_measure("pelicun", curves.measure)
+    complete = curves.require_curves("pelicun")
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    states = [f"LS{n + 1}" for n in range(len(curves.limit_states))]
+    columns = [f"{ls}-{key}" for ls in states for key in ("Family", "Theta_0", "Theta_1")]
+    fixed = "ID Incomplete Demand-Type Demand-Unit Demand-Offset Demand-Directional"
+    writer.writerow([*fixed.split(), *columns])
+    for arch, name in _ids(tuple(complete)).items():
+        fits = complete[arch].values()
+        values = [("lognormal", float(demand.factor * f.theta), float(f.beta)) for f in fits]
+        writer.writerow([name, 0, demand.name, demand.unit, 0, 1, *chain(*values)])
+    return text.getvalue()
+
+
+def pelicun_description(curves: CurveSet) -> str:
+    """What stands beside the table, as JSON in the layout of pelicun's own databases."""
+    complete = curves.require_curves("pelicun")
+    remark = named_measure("pelicun", curves.measure).remark
+    content: dict[str, object] = {
+        "_GeneralInformation": {
+            "ShortName": curves.made.study,
+            "Description": curves.made.text + remark,
+            "Version": curves.made.archfrag,
+            "ComponentGroups": ["Masonry arches"],
+            "archfrag": asdict(curves.made),
+            "LeftOut": curves.left_out,
+        }
+    }
+    for arch, name in _ids(tuple(complete)).items():
+        content[name] = {
+            "Description": f"Masonry arch {arch}",
+            "SuggestedComponentBlockSize": "1 EA",
+            "RoundUpToIntegerQuantity": "True",
+            "LimitStates": {
+                f"LS{n + 1}": {f"DS{n + 1}": {"Description": state}}
+                for n, state in enumerate(curves.limit_states)
+            },
+        }
+    return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+
+
+def _ids(arches: tuple[str, ...]) -> dict[str, str]:
+    """pelicun's id of each arch."""
+    names: dict[str, str] = {}
+    for arch in arches:
+        name = re.sub(r"[^A-Za-z0-9_.]", "_", arch)
+        if name in names.values():
+            raise InputError(
+                f"arch {arch!r} would have the id {name!r} in pelicun, as another arch has; "
+                "pelicun's ids hold letters, digits, _ and . only"
+            )
+        names[arch] = name
+    return names
+
+
+def in_core_sets(curves: CurveSet) -> dict[str, str]:
+    """A set for each arch, as JSON.
+
+    IN-CORE takes four curves for a bridge under an earthquake, no more and, in its analysis of
+    bridge damage, no fewer: the severest four. Where there are fewer limit states, the severest is
+    repeated up to the fourth: the damage states between then have probability 0, and the last has
+    that of the severest.
+    """
+    curves = curves.severest(_MOST)
+    demand = named_measure("IN-CORE", curves.measure)
+    complete = curves.require_curves("IN-CORE")
+    variable = demand.name.rsplit(maxsplit=1)[-1].lower()  # pga, pgv, pgd or sa
+    sets = {}
+    for arch, states in complete.items():
+        last, severest = list(states.items())[-1]
+        repeated = f"{last}, repeated since IN-CORE takes {_MOST} limit states"
+        four = [*states.items(), *[(repeated, severest)] * (_MOST - len(states))]
+        rules = [
+            _curve(f"LS_{n}: {state}", variable, demand.factor * fit.theta, fit.beta)
+            for n, (state, fit) in enumerate(four)
+        ]
+        content = {
+            "description": f"Masonry arch {arch}. {curves.made.text}{demand.remark}",
+            "creator": f"archfrag {curves.made.archfrag}",
+            "demandTypes": [demand.name],
+            "demandUnits": [demand.unit],
+            "resultType": "Limit State",
+            "resultUnit": "",
+            "hazardType": "earthquake",
+            "inventoryType": "bridge",
+            "curveParameters": [
+                {
+                    "name": variable,
+                    "unit": demand.unit,
+                    "description": f"{curves.measure} as {demand.name}",
+                    "fullName": demand.name,
+                    "expression": None,
+                }
+            ],
+            "fragilityCurves": rules,
+        }
+        sets[arch] = json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+    return sets
+
+
+def _curve(description: str, variable: str, theta: float, beta: float) -> dict[str, Any]:
+    median, dispersion = repr(float(theta)), repr(float(beta))
+    expression = (
+        f"scipy.stats.norm.cdf((math.log({variable}) - math.log({median})) / {dispersion})"
+    )
+    return {
+        "description": description,
+        "curveParameters": None,
+        "returnType": {
+            "type": "Limit State", "unit": "", "description": description.split(":")[0],
+        },
+        "rules": [{"condition": [f"{variable} > 0"], "expression": expression}],
+    }  # fmt: skip
+
+
+#: By name of a format: its receiver, and the texts of its files by the ends of their names.
+FORMATS: dict[str, tuple[str, dict[str, Callable[[CurveSet], str | dict[str, str]]]]] = {
+    "nrml-continuous": ("OpenQuake", {"fragility-continuous.xml": nrml_continuous}),
+    "nrml-discrete": ("OpenQuake", {"fragility-discrete.xml": nrml_discrete}),
+    "pelicun": ("pelicun", {"pelicun.csv": pelicun_table, "pelicun.json": pelicun_description}),
+    "in-core": ("IN-CORE", {"in-core-{arch}.json": in_core_sets}),  # a text for each arch
+}
+
+
+def written(curves: CurveSet, name: str) -> dict[str, str]:
+    """Texts of a format's files, by the ends of their names."""
+    texts: dict[str, str] = {}
+    for ending, write in FORMATS[name][1].items():
+        text = write(curves)
+        parts = {"": text} if isinstance(text, str) else text
+        texts |= {ending.format(arch=arch): part for arch, part in parts.items()}
+    return texts
