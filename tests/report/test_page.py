@@ -341,7 +341,7 @@ class TestNumbers:
         peak = np.abs(study.motions[2].acceleration).max()
         assert rows[2][heads.index("PGA [g]")] == f"{peak / GRAVITY:.4f}"
         factors = study.cube["scale_factor"].values[2]
-        assert rows[2][-1] == f"{factors.min():.2f} – {factors.max():.2f}"
+        assert rows[2][-1] == f"{factors.min():.3g} – {factors.max():.3g}"
         intensity = study.cube["intensity"].values
         near = intensity[np.abs(np.log(intensity / study.answers["ring"].curve.theta)).argmin()]
         assert f"scaled to PGA = {near / GRAVITY:#.3g} g." in text(page)
