@@ -326,6 +326,25 @@ class TestNumbers:
         rows = dict(table(read(replace(study, cube=data)), "Models and events of ring")[1])
         assert "fraction of the time in motion on all voussoirs" not in rows
 
+    def test_motions_and_the_level_of_their_spectra(self, study, page):
+        heads, rows = table(page, "Ground motions as recorded, and their scale factors")
+        assert [row[0] for row in rows] == [motion.id for motion in study.motions]
+        peak = np.abs(study.motions[2].acceleration).max()
+        assert rows[2][heads.index("PGA [g]")] == f"{peak / GRAVITY:.4f}"
+        factors = study.cube["scale_factor"].values[2]
+        assert rows[2][-1] == f"{factors.min():.3g} – {factors.max():.3g}"
+        intensity = study.cube["intensity"].values
+        near = intensity[np.abs(np.log(intensity / study.answers["ring"].curve.theta)).argmin()]
+        assert f"scaled to PGA = {near / GRAVITY:#.3g} g." in text(page)
+
+    def test_provenance(self, study):
+        data = study.cube.assign_attrs(
+            made="0123abcd", config='{"levels": [0.1]}', note="{no JSON"
+        )
+        (section,) = read(replace(study, cube=data)).xpath('//section[@id="provenance"]')
+        assert {"0123abcd", "CF-1.11", "{no JSON"} <= {text(e) for e in section.xpath(".//td")}
+        assert '"levels": [ 0.1 ]' in text(section)
+
 
 class TestWritten:
     def test_the_same_bytes_in_another_process(self, study, html, tmp_path):

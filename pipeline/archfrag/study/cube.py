@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from archfrag import __version__
 from archfrag.errors import OutputError
+from archfrag.files import counted
 from archfrag.fragility.counts import Verdict
 from archfrag.study.config import Study
 from archfrag.study.design import GRIDS
@@ -201,8 +202,9 @@ def _global_attributes(study: Study, plan: Plan, design: dict[str, Any]) -> dict
         "archfrag.",
         "references": "A. Sinopoli, A semi-analytical approach for masonry arch dynamics; the "
         "README of archfrag",
-        "comment": f"{len(plan.arches)} arches under {len(plan.records)} records scaled by "
-        f"{study.intensity.measure}. Wall times and machine are in a log beside this file.",
+        "comment": f"{counted(len(plan.arches), 'arch')} under "
+        f"{counted(len(plan.records), 'record')} scaled by {study.intensity.measure}. "
+        "Wall times and machine are in a log beside this file.",
         "loss_limit": f"{study.method.loss_limit:g}",
         "archfrag_design": strict_json(design),
         "archfrag_design_kind": str(design["kind"]),
