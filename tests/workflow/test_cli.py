@@ -19,6 +19,11 @@ ARCH = ["--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoi
         "--friction", "0.7"]  # fmt: skip
 
 
+COMMANDS = ("onset", "simulate", "records", "validate", "warmup", "run", "motions", "batch",
+            "cube", "fit", "report", "risk", "export", "evidence")  # fmt: skip
+RECORDS = ("inspect", "measure", "select", "convert", "fetch", "make")
+
+
 def call(*arguments):
     return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
@@ -50,6 +55,16 @@ class TestHelp:
         assert "click" in loaded
         assert not loaded & {"numpy", "numba", "pydantic", "yaml", "dask", "obspy", "snakemake"}
         assert min(took) < 0.3
+
+    def test_every_command_explains_itself(self):
+        for command in COMMANDS:
+            assert command in call(command, "--help").output.split("\n", 1)[0]
+            assert command in call("--help").output
+        for command in RECORDS:
+            assert command in call("records", "--help").output
+            text = call("records", command, "--help").output
+            assert "--json" in text
+            assert f"archfrag records {command}" in text.split("Example:")[1]
 
 
 class TestOnset:

@@ -227,7 +227,7 @@ def test_killed_three_times_and_resumed_gives_the_same_cube(finished, tmp_path):
 
 @pytest.mark.parametrize(
     ("number", "whom"),
-    [(signal.SIGINT, "group"), (signal.SIGKILL, "parent")],
+    [(signal.SIGTERM, "parent"), (signal.SIGINT, "group"), (signal.SIGKILL, "parent")],
 )
 def test_a_stopped_run_takes_its_full_tree_with_it(tmp_path, number, whom):
     path = small_study(tmp_path, SLOW.replace("dt: 2.0e-3", "dt: 1.0e-5"))
