@@ -171,7 +171,7 @@ HEADERS = {
             "station": "MADE-UP Array #2", "epicentral_km": 63.0, "azimuth": 133.0,
             "event_latitude": 37.037, "component": "133", "level": "processed"}),
     "dyna": (dyna_text(SAMPLES, event_name="Åland, Αθήνα"), {"level": "processed",
-             "event": "Åland, Αθήνα", "station": "ABC", "station_latitude": 41.6,
+             "event": "Åland, Αθήνα, XX-0001", "station": "ABC", "station_latitude": 41.6,
              "date": "2001-02-03", "magnitude": 5.1, "depth_km": 8.5, "event_latitude": 41.5,
              "event_longitude": -13.25, "station_longitude": -13.3, "vs30_mps": 420.0,
              "epicentral_km": 12.3, "azimuth": 90.0, "start_time": "2001-02-03T04:05:10.250000Z"}),

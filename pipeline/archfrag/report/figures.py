@@ -47,8 +47,9 @@ MODEL_LOOK = {
 
 def verdict_map(results: ArchResults) -> Picture:
     """Verdict of every run: records down, levels across."""
-    weight = (results.verdict == Verdict.COLLAPSED).sum(axis=1)
-    order = np.lexsort((np.arange(weight.size), weight))
+    fell = results.verdict == Verdict.COLLAPSED
+    capacity = np.where(fell.any(axis=1), fell.argmax(axis=1), fell.shape[1])
+    order = np.lexsort((fell.sum(axis=1), -capacity))
     rows = results.verdict[order]
     names = [results.records[i] for i in order]
     entries = [VERDICT_LOOK[v] for v in VERDICT_LOOK if np.any(rows == v)]
@@ -58,7 +59,7 @@ def verdict_map(results: ArchResults) -> Picture:
     def draw(sheet: Sheet) -> None:
         labelled = len(names) <= _LABELLED
         longest = max(look.text_width(name, SMALL) for name in names)
-        left = min(longest + 8.0, 0.36 * sheet.width) if labelled else 26.0
+        left = min(longest + 12.0, 0.36 * sheet.width) if labelled else 26.0
         top = sheet.legend(left, 0.0, entries, sheet.width - left - 8.0) + 2.0
         bottom = top + (14.0 if labelled else min(14.0, 620.0 / len(names))) * len(names)
         panel = Panel(
@@ -74,7 +75,7 @@ def verdict_map(results: ArchResults) -> Picture:
         sheet.path(lines, stroke="#fff", stroke_width=1)
         if labelled:
             for y, name in zip(panel.at_y(np.arange(len(names))), names, strict=True):
-                sheet.text(left - 5.0, y + 3.5, look.shortened(name, left - 8.0, SMALL), "s e")
+                sheet.text(left - 5.0, y + 3.5, look.shortened(name, left - 12.0, SMALL), "s e")
         else:
             words = f"{len(names)} records, most fragile at the bottom"
             sheet.text(left - 8.0, 0.5 * (top + bottom), words, "m", angle=-90)

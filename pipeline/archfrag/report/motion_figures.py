@@ -1,5 +1,6 @@
 """Ground motions: how they look and their response spectra, on the page and of record files."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
@@ -118,6 +119,7 @@ def motion_section(inputs: ReportInputs, scale: Scale) -> dict[str, Any]:
     """Figures and table of the ground motions, by the names that the page's template uses."""
     cube, rows = inputs.cube, []
     names = cube["record"].values.astype(str).tolist()
+    named = cube["event"].values if "event" in cube else np.array([])
     for motion in inputs.motions:
         at = {"record": names.index(motion.id)}
         factor = cube["scale_factor"].isel(at).values
@@ -135,6 +137,7 @@ def motion_section(inputs: ReportInputs, scale: Scale) -> dict[str, Any]:
         "thumbnails": thumbnails(inputs.motions),
         "rows": rows,
         "gravity": STANDARD_GRAVITY,
+        "events": Counter(sorted(filter(None, named.astype(str).tolist()))),
         "accepted": accepted_records(cube),
         "spectra": spectra(responses, *_shown_factors(inputs, scale)),
     }

@@ -65,7 +65,13 @@ def number(value: float) -> str:
 def text_width(words: str, size: float = SIZE) -> float:
     """Width of a text [px], from above."""
     return size * sum(
-        1.0 if ord(c) > 0x2E80 or c in "mwMW%" else 0.36 if c in "il.,:;|'!() " else 0.6
+        1.0
+        if ord(c) > 0x2E80 or c in "mwMW%"
+        else 0.36
+        if c in "il.,:;|'!() "
+        else 0.72
+        if c.isupper()
+        else 0.6
         for c in words
     )
 

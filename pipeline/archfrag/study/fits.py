@@ -230,7 +230,7 @@ def scaled_far(cube: "xr.Dataset") -> str:
     worst = f"{largest[record]:,.0f}" if largest[record] >= 100.0 else f"{largest[record]:.3g}"
     noise = f"; of {too_far} by more than {FAR_TOO_MUCH:g}, the noise of a recording as well"
     return (
-        f"{far} of {largest.size} motions are scaled by more than {MOST_SCALING:g} (most: "
+        f"{far} of {largest.size} motions were run scaled by more than {MOST_SCALING:g} (most: "
         f"{cube['record'].values[record]!s} by {worst}), which makes weak motions "
         "into strong ones of another kind" + (noise if too_far else "")
     )

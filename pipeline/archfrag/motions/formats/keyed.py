@@ -192,7 +192,8 @@ def _keyed(
         component=component,
         vertical=letter in _VERTICALS if letter else None,
         azimuth=AZIMUTHS.get(letter),
-        event=header.get("EVENT_NAME") or header.get("EVENT_ID"),
+        # A name may be of a country alone, that of many earthquakes.
+        event=", ".join(filter(None, map(header.get, ("EVENT_NAME", "EVENT_ID")))),
         date="-".join(day.groups()) if day else None,
         station=header.get("STATION_CODE"),
         **numbers,
