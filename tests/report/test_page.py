@@ -19,6 +19,7 @@ from archfrag.fragility.hazard_curve import HazardCurve
 from archfrag.report.answer import classes
 from archfrag.report.curve_figures import capacities
 from archfrag.report.page import render, write_report
+from archfrag.report.picture import digits
 from archfrag.report.risk_section import risk_section
 from archfrag.report.summary import arch_results, reading_scale
 from archfrag.study.hazard import Hazard
@@ -299,13 +300,18 @@ class TestNumbers:
         data = study.cube.copy(deep=True)
         failed = data["verdict"] == Verdict.SOLVER_FAILURE
         data["contact_residual"] = data["contact_residual"].where(~failed, 0.7)
+        data["peak_displacement"][0, 0, :2] = 1e-6
+        data["energy_error"][0, 0, :2] = 8.8
         rows = dict(table(read(replace(study, cube=data)), "Speed and energy figures of ring")[1])
         per_second = 1e3 * 0.05 * failed.size / float(data["end_time"].sum())
         assert rows["wall time for one simulated second"] == f"{per_second:#.3g} ms"
         assert rows["wall time of a run, median and 95 %"] == "0.0500 s, 0.0500 s"
-        for name in ("energy error", "contact residual"):
-            largest = float(data[name.replace(" ", "_")].where(~failed).max())
-            assert rows[f"{name}, median and largest"].endswith(f", {largest:.1e}")
+        largest = float(data["contact_residual"].where(~failed).max())
+        assert rows["contact residual, median and largest"].endswith(f", {largest:.1e}")
+        still = data["peak_displacement"] < 1e-4
+        largest = float(data["energy_error"].where(~failed & ~still).max())
+        words = f"{int((~failed & ~still).sum())} runs displaced by 0.1 mm or more"
+        assert rows[f"energy error, median and largest ({words})"].endswith(f", {largest:.1e}")
         found = rows["contact residual of solver failures, median and largest"]
         assert found == "7.0e-01, 7.0e-01"
 
@@ -332,7 +338,15 @@ class TestNumbers:
         peak = np.abs(study.motions[2].acceleration).max()
         assert rows[2][heads.index("PGA [g]")] == f"{peak / GRAVITY:.4f}"
         factors = study.cube["scale_factor"].values[2]
-        assert rows[2][-1] == f"{factors.min():.3g} – {factors.max():.3g}"
+        assert rows[2][-1] == f"{digits(factors.min())} – {digits(factors.max())}"
+        assert "vertical" not in heads
+        first, *others = study.motions
+        motions = [replace(first, vertical=first.acceleration), *others]
+        heads, rows = table(
+            read(replace(study, motions=motions)),
+            "Ground motions as recorded, and their scale factors",
+        )
+        assert [row[heads.index("vertical")] for row in rows][:2] == ["yes", "no"]
         intensity = study.cube["intensity"].values
         near = intensity[np.abs(np.log(intensity / study.answers["ring"].curve.theta)).argmin()]
         assert f"scaled to PGA = {near / GRAVITY:#.3g} g." in text(page)

@@ -16,7 +16,7 @@ def percent_of(confidence: float) -> str:
 def measured(value: float | str | None, form: str = "{:#.3g}") -> str:
     """A number, with three digits by default, which may be null where it is not known."""
     number = np.nan if value is None else float(value)
-    return form.format(number) if np.isfinite(number) else "–"
+    return form.format(number).removesuffix(".") if np.isfinite(number) else "–"
 
 
 def median_and_largest(values: FloatArray) -> str:

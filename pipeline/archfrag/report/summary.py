@@ -120,6 +120,11 @@ class ArchResults:
         return self.simulated & ~self.failed
 
     @property
+    def displaced(self) -> NDArray[np.bool_]:
+        """Runs that the solver finished in which a voussoir is displaced by 0.1 mm or more."""
+        return self.sound & (self["peak_displacement"] >= 1e-4)
+
+    @property
     def lost_contact(self) -> NDArray[np.bool_]:
         """Runs that lost all contact at a joint by more than a noted gap."""
         return self.simulated & np.isfinite(self["lost_contact_time"])
