@@ -10,7 +10,6 @@ from archfrag.fragility.bands import (
     beta_interval,
     capacity_band,
     confidence_band,
-    record_bootstrap_band,
     theta_interval,
 )
 from archfrag.fragility.brackets import find_brackets
@@ -24,7 +23,6 @@ from archfrag.fragility.quoted import (
 )
 from archfrag.fragility.runs import Resampling
 
-LEVELS = np.array([0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0, 1.3])
 STRIPES = fit_stripes([0.2, 0.4, 0.6, 0.8, 1.0], [0, 3, 4, 13, 16], 40)
 CAPACITY = np.random.default_rng(4).lognormal(-0.5, 0.4, 12)
 
@@ -68,42 +66,6 @@ class TestStudentsT:
         band = capacity_band(fit_ida(CAPACITY[:n]), [0.0, *np.geomspace(1e-4, 1e4, 200), np.inf])
         assert np.all(np.diff([band.lower, band.upper]) >= 0.0)
         assert (band.lower[0], band.upper[0], band.lower[-1], band.upper[-1]) == (0, 0, 1, 1)
-
-
-def verdicts(generator, n_record):
-    capacity = 0.7 * np.exp(0.4 * generator.standard_normal((n_record, 1)))
-    return (capacity <= LEVELS).astype(np.int8)
-
-
-class TestBootstrap:
-    def test_records_cover_where_the_likelihood_does_not(self):
-        """The same 30 records at all levels: 60 studies, the true median asked of both bands.
-
-        Nominal 90 %, but over 250 studies the resampled band held 84 % with 24 records and 86 %
-        with 60, the other 61 %; the limits are those less, or more, two standard errors of 60.
-        """
-        generator, held = np.random.default_rng(7), np.zeros(2)
-        for i in range(60):
-            verdict = verdicts(generator, 30)
-            band = record_bootstrap_band(verdict, LEVELS, 0.7, Resampling(i, 150))
-            naive = confidence_band(fit_stripes(LEVELS, verdict.sum(axis=0), 30), 0.7)
-            held += [each.lower <= 0.5 <= each.upper for each in (band, naive)]
-        assert held[0] >= 0.77 * 60
-        assert held[1] <= 0.72 * 60
-
-    def test_events_are_drawn(self):
-        """Three equal records an event are worth one: the band is that of the events alone."""
-        one = verdicts(np.random.default_rng(2), 12)
-        thrice, groups = np.repeat(one, 3, axis=0), [f"{i // 3:02d}" for i in range(36)]
-        alone = record_bootstrap_band(one, LEVELS, 0.7, Resampling(3, 200))
-        grouped = record_bootstrap_band(thrice, LEVELS, 0.7, Resampling(3, 200), groups=groups)
-        blind = record_bootstrap_band(thrice, LEVELS, 0.7, Resampling(3, 200))
-        assert (grouped.lower, grouped.upper) == pytest.approx((alone.lower, alone.upper))
-        assert blind.upper - blind.lower < 0.75 * (alone.upper - alone.lower)
-
-    def test_separated_draws_enter_as_steps(self):
-        band = record_bootstrap_band([LEVELS > 0.65] * 10, LEVELS, [0.5, 0.9], Resampling(1, 100))
-        assert (band.n_degenerate, *band.lower, *band.upper) == (100, 0, 1, 0, 1)
 
 
 @pytest.mark.parametrize(("interval", "method"), [(clopper_pearson, "exact"), (wilson, "wilson")])
@@ -183,18 +145,12 @@ class TestQuoted:
         assert shared_events(["a", "a", ""]).tolist() == ["a", "a", "record 2"]
 
 
-DRAWS = Resampling(1)
-
-
 @pytest.mark.parametrize(
     ("make", "arguments", "kind", "key"),
     [
         (confidence_band, (STRIPES, 0.5, 90.0), InputError, "confidence is 90"),
         (capacity_band, (STRIPES, 0.5), InputError, "'stripes'"),
         (Resampling, (1, 10), InputError, "resamples is 10"),
-        (record_bootstrap_band, ([[0]], [0.1], 0.5, DRAWS), InputError, "at least two"),
-        (record_bootstrap_band, ([[9]] * 2, [0.1], 0.5, DRAWS), InputError, "holds 9"),
-        (record_bootstrap_band, ([[3]] * 2, [0.1], 0.5, DRAWS), InputError, "no run"),
         (quoted_band, ("cloud", [[0, 1]], [0.1, 0.2], 0.1), InputError, "design is 'cloud'"),
         (quoted_band, ("scattered", [0, 1], [0.1], 0.1), InputError, "intensity has shape"),
         (quoted_band, ("scattered", [2, 3], [0.1, 0.2], 0.1), FitError, "no run collapsed"),

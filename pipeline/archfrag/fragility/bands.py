@@ -1,4 +1,4 @@
-"""Confidence bands of a fitted curve: from the covariance of its parameters, and by bootstrap."""
+"""Confidence bands of a fitted curve, from the covariance of its parameters."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -6,8 +6,6 @@ from scipy.special import chdtri, ndtr, ndtri, stdtrit
 
 from archfrag.errors import InputError
 from archfrag.fragility.curve import Band, Fragility, log_intensity, tails
-from archfrag.fragility.lines import binomial_lines
-from archfrag.fragility.runs import Resampling, gather_runs
 
 _OF_CAPACITIES = ("ida", "ida_truncated", "brackets")
 
@@ -123,40 +121,3 @@ def _freedom(fit: Fragility) -> tuple[float, float]:
         return freedom, 1.0
     freedom = max(freedom - 1.0, 0.5)
     return freedom, float(np.sqrt((freedom + 1.0) / freedom))
-
-
-def record_bootstrap_band(
-    verdict: ArrayLike, levels: ArrayLike, im: ArrayLike, resampling: Resampling, *,
-    groups: ArrayLike | None = None,
-) -> Band:  # fmt: skip
-    """Pointwise band where the same records serve at all levels, arguments as of `gather_runs`.
-
-    A record that fells the arch at one level tends to fell it at the next, so the runs of a
-    study are not independent as the binomial likelihood takes them to be, and the band from its
-    covariance is too narrow. Here records, or events where `groups` names them, are drawn with
-    replacement (the cluster bootstrap; Davison and Hinkley 1997, section 3.8), each with its
-    verdicts at all levels, and the curve is fitted to each draw (percentile method). A draw whose
-    likelihood has no maximum is not thrown away, for that would narrow the band: it enters with
-    the curve that its likelihood tends to (all 0, all 1, a step, or constant) and is counted.
-
-    It is too narrow for a small number of records or events; it is a check that assumes no family
-    of curves between records, not what is quoted (`archfrag.fragility.quoted.quoted_band`).
-
-    >>> from archfrag.fragility.bands import record_bootstrap_band
-    >>> from archfrag.fragility.runs import Resampling
-    >>> verdict = [[0, 1, 1], [0, 0, 1], [0, 0, 1], [1, 0, 1], [0, 1, 1]]
-    >>> band = record_bootstrap_band(verdict, [0.2, 0.4, 0.8], 0.4, Resampling(seed=1))
-    >>> bool(band.lower < 0.5 < band.upper)
-    True
-    """
-    runs = gather_runs(verdict, levels, event=groups)
-    if runs.group.max() == 0:
-        raise InputError("the runs are of one record or event; at least two are needed")
-    collapses, n = runs.resample(resampling)
-    decided = n.sum(axis=1) > 0
-    x = np.maximum(log_intensity(im), -1e3)
-    lines = binomial_lines(np.log(runs.levels), collapses[decided], n[decided])
-    column = (slice(None), *(None,) * x.ndim)
-    curves = ndtr(lines.intercept[column] + lines.slope[column] * x)
-    lower, upper = np.quantile(curves, resampling.tails, axis=0)
-    return Band(lower, upper, resampling.confidence, int(np.count_nonzero(lines.degenerate)))

@@ -106,7 +106,6 @@ class Band:
     lower: FloatArray  #: probabilities of collapse, shape of the intensities asked for
     upper: FloatArray
     confidence: float  #: two-sided, at each intensity
-    n_degenerate: int = 0  #: bootstrap only: resamples without a lognormal curve
 
 
 def log_intensity(im: ArrayLike) -> FloatArray:
