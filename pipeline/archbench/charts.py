@@ -173,8 +173,9 @@ def growth_chart(runs: pd.DataFrame, exponents: pd.DataFrame) -> Figure:
         label, colour, marker, stroke = style_of(method)
         cost, row = medians(runs[runs["method"] == method]), known.loc[method]
         half = 0.5 * (row["high"] - row["low"])
+        fitted = f": n^{row['exponent']:.2f} ± {half:.2f}" if np.isfinite(half) else ""
         axes.plot(cost.index, cost, marker=marker, color=colour, ls=stroke, ms=4.5, lw=1.0,
-                  label=f"{label}: n^{row['exponent']:.2f} ± {half:.2f}")  # fmt: skip
+                  label=label + fitted)  # fmt: skip
     axes.axhline(1.0, color=INK, ls=DASHES, lw=0.9)
     _log(axes, "voussoirs", "CPU seconds for a second of motion")
     numbers = sorted(runs["voussoirs"].dropna().unique())
@@ -203,8 +204,9 @@ def stability_map(cells: pd.DataFrame) -> Figure:
         values = sorted(set(own["value"]), reverse=True)
         places = zip(map(values.index, own["value"]), map(rows.index, own["row"]), strict=True)
         _cells(axes, places, own["kind"].map(KINDS))
-        axes.set_xticks(range(len(values)), [f"{value:.0e}".replace("e-0", "e-")
-                        .replace("e+00", "") for value in values], fontsize=6.5)  # fmt: skip
+        axes.set_xticks(range(len(values)), [f"{value:.2g}" if value >= 0.1 else
+                        f"{value:.0e}".replace("e-0", "e-") for value in values],
+                        fontsize=6.5)  # fmt: skip
         axes.set_yticks(range(len(rows)), [f"{row:g}" for row in rows], fontsize=7.0)
         axes.set(xlim=(-0.6, len(values) - 0.4), ylim=(-0.6, len(rows) - 0.4),
                  title=style_of(method).label, xlabel=own["parameter"].iloc[0])  # fmt: skip
