@@ -8,9 +8,9 @@ corners has passed a limit, the faces no longer overlap, or a joint has rotated 
 import math
 
 from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.contact.placing import clearance, corner_slip
+from archfrag.mechanics.contact.placing import clearance, slip_and_gap
 from archfrag.mechanics.model import Clock
-from archfrag.mechanics.numbers import flag, larger, opposite, select, smaller, some
+from archfrag.mechanics.numbers import flag, larger, opposite, select, some
 from archfrag.mechanics.status import CollapseMode, Loss
 
 # Contact lost below this slip over joint length and this rotation [rad] is lift-off.
@@ -54,11 +54,6 @@ def note_gap(j, state, gap, where):
         loss[Loss.MODE] = select(first, loss_mode(j, state), loss[Loss.MODE])
 
 
-@inlined
-def _shift(work, j, k, c):
-    return work.face[j, 1, k, c] - work.face[j, 0, k, c]
-
-
 @kernel
 def follow_joints(model, state, work, where, loss_limit):
     """Bring modes, slips and what joints remember up to the positions that a step has reached.
@@ -90,14 +85,9 @@ def follow_joints(model, state, work, where, loss_limit):
             unit = 1.0 / model.length[j]
             had = (state.touch[j, 0] > 0.5) | (state.touch[j, 1] > 0.5)
             _note_loss(j, model, state, none & had, rotation, time)
-            gap_0 = clearance(j, 0, work.face, work.tangent)
-            gap_1 = clearance(j, 1, work.face, work.tangent)
-            first = select(none, flag(gap_1 >= gap_0), flag(is_0)) > 0.5
-            dx = select(first, _shift(work, j, 0, 0), _shift(work, j, 1, 0))
-            dy = select(first, _shift(work, j, 0, 1), _shift(work, j, 1, 1))
-            slip = corner_slip(j, dx, dy, first, work.tangent)
+            slip, gap = slip_and_gap(j, is_0, is_1, work.face, work.tangent)
             state.slip[j] = select(none | slides, slip, state.slip[j])
-            gap = smaller(gap_0, gap_1) * unit
+            gap = gap * unit
             note_gap(j, state, gap, none)
             fallen = fallen | (none & (gap > loss_limit))
         fallen = fallen | (where & (abs(state.slip[j]) >= model.length[j]))

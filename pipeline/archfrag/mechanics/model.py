@@ -63,18 +63,16 @@ class State(NamedTuple):
 class Clock(IntEnum):
     """Entries of ``State.clock``."""
 
-    TIME = 0  # of the positions [s]
-    PREVIOUS = 1  # twice the time by which velocities lie back; mostly the last step [s]
-    STEP = 2  # size of the next step [s]
-    IMPACT = 3  # when the next impact is expected [s]
-    FASTEST = 4  # largest speed of any body, rotation times joint length included [m/s]
-    SPAN = 5  # for which the reactions of the last step act [s]
-    MOVING = 6  # time spent moving so far [s]
-    RESTING = 7  # time spent at rest so far [s]
-    MOTION = 8  # which of the ground motions moves it
-    FACTOR = 9  # on that ground motion
-    CODE = 10  # why the run waits; zero: it goes on
-    START = 11  # potential energy of the initial state [J]
+    TIME = 0  # of positions and velocities [s]
+    STEP = 1  # size of the next step [s]
+    IMPACT = 2  # when the next impact is expected [s]
+    FASTEST = 3  # largest speed of any body, rotation times joint length included [m/s]
+    MOVING = 4  # time spent moving so far [s]
+    RESTING = 5  # time spent at rest so far [s]
+    MOTION = 6  # which of the ground motions moves it
+    FACTOR = 7  # on that ground motion
+    CODE = 8  # why the run waits; zero: it goes on
+    START = 9  # potential energy of the initial state [J]
 
 
 class Work(NamedTuple):
@@ -82,8 +80,7 @@ class Work(NamedTuple):
 
     face: np.ndarray  # (n_joint, 2, 2, 2) side, corner, xy: where the faces are [m]
     tangent: np.ndarray  # (n_joint, 2, 2) side, xy: their unit tangents
-    next_face: np.ndarray  # (n_joint, 2, 2, 2) where the present velocities take them
-    next_tangent: np.ndarray  # (n_joint, 2, 2)
+    slip: np.ndarray  # (n_joint,) where contacts hold in this step [m]
     rotated: np.ndarray  # (n_body + 2, 2) cosine and sine of the rotations
     point: np.ndarray  # (n_joint, 2, 2) corner, xy: contact points [m]
     pivot: np.ndarray  # (n_joint, 2) in the middle between them [m]
@@ -105,7 +102,9 @@ class Work(NamedTuple):
     upper: np.ndarray  # (n_joint, 3, 3) eliminated coupling with the next joint
     unknown: np.ndarray  # (n_joint, 3) multipliers
     residual: np.ndarray  # (n_joint, 3) velocities left along the constrained directions
-    reaction: np.ndarray  # (n_joint, 3) impulse on the body after: x, y, moment about the pivot
+    # (n_joint, 3) on the body after: x, y, moment about the pivot; impulses until a step is made,
+    # then forces
+    reaction: np.ndarray
     relative: np.ndarray  # (n_joint, 3) relative velocity at the pivot
     earlier: np.ndarray  # (n_joint, 3) the same before the step
     parting: np.ndarray  # (n_joint, 2, 2) corner, xy: relative velocity with bias
@@ -115,7 +114,7 @@ class Work(NamedTuple):
 N_CLOCK = len(Clock)
 # Shapes of workspace behind the first dimension.
 OF_JOINTS = {
-    "face": (2, 2, 2), "tangent": (2, 2), "next_face": (2, 2, 2), "next_tangent": (2, 2),
+    "face": (2, 2, 2), "tangent": (2, 2), "slip": (),
     "point": (2, 2), "pivot": (2,), "normal": (2,), "side_normal": (2, 2, 2),
     "candidate": (2,), "known": (), "bias": (2, 2), "touch": (2,), "slide": (),
     "asked_touch": (2,), "asked_slide": (), "row": (3, 4), "column": (3, 4),

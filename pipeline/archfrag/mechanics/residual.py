@@ -137,7 +137,7 @@ def _move_moments(work, sense):
 
 
 @kernel
-def state_residual(model, state, work, span):
+def state_residual(model, state, work):
     """How far one instant of a motion is from the contact laws.
 
     Parameters
@@ -147,8 +147,6 @@ def state_residual(model, state, work, span):
     work : archfrag.mechanics.model.Work
         With the faces where the bodies are; contacts, `candidate`, `known` and `parting` are
         overwritten.
-    span : float
-        One, or the time for which impulses in ``work.reaction`` act [s].
 
     Returns
     -------
@@ -162,7 +160,7 @@ def state_residual(model, state, work, span):
     relative_velocity(state.position, state.velocity, work.pivot, work.relative)
     force = 0.0
     for i in range(model.mass.size):
-        force += model.gravity * model.mass[i] * span
+        force += model.gravity * model.mass[i]
     for j in range(length.size):
         fx, fy = work.reaction[j, 0], work.reaction[j, 1]
         force = max(force, abs(fx), abs(fy))

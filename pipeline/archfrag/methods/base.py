@@ -70,8 +70,8 @@ def start(case: Case, position: np.ndarray, velocity: np.ndarray, from_rest: boo
 
 def finish(case: Case, position: np.ndarray, velocity: np.ndarray) -> Outcome:
     """End a run; its final state goes into `position` and `velocity`."""
-    model, grounds, state, work, path, _, limits, output, results = case
-    end_run(model, grounds, state, work, path, limits, output, results, 0)
+    model, _, state, work, _, _, limits, output, results = case
+    end_run(model, state, work, limits, output, results, 0)
     position[:], velocity[:] = state.position[1:-1], state.velocity[1:-1]
     results.count[0, Count.FRAMES], results.count[0, Count.LOG_ENTRIES] = output.written
     return outcome_of(results, 0)

@@ -276,7 +276,7 @@ def write_due(case, linkage, motion, step):
     while output.due[0] <= time + step:
         clock[Clock.TIME] = max(output.due[0], time)
         _go_to(case, linkage, motion, clock[Clock.TIME] - time)
-        write_frame(case.model, case.state, case.work, 0.0, 1.0, output)
+        write_frame(case.model, case.state, case.work, output)
         output.due[0] += output.interval
     clock[Clock.TIME] = time
     _go_to(case, linkage, motion, step)
@@ -396,7 +396,7 @@ class Run:
     def write(self) -> None:
         """Frame of the chain without reactions."""
         self.case.work.reaction[:] = 0.0
-        write_frame(self.case.model, self.state, self.case.work, 0.0, 1.0, self.case.output)
+        write_frame(self.case.model, self.state, self.case.work, self.case.output)
         self.case.output.due[0] = self.clock[Clock.TIME] + self.case.output.interval
 
     def rest(self) -> int:
@@ -496,7 +496,7 @@ def run(
     case = case_of(chain, ground, False, options, frames, log)
     still = np.column_stack([chain.centroid, np.zeros(chain.mass.size)])
     start(case, still, np.zeros_like(still), False)
-    case.output.written[1], case.state.clock[Clock.SPAN] = 0, 1.0
+    case.output.written[1] = 0
     this, code = Run(case, ground, options), GO
     if not from_rest and not this.match(position, velocity):
         code = NOT_APPLICABLE

@@ -145,7 +145,7 @@ def _placed_at_rest(arch: Arch) -> tuple[Model, State, Work]:
 
 def _reactions_at_rest(model: Model, state: State, work: Work) -> NDArray[np.float64]:
     """Admissible reactions under self-weight, moments about the origin, (n_joint, 3)."""
-    work.free[1:-1, 1] = -model.gravity
+    work.free[1:-1, 1], work.position[:] = -model.gravity, state.position
     solve_anyhow(model, state, work, new_path(model))
     reaction = work.reaction.copy()
     reaction[:, 2] += work.pivot[:, 0] * reaction[:, 1] - work.pivot[:, 1] * reaction[:, 0]

@@ -12,7 +12,7 @@ import math
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.blocks import solve_modes
 from archfrag.mechanics.contact.placing import MINUS, PLUS, at_point, relative_velocity
-from archfrag.mechanics.numbers import flag, fused, larger, opposite, select, some
+from archfrag.mechanics.numbers import flag, fused, larger, opposite, select, smaller, some
 
 # Part of the bodies' velocities below which relative ones are not distinguished.
 ROUNDING = 1e-5
@@ -168,11 +168,13 @@ def largest_force(work):
 
 
 @inlined
-def closes_soon(j, k, work, step, ahead):
+def closes_soon(j, k, work, step, shortest, ahead):
     """Where a corner that does not touch will within the step, or a time `ahead` after it."""
-    side, later = work.side_normal, step + ahead
-    ux = later * work.parting[j, k, 0] - ahead * work.bias[j, k, 0]
-    uy = later * work.parting[j, k, 1] - ahead * work.bias[j, k, 1]
+    # The bias is that of the gap half a step after, of the shortest at most.
+    side, more = work.side_normal, ahead - 0.5 * smaller(step, shortest)
+    later = 0.5 * step + ahead
+    ux = later * work.parting[j, k, 0] - more * work.bias[j, k, 0]
+    uy = later * work.parting[j, k, 1] - more * work.bias[j, k, 1]
     plus = fused(side[j, k, PLUS, 0], ux, side[j, k, PLUS, 1] * uy)
     minus = fused(side[j, k, MINUS, 0], ux, side[j, k, MINUS, 1] * uy)
     free = (work.touch[j, k] < 0.5) & (work.candidate[j, k] > 0.5)
@@ -181,12 +183,12 @@ def closes_soon(j, k, work, step, ahead):
 
 
 @inlined
-def _closes(work, step, ahead):
+def _closes(work, step, shortest, ahead):
     """Where any corner closes soon."""
     closes = False
     for j in range(work.slide.shape[0]):
         for k in range(2):
-            closes = closes | closes_soon(j, k, work, step, ahead)
+            closes = closes | closes_soon(j, k, work, step, shortest, ahead)
     return closes
 
 
@@ -233,9 +235,9 @@ def solve_contact(model, position, work, live, looks, precision):
         from in `touch` and `slide`; on return the solution.
     live : mask
         Runs that take part.
-    looks : tuple of mask, number, number
+    looks : tuple of mask, number, number, number
         Runs that give up at once where a corner closes, since their step is to end before; the
-        step, and a time after it in which none may close either [s].
+        step, the shortest, and a time after the step in which none may close either [s].
     precision : archfrag.mechanics.contact.blocks.Precision
 
     Returns
@@ -254,7 +256,7 @@ def solve_contact(model, position, work, live, looks, precision):
         made += flag(active)
         changed = ask_modes(model, work, slack, precision.slack * largest_force(work))
         if number == 0 and some(looks[0]):
-            refused = active & looks[0] & _closes(work, looks[1], looks[2])
+            refused = active & looks[0] & _closes(work, looks[1], looks[2], looks[3])
         active = active & changed & opposite(refused)
         mark = _mark(work)
         circling = circling | (active & (mark == before))

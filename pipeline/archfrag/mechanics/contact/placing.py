@@ -7,7 +7,7 @@ and 23b of the paper: a vertex of either body may meet the other's face.
 import math
 
 from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.numbers import larger, opposite, select, sine_cosine
+from archfrag.mechanics.numbers import larger, opposite, select, sine_cosine, smaller
 
 # Slip over joint length below which two vertices count as one point.
 COINCIDENT = 1e-9
@@ -133,6 +133,22 @@ def clearance(j, k, face, tangent):
     both = abs(slip) <= COINCIDENT * (abs(dx) + abs(dy) + size)
     one = select(later_vertex_meets(k, slip), gap_a, gap_b)
     return select(both, larger(gap_a, gap_b), one)
+
+
+@inlined
+def slip_and_gap(j, at_0, at_1, face, tangent):
+    """Slip of a joint, at the nearer corner where none touches, and its smaller gap [m]."""
+    gap_0, gap_1 = clearance(j, 0, face, tangent), clearance(j, 1, face, tangent)
+    none = opposite(at_0 | at_1)
+    first = (none & (gap_1 >= gap_0)) | at_0
+    dx = select(first, _shift(j, 0, 0, face), _shift(j, 1, 0, face))
+    dy = select(first, _shift(j, 0, 1, face), _shift(j, 1, 1, face))
+    return corner_slip(j, dx, dy, first, tangent), smaller(gap_0, gap_1)
+
+
+@inlined
+def _shift(j, k, c, face):
+    return face[j, AFTER, k, c] - face[j, BEFORE, k, c]
 
 
 @inlined

@@ -19,6 +19,7 @@ def solve_anyhow(model, state, work, path):
     model : archfrag.mechanics.model.Model
     state : archfrag.mechanics.model.State
     work : archfrag.mechanics.model.Work
+        With the contacts placed where the bodies are by `position`.
     path : archfrag.mechanics.contact.path.Path
 
     Returns
@@ -30,13 +31,13 @@ def solve_anyhow(model, state, work, path):
     for j in range(state.slip.size):
         work.touch[j, 0], work.touch[j, 1] = state.touch[j, 0], state.touch[j, 1]
         work.slide[j], work.known[j] = state.slide[j], 0.0
-    scale = velocity_scale(state.position, work)
-    solved, made = reconcile_modes(model, state.position, work, scale, FOR_STEPS, STRAIGHT)
+    scale = velocity_scale(work.position, work)
+    solved, made = reconcile_modes(model, work.position, work, scale, FOR_STEPS, STRAIGHT)
     count[Count.ITERATIONS] += made
     if solved:
         return True, False
     solved, compliant, rounds, breaks = solve_by_path(
-        model, state.position, work, path, PATHS, SOFT_PATHS
+        model, work.position, work, path, PATHS, SOFT_PATHS
     )
     count[Count.ITERATIONS] += rounds
     count[Count.PATHS] += breaks > 0

@@ -28,8 +28,6 @@ from archfrag.mechanics.contact.placing import (
     COINCIDENT,
     MINUS,
     PLUS,
-    move_faces,
-    place_contacts,
     relative_velocity,
 )
 from archfrag.mechanics.model import Clock, Model
@@ -38,10 +36,10 @@ from archfrag.mechanics.types import Chain, Frames, GroundMotion, MechanismLog, 
 from archfrag.methods.base import end_at_rest, stands, write_rows
 from archfrag.methods.time_stepping.at_impacts import next_step
 from archfrag.methods.time_stepping.front import Case, case_of
-from archfrag.methods.time_stepping.motion import due_kick, end_of_motion
+from archfrag.methods.time_stepping.motion import end_of_motion, kick_between
 from archfrag.methods.time_stepping.run import code_after
 from archfrag.methods.time_stepping.service import accept_recorded, measure_state
-from archfrag.methods.time_stepping.step import free_fall
+from archfrag.methods.time_stepping.step import free_fall, go_to_middle
 
 # Speed over that of a fall through the longest joint below which the chain may be at rest, and
 # for how long after the record it is [s]: impulses are only as good as the tolerance of their
@@ -88,29 +86,15 @@ def corner_case(
 
 
 @kernel
-def _go_to_middle(model, state, work):
-    """Take positions half a step ahead of velocities, to the middle of Moreau's first step."""
-    clock = state.clock
-    step = clock[Clock.PREVIOUS] = clock[Clock.STEP]
-    clock[Clock.TIME] += 0.5 * step
-    clock[Clock.MOVING] += 0.5 * step
-    for i in range(1, state.position.shape[0] - 1):
-        for c in range(3):
-            state.position[i, c] += 0.5 * step * state.velocity[i, c]
-    move_faces(model, state.position, work.rotated, work.face, work.tangent)
-
-
-@kernel
 def pose_corners(case, corners):
-    """Contacts at the present positions, and the velocities of bodies without them."""
+    """Contacts in the middle of the next step, and the velocities of bodies without them."""
     model, state, work = case.model, case.state, case.work
-    if state.clock[Clock.PREVIOUS] == 0.0:
-        _go_to_middle(model, state, work)
-    kick = due_kick(case.grounds, state.clock, 0.0)
-    free_fall(model, state, work, kick)
-    place_contacts(model, state.slip, work.face, work.tangent, work)
+    time, step = state.clock[Clock.TIME], state.clock[Clock.STEP]
+    kick = kick_between(case.grounds, state.clock, time, time + step)
+    free_fall(model, state, work, kick, step)
+    go_to_middle(model, state, work, step)
     for j in range(state.slip.size):
-        unslipped = abs(state.slip[j]) <= COINCIDENT * model.length[j]
+        unslipped = abs(work.slip[j]) <= COINCIDENT * model.length[j]
         for k in range(2):
             if unslipped:
                 for c in range(2):
@@ -120,9 +104,9 @@ def pose_corners(case, corners):
             dx = work.face[j, AFTER, k, 0] - work.face[j, BEFORE, k, 0]
             dy = work.face[j, AFTER, k, 1] - work.face[j, BEFORE, k, 1]
             corners.gap[j, k] = nx * dx + ny * dy
-            corners.bias[j, k] = max(corners.gap[j, k], 0.0) / state.clock[Clock.STEP]
+            corners.bias[j, k] = max(corners.gap[j, k], 0.0) / step
             px, py = work.point[j, k, 0], work.point[j, k, 1]
-            write_rows(j, nx, ny, px, py, state.position, corners.row[j, k])
+            write_rows(j, nx, ny, px, py, work.position, corners.row[j, k])
     return kick
 
 
@@ -149,7 +133,7 @@ def gather_joints(case, corners):
         first = corners.slide[j, 0] if at_0 else corners.slide[j, 1]
         second = corners.slide[j, 1] if at_1 else first
         work.slide[j] = first if (at_0 or at_1) and first == second else 0.0
-    relative_velocity(case.state.position, work.solved, work.pivot, work.relative)
+    relative_velocity(work.position, work.solved, work.pivot, work.relative)
 
 
 @allocating

@@ -216,7 +216,7 @@ def write_step(run, mega, start, step, part, ground, output):
         x, y = ground_after(ground, later)
         clock[Clock.TIME] = output.due[0]
         if recover_reactions(run, mega, position, velocity, x, y):
-            write_frame(run.model, run.state, run.work, 0.0, 1.0, output)
+            write_frame(run.model, run.state, run.work, output)
         output.due[0] += output.interval
     clock[Clock.TIME] = now
 

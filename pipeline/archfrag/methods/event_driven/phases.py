@@ -326,7 +326,7 @@ def step_all_voussoirs(run, output):
     cause, joint = int(progress[Progress.SWITCH]), int(progress[Progress.JOINT])
     log_change(state, clock[Clock.TIME], cause, joint, ALL, output)
     move_faces(model, state.position, work.rotated, work.face, work.tangent)
-    rest.start_moving(state, run.steps)
+    rest.start_moving(state, run.steps, output)
     work.known[:] = 0.0  # the sense of friction at slips in progress: no step may be held to it
     clock[Clock.CODE] = waits.GO
     until, quiescent = clock[Clock.TIME] + progress[Progress.WINDOW], False
@@ -339,8 +339,6 @@ def step_all_voussoirs(run, output):
             if code != waits.GO:
                 return DONE
     progress[Progress.QUIESCENT_UNTIL] = clock[Clock.TIME] + progress[Progress.WINDOW]
-    if not service.synchronise(model, run.grounds, state, work, run.path):
-        return ALL_VOUSSOIRS
     for i in range(ACCUMULATION):
         run.recent[i] = -np.inf
     _set_cause(run, BY_QUIESCENCE, -1)
@@ -412,9 +410,7 @@ def follow_phases(run, at_rest, output, results):
             phase = rest_if_still(run, output)
         else:
             phase = step_all_voussoirs(run, output)
-    service.end_run(
-        run.model, run.grounds, run.state, run.work, run.path, run.limits, output, results, 0
-    )
+    service.end_run(run.model, run.state, run.work, run.limits, output, results, 0)
     results.model_time[0, FOUR] = run.progress[Progress.FOUR_HINGES]
     results.model_time[0, MEGA] = run.progress[Progress.MEGA_VOUSSOIRS]
     farthest = np.sqrt(run.progress[Progress.FARTHEST])

@@ -36,7 +36,6 @@ from archfrag.mechanics.mega_voussoirs.second_level import (
     GAP_1,
     SLIP_END,
 )
-from archfrag.mechanics.model import Clock
 from archfrag.mechanics.status import Cause, Count, Energy
 
 BY_HINGE, BY_SLIDE, BY_STICK = int(Cause.HINGE), int(Cause.SLIDE), int(Cause.STICK)
@@ -253,7 +252,7 @@ def pose_accelerations(run, ground_x, ground_y):
 def solve_posed(model, state, work):
     """Solve the problem that is posed by Newton's iteration on the modes; whether it does."""
     count = state.count
-    never = False, 0.0, 0.0
+    never = False, 0.0, 0.0, 0.0
     solved, _, rounds = solve_contact(model, state.position, work, True, never, EXACT)
     count[Count.ITERATIONS] += rounds
     count[Count.LEVELS] += 1.0
@@ -293,7 +292,6 @@ def take_modes(run):
         state.count[Count.SLIDES] += 1.0 if slides else 0.0
         state.count[Count.OPENINGS] += 1.0 if touches < before else 0.0
         state.count[Count.LOSSES] += 1.0 if touches == 0.0 and before > 0.0 else 0.0
-    state.clock[Clock.SPAN] = 1.0
     follow_joints(model, state, work, True, run.limits.loss_limit)
     return True
 

@@ -55,10 +55,10 @@ from archfrag.methods.penalty.springs import (
     stiffness_matrix,
 )
 from archfrag.methods.time_stepping.front import Case, case_of
-from archfrag.methods.time_stepping.motion import due_kick, end_of_motion
+from archfrag.methods.time_stepping.motion import Kick, end_of_motion, kick_between
 from archfrag.methods.time_stepping.recording import dominant_change, log_change, write_if_due
 from archfrag.methods.time_stepping.service import ALL, measure_state
-from archfrag.methods.time_stepping.step import count_changes, make_step
+from archfrag.methods.time_stepping.step import count_changes, go_to_middle, make_step
 from archfrag.methods.time_stepping.waits import AT_END, BROKEN, EXHAUSTED, FALLEN, GO, IDLE, PAUSE
 
 # A run of more steps than this is refused before it starts.
@@ -82,18 +82,20 @@ OPEN_STIFFNESS = 0.02
 
 @kernel
 def pose_springs(case, springs):
-    """Forces at the present positions, and the velocities half a step later."""
+    """Forces in the middle of the next step, and the velocities after it."""
     model, state, work = case.model, case.state, case.work
-    kick = due_kick(case.grounds, state.clock, 0.0)
-    press_joints(model, state, work, springs, state.clock[Clock.PREVIOUS])
-    half = 0.5 * kick.span * springs.mass_rate
+    time, step = state.clock[Clock.TIME], state.clock[Clock.STEP]
+    kick = kick_between(case.grounds, state.clock, time, time + step)
+    go_to_middle(model, state, work, step)
+    press_joints(model, state, work, springs, step)
+    half = 0.5 * step * springs.mass_rate
     lost = 0.0
     for i in range(1, state.position.shape[0] - 1):
-        fall = kick.y + kick.span * model.gravity
+        fall = kick.y + step * model.gravity
         for c in range(3):
             mass = model.inertia[i] if c == 2 else model.mass[i]
             outer = kick.x if c == 0 else (fall if c == 1 else 0.0)
-            impulse = kick.span * springs.total[i, c] - mass * outer
+            impulse = step * springs.total[i, c] - mass * outer
             # Cundall's local damping opposes motion by a part of the force.
             speed, brake = state.velocity[i, c], springs.local_damping * abs(impulse)
             damped = impulse - np.sign(speed) * brake
@@ -124,7 +126,7 @@ def gather_reactions(case, springs, span):
 
 @kernel
 def balance_energy(case, springs, kick):
-    """Bring the energy balance up to the instant of the positions.
+    """Bring the energy balance up to the middle of the next step.
 
     Returns whether by the balance this is still a motion, and not a divergence.
 
@@ -142,7 +144,7 @@ def balance_energy(case, springs, kick):
         old, new, m = state.velocity[i], case.work.solved[i], model.mass[i]
         has += 0.5 * m * (old[0] * new[0] + old[1] * new[1])
         has += 0.5 * model.inertia[i] * old[2] * new[2]
-        has += m * model.gravity * (state.position[i, 1] - model.centroid[i, 1])
+        has += m * model.gravity * (case.work.position[i, 1] - model.centroid[i, 1])
         # Half of this kick's work belongs to the time before.
         has += 0.5 * m * (kick.x * old[0] + kick.y * old[1])
         weight += m * model.gravity
@@ -176,14 +178,13 @@ def make_steps(case, springs, most, shifted):
             clock[Clock.CODE] = BROKEN
             return
         if checks or (output.frames.time.size > 0 and time >= output.due[0]):
-            gather_reactions(case, springs, kick.span)
-        if checks:
-            clock[Clock.SPAN] = kick.span
-            measure_state(model, state, work)
-        write_if_due(model, state, work, kick, output)
+            gather_reactions(case, springs, clock[Clock.STEP])
+        write_if_due(model, state, work, output)
         cause, joint = dominant_change(state, work)
         count_changes(state, work, True)
         fallen, broken = make_step(model, state, work, kick, True, limits.loss_limit)
+        if checks:
+            measure_state(model, state, work)
         if cause >= 0:
             log_change(state, time, cause, joint, ALL, output)
         if broken or fallen:
@@ -200,22 +201,17 @@ def make_steps(case, springs, most, shifted):
 
 @allocating
 def end_steps(case, springs):
-    """Bring velocities to the instant of the positions, and the energy balance up to it."""
-    model, state, clock = case.model, case.state, case.state.clock
+    """Bring the energy balance up to the end."""
+    model, state, work, clock = case.model, case.state, case.work, case.state.clock
     if int(clock[Clock.CODE]) not in (FALLEN, AT_END, IDLE):
         return
-    kick = pose_springs(case, springs)
-    if not balance_energy(case, springs, kick):
+    work.position[:], work.solved[:] = state.position, state.velocity
+    press_joints(model, state, work, springs, 0.5 * clock[Clock.STEP])
+    if not balance_energy(case, springs, Kick(0.0, 0.0)):
         clock[Clock.CODE] = BROKEN
         return
-    gather_reactions(case, springs, kick.span)
-    clock[Clock.SPAN] = kick.span
-    for i in range(1, state.position.shape[0] - 1):
-        for c in range(3):
-            change = case.work.solved[i, c] - state.velocity[i, c]
-            state.velocity[i, c] += clock[Clock.PREVIOUS] / (2.0 * kick.span) * change
-    clock[Clock.PREVIOUS] = 0.0
-    measure_state(model, state, case.work)
+    gather_reactions(case, springs, 1.0)
+    measure_state(model, state, work)
 
 
 def damp(case: Case, springs: Springs) -> None:
@@ -230,6 +226,7 @@ def damp(case: Case, springs: Springs) -> None:
     undamped, start = springs._replace(damping=0.0), state.position.copy()
     for number in range(NEWTON_ROUNDS):
         work.touch[:] *= number > 0
+        work.position[:] = state.position
         press_joints(model, state, work, undamped, 1.0)
         force = (springs.total - weight)[1:-1] if number > 0 else -weight[1:-1]
         if np.abs(force / (1.0, 1.0, model.length[0])).max() < rounding:
@@ -264,6 +261,7 @@ def _start(case: Case, springs: Springs, from_rest: bool) -> float:
     if from_rest:
         damp(case, springs)
     work.touch[:], work.slide[:] = state.touch, state.slide
+    work.position[:] = state.position
     press_joints(model, state, work, springs, 0.0)
     state.touch[:], state.slide[:] = work.touch, work.slide
     elastic, springs.sums[:] = float(springs.sums[Sum.ELASTIC]), 0.0

@@ -91,9 +91,9 @@ def _contact_frame(j, k, work, rounding):
 
 
 @inlined
-def _corner_rates(j, tx, ty, px, py, state):
+def _corner_rates(j, tx, ty, px, py, position, state):
     """Parting and tangential velocity of the faces of joint j at a point."""
-    x, v = state.position, state.velocity
+    x, v = position, state.velocity
     ux = v[j + 1, 0] - v[j + 1, 2] * (py - x[j + 1, 1])
     ux -= v[j, 0] - v[j, 2] * (py - x[j, 1])
     uy = v[j + 1, 1] + v[j + 1, 2] * (px - x[j + 1, 0])
@@ -145,7 +145,7 @@ def press_joints(model, state, work, springs, step):
             if gap >= 0.0 and touch[j, k] == 0.0:
                 continue
             springs.point[j, k, 0], springs.point[j, k, 1] = px, py
-            parting, sliding = _corner_rates(j, tx, ty, px, py, state)
+            parting, sliding = _corner_rates(j, tx, ty, px, py, work.position, state)
             before, dashpot = springs.shear[j, k], springs.dashpot[j, k]
             touch[j, k] = 1.0 if gap < 0.0 else 0.0
             if gap < 0.0:
@@ -157,7 +157,7 @@ def press_joints(model, state, work, springs, step):
                 sums[Sum.ELASTIC] += 0.5 * (kn * gap * gap + shear * shear / ks)
             slides = (slide, slides[1]) if k == 0 else (slides[0], slide)
             fx, fy = normal * ty + tangential * tx, tangential * ty - normal * tx
-            _add_force(j, k, fx, fy, state.position, springs)
+            _add_force(j, k, fx, fy, work.position, springs)
             # By the trapezoidal rule, with which central differences balance energy.
             slip = sliding * step + (shear - before) / ks
             sums[Sum.FRICTION] += 0.5 * (shear + before) * slip

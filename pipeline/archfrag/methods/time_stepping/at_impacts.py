@@ -1,37 +1,33 @@
 """How long steps are: short at impacts, long between them.
 
 A step in which a corner would close is refused after its first linear problem. Its gap, the rate
-at which it closes and the acceleration that the problem gives determine when it will close; the
-step is made again so that it ends one and a half of the shortest steps before. These follow
-until the impact is over: velocities lie half a step from the positions, an impact extends over
-two steps, and between unequal ones it would change the velocities of another instant and so make
-or lose energy. Then steps grow again.
+at which it closes and the acceleration that the problem gives determine when it will close. The
+step is made again so that it ends shortly before; the next one has the impact in its middle, where
+reactions act. Then steps may be long again at once: a step does not depend on its neighbours.
 
-What acts until the impact acts on the mechanism before it (`due_kick`): divided at the middle of
-a step it would act on the one after it, which takes the acceleration times a step or two too much
-speed. Impacts that follow each other closely are taken as they come. Where shortest and largest
-steps are equal none is refused.
+Impacts that follow each other more closely than the shortest step are taken as they come. Where
+shortest and largest steps are equal none is refused.
 """
 
 import math
 from typing import NamedTuple
 
 from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.contact.modes import closes_soon, opening_rate
-from archfrag.mechanics.contact.placing import MINUS, PLUS, corner_offset
+from archfrag.mechanics.contact.modes import closes_soon
+from archfrag.mechanics.contact.placing import MINUS, PLUS
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.numbers import larger, select, smaller, some
 from archfrag.mechanics.status import Count
-from archfrag.methods.time_stepping.step import QUIET
+from archfrag.methods.time_stepping.step import bend_of, offset_of, velocity_at
 
 # A step this much longer than the shortest is not worth refusing.
 NEARLY = 1.05
-# An impact that has come later than expected by this part of the shortest step is over.
-LATE = 0.25
-# A refused step ends so many of the shortest before the impact.
-LEAD = 1.5
-# The most of a refused step that is made again.
-MOST = 0.9
+# A refused step ends so many of the shortest before the impact, if that is not too soon.
+LEAD, SOON = 0.75, 1.25
+# The most of a refused step that is made again, and the least of the shortest.
+MOST, LEAST = 0.9, 0.25
+# An impact this near to the middle of a step, over its length, need not be brought nearer.
+CENTRED = 0.1
 
 
 class Steps(NamedTuple):
@@ -43,53 +39,61 @@ class Steps(NamedTuple):
 
 
 @inlined
-def _gap(j, k, face, tangent, state, work):
-    """Gap at a corner by the contact's own normals [m]."""
-    ex, ey = corner_offset(j, k, face, tangent, state.slip[j])
-    side = work.side_normal
-    plus = side[j, k, PLUS, 0] * ex + side[j, k, PLUS, 1] * ey
-    minus = side[j, k, MINUS, 0] * ex + side[j, k, MINUS, 1] * ey
-    return larger(plus, minus)
+def _closing_time(gap, before, after, bend, step, latest):
+    """When a gap closes, from the beginning of a step on; `latest` if it does not until then [s].
+
+    `gap` is that at the middle of the step, `before` and `after` are its rates on either side, and
+    `bend` is the centripetal part of its acceleration.
+    """
+    start = gap - 0.5 * step * before + 0.125 * step * step * bend
+    rate = before - 0.5 * step * bend
+    acceleration = (after - before) / step + bend
+    root = larger(rate * rate - 2.0 * acceleration * start, 0.0)
+    time = select(start > 0.0, 2.0 * start / (math.sqrt(root) - rate), 0.0)
+    return select((time >= 0.0) & (time < latest), time, latest)
 
 
 @kernel
-def time_to_impact(state, work, ahead):
+def time_to_impact(model, state, work, shortest, ahead):
     """When the first of the corners that ask to close will do so, from now on [s].
 
     Returns step and time ahead where no corner does.
-
-    The gap g + r t + a t (t + p) / 2 follows from its present value g, its rate r before the step,
-    half a step p back, and the acceleration a over it.
     """
-    step, previous = state.clock[Clock.STEP], state.clock[Clock.PREVIOUS]
-    first, per_step = step + ahead, 1.0 / step
+    step = state.clock[Clock.STEP]
+    latest = step + ahead
+    first = latest
     for j in range(state.slip.shape[0]):
         for k in range(2):
-            closes = closes_soon(j, k, work, step, ahead)
+            closes = closes_soon(j, k, work, step, shortest, ahead)
             if some(closes):
-                now = _gap(j, k, work.face, work.tangent, state, work)
-                coasting = _gap(j, k, work.next_face, work.next_tangent, state, work)
-                rate = (coasting - now) * per_step
-                end = opening_rate(j, k, work) * step
-                bend = 2.0 * (end - coasting) * per_step / (step + larger(previous, 0.0))
-                slope = rate + 0.5 * bend * previous
-                root = larger(slope * slope - 2.0 * bend * now, 0.0)
-                below = math.sqrt(root) - slope
-                time = select(now > 0.0, 2.0 * now / below, 0.0)
-                time = select((time >= 0.0) & (time < step + ahead), time, step + ahead)
+                ex, ey = offset_of(j, k, model, work)
+                hx, hy = bend_of(j, k, work.position, state.velocity, work)
+                ux, uy = velocity_at(j, k, work.earlier, work)
+                vx, vy = velocity_at(j, k, work.relative, work)
+                time = 0.0 * step
+                # The corner closes when the last of both laws, Eqs 23a and 23b, lets it.
+                for sense in (PLUS, MINUS):
+                    nx, ny = work.side_normal[j, k, sense, 0], work.side_normal[j, k, sense, 1]
+                    closing = _closing_time(
+                        nx * ex + ny * ey, nx * ux + ny * uy, nx * vx + ny * vy,
+                        nx * hx + ny * hy, step, latest,
+                    )  # fmt: skip
+                    time = larger(time, closing)
                 first = select(closes & (time < first), time, first)
     return first
 
 
 @inlined
-def shorten(state, work, steps, refused, unsolved):
+def shorten(model, state, work, steps, refused, unsolved):
     """Cut the steps that were refused before the impact, and halve those without solution."""
     clock = state.clock
     step = clock[Clock.STEP]
     if some(refused):
-        wait = time_to_impact(state, work, LEAD * steps.impact)
-        cut = smaller(wait - LEAD * steps.impact, MOST * step)
-        clock[Clock.STEP] = select(refused, larger(cut, steps.impact), step)
+        wait = time_to_impact(model, state, work, steps.impact, LEAD * steps.impact)
+        # Too near for a step before it: the impact comes into the middle of this one.
+        middle = larger(2.0 * wait, LEAST * steps.impact)
+        cut = select(wait < SOON * steps.impact, middle, wait - LEAD * steps.impact)
+        clock[Clock.STEP] = select(refused, smaller(cut, MOST * step), step)
         clock[Clock.IMPACT] = select(refused, clock[Clock.TIME] + wait, clock[Clock.IMPACT])
     if some(unsolved):
         half = larger(0.5 * step, steps.impact)
@@ -102,29 +106,24 @@ def next_step(state, steps, where, until):
     """Size of the step after one that has been made; none goes on past `until`."""
     clock = state.clock
     ahead = clock[Clock.IMPACT] - clock[Clock.TIME]
-    hits = False
+    unfinished = False
     for j in range(state.impact.shape[0]):
-        hits = hits | (state.impact[j] > 0.0)
-    grown = smaller(steps.growth * clock[Clock.STEP], steps.largest)
-    grown = select(hits, larger(clock[Clock.STEP], steps.impact), grown)
-    due = larger(ahead - LEAD * steps.impact, steps.impact)
-    waits = (ahead > -LATE * steps.impact) & (due < grown)
-    step = select(waits, due, grown)
+        unfinished = unfinished | (state.impact[j] > 0.0)
+    step = larger(clock[Clock.STEP], steps.impact)
+    # An impact off the middle of its step ends in the next one.
+    step = select(unfinished, smaller(clock[Clock.STEP], steps.impact), smaller(steps.growth * step, steps.largest))
+    far = ahead - LEAD * steps.impact
+    due = select(ahead < SOON * steps.impact, 2.0 * ahead, far)
+    step = select((ahead > 0.0) & (due < step), due, step)
     left = until - clock[Clock.TIME]
     step = select((left > 0.0) & (left < step), left, step)
     clock[Clock.STEP] = select(where, step, clock[Clock.STEP])
 
 
 @inlined
-def lone_impacts(state, steps):
-    """The shortest step where no impact has been for some steps, else none [s]."""
-    latest = -QUIET
-    for j in range(state.impact.shape[0]):
-        latest = larger(latest, state.impact[j])
-    return select(latest > -QUIET, 0.0, steps.impact)
-
-
-@inlined
 def locates(state, steps, live):
-    """Where a step is long enough to be refused if a corner closes in it."""
-    return live & (state.clock[Clock.STEP] > NEARLY * steps.impact)
+    """Where a step is long enough to be refused if a corner closes in it, except in its middle."""
+    clock = state.clock
+    step = clock[Clock.STEP]
+    off = abs(clock[Clock.IMPACT] - (clock[Clock.TIME] + 0.5 * step))
+    return live & (step > NEARLY * steps.impact) & (off > CENTRED * step)

@@ -8,7 +8,7 @@ import numpy as np
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.ground import rest_margin
 from archfrag.mechanics.model import Clock
-from archfrag.mechanics.numbers import lane, larger, select, width, with_lane
+from archfrag.mechanics.numbers import lane, width, with_lane
 
 # Loads beyond the range of rest by less than this part of gravity leave forces that no contact
 # problem distinguishes from rounding: a motion would start from that, not from them.
@@ -16,12 +16,10 @@ BEYOND = 1e-11
 
 
 class Kick(NamedTuple):
-    """What a step takes from the velocities of free bodies."""
+    """What the ground takes from the velocities of free bodies in a step."""
 
     x: float  # integral of the ground acceleration [m/s]
     y: float
-    span: float  # for which gravity acts [s]
-    early: float  # part of the change of velocity that comes after the middle of the step
 
 
 class Grounds(NamedTuple):
@@ -82,7 +80,7 @@ def _impulse_until(time, acceleration, impulse, first, last, per_step, time_step
 
 @kernel
 def kick_between(grounds, clock, start, end):
-    """What ground motion and gravity take from the velocities between two instants [s]."""
+    """What the ground motion takes from the velocities between two instants [s]."""
     x = y = 0.0 * start
     for k in range(width(clock[Clock.TIME])):
         motion = int(lane(clock[Clock.MOTION], k))
@@ -97,24 +95,7 @@ def kick_between(grounds, clock, start, end):
         wave, total = grounds.vertical, grounds.impulse_y
         late = _impulse_until(b, wave, total, first, last, per, dt)
         y = with_lane(y, k, factor * (late - _impulse_until(a, wave, total, first, last, per, dt)))
-    return Kick(x, y, end - start, 0.0 * start)
-
-
-@inlined
-def due_kick(grounds, clock, shortest):
-    """The kick of the next step: from where the last one ended to the middle of this step.
-
-    Before a step of the `shortest` in which an impact is expected it goes on to that instant:
-    what acts until then acts on the mechanism before the impact, what follows on that after it.
-    """
-    time, step = clock[Clock.TIME], clock[Clock.STEP]
-    start = time - 0.5 * clock[Clock.PREVIOUS]
-    hit, end = clock[Clock.IMPACT], larger(time, start) + 0.5 * step
-    next_hits = (hit > time + step) & (hit < time + step + shortest) & (hit > end)
-    last = select(next_hits, hit, end)
-    kick = kick_between(grounds, clock, start, last)
-    early = (last - end) / (last - start)
-    return Kick(kick.x, kick.y, kick.span, early)
+    return Kick(x, y)
 
 
 @inlined

@@ -23,11 +23,16 @@ class Output(NamedTuple):
     written: np.ndarray  # (2,) int64: frames, and log entries, also those without place
     due: np.ndarray  # (1,) from when on the next frame is wanted [s]
     interval: float  # between frames [s]
+    forces: np.ndarray  # (n_joint, 3) mean reactions over the last step, for frames
+    span: np.ndarray  # (1,) of that step; zero where a motion begins [s]
 
 
 def output_to(frames: Frames, log: MechanismLog, interval: float) -> Output:
     """An output that has nothing in it yet."""
-    return Output(frames, log, np.zeros(2, np.int64), np.zeros(1), float(interval))
+    forces = np.zeros(frames.reaction.shape[1:])
+    return Output(
+        frames, log, np.zeros(2, np.int64), np.zeros(1), float(interval), forces, np.zeros(1)
+    )
 
 
 def no_output(n_body: int, n_joint: int) -> Output:
@@ -53,8 +58,8 @@ def mode_of(touch, slide, j):
 
 
 @kernel
-def write_frame(model, state, work, part, span, output):
-    """Write a frame of the present positions, and count it."""
+def write_frame(model, state, work, output):
+    """Write a frame of the present state with the forces in ``work.reaction``, and count it."""
     frames, n = output.frames, output.written[0]
     if frames.time.size == 0 or n >= frames.time.size:
         return
@@ -65,23 +70,45 @@ def write_frame(model, state, work, part, span, output):
         frames.position[n, i, 1] = state.position[i + 1, 1] - model.centroid[i + 1, 1]
         frames.position[n, i, 2] = state.position[i + 1, 2]
         for c in range(3):
-            v = state.velocity[i + 1, c]
-            frames.velocity[n, i, c] = v + part * (work.solved[i + 1, c] - v)
+            frames.velocity[n, i, c] = state.velocity[i + 1, c]
     for j in range(state.slip.size):
         for c in range(3):
-            frames.reaction[n, j, c] = work.reaction[j, c] / span
+            frames.reaction[n, j, c] = work.reaction[j, c]
         frames.mode[n, j] = mode_of(work.touch, work.slide, j)
 
 
 @kernel
-def write_if_due(model, state, work, kick, output):
-    """Frame of the instant from which a solved step sets out, before it is made."""
-    clock = state.clock
-    if output.frames.time.size == 0 or clock[Clock.TIME] < output.due[0]:
+def write_if_due(model, state, work, output):
+    """Frame of the instant from which a solved step sets out, before it is made.
+
+    Reactions act at the middles of steps; those of the instant lie between them.
+    """
+    clock, frames, n = state.clock, output.frames, output.written[0]
+    if frames.time.size == 0 or clock[Clock.TIME] < output.due[0]:
         return
-    part = max(0.5 * clock[Clock.PREVIOUS] / kick.span, 0.0)
-    write_frame(model, state, work, part, kick.span, output)
+    write_frame(model, state, work, output)
     output.due[0] = clock[Clock.TIME] + output.interval
+    if n >= frames.time.size:
+        return
+    step, before = clock[Clock.STEP], output.span[0]
+    part = before / (before + step)
+    for j in range(state.slip.size):
+        for c in range(3):
+            force = work.reaction[j, c] / step
+            frames.reaction[n, j, c] = output.forces[j, c] + part * (force - output.forces[j, c])
+            if before == 0.0:
+                frames.reaction[n, j, c] = force
+
+
+@kernel
+def keep_forces(work, step, output):
+    """Keep the mean reactions of a step that has been made, for the frame between it and the next."""
+    if output.frames.time.size == 0:
+        return
+    output.span[0] = step
+    for j in range(output.forces.shape[0]):
+        for c in range(3):
+            output.forces[j, c] = work.reaction[j, c]
 
 
 @kernel

@@ -59,11 +59,11 @@ def rest_range(model, state, work):
 
 
 @kernel
-def start_moving(state, steps):
-    """Begin to move from the positions of a state, with velocities at the same instant."""
+def start_moving(state, steps, output):
+    """Begin to step from the positions and velocities of a state."""
     clock = state.clock
-    clock[Clock.PREVIOUS], clock[Clock.STEP] = 0.0, steps.impact
-    clock[Clock.IMPACT] = -np.inf
+    clock[Clock.STEP], clock[Clock.IMPACT] = steps.impact, -np.inf
+    output.span[0] = 0.0
     for j in range(state.impact.size):
         state.impact[j] = 0.0
 
@@ -79,9 +79,11 @@ def write_rest(model, grounds, state, work, path, output):
     time = clock[Clock.TIME]
     kick = kick_between(grounds, clock, time - tiny, time + tiny)
     for i in range(1, state.position.shape[0] - 1):
-        work.free[i, 0] = -kick.x / kick.span
-        work.free[i, 1] = -kick.y / kick.span - model.gravity
+        work.free[i, 0] = -kick.x / (2.0 * tiny)
+        work.free[i, 1] = -kick.y / (2.0 * tiny) - model.gravity
         work.free[i, 2] = 0.0
+        for c in range(3):
+            work.position[i, c] = state.position[i, c]
     for j in range(state.slip.size):
         for k in range(2):
             work.bias[j, k, 0] = work.bias[j, k, 1] = 0.0
@@ -93,7 +95,7 @@ def write_rest(model, grounds, state, work, path, output):
     count[Count.ITERATIONS], count[Count.PATHS], count[Count.COMPLIANT] = taken
     if not solved:
         work.reaction[:] = 0.0
-    write_frame(model, state, work, 0.0, 1.0, output)
+    write_frame(model, state, work, output)
 
 
 @kernel
@@ -105,7 +107,7 @@ def rest_until_onset(model, grounds, state, steps, plus, minus, output):
     clock[Clock.TIME] = leave
     if for_good:
         return IDLE
-    start_moving(state, steps)
+    start_moving(state, steps, output)
     output.due[0] = leave
     log_change(state, leave, BY_START, -1, ALL, output)
     return GO

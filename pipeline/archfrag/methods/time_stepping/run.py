@@ -31,11 +31,10 @@ from archfrag.mechanics.status import Count, Energy
 from archfrag.methods.time_stepping.at_impacts import (
     LEAD,
     locates,
-    lone_impacts,
     next_step,
     shorten,
 )
-from archfrag.methods.time_stepping.motion import due_kick, end_of_motion
+from archfrag.methods.time_stepping.motion import end_of_motion, kick_between
 from archfrag.methods.time_stepping.recording import log_change
 from archfrag.methods.time_stepping.rest import rest_until_onset, start_moving, write_rest
 from archfrag.methods.time_stepping.service import (
@@ -72,15 +71,16 @@ def try_step(model, grounds, state, work, steps, live):
     Returns kick, solved, unsolved.
     """
     step = state.clock[Clock.STEP]
-    kick = due_kick(grounds, state.clock, lone_impacts(state, steps))
-    pose_step(model, state, work, kick, step)
-    looks = (locates(state, steps, live), step, LEAD * steps.impact)
-    solved, refused, made = solve_contact(model, state.position, work, live, looks, FOR_STEPS)
+    time = state.clock[Clock.TIME]
+    kick = kick_between(grounds, state.clock, time, time + step)
+    pose_step(model, state, work, kick, step, steps.impact)
+    looks = (locates(state, steps, live), step, steps.impact, LEAD * steps.impact)
+    solved, refused, made = solve_contact(model, work.position, work, live, looks, FOR_STEPS)
     state.count[Count.ITERATIONS] += made
     failed = live & opposite(solved | refused)
     halved = failed & (step > 1.5 * steps.impact)
     if some(refused | halved):
-        shorten(state, work, steps, refused, halved)
+        shorten(model, state, work, steps, refused, halved)
     return kick, solved, failed & opposite(halved)
 
 
@@ -149,7 +149,7 @@ def finish_one(model, grounds, state, work, path, steps, limits, output, results
         code = int(state.clock[Clock.CODE])
         if code in (UNSOLVED, PAUSE):
             code = serve(model, grounds, state, work, path, steps, limits, output)
-    end_run(model, grounds, state, work, path, limits, output, results, row)
+    end_run(model, state, work, limits, output, results, row)
 
 
 @kernel
@@ -174,7 +174,7 @@ def start_given(model, state, work, steps, output):
     move_faces(model, state.position, work.rotated, work.face, work.tangent)
     read_joints(model, state, work)
     log_change(state, 0.0, BY_START, -1, ALL, output)
-    start_moving(state, steps)
+    start_moving(state, steps, output)
 
 
 @kernel
@@ -269,7 +269,7 @@ def next_run(model, grounds, one, steps, limits, jobs, output, results):
         state.clock[Clock.CODE] = code
         if code == GO:
             return run
-        end_run(model, grounds, state, one.work, one.path, limits, output, results, run)
+        end_run(model, state, one.work, limits, output, results, run)
     state.clock[Clock.CODE] = IDLE
     state.clock[Clock.STEP] = steps.largest
     return -1
@@ -297,10 +297,7 @@ def run_four(model, grounds, four, one, steps, limits, jobs, output, results):
             if code in (UNSOLVED, PAUSE):
                 code = serve(model, grounds, state, one.work, one.path, steps, limits, output)
             if code != GO:
-                end_run(
-                    model, grounds, state, one.work, one.path, limits, output, results,
-                    runs[number],
-                )  # fmt: skip
+                end_run(model, state, one.work, limits, output, results, runs[number])
                 runs[number] = next_run(model, grounds, one, steps, limits, jobs, output, results)
                 running -= runs[number] < 0
             return_run(one.returned, number, four.returned)

@@ -10,23 +10,18 @@ import numpy as np
 
 from archfrag.mechanics.collapse import NOTED_GAP, collapse_of, loss_mode
 from archfrag.mechanics.compile import kernel
-from archfrag.mechanics.contact.placing import (
-    clearance,
-    corner_slip,
-    move_faces,
-    place_contacts,
-    relative_velocity,
-)
+from archfrag.mechanics.contact.placing import clearance, move_faces, slip_and_gap
 from archfrag.mechanics.contact.problem import solve_anyhow
-from archfrag.mechanics.energy import change_of_step, contact_works, energies_of, record_work
+from archfrag.mechanics.energy import energies_of, record_work
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.residual import state_residual
 from archfrag.mechanics.status import Cause, Count, Energy, Loss, Peak, Status
 from archfrag.mechanics.status import Model as Rung
-from archfrag.methods.time_stepping.at_impacts import lone_impacts, next_step
-from archfrag.methods.time_stepping.motion import due_kick, end_of_motion, end_rest, kick_between
+from archfrag.methods.time_stepping.at_impacts import next_step
+from archfrag.methods.time_stepping.motion import end_of_motion, end_rest, kick_between
 from archfrag.methods.time_stepping.recording import (
     dominant_change,
+    keep_forces,
     log_change,
     write_frame,
     write_if_due,
@@ -38,7 +33,7 @@ from archfrag.methods.time_stepping.rest import (
     rest_until_onset,
     write_rest,
 )
-from archfrag.methods.time_stepping.step import accept_step, free_fall, pose_step, take_velocities
+from archfrag.methods.time_stepping.step import accept_step, pose_step
 from archfrag.methods.time_stepping.waits import (
     AT_END,
     BROKEN,
@@ -76,11 +71,13 @@ class Limits(NamedTuple):
 @kernel
 def accept_recorded(model, state, work, kick, limits, output):
     """Make a solved step of one run, and write what is due; as `accept_step`."""
-    write_if_due(model, state, work, kick, output)
+    write_if_due(model, state, work, output)
     cause, joint, time = -1, -1, state.clock[Clock.TIME]
     if output.log.time.size > 0:
         cause, joint = dominant_change(state, work)
+    step = state.clock[Clock.STEP]
     fallen, broken = accept_step(model, state, work, kick, True, limits.loss_limit)
+    keep_forces(work, step, output)
     if cause >= 0:
         log_change(state, time, cause, joint, ALL, output)
     return fallen, broken
@@ -89,7 +86,7 @@ def accept_recorded(model, state, work, kick, limits, output):
 @kernel
 def measure_state(model, state, work):
     """Note how far the state that the last step reached is from the contact laws."""
-    residual = state_residual(model, state, work, state.clock[Clock.SPAN])
+    residual = state_residual(model, state, work)
     state.peak[Peak.RESIDUAL] = max(state.peak[Peak.RESIDUAL], residual)
 
 
@@ -97,8 +94,9 @@ def measure_state(model, state, work):
 def serve_unsolved(model, grounds, state, work, path, steps, limits, output):
     """Make a step whose modes are not reconciled, or halve it; returns the code."""
     clock = state.clock
-    kick = due_kick(grounds, clock, lone_impacts(state, steps))
-    pose_step(model, state, work, kick, clock[Clock.STEP])
+    time, step = clock[Clock.TIME], clock[Clock.STEP]
+    kick = kick_between(grounds, clock, time, time + step)
+    pose_step(model, state, work, kick, step, steps.impact)
     solved, compliant = solve_anyhow(model, state, work, path)
     if solved:
         fallen, broken = accept_recorded(model, state, work, kick, limits, output)
@@ -138,12 +136,10 @@ def serve_pause(model, grounds, state, work, path, steps, limits, output):
     for i in range(1, state.position.shape[0] - 1):
         ux, uy, w = state.velocity[i, 0], state.velocity[i, 1], state.velocity[i, 2]
         stops -= 0.5 * (model.mass[i] * (ux * ux + uy * uy) + model.inertia[i] * w * w)
-        stops += model.gravity * model.mass[i] * 0.5 * clock[Clock.PREVIOUS] * uy
         for c in range(3):
             state.velocity[i, c] = 0.0
-    record_work(0.0, 0.0, stops, -state.energy[Energy.BALANCE_ERROR], True, state.energy)
+    record_work(0.0, 0.0, stops, True, state.energy)
     state.count[Count.RESTS] += 1.0
-    clock[Clock.PREVIOUS] = 0.0
     write_rest(model, grounds, state, work, path, output)
     log_change(state, clock[Clock.TIME], BY_REST, -1, AT_REST, output)
     return rest_until_onset(model, grounds, state, steps, plus, minus, output)
@@ -159,39 +155,6 @@ def serve(model, grounds, state, work, path, steps, limits, output):
         code = serve_pause(model, grounds, state, work, path, steps, limits, output)
     state.clock[Clock.CODE] = code
     return code
-
-
-@kernel
-def synchronise(model, grounds, state, work, path):
-    """Give velocities the half kick that is due, so that they belong to the positions.
-
-    Returns whether the contact problem of these velocities was solved; else they stay as they
-    were.
-    """
-    clock = state.clock
-    previous = clock[Clock.PREVIOUS]
-    if previous <= 0.0:
-        return True
-    time = clock[Clock.TIME]
-    kick = kick_between(grounds, clock, time - 0.5 * previous, time)
-    place_contacts(model, state.slip, work.face, work.tangent, work)
-    for j in range(state.slip.size):
-        for k in range(2):
-            work.bias[j, k, 0] = work.bias[j, k, 1] = 0.0
-            work.candidate[j, k] = state.touch[j, k]
-    free_fall(model, state, work, kick)
-    solved, _ = solve_anyhow(model, state, work, path)
-    if not solved:
-        return False
-    relative_velocity(state.position, state.velocity, work.pivot, work.earlier)
-    friction, impact, balance_error, _, _ = contact_works(state, work, 1.0)
-    balance_error += change_of_step(model, state, work, 0.0, previous)
-    record_work(
-        friction, impact, balance_error, -state.energy[Energy.BALANCE_ERROR], True, state.energy
-    )
-    take_velocities(model, state, work, kick, True)
-    clock[Clock.PREVIOUS], clock[Clock.SPAN] = 0.0, kick.span
-    return True
 
 
 @kernel
@@ -217,9 +180,7 @@ def read_joints(model, state, work):
         gaps = clearance(j, 0, work.face, work.tangent), clearance(j, 1, work.face, work.tangent)
         length = model.length[j]
         k = 1 if gaps[1] < gaps[0] else 0
-        dx = work.face[j, 1, k, 0] - work.face[j, 0, k, 0]
-        dy = work.face[j, 1, k, 1] - work.face[j, 0, k, 1]
-        slip = corner_slip(j, dx, dy, k == 0, work.tangent)
+        slip, _ = slip_and_gap(j, False, False, work.face, work.tangent)
         state.slip[j] = 0.0 if abs(slip) < CLOSED_GAP * length else slip
         if max(gaps) > CLOSED_GAP * length:
             state.touch[j, 1 - k] = 0.0
@@ -295,7 +256,7 @@ def record_end(model, state):
 
 
 @kernel
-def end_run(model, grounds, state, work, path, limits, output, results, row):
+def end_run(model, state, work, limits, output, results, row):
     """Write what a run has ended in."""
     clock, energy = state.clock, state.energy
     code, status = int(clock[Clock.CODE]), NO_SOLUTION
@@ -306,13 +267,11 @@ def end_run(model, grounds, state, work, path, limits, output, results, row):
     elif code == EXHAUSTED:
         status = WORK_BOUND
     elif code in (FALLEN, AT_END):
-        in_time = synchronise(model, grounds, state, work, path)
-        if in_time:
-            status = UNFINISHED
-            write_frame(model, state, work, 0.0, max(clock[Clock.SPAN], 1e-300), output)
+        status = UNFINISHED
+        write_frame(model, state, work, output)
         limit = limits.loss_limit if code == FALLEN else NOTED_GAP
         joint, how, since = collapse_of(model, state, work, limit)
-        if joint >= 0 and (in_time or code == FALLEN):
+        if joint >= 0:
             status = COLLAPSED
             results.collapse_joint[row], results.collapse_mode[row] = joint, how
             results.collapse_time[row] = since

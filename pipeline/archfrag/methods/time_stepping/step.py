@@ -1,11 +1,19 @@
-"""One step of Moreau-Jean time stepping, of one run or of four: pose, solve, accept.
+"""One step of Moreau's midpoint scheme, of one run or of four: pose, solve, accept.
 
-Forces and contact directions are taken at the middle of the step, where Moreau's scheme looks
-for contacts (Moreau 1988, 1999; Jean 1999), and Signorini's law is imposed on the position that
-the step reaches, as Paoli and Schatzman do (2002, *SIAM J. Numer. Anal.* 40(2)): with no
-restitution a contact neither drifts nor penetrates. Between impacts this is the Stoermer-Verlet
-method with constraints, of second order and without numerical damping; an impact is caught
-within its step.
+From the positions q and velocities v of one instant the bodies move on for half the step h. There
+contacts are looked for (Moreau 1988, 1999; Jean 1999), and all forces act for the entire step:
+
+    q_m = q + h/2 v,    M (w - v) = h f(q_m) + H(q_m) r,    q' = q_m + h/2 w
+
+Displacement and impulse belong to the same step, whatever its length and that of its neighbours:
+the kinetic and the potential energy change by M (w - v) (v + w) / 2 and by h m g (v + w) / 2, which
+is to rounding the work of the ground and of the reactions at the mean velocities.
+
+Signorini's law holds at the position from which the next step's middle is reached, as with Paoli
+and Schatzman (2002, *SIAM J. Numer. Anal.* 40(2)): q' moved on along the velocities w, for half the
+step where a corner touches, and where it is open for half the shortest step at most. With no
+restitution a contact neither drifts nor penetrates; the law at q' is free of the curvature of its
+path, so that a change of the step moves no contact.
 """
 
 import math
@@ -19,6 +27,7 @@ from archfrag.mechanics.contact.placing import (
     move_faces,
     place_contacts,
     relative_velocity,
+    slip_and_gap,
 )
 from archfrag.mechanics.energy import record_step
 from archfrag.mechanics.model import Clock
@@ -32,11 +41,10 @@ REACH = 5.0
 # Overlap is corrected no faster than at the joint's own relative speed plus what gravity and
 # this many times rotation do in a step: a deep one would throw the bodies apart.
 SWING = 4.0
-# Steps for which work at a new contact counts as that of an impact.
-IMPACT_STEPS = 2.0
-# So many steps after an impact the next one is apart from it.
-QUIET = 2.0
-# Steps between looks for overlaps.
+# A corner that still closes, or already opens, by more than this part of the rate at which it
+# came has its impact off the middle of the step; it ends in the next one.
+COMPLETE = 0.02
+# Steps between looks for overlaps where no corner opens or closes.
 OVERLAP_INTERVAL = 8.0
 HINGING, SLIDING = float(CollapseMode.HINGING), float(CollapseMode.SLIDING)
 LIFT_OFF = float(CollapseMode.LIFT_OFF)
@@ -53,38 +61,62 @@ def _limited_bias(bx, by, nx, ny, limit):
 
 
 @inlined
-def _own_speed(j, k, work):
-    """Relative velocity of the two faces at a corner before the step."""
+def velocity_at(j, k, relative, work):
+    """Relative velocity of the two faces at a corner, from that at the pivot."""
     px, py = work.point[j, k, 0] - work.pivot[j, 0], work.point[j, k, 1] - work.pivot[j, 1]
-    return at_point(work.relative[j, 0], work.relative[j, 1], work.relative[j, 2], px, py)
+    return at_point(relative[j, 0], relative[j, 1], relative[j, 2], px, py)
+
+
+@inlined
+def bend_of(j, k, position, velocity, work):
+    """Relative centripetal acceleration of the two faces at a corner [m/s2]."""
+    after, before = velocity[j + 1, 2] * velocity[j + 1, 2], velocity[j, 2] * velocity[j, 2]
+    px, py = work.point[j, k, 0], work.point[j, k, 1]
+    hx = before * (px - position[j, 0]) - after * (px - position[j + 1, 0])
+    hy = before * (py - position[j, 1]) - after * (py - position[j + 1, 1])
+    return hx, hy
+
+
+@inlined
+def offset_of(j, k, model, work):
+    """`corner_offset` at the middle of the step; none where it is rounding [m]."""
+    ex, ey = corner_offset(j, k, work.face, work.tangent, work.slip[j])
+    tiny = abs(ex) + abs(ey) < model.rounding
+    return select(tiny, 0.0, ex), select(tiny, 0.0, ey)
 
 
 @kernel
-def aim_contacts(model, state, work, step):
-    """Bias that makes the contact laws hold at the positions which a step reaches."""
+def aim_contacts(model, state, work, step, shortest):
+    """Bias that makes the contact laws hold where the next step looks for contacts.
+
+    An offset e at the middle is e + (h/2 + k) u + (h/8 + k/2) h b after half the step h at the
+    velocity u to come and a time k at the one then reached, with the centripetal acceleration b.
+    """
     velocity, gravity = state.velocity, model.gravity
-    relative_velocity(state.position, velocity, work.pivot, work.relative)
     fastest = 0.0
-    for j in range(state.slip.shape[0]):
+    for j in range(work.slip.shape[0]):
         for k in range(2):
-            ux, uy = _own_speed(j, k, work)
+            ux, uy = velocity_at(j, k, work.earlier, work)
             fastest = larger(fastest, abs(ux) + abs(uy))
-    rate = 1.0 / step
     reach = REACH * step * (fastest + gravity * step)
-    for j in range(state.slip.shape[0]):
+    half = 0.5 * step
+    for j in range(work.slip.shape[0]):
         nx, ny = work.normal[j, 0], work.normal[j, 1]
         spin = larger(abs(velocity[j, 2]), abs(velocity[j + 1, 2]))
         slow = step * (gravity + SWING * model.length[j] * (spin * spin))
         closing = True
         for k in range(2):
-            ex, ey = corner_offset(j, k, work.next_face, work.next_tangent, state.slip[j])
-            tiny = abs(ex) + abs(ey) < model.rounding
-            ex, ey = select(tiny, 0.0, ex), select(tiny, 0.0, ey)
-            ux, uy = _own_speed(j, k, work)
+            beyond = select(state.touch[j, k] > 0.5, half, smaller(half, 0.5 * shortest))
+            span = half + beyond
+            rate, bend = 1.0 / span, step * (0.125 * step + 0.5 * beyond)
+            ex, ey = offset_of(j, k, model, work)
+            hx, hy = bend_of(j, k, work.position, velocity, work)
+            ex, ey = ex + bend * hx, ey + bend * hy
+            ux, uy = velocity_at(j, k, work.earlier, work)
             own = abs(ux) + abs(uy)
-            bx, by = _limited_bias(ex * rate - ux, ey * rate - uy, nx, ny, slow + own)
+            bx, by = _limited_bias(ex * rate, ey * rate, nx, ny, slow + own)
             work.bias[j, k, 0], work.bias[j, k, 1] = bx, by
-            gap = nx * ex + ny * ey
+            gap = nx * (ex + span * ux) + ny * (ey + span * uy)
             work.candidate[j, k] = flag(gap < reach)
             closing = closing & (gap < REACH * step * (own + gravity * step))
         for k in range(2):
@@ -95,9 +127,9 @@ def aim_contacts(model, state, work, step):
 
 
 @inlined
-def free_fall(model, state, work, kick):
-    """Velocities without reactions, into ``work.free``."""
-    fall = kick.y + kick.span * model.gravity
+def free_fall(model, state, work, kick, span):
+    """Velocities without reactions after a time `span` [s], into ``work.free``."""
+    fall = kick.y + span * model.gravity
     for i in range(1, state.position.shape[0] - 1):
         work.free[i, 0] = state.velocity[i, 0] - kick.x
         work.free[i, 1] = state.velocity[i, 1] - fall
@@ -105,18 +137,31 @@ def free_fall(model, state, work, kick):
 
 
 @kernel
-def pose_step(model, state, work, kick, step):
-    """Set up the contact problem of a step from a state; modes start from the state's."""
-    free_fall(model, state, work, kick)
+def go_to_middle(model, state, work, step):
+    """Move bodies, faces and slips to the middle of a step; modes start from the state's."""
     for i in range(1, state.position.shape[0] - 1):
         for c in range(3):
-            work.position[i, c] = state.position[i, c] + step * state.velocity[i, c]
-    place_contacts(model, state.slip, work.face, work.tangent, work)
-    move_faces(model, work.position, work.rotated, work.next_face, work.next_tangent)
-    aim_contacts(model, state, work, step)
+            work.position[i, c] = state.position[i, c] + 0.5 * step * state.velocity[i, c]
+    move_faces(model, work.position, work.rotated, work.face, work.tangent)
     for j in range(state.slip.shape[0]):
+        at_0, at_1 = state.touch[j, 0] > 0.5, state.touch[j, 1] > 0.5
+        moves = (state.slide[j] != 0.0) | opposite(at_0 | at_1)
+        work.slip[j] = state.slip[j]
+        if some(moves):
+            slip, _ = slip_and_gap(j, at_0, at_1, work.face, work.tangent)
+            work.slip[j] = select(moves, slip, work.slip[j])
         work.touch[j, 0], work.touch[j, 1] = state.touch[j, 0], state.touch[j, 1]
         work.slide[j] = state.slide[j]
+    place_contacts(model, work.slip, work.face, work.tangent, work)
+    relative_velocity(work.position, state.velocity, work.pivot, work.earlier)
+
+
+@kernel
+def pose_step(model, state, work, kick, step, shortest):
+    """Set up the contact problem of a step from a state."""
+    free_fall(model, state, work, kick, step)
+    go_to_middle(model, state, work, step)
+    aim_contacts(model, state, work, step, shortest)
 
 
 @inlined
@@ -149,7 +194,14 @@ def count_changes(state, work, where):
             count[Count.OPENINGS] += flag(opened)
             count[Count.SLIDES] += flag(slides)
             count[Count.LOSSES] += flag(differs & opposite(is_0 | is_1))
-            state.impact[j] = select(made, IMPACT_STEPS, state.impact[j])
+            off = False
+            for k in range(2):
+                nx, ny = work.normal[j, 0], work.normal[j, 1]
+                fresh = (work.touch[j, k] > 0.5) & (state.touch[j, k] < 0.5)
+                ux, uy = velocity_at(j, k, work.earlier, work)
+                left = abs(nx * work.bias[j, k, 0] + ny * work.bias[j, k, 1])
+                off = off | (fresh & (left > COMPLETE * abs(nx * ux + ny * uy)))
+            state.impact[j] = select(made, select(off, 2.0, 1.0), state.impact[j])
 
 
 @inlined
@@ -195,31 +247,27 @@ def record_overlap(model, state, work, where):
 def make_step(model, state, work, kick, where, loss_limit):
     """Take solved velocities and the positions that they reach over; as `accept_step`."""
     clock, count = state.clock, state.count
-    step, previous = clock[Clock.STEP], clock[Clock.PREVIOUS]
-    lift = 0.0
+    step, changes = clock[Clock.STEP], False
     for i in range(1, state.position.shape[0] - 1):
-        lift += model.mass[i] * (work.solved[i, 1] - state.velocity[i, 1])
         for c in range(3):
-            later = kick.early * (work.solved[i, c] - state.velocity[i, c])
-            moved = state.position[i, c] + step * (work.solved[i, c] - later)
+            moved = work.position[i, c] + 0.5 * step * work.solved[i, c]
             state.position[i, c] = select(where, moved, state.position[i, c])
-    state.energy[Energy.BALANCE_ERROR] -= select(
-        where, kick.early * step * model.gravity * lift, 0.0
-    )
     take_velocities(model, state, work, kick, where)
     for j in range(state.slip.shape[0]):
-        state.impact[j] = select(where, larger(state.impact[j] - 1.0, -QUIET), state.impact[j])
+        state.impact[j] = select(where, larger(state.impact[j] - 1.0, 0.0), state.impact[j])
+        state.slip[j] = select(where, work.slip[j], state.slip[j])
+        for k in range(2):
+            changes = changes | (work.touch[j, k] != state.touch[j, k])
+        for c in range(3):
+            work.reaction[j, c] = work.reaction[j, c] / step
     move_faces(model, state.position, work.rotated, work.face, work.tangent)
     fallen = follow_joints(model, state, work, where, loss_limit)
     broken = record_motion(model, state, where)
     clock[Clock.TIME] = select(where, clock[Clock.TIME] + step, clock[Clock.TIME])
     clock[Clock.MOVING] += select(where, step, 0.0)
-    behind = previous + 2.0 * (step - kick.span)
-    clock[Clock.PREVIOUS] = select(where, behind, previous)
-    clock[Clock.SPAN] = select(where, kick.span, clock[Clock.SPAN])
     count[Count.STEPS] += flag(where)
     eighth = count[Count.STEPS] * (1.0 / OVERLAP_INTERVAL)
-    looks = where & (eighth == nearest(eighth))
+    looks = where & (changes | (eighth == nearest(eighth)))
     if some(looks):
         record_overlap(model, state, work, looks)
     return fallen, broken
@@ -227,10 +275,10 @@ def make_step(model, state, work, kick, where, loss_limit):
 
 @kernel
 def accept_step(model, state, work, kick, where, loss_limit):
-    """Make a step whose contact problem is solved, and record what it did; fallen, broken."""
-    clock = state.clock
+    """Make a step whose contact problem is solved, and record what it did; fallen, broken.
+
+    ``work.reaction`` turns from impulses into the mean forces over the step.
+    """
     count_changes(state, work, where)
-    lag = larger(clock[Clock.PREVIOUS], 0.0)
-    ahead = 2.0 * (kick.span - clock[Clock.PREVIOUS]) + lag
-    record_step(model, state, work, ahead, lag, where)
+    record_step(state, work, where)
     return make_step(model, state, work, kick, where, loss_limit)
