@@ -67,32 +67,26 @@ def impulse(samples, dt, start, end):
 
 
 def work_of_contacts(arch, motion, history, dt):
-    """Work of all joints at each frame of time stepping, from positions alone.
-
-    Velocities are constant between frames that a step separates; what changes them at a frame is
-    the ground, gravity and the joints.
+    """Work of all joints between frames that a step of time stepping separates.
 
     Returns
     -------
-    work : ndarray, (n_frame - 2,) [J]
+    work : ndarray, (n_frame - 1,) [J]
         Gain of kinetic energy less the work of gravity and of the ground's inertia forces.
-    kinetic : ndarray, (n_frame - 2,) [J]
-        After each of these frames.
-    regular : ndarray, (n_frame - 2,)
-        Whether the steps before and after it have the nominal size.
+    kinetic : ndarray, (n_frame - 1,) [J]
+        After each of these steps.
+    regular : ndarray, (n_frame - 1,)
+        Whether the step has the nominal size.
     """
-    chain = arch.chain
-    time = history.time.values
-    step = np.diff(time)[:, None]
-    step = np.where(step > 0.0, step, np.inf)
-    shift = np.diff(history.displacement.values, axis=0) / step[..., None]
-    spin = np.diff(history.rotation.values, axis=0) / step
-    kinetic = 0.5 * ((shift**2).sum(2) @ chain.mass + spin**2 @ chain.inertia)
-    start, end = time[1:-1] - 0.5 * dt, time[1:-1] + 0.5 * dt
+    chain, time = arch.chain, history.time.values
+    speed, spin = history.velocity.values, history.angular_velocity.values
+    kinetic = 0.5 * ((speed**2).sum(2) @ chain.mass + spin**2 @ chain.inertia)
+    start, end = time[:-1], time[1:]
     upward = np.zeros_like(motion.acceleration) if motion.vertical is None else motion.vertical
     kick_x = impulse(motion.acceleration, motion.dt, start, end)
-    kick_y = impulse(upward, motion.dt, start, end) + g * dt
-    mean = 0.5 * (shift[1:] + shift[:-1])
+    kick_y = impulse(upward, motion.dt, start, end)
+    mean = 0.5 * (speed[1:] + speed[:-1])
     given = -(kick_x * (mean[:, :, 0] @ chain.mass) + kick_y * (mean[:, :, 1] @ chain.mass))
-    regular = np.abs(step[:, 0] - dt) < 1e-6 * dt
-    return np.diff(kinetic) - given, kinetic[1:], regular[1:] & regular[:-1]
+    given -= g * (np.diff(history.displacement.values[:, :, 1], axis=0) @ chain.mass)
+    regular = np.abs(np.diff(time) - dt) < 1e-6 * dt
+    return np.diff(kinetic) - given, kinetic[1:], regular

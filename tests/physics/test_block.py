@@ -113,7 +113,8 @@ def first_motions(model, state, work, path, block, ground_x, ground_y, friction,
         found[i, 1] = start.mechanism if start.solutions == 1 else -1
         pose_accelerations(model, state, work, ground_x[i], ground_y)
         found[i, 2] = solved_motion(model, state, work, path, block, 1.0)
-        pose_step(model, state, work, Kick(speed * ground_x[i], speed * ground_y, STEP, 0.0), STEP)
+        kick = Kick(speed * ground_x[i], speed * ground_y)
+        pose_step(model, state, work, kick, STEP, STEP)
         found[i, 3] = solved_motion(model, state, work, path, block, speed)
 
 

@@ -38,12 +38,14 @@ def contact_works(state, work):
         `balance_error` is what neither law explains [J].
     """
     friction = impact = balance_error = 0.0
+    hits = False
     for j in range(state.slip.shape[0]):
         fx, fy, moment = work.reaction[j, 0], work.reaction[j, 1], work.reaction[j, 2]
         ux = 0.5 * (work.earlier[j, 0] + work.relative[j, 0])
         uy = 0.5 * (work.earlier[j, 1] + work.relative[j, 1])
         u = 0.5 * (work.earlier[j, 2] + work.relative[j, 2])
         done, fresh = fx * ux + fy * uy + moment * u, state.impact[j] > 0.0
+        hits = hits | fresh
         impact += select(fresh, done, 0.0)
         slides = opposite(fresh) & ((work.slide[j] != 0.0) | (state.slide[j] != 0.0))
         if some(slides):
@@ -53,7 +55,9 @@ def contact_works(state, work):
             friction += rubbed
             done = done - rubbed
         balance_error += select(fresh, 0.0, done)
-    return friction, impact, balance_error
+    # What an impact takes it takes at all joints.
+    impact += select(hits, balance_error, 0.0)
+    return friction, impact, select(hits, 0.0, balance_error)
 
 
 @inlined

@@ -67,8 +67,9 @@ def in_use(mega):
     n, m, w = mega.count[0] + 2, mega.count[1], mega.work
     # The arrays by whose lengths kernels count joints and bodies; the others stay as they are.
     work = Work(
-        face=w.face[:m], tangent=w.tangent, slip=w.slip, rotated=w.rotated, point=w.point, pivot=w.pivot[:m], normal=w.normal,
-        side_normal=w.side_normal, candidate=w.candidate, known=w.known, bias=w.bias,
+        face=w.face[:m], tangent=w.tangent, slip=w.slip, rotated=w.rotated, point=w.point,
+        pivot=w.pivot[:m], normal=w.normal, side_normal=w.side_normal, candidate=w.candidate,
+        known=w.known, bias=w.bias,
         free=w.free[:n], solved=w.solved, touch=w.touch, slide=w.slide[:m],
         asked_touch=w.asked_touch, asked_slide=w.asked_slide, row=w.row[:m], column=w.column,
         block=w.block, lower=w.lower, upper=w.upper, unknown=w.unknown[:m],

@@ -52,7 +52,7 @@ def new_run(chain: Chain, ground: GroundMotion, options: Options, rest: tuple) -
         ground=ground,
         next_break=find_breaks(ground),
         grounds=joined_grounds([ground]),
-        steps=Steps(step, step, 1.0),
+        steps=Steps(step, step),
         path=new_path(model),
         limits=limits_of(model, options, rest)._replace(first_steps=float(most_steps)),
         most_steps=most_steps,

@@ -60,8 +60,8 @@ REGROUPED = 1e-6
 FARTHEST = 3e-5
 # Distances from the contacts, and rates, that are left after a step, over the error allowed to it.
 DRIFT = 0.01
-# Looks for a peak in a step in which a body came to a halt moving outwards.
-PEAK_SAMPLES = 8
+# Looks for a peak in a step in which a body came to a halt moving outwards, or may have landed.
+PEAK_SAMPLES = 16
 # Motions smaller than this part of a joint's length, or of the speed of a fall through it, need
 # not be relatively exact.
 FLOOR = 0.02
@@ -222,7 +222,7 @@ def write_step(run, mega, start, step, part, ground, output):
 
 
 @inlined
-def _accept(run, mega, part, comes_back):
+def _accept(run, mega, part, peaks):
     """Take the state that a step, or a part of it, has reached; record works and peaks."""
     stages, energy, kinetic = run.motion.stages, run.state.energy, 0.0
     energy[Energy.GROUND] += blend(stages.dense_work[BY_GROUND], part)
@@ -235,8 +235,8 @@ def _accept(run, mega, part, comes_back):
         kinetic += 0.5 * mega.model.mass[i] * (vx * vx + vy * vy)
         kinetic += 0.5 * mega.model.inertia[i] * w * w
     energy[Energy.LARGEST_KINETIC] = max(energy[Energy.LARGEST_KINETIC], kinetic)
-    # The end, and if a body reversed, also between.
-    for sample in range(PEAK_SAMPLES if comes_back else 1):
+    # The end, and if a body may have reversed, also between.
+    for sample in range(PEAK_SAMPLES if peaks else 1):
         note_place(run, mega, mega.next_position)
         inside = part * (sample + 1) / PEAK_SAMPLES
         dense_state(stages, inside, mega.next_position, mega.next_velocity)
@@ -323,7 +323,8 @@ def integrate(run, mega, stop, output):
             continue
         fallen = not event and _is_fallen(run, mega, mega.next_position)
         comes_back = look_outward(run, mega, mega.next_position, mega.next_velocity)
-        _accept(run, mega, part, comes_back)
+        # One that lands where it left has no rate at either end.
+        _accept(run, mega, part, comes_back or event)
         _shift_stages(mega, motion.stages, last)
         keep_margins(mega, motion.laws)
         clock[Clock.TIME] = until if cut and not event else time + part * step

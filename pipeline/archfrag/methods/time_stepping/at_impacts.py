@@ -35,7 +35,6 @@ class Steps(NamedTuple):
 
     largest: float  # [s]
     impact: float  # at impacts: the shortest [s]
-    growth: float  # largest ratio of a step to the one before
 
 
 @inlined
@@ -67,7 +66,7 @@ def time_to_impact(model, state, work, shortest, ahead):
             closes = closes_soon(j, k, work, step, shortest, ahead)
             if some(closes):
                 ex, ey = offset_of(j, k, model, work)
-                hx, hy = bend_of(j, k, work.position, state.velocity, work)
+                hx, hy = bend_of(j, k, state.velocity, work)
                 ux, uy = velocity_at(j, k, work.earlier, work)
                 vx, vy = velocity_at(j, k, work.relative, work)
                 time = 0.0 * step
@@ -109,9 +108,8 @@ def next_step(state, steps, where, until):
     unfinished = False
     for j in range(state.impact.shape[0]):
         unfinished = unfinished | (state.impact[j] > 0.0)
-    step = larger(clock[Clock.STEP], steps.impact)
     # An impact off the middle of its step ends in the next one.
-    step = select(unfinished, smaller(clock[Clock.STEP], steps.impact), smaller(steps.growth * step, steps.largest))
+    step = select(unfinished, smaller(clock[Clock.STEP], steps.impact), steps.largest)
     far = ahead - LEAD * steps.impact
     due = select(ahead < SOON * steps.impact, 2.0 * ahead, far)
     step = select((ahead > 0.0) & (due < step), due, step)

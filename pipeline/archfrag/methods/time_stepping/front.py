@@ -32,13 +32,11 @@ from archfrag.methods.time_stepping.run import (
 )
 from archfrag.methods.time_stepping.service import STILL, Limits, Results, begin, new_results
 
-GROWTH = 4.0
-
 
 def steps_of(options: Options) -> Steps:
     """Sizes of steps that options ask for: fixed ones where largest and shortest are equal."""
     shortest = float(options.time_step)
-    return Steps(max(float(options.largest_step), shortest), shortest, GROWTH)
+    return Steps(max(float(options.largest_step), shortest), shortest)
 
 
 def limits_of(model: Model, options: Options, rest: tuple[float, float]) -> Limits:

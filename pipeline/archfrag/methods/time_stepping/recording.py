@@ -102,7 +102,7 @@ def write_if_due(model, state, work, output):
 
 @kernel
 def keep_forces(work, step, output):
-    """Keep the mean reactions of a step that has been made, for the frame between it and the next."""
+    """Keep the mean reactions of a step that has been made, for the frame after it."""
     if output.frames.time.size == 0:
         return
     output.span[0] = step

@@ -5,15 +5,15 @@ contacts are looked for (Moreau 1988, 1999; Jean 1999), and all forces act for t
 
     q_m = q + h/2 v,    M (w - v) = h f(q_m) + H(q_m) r,    q' = q_m + h/2 w
 
-Displacement and impulse belong to the same step, whatever its length and that of its neighbours:
-the kinetic and the potential energy change by M (w - v) (v + w) / 2 and by h m g (v + w) / 2, which
-is to rounding the work of the ground and of the reactions at the mean velocities.
+Displacement and impulse belong to the same step, whatever its length and that of its neighbours.
+The kinetic energy changes by M (w - v) (v + w) / 2 and the potential energy by h m g (v + w) / 2:
+to rounding the work of the ground and of the reactions at the mean velocities.
 
 Signorini's law holds at the position from which the next step's middle is reached, as with Paoli
-and Schatzman (2002, *SIAM J. Numer. Anal.* 40(2)): q' moved on along the velocities w, for half the
-step where a corner touches, and where it is open for half the shortest step at most. With no
-restitution a contact neither drifts nor penetrates; the law at q' is free of the curvature of its
-path, so that a change of the step moves no contact.
+and Schatzman (2002, *SIAM J. Numer. Anal.* 40(2)): q' moved on along the velocities w, for half
+the step where a corner touches, and for half the shortest step at most where it is open. With no
+restitution a contact neither drifts nor penetrates. The curvature of the path has no part in the
+law at q', so that a change of the step moves no contact.
 """
 
 import math
@@ -24,6 +24,7 @@ from archfrag.mechanics.contact.placing import (
     at_point,
     clearance,
     corner_offset,
+    later_vertex_meets,
     move_faces,
     place_contacts,
     relative_velocity,
@@ -36,14 +37,14 @@ from archfrag.mechanics.status import CollapseMode, Count, Energy, Peak
 
 # A corner takes part in a step if its gap could close within it at this many times the largest
 # relative velocity of any joint: an impact elsewhere may throw it shut. Both corners of a joint
-# get one normal if both could close at this many times their own.
+# get one normal if both could close at this many times the rates at which they do.
 REACH = 5.0
 # Overlap is corrected no faster than at the joint's own relative speed plus what gravity and
 # this many times rotation do in a step: a deep one would throw the bodies apart.
 SWING = 4.0
 # A corner that still closes, or already opens, by more than this part of the rate at which it
 # came has its impact off the middle of the step; it ends in the next one.
-COMPLETE = 0.02
+COMPLETE = 0.001
 # Steps between looks for overlaps where no corner opens or closes.
 OVERLAP_INTERVAL = 8.0
 HINGING, SLIDING = float(CollapseMode.HINGING), float(CollapseMode.SLIDING)
@@ -68,13 +69,22 @@ def velocity_at(j, k, relative, work):
 
 
 @inlined
-def bend_of(j, k, position, velocity, work):
-    """Relative centripetal acceleration of the two faces at a corner [m/s2]."""
-    after, before = velocity[j + 1, 2] * velocity[j + 1, 2], velocity[j, 2] * velocity[j, 2]
+def bend_of(j, k, velocity, work):
+    """Acceleration at which an offset at a corner changes at constant velocities [m/s2].
+
+    The centripetal ones of both bodies, and that of Coriolis where a vertex slides on a face.
+    """
+    after, before = velocity[j + 1, 2], velocity[j, 2]
     px, py = work.point[j, k, 0], work.point[j, k, 1]
-    hx = before * (px - position[j, 0]) - after * (px - position[j + 1, 0])
-    hy = before * (py - position[j, 1]) - after * (py - position[j + 1, 1])
-    return hx, hy
+    x, y = work.position[j, 0], work.position[j, 1]
+    hx, hy = before * before * (px - x), before * before * (py - y)
+    x, y = work.position[j + 1, 0], work.position[j + 1, 1]
+    hx, hy = hx - after * after * (px - x), hy - after * after * (py - y)
+    nx, ny = work.normal[j, 0], work.normal[j, 1]
+    ux, uy = velocity_at(j, k, work.earlier, work)
+    face = select(later_vertex_meets(k, work.slip[j]), before, after)
+    coriolis = 2.0 * face * (nx * uy - ny * ux)
+    return hx + coriolis * nx, hy + coriolis * ny
 
 
 @inlined
@@ -110,7 +120,7 @@ def aim_contacts(model, state, work, step, shortest):
             span = half + beyond
             rate, bend = 1.0 / span, step * (0.125 * step + 0.5 * beyond)
             ex, ey = offset_of(j, k, model, work)
-            hx, hy = bend_of(j, k, work.position, velocity, work)
+            hx, hy = bend_of(j, k, velocity, work)
             ex, ey = ex + bend * hx, ey + bend * hy
             ux, uy = velocity_at(j, k, work.earlier, work)
             own = abs(ux) + abs(uy)
@@ -118,7 +128,8 @@ def aim_contacts(model, state, work, step, shortest):
             work.bias[j, k, 0], work.bias[j, k, 1] = bx, by
             gap = nx * (ex + span * ux) + ny * (ey + span * uy)
             work.candidate[j, k] = flag(gap < reach)
-            closing = closing & (gap < REACH * step * (own + gravity * step))
+            nearing = abs(nx * ux + ny * uy)
+            closing = closing & (gap < REACH * step * (nearing + gravity * step))
         for k in range(2):
             for sense in range(2):
                 x, y = work.side_normal[j, k, sense, 0], work.side_normal[j, k, sense, 1]
