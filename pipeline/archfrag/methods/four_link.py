@@ -340,7 +340,7 @@ def change_modes(case, touch, cause, rung):
     for j in range(work.slide.size):
         work.slide[j], work.touch[j, 0], work.touch[j, 1] = 0.0, touch[j, 0], touch[j, 1]
     by, joint = dominant_change(state, work)
-    count_changes(state, work, True)
+    count_changes(case.model, state, work, True)
     for j in range(work.slide.size):
         state.touch[j, 0], state.touch[j, 1] = touch[j, 0], touch[j, 1]
     if cause >= 0:

@@ -181,7 +181,7 @@ def make_steps(case, springs, most, shifted):
             gather_reactions(case, springs, clock[Clock.STEP])
         write_if_due(model, state, work, output)
         cause, joint = dominant_change(state, work)
-        count_changes(state, work, True)
+        count_changes(model, state, work, True)
         fallen, broken = make_step(model, state, work, kick, True, limits.loss_limit)
         if checks:
             measure_state(model, state, work)

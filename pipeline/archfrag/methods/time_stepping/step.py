@@ -42,9 +42,10 @@ REACH = 5.0
 # Overlap is corrected no faster than at the joint's own relative speed plus what gravity and
 # this many times rotation do in a step: a deep one would throw the bodies apart.
 SWING = 4.0
-# A corner that still closes, or already opens, by more than this part of the rate at which it
-# came has its impact off the middle of the step; it ends in the next one.
+# An impact off the middle of its step leaves the corner a part of the rate at which it came; by
+# more than this part it goes on in the next step. What `State.impact` holds of it.
 COMPLETE = 0.001
+ENDING, GOING_ON = 1.0, 2.0
 # Steps between looks for overlaps where no corner opens or closes.
 OVERLAP_INTERVAL = 8.0
 HINGING, SLIDING = float(CollapseMode.HINGING), float(CollapseMode.SLIDING)
@@ -189,14 +190,31 @@ def take_velocities(model, state, work, kick, where):
 
 
 @inlined
-def count_changes(state, work, where):
-    """Count what joints do in a step, and remember new contacts."""
+def _is_complete(j, model, state, work):
+    """Whether no corner that touches still closes, or opens again, at a rate that counts."""
+    nx, ny, step = work.normal[j, 0], work.normal[j, 1], state.clock[Clock.STEP]
+    fall = model.gravity * step
+    complete = True
+    for k in range(2):
+        ux, uy = velocity_at(j, k, work.earlier, work)
+        came = larger(abs(nx * ux + ny * uy), fall)
+        ex, ey = offset_of(j, k, model, work)
+        hx, hy = bend_of(j, k, state.velocity, work)
+        off = nx * ex + ny * ey - 0.125 * step * step * (nx * hx + ny * hy)
+        complete = complete & ((work.touch[j, k] < 0.5) | (abs(off) <= COMPLETE * came * step))
+    return complete
+
+
+@inlined
+def count_changes(model, state, work, where):
+    """Count what joints do in a step, and remember impacts that go on after it."""
     count = state.count
     for j in range(state.slip.shape[0]):
         was_0, was_1 = state.touch[j, 0] > 0.5, state.touch[j, 1] > 0.5
         is_0, is_1 = work.touch[j, 0] > 0.5, work.touch[j, 1] > 0.5
         differs = (was_0 ^ is_0) | (was_1 ^ is_1) | (state.slide[j] != work.slide[j])
         differs = differs & where
+        hits = where & (state.impact[j] > 0.5)
         if some(differs):
             made = differs & ((is_0 & opposite(was_0)) | (is_1 & opposite(was_1)))
             opened = differs & ((was_0 & opposite(is_0)) | (was_1 & opposite(is_1)))
@@ -205,14 +223,10 @@ def count_changes(state, work, where):
             count[Count.OPENINGS] += flag(opened)
             count[Count.SLIDES] += flag(slides)
             count[Count.LOSSES] += flag(differs & opposite(is_0 | is_1))
-            off = False
-            for k in range(2):
-                nx, ny = work.normal[j, 0], work.normal[j, 1]
-                fresh = (work.touch[j, k] > 0.5) & (state.touch[j, k] < 0.5)
-                ux, uy = velocity_at(j, k, work.earlier, work)
-                left = abs(nx * work.bias[j, k, 0] + ny * work.bias[j, k, 1])
-                off = off | (fresh & (left > COMPLETE * abs(nx * ux + ny * uy)))
-            state.impact[j] = select(made, select(off, 2.0, 1.0), state.impact[j])
+            hits = hits | made
+        if some(hits):
+            going_on = select(_is_complete(j, model, state, work), ENDING, GOING_ON)
+            state.impact[j] = select(hits, going_on, state.impact[j])
 
 
 @inlined
@@ -290,6 +304,6 @@ def accept_step(model, state, work, kick, where, loss_limit):
 
     ``work.reaction`` turns from impulses into the mean forces over the step.
     """
-    count_changes(state, work, where)
+    count_changes(model, state, work, where)
     record_step(state, work, where)
     return make_step(model, state, work, kick, where, loss_limit)
