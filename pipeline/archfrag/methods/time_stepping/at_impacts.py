@@ -65,7 +65,7 @@ def time_to_impact(state, work, ahead):
     first, per_step = step + ahead, 1.0 / step
     for j in range(state.slip.shape[0]):
         for k in range(2):
-            closes = closes_soon(j, k, work, step, ahead)
+            closes = closes_soon(j, k, work, ahead * per_step)
             if some(closes):
                 now = _gap(j, k, work.face, work.tangent, state, work)
                 coasting = _gap(j, k, work.next_face, work.next_tangent, state, work)

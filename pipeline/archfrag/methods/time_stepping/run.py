@@ -12,7 +12,7 @@ import numpy as np
 
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.blocks import FOR_STEPS
-from archfrag.mechanics.contact.modes import solve_contact
+from archfrag.mechanics.contact.modes import expect_closings, solve_contact
 from archfrag.mechanics.contact.path import Path, new_path
 from archfrag.mechanics.contact.placing import move_faces
 from archfrag.mechanics.energy import energies_of
@@ -74,8 +74,10 @@ def try_step(model, grounds, state, work, steps, live):
     step = state.clock[Clock.STEP]
     kick = due_kick(grounds, state.clock, lone_impacts(state, steps))
     pose_step(model, state, work, kick, step)
-    looks = (locates(state, steps, live), step, LEAD * steps.impact)
-    solved, refused, made = solve_contact(model, state.position, work, live, looks, FOR_STEPS)
+    stops = locates(state, steps, live)
+    expect_closings(state, work, opposite(stops))
+    ahead = select(stops, LEAD * steps.impact / step, -1.0)
+    solved, refused, made = solve_contact(model, state.position, work, live, ahead, FOR_STEPS)
     state.count[Count.ITERATIONS] += made
     failed = live & opposite(solved | refused)
     halved = failed & (step > 1.5 * steps.impact)
