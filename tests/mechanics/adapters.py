@@ -9,13 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from archfrag.mechanics.contact.blocks import EXACT
-from archfrag.mechanics.contact.modes import ask_modes, reconcile_modes, velocity_scale
-from archfrag.mechanics.contact.path import (
-    PATHS,
-    SOFT_PATHS,
-    new_path,
-    solve_by_path,
-)
+from archfrag.mechanics.contact.modes import ask_modes, solve_contact
+from archfrag.mechanics.contact.path import new_path, solve_by_path
 from archfrag.mechanics.contact.placing import move_faces, place_contacts
 from archfrag.mechanics.mega_voussoirs.assemble import (
     assemble,
@@ -160,17 +155,18 @@ def solution_in(solved, work):
 def by_newton(problem):
     """Solution by the iteration on the modes alone."""
     model, position, work = posed(problem)
-    solved, _ = reconcile_modes(model, position, work, velocity_scale(position, work), EXACT, 8)
+    for _ in range(8):
+        solved, _, _ = solve_contact(model, position, work, True, -1.0, EXACT)
+        if solved:
+            break
     return solution_in(solved, work)
 
 
 def by_path(problem):
     """Solution found along solution paths, the iteration on the modes not tried first."""
     model, position, work = posed(problem)
-    solved, compliant, _, _ = solve_by_path(
-        model, position, work, new_path(model), PATHS, SOFT_PATHS
-    )
-    return solution_in(solved and not compliant, work)
+    solved, _, _, _ = solve_by_path(model, position, work, new_path(model), True)
+    return solution_in(solved, work)
 
 
 def solve(problem):

@@ -28,8 +28,8 @@ from archfrag.mechanics.block.motion import (
 from archfrag.mechanics.block.regions import painleve_friction, rocking_friction, starting_region
 from archfrag.mechanics.compile import kernel
 from archfrag.mechanics.contact.blocks import EXACT
-from archfrag.mechanics.contact.modes import reconcile_modes, velocity_scale
-from archfrag.mechanics.contact.path import PATHS, SOFT_PATHS, new_path, solve_by_path
+from archfrag.mechanics.contact.modes import solve_contact
+from archfrag.mechanics.contact.path import new_path, solve_by_path
 from archfrag.mechanics.contact.placing import move_faces, place_contacts
 from archfrag.mechanics.model import model_of, new_state, new_work
 from archfrag.methods.time_stepping.motion import Kick
@@ -87,10 +87,9 @@ def pose_accelerations(model, state, work, ground_x, ground_y):
 @kernel
 def solved_motion(model, state, work, path, block, speed):
     """Motion of the problem posed, velocities counted over `speed`; -1 if none is found."""
-    scale = velocity_scale(state.position, work)
-    solved, _ = reconcile_modes(model, state.position, work, scale, EXACT, 8)
+    solved, _, _ = solve_contact(model, state.position, work, True, -1.0, EXACT)
     if not solved:
-        solved, _, _, _ = solve_by_path(model, state.position, work, path, PATHS, SOFT_PATHS)
+        solved, _, _, _ = solve_by_path(model, state.position, work, path, True)
     x, y, rotation = work.solved[1, 0], work.solved[1, 1], work.solved[1, 2]
     name = motion_name(x / speed, y / speed, rotation / speed, block.rise, block.reach_a)
     return name if solved else -1

@@ -34,7 +34,7 @@ EXACT = Precision(1e-10, 1e-11, 1e-11)
 
 
 @inlined
-def _set_row(work, j, k, px, py, dx, dy, position, out):
+def _set_row(out, j, k, px, py, dx, dy, position):
     """One direction at a point of joint j, with its arms on the bodies after and before."""
     out[j, k, 0], out[j, k, 1] = dx, dy
     out[j, k, 2] = (px - position[j + 1, 0]) * dy - (py - position[j + 1, 1]) * dx
@@ -42,11 +42,11 @@ def _set_row(work, j, k, px, py, dx, dy, position, out):
 
 
 @kernel
-def set_rows(model, position, work):
-    """Constrained and reaction directions of all joints in their present modes."""
+def set_rows(model, position, work, first):
+    """Constrained and reaction directions of the joints from `first` on in their present modes."""
     touch, slide = work.touch, work.slide
     point, side = work.point, work.side_normal
-    for j in range(slide.shape[0]):
+    for j in range(first, slide.shape[0]):
         at_0, at_1 = touch[j, 0] > 0.5, touch[j, 1] > 0.5
         closed, none = at_0 & at_1, opposite(at_0 | at_1)
         second = at_1 & opposite(at_0)
@@ -63,20 +63,20 @@ def set_rows(model, position, work):
         fx, fy = across * nx - along * ny, across * ny + along * nx
         px = select(second, point[j, 1, 0], point[j, 0, 0])
         py = select(second, point[j, 1, 1], point[j, 0, 1])
-        _set_row(work, j, 0, px, py, nx, ny, position, work.row)
-        _set_row(work, j, 0, px, py, fx, fy, position, work.column)
+        _set_row(work.row, j, 0, px, py, nx, ny, position)
+        _set_row(work.column, j, 0, px, py, fx, fy, position)
         # The normal at corner 1 of a closed joint, or the tangent at a corner that sticks.
         tangent = sticks & opposite(closed)
         has = select(closed | tangent, 1.0, 0.0)
         px, py = select(closed, point[j, 1, 0], px), select(closed, point[j, 1, 1], py)
         dx, dy = select(tangent, -ny, has * nx), select(tangent, nx, has * ny)
-        _set_row(work, j, 1, px, py, dx, dy, position, work.row)
+        _set_row(work.row, j, 1, px, py, dx, dy, position)
         dx, dy = select(tangent, -ny, has * fx), select(tangent, nx, has * fy)
-        _set_row(work, j, 1, px, py, dx, dy, position, work.column)
+        _set_row(work.column, j, 1, px, py, dx, dy, position)
         has = select(closed & sticks, 1.0, 0.0)
         px, py = work.pivot[j, 0], work.pivot[j, 1]
-        _set_row(work, j, 2, px, py, -has * ny, has * nx, position, work.row)
-        _set_row(work, j, 2, px, py, -has * ny, has * nx, position, work.column)
+        _set_row(work.row, j, 2, px, py, -has * ny, has * nx, position)
+        _set_row(work.column, j, 2, px, py, -has * ny, has * nx, position)
 
 
 @inlined
@@ -129,9 +129,17 @@ def _set_diagonal(model, work, j, compliance):
 def _eliminate(model, work, j):
     """Take what the joint before has eliminated out of the block of joint j."""
     row, column, f, lower, upper = work.row, work.column, work.block, work.lower, work.upper
-    mass, inertia = model.inverse_mass[j], model.inverse_inertia[j]
+    mass, inertia = -model.inverse_mass[j], -model.inverse_inertia[j]
+    block = _block(f, j - 1)
+    first = _weighted(row, j - 1, 0, mass, inertia, 2)
+    second = _weighted(row, j - 1, 1, mass, inertia, 2)
+    third = _weighted(row, j - 1, 2, mass, inertia, 2)
+    for b in range(3):
+        to = _on(column, j, b, 3)
+        x, y, z = _solve_block(block, dot(first, to), dot(second, to), dot(third, to))
+        upper[j - 1, 0, b], upper[j - 1, 1, b], upper[j - 1, 2, b] = x, y, z
     for a in range(3):
-        moved = _weighted(row, j, a, -mass, -inertia, 3)
+        moved = _weighted(row, j, a, mass, inertia, 3)
         x = dot(moved, _on(column, j - 1, 0, 2))
         y = dot(moved, _on(column, j - 1, 1, 2))
         z = dot(moved, _on(column, j - 1, 2, 2))
@@ -157,25 +165,13 @@ def _factorise_block(f, j):
 
 
 @kernel
-def factorise(model, work, compliance):
-    """Block elimination for the rows and columns set."""
-    row, column, f, upper = work.row, work.column, work.block, work.upper
-    last = row.shape[0] - 1
-    for j in range(last + 1):
+def factorise(model, work, compliance, first):
+    """Block elimination for the rows and columns set, from joint `first` on."""
+    for j in range(first, work.slide.shape[0]):
         _set_diagonal(model, work, j, compliance)
         if j > 0:
             _eliminate(model, work, j)
-        _factorise_block(f, j)
-        if j < last:
-            mass, inertia = model.inverse_mass[j + 1], model.inverse_inertia[j + 1]
-            block = _block(f, j)
-            first = _weighted(row, j, 0, -mass, -inertia, 2)
-            second = _weighted(row, j, 1, -mass, -inertia, 2)
-            third = _weighted(row, j, 2, -mass, -inertia, 2)
-            for b in range(3):
-                to = _on(column, j + 1, b, 3)
-                x, y, z = _solve_block(block, dot(first, to), dot(second, to), dot(third, to))
-                upper[j, 0, b], upper[j, 1, b], upper[j, 2, b] = x, y, z
+        _factorise_block(work.block, j)
 
 
 @kernel
@@ -305,6 +301,6 @@ def solve_modes(model, position, work, scale, precision):
     number
         As `correct`.
     """
-    set_rows(model, position, work)
-    factorise(model, work, precision.compliance)
+    set_rows(model, position, work, 0)
+    factorise(model, work, precision.compliance, 0)
     return correct(model, position, work, precision.left * scale)

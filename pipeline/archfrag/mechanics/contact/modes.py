@@ -3,8 +3,8 @@
 For given modes the contact problem is linear (`blocks`). Its solution gives for each joint whether
 it keeps Signorini's and Coulomb's laws in the mode assumed, and which mode it asks for: three
 functions, for an open joint, a closed one and one that touches at a corner. The modes asked for
-are taken until none changes (`solve_contact`); where that goes round in circles, by a changing
-part of the joints (`reconcile_modes`), and behind that `archfrag.mechanics.contact.path` is left.
+are taken until none changes (`solve_contact`). Where many joints answer each other's changes that
+goes round in circles, and `archfrag.mechanics.contact.path` changes the modes one at a time.
 """
 
 import math
@@ -12,12 +12,12 @@ import math
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.blocks import solve_modes
 from archfrag.mechanics.contact.placing import MINUS, PLUS, at_point, relative_velocity
-from archfrag.mechanics.numbers import flag, fused, larger, opposite, select, smaller, some
+from archfrag.mechanics.numbers import flag, fused, larger, opposite, select, some
 
 # Part of the bodies' velocities below which relative ones are not distinguished.
 ROUNDING = 1e-5
-# Rounds that one run may take, beside four for each joint.
-MOST_ROUNDS = 60
+# Rounds after which modes that have not settled hardly ever do, and one more for so many joints.
+MOST_ROUNDS, ROUND_PER_JOINTS = 8, 16
 
 
 @inlined
@@ -30,14 +30,8 @@ def opening_rate(j, k, work):
 
 
 @inlined
-def mode_if_open(closing_0, closing_1):
-    """Mode asked by a joint without contact (Eq 5): corners that close are taken as touching."""
-    return closing_0, closing_1, 0.0
-
-
-@inlined
 def mode_if_closed(j, model, work, slide, ux, uy, slack, slack_force):
-    """Mode asked by a joint that touches at both corners; as `mode_if_open`.
+    """Mode asked by a joint that touches at both corners: whether each stays, and its slide.
 
     A corner that would need a tensile force opens (Eq 5); friction beyond Coulomb's limit makes
     a joint slide, a slip against its friction makes it stick (Eq 6).
@@ -105,7 +99,8 @@ def ask_modes(model, work, slack, slack_force):
         closing_0 = (opening_rate(j, 0, work) < -slack) & (work.candidate[j, 0] > 0.5)
         closing_1 = (opening_rate(j, 1, work) < -slack) & (work.candidate[j, 1] > 0.5)
         closed, one = at_0 & at_1, at_0 ^ at_1
-        asks_0, asks_1, asked = mode_if_open(closing_0, closing_1)
+        # A joint without contact asks for the corners that close (Eq 5).
+        asks_0, asks_1, asked = closing_0, closing_1, 0.0
         if some(closed):
             keeps_0, keeps_1, slides = mode_if_closed(
                 j, model, work, slide, ux_0, uy_0, slack, slack_force
@@ -168,63 +163,37 @@ def largest_force(work):
 
 
 @inlined
-def closes_soon(j, k, work, step, shortest, ahead):
-    """Where a corner that does not touch will within the step, or a time `ahead` after it."""
-    # The bias is that of the gap half a step after, of the shortest at most.
-    side, more = work.side_normal, ahead - 0.5 * smaller(step, shortest)
-    later = 0.5 * step + ahead
-    ux = later * work.parting[j, k, 0] - more * work.bias[j, k, 0]
-    uy = later * work.parting[j, k, 1] - more * work.bias[j, k, 1]
+def closes_soon(j, k, work, ahead):
+    """Where a corner that does not touch will, `ahead` of its bias's own time after that."""
+    side = work.side_normal
+    ux = (1.0 + ahead) * work.parting[j, k, 0] - ahead * work.bias[j, k, 0]
+    uy = (1.0 + ahead) * work.parting[j, k, 1] - ahead * work.bias[j, k, 1]
     plus = fused(side[j, k, PLUS, 0], ux, side[j, k, PLUS, 1] * uy)
     minus = fused(side[j, k, MINUS, 0], ux, side[j, k, MINUS, 1] * uy)
-    free = (work.touch[j, k] < 0.5) & (work.candidate[j, k] > 0.5)
-    asks = (work.touch[j, k] < 0.5) & (work.asked_touch[j, k] > 0.5)
-    return asks | (free & (larger(plus, minus) < 0.0))
+    asks = (work.asked_touch[j, k] > 0.5) | (larger(plus, minus) < 0.0)
+    return (work.touch[j, k] < 0.5) & (work.candidate[j, k] > 0.5) & asks
 
 
 @inlined
-def _closes(work, step, shortest, ahead):
-    """Where any corner closes soon."""
-    closes = False
+def expect_closings(work, where):
+    """Start from modes in which corners touch that the velocities before the step would close."""
     for j in range(work.slide.shape[0]):
         for k in range(2):
-            closes = closes | closes_soon(j, k, work, step, shortest, ahead)
-    return closes
-
-
-@inlined
-def take_asked(work, where, half):
-    """Take the modes asked for; `half`: those of a part of the joints, another in each round."""
-    for j in range(work.slide.shape[0]):
-        if half > 0 and ((j + 1) * (half + 1) * 40503 >> 7) & 1 == 0:
-            continue
-        for k in range(2):
-            work.touch[j, k] = select(where, work.asked_touch[j, k], work.touch[j, k])
-        work.slide[j] = select(where, work.asked_slide[j], work.slide[j])
-
-
-@inlined
-def straight_rounds(work):
-    """Rounds after which modes that have not been reconciled hardly ever are by themselves."""
-    return 8 + work.slide.shape[0] // 4
-
-
-@inlined
-def _mark(work):
-    """A number that distinguishes the modes asked for: their sum with irregular weights."""
-    mark, weight = 0.0, 0.618
-    for j in range(work.slide.shape[0]):
-        mode = work.asked_touch[j, 0] + 2.0 * work.asked_touch[j, 1] + 5.0 * work.asked_slide[j]
-        mark = fused(weight, mode, mark)
-        weight = 3.7 * weight * (1.0 - weight)  # stays between 0.25 and 0.93
-    return mark
+            px, py = work.point[j, k, 0] - work.pivot[j, 0], work.point[j, k, 1] - work.pivot[j, 1]
+            u = work.earlier[j, 0], work.earlier[j, 1], work.earlier[j, 2]
+            ux, uy = at_point(u[0], u[1], u[2], px, py)
+            ux, uy = ux + work.bias[j, k, 0], uy + work.bias[j, k, 1]
+            gap = work.normal[j, 0] * ux + work.normal[j, 1] * uy
+            closes = where & (gap < 0.0) & (work.candidate[j, k] > 0.5) & (work.touch[j, k] < 0.5)
+            work.touch[j, k] = select(closes, 1.0, work.touch[j, k])
+            work.slide[j] = select(closes, 0.0, work.slide[j])
 
 
 @kernel
-def solve_contact(model, position, work, live, looks, precision):
+def solve_contact(model, position, work, live, ahead, precision):
     """Solve one contact problem by Newton's iteration, every joint taking the mode it asks for.
 
-    A run whose modes come back after two rounds, or are not reconciled in several, is given up.
+    A run whose modes have not settled after `MOST_ROUNDS` is given up: hardly any settles later.
 
     Parameters
     ----------
@@ -235,9 +204,9 @@ def solve_contact(model, position, work, live, looks, precision):
         from in `touch` and `slide`; on return the solution.
     live : mask
         Runs that take part.
-    looks : tuple of mask, number, number, number
-        Runs that give up at once where a corner closes, since their step is to end before; the
-        step, the shortest, and a time after the step in which none may close either [s].
+    ahead : number
+        Where larger than -1, a step in which a corner closes, or so many of the times for which
+        its bias stands later, is refused after the first round: it is to end before.
     precision : archfrag.mechanics.contact.blocks.Precision
 
     Returns
@@ -247,56 +216,23 @@ def solve_contact(model, position, work, live, looks, precision):
         Linear problems solved.
     """
     scale = velocity_scale(position, work)
-    slack = precision.slack * scale
-    active, refused, circling = live, False, False
-    left, last, before = scale, -1.0 * scale, -1.0 * scale
-    made = 0.0
-    for number in range(straight_rounds(work)):
+    active, refused, left, made = live, False, scale, 0.0
+    n_joint = work.slide.shape[0]
+    for number in range(MOST_ROUNDS + n_joint // ROUND_PER_JOINTS):
         left = solve_modes(model, position, work, scale, precision)
         made += flag(active)
-        changed = ask_modes(model, work, slack, precision.slack * largest_force(work))
-        if number == 0 and some(looks[0]):
-            refused = active & looks[0] & _closes(work, looks[1], looks[2], looks[3])
+        slack, slack_force = precision.slack * scale, precision.slack * largest_force(work)
+        changed = ask_modes(model, work, slack, slack_force)
+        if number == 0 and some(ahead > -1.0):
+            for j in range(n_joint):
+                for k in range(2):
+                    refused = refused | (active & (ahead > -1.0) & closes_soon(j, k, work, ahead))
         active = active & changed & opposite(refused)
-        mark = _mark(work)
-        circling = circling | (active & (mark == before))
-        active = active & opposite(circling)
-        before, last = last, mark
         if not some(active):
             break
-        take_asked(work, active, 0)
-    solved = live & opposite(active | refused | circling) & (left <= precision.left * scale)
+        for j in range(n_joint):
+            for k in range(2):
+                work.touch[j, k] = select(active, work.asked_touch[j, k], work.touch[j, k])
+            work.slide[j] = select(active, work.asked_slide[j], work.slide[j])
+    solved = live & opposite(active | refused) & (left <= precision.left * scale)
     return solved, refused, made
-
-
-@kernel
-def reconcile_modes(model, position, work, scale, precision, straight):
-    """Newton's iteration on the modes of one run, for as long as it takes.
-
-    Parameters
-    ----------
-    model : archfrag.mechanics.model.Model
-    position : array, (n_body + 2, 3)
-    work : archfrag.mechanics.model.Work
-        As for `solve_contact`.
-    scale : float
-        `velocity_scale`.
-    precision : archfrag.mechanics.contact.blocks.Precision
-    straight : int
-        Rounds after which no longer all joints take the modes that they ask for, but a part of
-        them, another in each round.
-
-    Returns
-    -------
-    solved : bool
-    rounds : int
-        Linear problems solved.
-    """
-    limit = MOST_ROUNDS + 4 * work.slide.shape[0]
-    for number in range(limit):
-        left = solve_modes(model, position, work, scale, precision)
-        slack_force = precision.slack * largest_force(work)
-        if not ask_modes(model, work, precision.slack * scale, slack_force):
-            return left <= precision.left * scale, number + 1
-        take_asked(work, True, number - straight + 1)
-    return False, limit

@@ -1,13 +1,15 @@
 """Contact problem by following its piecewise-linear solution path: what Newton's iteration on the
 modes could not solve.
 
-All joints are first pushed apart by an extra opening velocity, so that none touches and the
-solution is known. The extra velocity is then taken back, tau from 0 to 1, and the solution is
-followed exactly from piece to piece of the contact laws: at each break one joint changes its
-mode. Where the laws are not monotone (friction) the path may go back in tau; its direction
-after a break is the one that leads into the new piece. This is Lemke's complementary pivoting
-(Cottle, Pang and Stone, *The Linear Complementarity Problem*, ch. 4) written for the modes of a
-chain, with a block-tridiagonal solution for each piece.
+The path begins at a problem whose solution is known in given modes, mostly those before the step:
+other velocities of free bodies and other bias, chosen so that each joint keeps its mode. These
+are changed into the problem's own, tau from 0 to 1, and the solution is followed exactly from
+piece to piece of the contact laws: at each break one joint changes its mode. Where the laws are
+not monotone (friction) the path may go back in tau; its direction after a break is the one that
+leads into the new piece. This is Lemke's complementary pivoting (Cottle, Pang and Stone, *The
+Linear Complementarity Problem*, ch. 4) written for the modes of a chain, with a block-tridiagonal
+solution for each piece, and from a known basis as in Ferris and Munson's PATH (1999, *Optim.
+Methods Softw.* 12).
 """
 
 import math
@@ -16,18 +18,29 @@ from typing import NamedTuple
 import numpy as np
 
 from archfrag.mechanics.compile import inlined, kernel
-from archfrag.mechanics.contact.blocks import EXACT, Precision, correct, factorise, set_rows
-from archfrag.mechanics.contact.modes import reconcile_modes, straight_rounds, velocity_scale
-from archfrag.mechanics.contact.placing import MINUS, PLUS
+from archfrag.mechanics.contact.blocks import (
+    EXACT,
+    Precision,
+    add_reactions,
+    correct,
+    factorise,
+    set_rows,
+)
+from archfrag.mechanics.contact.modes import solve_contact, velocity_scale
+from archfrag.mechanics.contact.placing import MINUS, PLUS, at_point, relative_velocity
 from archfrag.mechanics.model import Model
 
 # Friction without limit is at most this in between; at its end joints stick again.
 PATH_FRICTION = 1e3
-# Paths to try, from other opening velocities each, and their compliances, one after another:
-# they keep the pieces of hyperstatic joints regular. Behind them paths of joints that stay
-# compliant.
-PATHS, SOFT_PATHS = 9, 3
-COMPLIANCES = (1e-6, 1e-8, 1e-10)
+# Paths to try: compliance of the joints, which keeps the pieces of hyperstatic ones regular, and
+# velocities at the start over those of the problem. The first path begins in the given modes, the
+# second in those in which it ended, all others with all joints open.
+PATHS = (
+    (1e-10, 1.0), (1e-7, 1.0), (1e-6, 10.0), (1e-8, 1.0), (1e-6, 0.1), (1e-10, 10.0),
+    (1e-6, 1.0), (1e-5, 1.0), (1e-4, 1.0),
+)  # fmt: skip
+# On the paths behind so many joints stay compliant.
+RIGID = 6
 # Where a corner is neither compressed nor opening, rounding decides: such a state may break a
 # law by this much, relative, and its residual shows it.
 DEGENERATE = 1e-8
@@ -41,8 +54,12 @@ class Path(NamedTuple):
     """Workspace of path following."""
 
     model: Model  # with friction limited to PATH_FRICTION
-    opening: np.ndarray  # (n_joint, 2, 2) corner, xy: extra velocity at the start [m/s]
-    bias: np.ndarray  # (n_joint, 2, 2) of the problem itself [m/s]
+    free: np.ndarray  # (n_body + 2, 3) velocities of the problem itself, and its bias
+    bias: np.ndarray  # (n_joint, 2, 2)
+    push: np.ndarray  # (n_body + 2, 3) what the start has beside the problem's own velocities
+    opening: np.ndarray  # (n_joint, 2, 2) and bias
+    touch: np.ndarray  # (n_joint, 2) modes in which a path has ended
+    slide: np.ndarray  # (n_joint,)
     at_start: np.ndarray  # (n_joint, 4) functions of each joint's piece at tau = 0
     at_end: np.ndarray  # (n_joint, 4) and at tau = 1
     target: np.ndarray  # (n_joint, 4) modes on the other side of their zeros
@@ -65,9 +82,11 @@ def new_path(model: Model) -> Path:
     n_joint = model.friction.size
     friction = np.minimum(model.friction, PATH_FRICTION)
     limited = model._replace(friction=friction, ray=np.stack([np.ones(n_joint), friction], axis=1))
-    velocities = np.zeros((2, n_joint, 2, 2))
+    free, push = np.zeros((2, model.mass.size, 3))
+    bias, opening = np.zeros((2, n_joint, 2, 2))
     functions = np.zeros((3, n_joint, N_FUNCTION))
-    return Path(limited, *velocities, *functions)
+    modes = np.zeros((n_joint, 2)), np.zeros(n_joint)
+    return Path(limited, free, bias, push, opening, *modes, *functions)
 
 
 @inlined
@@ -156,8 +175,11 @@ def _functions_if_corner(j, model, work, value, target):
 
 
 @inlined
-def _set_bias(work, path, part):
-    """The problem's own bias with a part of the opening velocities."""
+def _set_problem(work, path, part):
+    """The problem's own velocities and bias with a part of what the start has beside them."""
+    for i in range(work.free.shape[0]):
+        for c in range(3):
+            work.free[i, c] = path.free[i, c] + part * path.push[i, c]
     for j in range(work.slide.size):
         for k in range(2):
             for c in range(2):
@@ -171,7 +193,7 @@ def piece_functions(position, work, path, tau, value):
     Into `value`, inf where there is no function, and into ``path.target`` the mode on the other
     side of each one's zero. Returned is nan where a pivot vanishes.
     """
-    _set_bias(work, path, 1.0 - tau)
+    _set_problem(work, path, 1.0 - tau)
     left = correct(path.model, position, work, np.inf)
     for j in range(work.slide.size):
         for f in range(N_FUNCTION):
@@ -186,23 +208,60 @@ def piece_functions(position, work, path, tau, value):
     return left
 
 
+@inlined
+def _corner_normal(work, j, k, closed, slide):
+    """Direction in which a corner is pressed on, slips across, or opens."""
+    if closed:
+        return work.normal[j, 0], work.normal[j, 1]
+    n, m = work.side_normal[j, k, PLUS], work.side_normal[j, k, MINUS]
+    if slide != 0.0:
+        return (n[0], n[1]) if slide > 0.0 else (m[0], m[1])
+    x, y = n[0] + m[0], n[1] + m[1]
+    norm = math.sqrt(x * x + y * y)
+    return (x / norm, y / norm) if norm > 1e-3 else (work.normal[j, 0], work.normal[j, 1])
+
+
 @kernel
-def set_openings(work, path, scale, attempt):
-    """Open all joints, and choose velocities that keep them so; others for each attempt."""
-    seed = 88172645 + 7919 * attempt
-    for j in range(work.slide.size):
-        _set_mode(work, j, OPEN)
+def set_start(position, work, path, scale):
+    """Choose where a path begins: a problem with a solution in the present modes.
+
+    Its bodies move as without reactions, every corner that touches is pressed on, every other
+    one opens, and what slides does so against its friction. Sizes grow along the chain: equal
+    ones would let several joints change their modes at one tau.
+    """
+    model, unknown, n_joint = path.model, work.unknown, work.slide.size
+    force = scale * model.mass.sum()
+    set_rows(model, position, work, 0)
+    relative_velocity(position, path.free, work.pivot, work.relative)
+    for j in range(n_joint):
+        size, slide = 1.0 + j / n_joint, work.slide[j]
+        closed = work.touch[j, 0] + work.touch[j, 1] > 1.5
+        unknown[j, 0] = unknown[j, 1] = unknown[j, 2] = 0.0
         for k in range(2):
-            seed ^= (seed << 13) & 0xFFFFFFFF
-            seed ^= seed >> 17
-            seed ^= (seed << 5) & 0xFFFFFFFF
-            size = scale * (4.0 + 4.0 * (seed >> 8) / 16777216.0)
-            nx = work.side_normal[j, k, PLUS, 0] + work.side_normal[j, k, MINUS, 0]
-            ny = work.side_normal[j, k, PLUS, 1] + work.side_normal[j, k, MINUS, 1]
-            norm = math.sqrt(nx * nx + ny * ny)
-            if norm < 1e-3:
-                nx, ny, norm = work.normal[j, 0], work.normal[j, 1], 1.0
-            path.opening[j, k, 0], path.opening[j, k, 1] = size * nx / norm, size * ny / norm
+            nx, ny = _corner_normal(work, j, k, closed, slide)
+            vx, vy = scale * size * nx, scale * size * ny
+            if work.touch[j, k] > 0.5:
+                vx, vy = slide * vy, -slide * vx
+                for a in range(2):
+                    if closed or slide != 0.0:
+                        along = 1.0 if a == (k if closed else 0) else 0.0
+                    else:
+                        along = work.row[j, a, 0] * nx + work.row[j, a, 1] * ny
+                    unknown[j, a] -= force * size * along
+            px = work.point[j, k, 0] - work.pivot[j, 0]
+            py = work.point[j, k, 1] - work.pivot[j, 1]
+            ux, uy = at_point(
+                work.relative[j, 0], work.relative[j, 1], work.relative[j, 2], px, py
+            )
+            path.opening[j, k, 0] = vx - ux - path.bias[j, k, 0]
+            path.opening[j, k, 1] = vy - uy - path.bias[j, k, 1]
+    for i in range(position.shape[0]):
+        for c in range(3):
+            work.solved[i, c] = 0.0
+    add_reactions(model, position, work)
+    for i in range(position.shape[0]):
+        for c in range(3):
+            path.push[i, c] = work.solved[i, c]
 
 
 @kernel
@@ -273,20 +332,20 @@ def next_break(work, path, tau, direction, crossed):
 
 
 @kernel
-def follow_path(position, work, path, scale, compliance, attempt):
-    """Follow the solution from all joints open to the problem's own; its modes are left in `work`.
+def follow_path(position, work, path, scale, compliance):
+    """Follow the solution from the present modes to the problem's own modes, into `work`.
 
-    `compliance` of the contact rows is relative; `attempt` chooses other opening velocities, and
-    with them another path. Returned: whether the end is reached, and how many breaks were met.
+    `compliance` of the contact rows is relative. Returned: whether the end is reached, and how
+    many breaks were met.
     """
-    set_openings(work, path, scale, attempt)
+    set_start(position, work, path, scale)
     tau, direction, reached = 0.0, ON, False
-    crossed = -1, -1
+    first, crossed = 0, (-1, -1)
     limit = 100 + 20 * work.slide.size
     breaks = 0
     while breaks < limit:
-        set_rows(path.model, position, work)
-        factorise(path.model, work, compliance)
+        set_rows(path.model, position, work, first)
+        factorise(path.model, work, compliance, first)
         left = piece_functions(position, work, path, 0.0, path.at_start)
         left += piece_functions(position, work, path, 1.0, path.at_end)
         j = crossed[0]
@@ -309,9 +368,16 @@ def follow_path(position, work, path, scale, compliance, attempt):
             mode = _corner_mode(k, -1 if slipping > 0.0 else 1)
         crossed = j, mode_number(work.touch[j, 0], work.touch[j, 1], work.slide[j])
         _set_mode(work, j, mode)
-        breaks += 1
-    _set_bias(work, path, 0.0)
+        first, breaks = j, breaks + 1
+    _set_problem(work, path, 0.0)
     return reached, breaks
+
+
+@inlined
+def copy_modes(of, to):
+    """Take the modes in ``touch`` and ``slide`` over."""
+    for j in range(to.slide.size):
+        to.touch[j, 0], to.touch[j, 1], to.slide[j] = of.touch[j, 0], of.touch[j, 1], of.slide[j]
 
 
 @kernel
@@ -323,7 +389,7 @@ def _stick_rough(model, work):
 
 
 @kernel
-def solve_by_path(model, position, work, path, most_paths, soft_paths):
+def solve_by_path(model, position, work, path, exact):
     """Solve one contact problem along solution paths.
 
     Parameters
@@ -331,10 +397,12 @@ def solve_by_path(model, position, work, path, most_paths, soft_paths):
     model : archfrag.mechanics.model.Model
     position : array, (n_body + 2, 3)
     work : archfrag.mechanics.model.Work
-        With the contacts placed, `candidate`, `known`, `bias` and `free`; on return the solution.
+        With the contacts placed, `candidate`, `known`, `bias`, `free`, and the modes in which the
+        first path begins; on return the solution.
     path : Path
-    most_paths, soft_paths : int
-        Paths allowed, and behind them those of joints that stay compliant; `PATHS`, `SOFT_PATHS`.
+    exact : bool
+        Whether the laws have to hold to the last digits. Else degenerate corners may break them
+        by `DEGENERATE`, and where that does not help joints stay slightly compliant.
 
     Returns
     -------
@@ -344,39 +412,39 @@ def solve_by_path(model, position, work, path, most_paths, soft_paths):
         their size, and of the many combinations that leave one of them open by 1e-10 m rounding
         finds none.
     rounds, breaks : int
-        Linear problems solved by the iteration on modes, and pieces of paths followed.
+        Linear problems solved by the iteration on modes, and breaks of the paths followed.
     """
     scale = velocity_scale(position, work)
+    for i in range(position.shape[0]):
+        for c in range(3):
+            path.free[i, c] = work.free[i, c]
     for j in range(work.slide.size):
         for k in range(2):
             path.bias[j, k, 0], path.bias[j, k, 1] = work.bias[j, k, 0], work.bias[j, k, 1]
-    rounds = breaks = 0
-    straight = straight_rounds(work)
+    rounds, breaks = 0.0, 0
     if not math.isfinite(scale):
         return False, False, rounds, breaks
-    for attempt in range(most_paths):
-        compliance = COMPLIANCES[attempt % 3]
-        _, more = follow_path(position, work, path, scale, compliance, attempt)
-        breaks += max(more, 1)
+    for attempt in range(RIGID if exact else len(PATHS)):
+        (compliance, size), soft = PATHS[attempt], attempt >= RIGID
+        if attempt == 1:
+            copy_modes(path, work)
+        elif attempt > 1:
+            for j in range(work.slide.size):
+                _set_mode(work, j, OPEN)
+        _, more = follow_path(position, work, path, size * scale, compliance)
+        breaks += more
         _stick_rough(model, work)
-        while compliance > 2.0 * EXACT.compliance:
-            soft = Precision(compliance, EXACT.slack, np.inf)
-            rounds += reconcile_modes(model, position, work, scale, soft, straight)[1]
-            compliance *= 0.1
-        for slack in (EXACT.slack, DEGENERATE):
-            exact = Precision(EXACT.compliance, slack, slack)
-            solved, more = reconcile_modes(model, position, work, scale, exact, straight)
-            rounds += more
-            if solved:
-                return True, False, rounds, breaks
-    for attempt in range(soft_paths):
-        compliance = COMPLIANCES[0] * 10.0**attempt
-        _, more = follow_path(position, work, path, scale, compliance, attempt)
-        breaks += max(more, 1)
-        _stick_rough(model, work)
-        soft = Precision(compliance, DEGENERATE, np.inf)
-        solved, more = reconcile_modes(model, position, work, scale, soft, straight)
+        copy_modes(work, path)
+        strict = Precision(EXACT.compliance, EXACT.slack, EXACT.left)
+        loose = Precision(EXACT.compliance, DEGENERATE, DEGENERATE)
+        if soft:
+            strict = loose = Precision(compliance, DEGENERATE, np.inf)
+        solved, _, more = solve_contact(model, position, work, True, -1.0, strict)
         rounds += more
+        if not (solved or exact):
+            copy_modes(path, work)
+            solved, _, more = solve_contact(model, position, work, True, -1.0, loose)
+            rounds += more
         if solved:
-            return True, True, rounds, breaks
+            return True, soft, rounds, breaks
     return False, False, rounds, breaks

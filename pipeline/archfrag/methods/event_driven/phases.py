@@ -48,7 +48,6 @@ from archfrag.methods.event_driven.transitions import (
     place_chain,
     pose_accelerations,
     pose_impact,
-    solve_patiently,
     solve_posed,
     take_impact,
     take_modes,
@@ -122,10 +121,8 @@ def impact(run):
         joint, corner = trigger[0], trigger[1] - GAP_0
     trigger[0] = NONE
     model, state, work = run.model, run.state, run.work
-    if pose_impact(run, joint, corner):
-        solved = solve_posed(model, state, work)
-        if not (solved or solve_patiently(model, state, work, run.path)):
-            return ALL_VOUSSOIRS
+    if pose_impact(run, joint, corner) and not solve_posed(model, state, work, run.path):
+        return ALL_VOUSSOIRS
     take_impact(run)
     return MODES
 
@@ -142,8 +139,7 @@ def modes_of_accelerations(run):
         change_mode(run, int(run.progress[Progress.CAUSE]), trigger[0], trigger[1])
         trigger[0] = NONE
     model, state, work = run.model, run.state, run.work
-    solved = solve_posed(model, state, work)
-    solved = solved or solve_patiently(model, state, work, run.path)
+    solved = solve_posed(model, state, work, run.path)
     return ASSEMBLE if solved and take_modes(run) else ALL_VOUSSOIRS
 
 

@@ -2,8 +2,7 @@
 
 Both are the contact problem of all voussoirs, of velocities at an impact (Eqs 8, 9, 11, 21), else
 of accelerations (Eqs 15-19, 29-33). A problem is posed, solved, and its solution taken over; what
-Newton's iteration on the modes does not solve in several rounds is solved patiently or along
-solution paths.
+Newton's iteration on the modes does not solve in several rounds is solved along solution paths.
 """
 
 import math
@@ -11,13 +10,8 @@ import math
 from archfrag.mechanics.collapse import follow_joints
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.blocks import EXACT, solve_modes
-from archfrag.mechanics.contact.modes import (
-    opening_rate,
-    reconcile_modes,
-    solve_contact,
-    velocity_scale,
-)
-from archfrag.mechanics.contact.path import solve_by_path
+from archfrag.mechanics.contact.modes import opening_rate, solve_contact, velocity_scale
+from archfrag.mechanics.contact.path import copy_modes, solve_by_path
 from archfrag.mechanics.contact.placing import (
     MINUS,
     PLUS,
@@ -49,8 +43,6 @@ SLIPPING = 1e-6
 # Accelerations beyond this many times gravity are no motion but a state in which rigid bodies
 # with friction have none (Painleve).
 IMPOSSIBLE = 300.0
-# Where so many solution paths lead nowhere, time stepping takes over.
-MOST_PATHS = 2
 # Corners that overlap by more than this part of the joint's length are not taken as closed.
 OVERLAP = 1e-6
 # Relative velocities below this part of it are rounding: nothing is left to an impact.
@@ -249,30 +241,23 @@ def pose_accelerations(run, ground_x, ground_y):
 
 
 @kernel
-def solve_posed(model, state, work):
-    """Solve the problem that is posed by Newton's iteration on the modes; whether it does."""
+def solve_posed(model, state, work, path):
+    """Solve the problem that is posed, along solution paths where the modes do not settle.
+
+    Returns whether it is solved.
+    """
     count = state.count
-    never = False, 0.0, 0.0, 0.0
-    solved, _, rounds = solve_contact(model, state.position, work, True, never, EXACT)
-    count[Count.ITERATIONS] += rounds
+    copy_modes(work, path)
+    solved, _, rounds = solve_contact(model, state.position, work, True, -1.0, EXACT)
     count[Count.LEVELS] += 1.0
     count[Count.LEVEL_ITERATIONS] += 1.0 if rounds > 1.0 else 0.0
-    return solved
-
-
-@kernel
-def solve_patiently(model, state, work, path):
-    """Solve the problem that is posed where the first rounds have not; whether it is solved."""
-    count = state.count
-    count[Count.GENERAL] += 1.0
-    scale = velocity_scale(state.position, work)
-    solved, rounds = reconcile_modes(model, state.position, work, scale, EXACT, 1)
+    if not solved:
+        count[Count.GENERAL] += 1.0
+        copy_modes(path, work)
+        solved, _, more, breaks = solve_by_path(model, state.position, work, path, True)
+        rounds += more
+        count[Count.PATHS] += 1.0 if breaks > 0 else 0.0
     count[Count.ITERATIONS] += rounds
-    if solved:
-        return True
-    solved, _, rounds, breaks = solve_by_path(model, state.position, work, path, MOST_PATHS, 0)
-    count[Count.ITERATIONS] += rounds
-    count[Count.PATHS] += 1.0 if breaks > 0 else 0.0
     return solved
 
 

@@ -52,6 +52,13 @@ def _closing_time(gap, before, after, bend, step, latest):
     return select((time >= 0.0) & (time < latest), time, latest)
 
 
+@inlined
+def beyond(step, shortest, ahead):
+    """A time after a step, over that for which the bias of its open corners stands [1]."""
+    half = 0.5 * smaller(step, shortest)
+    return (ahead - half) / (0.5 * step + half)
+
+
 @kernel
 def time_to_impact(model, state, work, shortest, ahead):
     """When the first of the corners that ask to close will do so, from now on [s].
@@ -63,7 +70,7 @@ def time_to_impact(model, state, work, shortest, ahead):
     first = latest
     for j in range(state.slip.shape[0]):
         for k in range(2):
-            closes = closes_soon(j, k, work, step, shortest, ahead)
+            closes = closes_soon(j, k, work, beyond(step, shortest, ahead))
             if some(closes):
                 ex, ey = offset_of(j, k, model, work)
                 hx, hy = bend_of(j, k, state.velocity, work)

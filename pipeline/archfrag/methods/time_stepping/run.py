@@ -12,7 +12,7 @@ import numpy as np
 
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.blocks import FOR_STEPS
-from archfrag.mechanics.contact.modes import solve_contact
+from archfrag.mechanics.contact.modes import expect_closings, solve_contact
 from archfrag.mechanics.contact.path import Path, new_path
 from archfrag.mechanics.contact.placing import move_faces
 from archfrag.mechanics.energy import energies_of
@@ -30,6 +30,7 @@ from archfrag.mechanics.numbers import (
 from archfrag.mechanics.status import Count, Energy
 from archfrag.methods.time_stepping.at_impacts import (
     LEAD,
+    beyond,
     locates,
     next_step,
     shorten,
@@ -74,8 +75,10 @@ def try_step(model, grounds, state, work, steps, live):
     time = state.clock[Clock.TIME]
     kick = kick_between(grounds, state.clock, time, time + step)
     pose_step(model, state, work, kick, step, steps.impact)
-    looks = (locates(state, steps, live), step, steps.impact, LEAD * steps.impact)
-    solved, refused, made = solve_contact(model, work.position, work, live, looks, FOR_STEPS)
+    stops = locates(state, steps, live)
+    expect_closings(work, opposite(stops))
+    ahead = select(stops, beyond(step, steps.impact, LEAD * steps.impact), -1.0)
+    solved, refused, made = solve_contact(model, work.position, work, live, ahead, FOR_STEPS)
     state.count[Count.ITERATIONS] += made
     failed = live & opposite(solved | refused)
     halved = failed & (step > 1.5 * steps.impact)
