@@ -43,7 +43,5 @@ class TestRegistry:
             assert af.simulate(BLOCK, STILL, method=name).method == name
 
     def test_a_setting_that_the_method_does_not_have_is_named(self):
-        with pytest.raises(
-            InputError, match=r"'stifness'; allowed for method auto: switch_steps, coarse"
-        ):
+        with pytest.raises(InputError, match=r"'stifness'"):
             af.simulate(BLOCK, STILL, settings={"stifness": 1.0})

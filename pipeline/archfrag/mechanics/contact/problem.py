@@ -26,9 +26,7 @@ def solve_anyhow(model, state, work, path):
     copy_modes(state, work)
     for j in range(work.slide.size):
         work.known[j] = 0.0
-    solved, compliant, rounds, breaks = solve_by_path(
-        model, work.position, work, path, False
-    )
+    solved, compliant, rounds, breaks = solve_by_path(model, work.position, work, path, False)
     count[Count.ITERATIONS] += rounds + breaks
     count[Count.PATHS] += breaks > 0
     count[Count.COMPLIANT] += compliant
