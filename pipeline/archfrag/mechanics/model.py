@@ -75,6 +75,7 @@ class Clock(IntEnum):
     FACTOR = 9  # on that ground motion
     CODE = 10  # why the run waits; zero: it goes on
     START = 11  # potential energy of the initial state [J]
+    ROUNDS = 12  # linear problems solved so far for a step whose modes still change
 
 
 class Work(NamedTuple):

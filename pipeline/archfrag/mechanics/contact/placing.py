@@ -141,6 +141,13 @@ def at_point(vx, vy, rotation, px, py):
     return vx - rotation * py, vy + rotation * px
 
 
+@inlined
+def corner_velocity(j, k, work):
+    """Relative velocity of the two faces at a corner, after `relative_velocity`."""
+    px, py = work.point[j, k, 0] - work.pivot[j, 0], work.point[j, k, 1] - work.pivot[j, 1]
+    return at_point(work.relative[j, 0], work.relative[j, 1], work.relative[j, 2], px, py)
+
+
 @kernel
 def relative_velocity(position, velocity, pivot, out):
     """Velocity of the body after each joint relative to the one before it, at the pivots (Eq 22).

@@ -106,7 +106,7 @@ def free_fall(model, state, work, kick):
 
 @kernel
 def pose_step(model, state, work, kick, step):
-    """Set up the contact problem of a step from a state; modes start from the state's."""
+    """Set up the contact problem of a step from a state, but for the modes to start from."""
     free_fall(model, state, work, kick)
     for i in range(1, state.position.shape[0] - 1):
         for c in range(3):
@@ -114,9 +114,6 @@ def pose_step(model, state, work, kick, step):
     place_contacts(model, state.slip, work.face, work.tangent, work)
     move_faces(model, work.position, work.rotated, work.next_face, work.next_tangent)
     aim_contacts(model, state, work, step)
-    for j in range(state.slip.shape[0]):
-        work.touch[j, 0], work.touch[j, 1] = state.touch[j, 0], state.touch[j, 1]
-        work.slide[j] = state.slide[j]
 
 
 @inlined
