@@ -156,7 +156,7 @@ def by_newton(problem):
     """Solution by the iteration on the modes alone."""
     model, position, work = posed(problem)
     for _ in range(8):
-        solved, _, _ = solve_contact(model, position, work, True, -1.0, EXACT)
+        solved, _, _, _ = solve_contact(model, position, work, True, 0.0, -1.0, EXACT)
         if solved:
             break
     return solution_in(solved, work)

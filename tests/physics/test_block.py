@@ -28,7 +28,7 @@ from archfrag.mechanics.block.motion import (
 from archfrag.mechanics.block.regions import painleve_friction, rocking_friction, starting_region
 from archfrag.mechanics.compile import kernel
 from archfrag.mechanics.contact.blocks import EXACT
-from archfrag.mechanics.contact.modes import solve_contact
+from archfrag.mechanics.contact.modes import solve_contact, start_modes
 from archfrag.mechanics.contact.path import new_path, solve_by_path
 from archfrag.mechanics.contact.placing import move_faces, place_contacts
 from archfrag.mechanics.model import model_of, new_state, new_work
@@ -87,7 +87,7 @@ def pose_accelerations(model, state, work, ground_x, ground_y):
 @kernel
 def solved_motion(model, state, work, path, block, speed):
     """Motion of the problem posed, velocities counted over `speed`; -1 if none is found."""
-    solved, _, _ = solve_contact(model, state.position, work, True, -1.0, EXACT)
+    solved, _, _, _ = solve_contact(model, state.position, work, True, 0.0, -1.0, EXACT)
     if not solved:
         solved, _, _, _ = solve_by_path(model, state.position, work, path, True)
     x, y, rotation = work.solved[1, 0], work.solved[1, 1], work.solved[1, 2]
@@ -114,6 +114,7 @@ def first_motions(model, state, work, path, block, ground_x, ground_y, friction,
         found[i, 2] = solved_motion(model, state, work, path, block, 1.0)
         kick = Kick(speed * ground_x[i], speed * ground_y)
         pose_step(model, state, work, kick, STEP, STEP)
+        start_modes(state, work, True, False)
         found[i, 3] = solved_motion(model, state, work, path, block, speed)
 
 

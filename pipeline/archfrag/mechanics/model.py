@@ -73,6 +73,7 @@ class Clock(IntEnum):
     FACTOR = 7  # on that ground motion
     CODE = 8  # why the run waits; zero: it goes on
     START = 9  # potential energy of the initial state [J]
+    ROUNDS = 10  # linear problems solved so far for a step whose modes still change
 
 
 class Work(NamedTuple):

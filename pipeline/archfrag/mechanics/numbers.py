@@ -388,6 +388,15 @@ def _with_lane(x, number, value):
 
 
 @inlined
+def count_of(mask):
+    """In how many runs `mask` holds."""
+    count = 0
+    for k in range(width(mask)):
+        count += 1 if lane(mask, k) else 0
+    return count
+
+
+@inlined
 def dot(a, b):
     """Scalar product of two vectors of three numbers."""
     return fused(a[0], b[0], fused(a[1], b[1], a[2] * b[2]))

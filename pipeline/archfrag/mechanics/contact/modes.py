@@ -11,12 +11,17 @@ import math
 
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.blocks import solve_modes
-from archfrag.mechanics.contact.placing import MINUS, PLUS, at_point, relative_velocity
-from archfrag.mechanics.numbers import flag, fused, larger, opposite, select, some
+from archfrag.mechanics.contact.placing import (
+    MINUS,
+    PLUS,
+    corner_velocity,
+    relative_velocity,
+)
+from archfrag.mechanics.numbers import count_of, flag, fused, larger, opposite, select, some
 
 # Part of the bodies' velocities below which relative ones are not distinguished.
 ROUNDING = 1e-5
-# Rounds after which modes that have not settled hardly ever do, and one more for so many joints.
+# Rounds after which modes hardly ever are reconciled any more, and one more for so many joints.
 MOST_ROUNDS, ROUND_PER_JOINTS = 8, 16
 
 
@@ -142,11 +147,7 @@ def velocity_scale(position, work):
         scale = larger(scale, ROUNDING * fastest)
     for j in range(work.slide.shape[0]):
         for k in range(2):
-            px = work.point[j, k, 0] - work.pivot[j, 0]
-            py = work.point[j, k, 1] - work.pivot[j, 1]
-            ux, uy = at_point(
-                work.relative[j, 0], work.relative[j, 1], work.relative[j, 2], px, py
-            )
+            ux, uy = corner_velocity(j, k, work.relative, work)
             fastest = larger(abs(ux), abs(uy))
             scale = larger(scale, select(work.candidate[j, k] > 0.5, fastest, 0.0))
     return scale
@@ -175,25 +176,31 @@ def closes_soon(j, k, work, ahead):
 
 
 @inlined
-def expect_closings(work, where):
-    """Start from modes in which corners touch that the velocities before the step would close."""
-    for j in range(work.slide.shape[0]):
+def start_modes(state, work, where, expects):
+    """Start from the modes before the step; where it `expects` them, with corners that close.
+
+    These are the corners that the velocities before the step would close.
+    """
+    for j in range(state.slip.shape[0]):
+        slide = state.slide[j]
         for k in range(2):
-            px, py = work.point[j, k, 0] - work.pivot[j, 0], work.point[j, k, 1] - work.pivot[j, 1]
-            u = work.earlier[j, 0], work.earlier[j, 1], work.earlier[j, 2]
-            ux, uy = at_point(u[0], u[1], u[2], px, py)
-            ux, uy = ux + work.bias[j, k, 0], uy + work.bias[j, k, 1]
-            gap = work.normal[j, 0] * ux + work.normal[j, 1] * uy
-            closes = where & (gap < 0.0) & (work.candidate[j, k] > 0.5) & (work.touch[j, k] < 0.5)
-            work.touch[j, k] = select(closes, 1.0, work.touch[j, k])
-            work.slide[j] = select(closes, 0.0, work.slide[j])
+            ux, uy = corner_velocity(j, k, work.earlier, work)
+            gap = work.normal[j, 0] * (ux + work.bias[j, k, 0])
+            gap = gap + work.normal[j, 1] * (uy + work.bias[j, k, 1])
+            touch = state.touch[j, k]
+            closes = expects & (touch < 0.5) & (work.candidate[j, k] > 0.5) & (gap < 0.0)
+            touch, slide = select(closes, 1.0, touch), select(closes, 0.0, slide)
+            work.touch[j, k] = select(where, touch, work.touch[j, k])
+        work.slide[j] = select(where, slide, work.slide[j])
 
 
 @kernel
-def solve_contact(model, position, work, live, ahead, precision):
+def solve_contact(model, position, work, live, rounds, ahead, precision):
     """Solve one contact problem by Newton's iteration, every joint taking the mode it asks for.
 
-    A run whose modes have not settled after `MOST_ROUNDS` is given up: hardly any settles later.
+    A run whose modes are not reconciled after `MOST_ROUNDS` is given up: hardly any is later.
+    Of runs side by side the slower half does not keep the others waiting: it goes on in the next
+    call, from the modes that it has reached.
 
     Parameters
     ----------
@@ -204,6 +211,8 @@ def solve_contact(model, position, work, live, ahead, precision):
         from in `touch` and `slide`; on return the solution.
     live : mask
         Runs that take part.
+    rounds : number
+        Linear problems that each has solved in calls before.
     ahead : number
         Where larger than -1, a step in which a corner closes, or so many of the times for which
         its bias stands later, is refused after the first round: it is to end before.
@@ -211,28 +220,31 @@ def solve_contact(model, position, work, live, ahead, precision):
 
     Returns
     -------
-    solved, refused : mask
+    solved, refused, active : mask
+        Active are those that go on in the next call.
     rounds : number
         Linear problems solved.
     """
-    scale = velocity_scale(position, work)
-    active, refused, left, made = live, False, scale, 0.0
-    n_joint = work.slide.shape[0]
-    for number in range(MOST_ROUNDS + n_joint // ROUND_PER_JOINTS):
+    scale, n_joint = velocity_scale(position, work), work.slide.shape[0]
+    limit = float(MOST_ROUNDS + n_joint // ROUND_PER_JOINTS)
+    active, reconciled, refused = live, False, False
+    while True:
         left = solve_modes(model, position, work, scale, precision)
-        made += flag(active)
         slack, slack_force = precision.slack * scale, precision.slack * largest_force(work)
         changed = ask_modes(model, work, slack, slack_force)
-        if number == 0 and some(ahead > -1.0):
+        looks = active & (rounds == 0.0) & (ahead > -1.0)
+        if some(looks):
             for j in range(n_joint):
                 for k in range(2):
-                    refused = refused | (active & (ahead > -1.0) & closes_soon(j, k, work, ahead))
-        active = active & changed & opposite(refused)
-        if not some(active):
-            break
+                    refused = refused | (looks & closes_soon(j, k, work, ahead))
+        rounds = rounds + flag(active)
+        active = active & opposite(refused)
+        reconciled = reconciled | (active & opposite(changed))
+        active = active & changed & (rounds < limit)
         for j in range(n_joint):
             for k in range(2):
                 work.touch[j, k] = select(active, work.asked_touch[j, k], work.touch[j, k])
             work.slide[j] = select(active, work.asked_slide[j], work.slide[j])
-    solved = live & opposite(active | refused) & (left <= precision.left * scale)
-    return solved, refused, made
+        if 2 * count_of(active) <= count_of(live):
+            break
+    return reconciled & (left <= precision.left * scale), refused, active, rounds

@@ -27,7 +27,7 @@ from archfrag.mechanics.contact.blocks import (
     set_rows,
 )
 from archfrag.mechanics.contact.modes import solve_contact, velocity_scale
-from archfrag.mechanics.contact.placing import MINUS, PLUS, at_point, relative_velocity
+from archfrag.mechanics.contact.placing import MINUS, PLUS, corner_velocity, relative_velocity
 from archfrag.mechanics.model import Model
 
 # Friction without limit is at most this in between; at its end joints stick again.
@@ -210,7 +210,7 @@ def piece_functions(position, work, path, tau, value):
 
 @inlined
 def _corner_normal(work, j, k, closed, slide):
-    """Direction in which a corner is pressed on, slips across, or opens."""
+    """Direction in which a corner is compressed, slips across, or opens."""
     if closed:
         return work.normal[j, 0], work.normal[j, 1]
     n, m = work.side_normal[j, k, PLUS], work.side_normal[j, k, MINUS]
@@ -225,11 +225,11 @@ def _corner_normal(work, j, k, closed, slide):
 def set_start(position, work, path, scale):
     """Choose where a path begins: a problem with a solution in the present modes.
 
-    Its bodies move as without reactions, every corner that touches is pressed on, every other
+    Its bodies move as without reactions, every corner that touches is compressed, every other
     one opens, and what slides does so against its friction. Sizes grow along the chain: equal
     ones would let several joints change their modes at one tau.
     """
-    model, unknown, n_joint = path.model, work.unknown, work.slide.size
+    model, row, unknown, n_joint = path.model, work.row, work.unknown, work.slide.size
     force = scale * model.mass.sum()
     set_rows(model, position, work, 0)
     relative_velocity(position, path.free, work.pivot, work.relative)
@@ -242,22 +242,15 @@ def set_start(position, work, path, scale):
             vx, vy = scale * size * nx, scale * size * ny
             if work.touch[j, k] > 0.5:
                 vx, vy = slide * vy, -slide * vx
-                for a in range(2):
-                    if closed or slide != 0.0:
-                        along = 1.0 if a == (k if closed else 0) else 0.0
-                    else:
-                        along = work.row[j, a, 0] * nx + work.row[j, a, 1] * ny
-                    unknown[j, a] -= force * size * along
-            px = work.point[j, k, 0] - work.pivot[j, 0]
-            py = work.point[j, k, 1] - work.pivot[j, 1]
-            ux, uy = at_point(
-                work.relative[j, 0], work.relative[j, 1], work.relative[j, 2], px, py
-            )
+                if closed or slide != 0.0:
+                    unknown[j, k if closed else 0] = -force * size
+                else:
+                    for a in range(2):
+                        unknown[j, a] = -force * size * (row[j, a, 0] * nx + row[j, a, 1] * ny)
+            ux, uy = corner_velocity(j, k, work.relative, work)
             path.opening[j, k, 0] = vx - ux - path.bias[j, k, 0]
             path.opening[j, k, 1] = vy - uy - path.bias[j, k, 1]
-    for i in range(position.shape[0]):
-        for c in range(3):
-            work.solved[i, c] = 0.0
+    work.solved[:] = 0.0
     add_reactions(model, position, work)
     for i in range(position.shape[0]):
         for c in range(3):
@@ -335,14 +328,11 @@ def next_break(work, path, tau, direction, crossed):
 def follow_path(position, work, path, scale, compliance):
     """Follow the solution from the present modes to the problem's own modes, into `work`.
 
-    `compliance` of the contact rows is relative. Returned: whether the end is reached, and how
-    many breaks were met.
+    `compliance` of the contact rows is relative. Returned: how many breaks were met.
     """
     set_start(position, work, path, scale)
-    tau, direction, reached = 0.0, ON, False
-    first, crossed = 0, (-1, -1)
-    limit = 100 + 20 * work.slide.size
-    breaks = 0
+    tau, direction, crossed = 0.0, ON, (-1, -1)
+    first, breaks, limit = 0, 0, 100 + 20 * work.slide.size
     while breaks < limit:
         set_rows(path.model, position, work, first)
         factorise(path.model, work, compliance, first)
@@ -356,8 +346,7 @@ def follow_path(position, work, path, scale, compliance):
             break
         found = next_break(work, path, tau, direction, crossed)
         ahead = direction * (1.0 - tau)
-        reached = 0.0 < ahead <= found.distance
-        if reached or found.joint < 0:
+        if 0.0 < ahead <= found.distance or found.joint < 0:
             break
         tau += direction * found.distance
         j, mode, k = found.joint, found.mode, found.decides
@@ -370,7 +359,7 @@ def follow_path(position, work, path, scale, compliance):
         _set_mode(work, j, mode)
         first, breaks = j, breaks + 1
     _set_problem(work, path, 0.0)
-    return reached, breaks
+    return breaks
 
 
 @inlined
@@ -431,20 +420,17 @@ def solve_by_path(model, position, work, path, exact):
         elif attempt > 1:
             for j in range(work.slide.size):
                 _set_mode(work, j, OPEN)
-        _, more = follow_path(position, work, path, size * scale, compliance)
-        breaks += more
+        breaks += follow_path(position, work, path, size * scale, compliance)
         _stick_rough(model, work)
         copy_modes(work, path)
-        strict = Precision(EXACT.compliance, EXACT.slack, EXACT.left)
-        loose = Precision(EXACT.compliance, DEGENERATE, DEGENERATE)
-        if soft:
-            strict = loose = Precision(compliance, DEGENERATE, np.inf)
-        solved, _, more = solve_contact(model, position, work, True, -1.0, strict)
-        rounds += more
-        if not (solved or exact):
+        for loose in range(1 if exact or soft else 2):
             copy_modes(path, work)
-            solved, _, more = solve_contact(model, position, work, True, -1.0, loose)
+            slack = DEGENERATE if loose or soft else EXACT.slack
+            precision = Precision(EXACT.compliance, slack, slack)
+            if soft:
+                precision = Precision(compliance, slack, np.inf)
+            solved, _, _, more = solve_contact(model, position, work, True, 0.0, -1.0, precision)
             rounds += more
-        if solved:
-            return True, soft, rounds, breaks
+            if solved:
+                return True, soft, rounds, breaks
     return False, False, rounds, breaks

@@ -157,6 +157,13 @@ def at_point(vx, vy, rotation, px, py):
     return vx - rotation * py, vy + rotation * px
 
 
+@inlined
+def corner_velocity(j, k, relative, work):
+    """Relative velocity of the two faces at a corner, from that at the pivot."""
+    px, py = work.point[j, k, 0] - work.pivot[j, 0], work.point[j, k, 1] - work.pivot[j, 1]
+    return at_point(relative[j, 0], relative[j, 1], relative[j, 2], px, py)
+
+
 @kernel
 def relative_velocity(position, velocity, pivot, out):
     """Velocity of the body after each joint relative to the one before it, at the pivots (Eq 22).

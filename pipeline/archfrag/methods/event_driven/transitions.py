@@ -15,9 +15,9 @@ from archfrag.mechanics.contact.path import copy_modes, solve_by_path
 from archfrag.mechanics.contact.placing import (
     MINUS,
     PLUS,
-    at_point,
     clearance,
     corner_slip,
+    corner_velocity,
     move_faces,
     place_contacts,
     relative_velocity,
@@ -78,12 +78,6 @@ def place_chain(model, state, work):
 
 
 @inlined
-def _corner_velocity(j, k, work):
-    px, py = work.point[j, k, 0] - work.pivot[j, 0], work.point[j, k, 1] - work.pivot[j, 1]
-    return at_point(work.relative[j, 0], work.relative[j, 1], work.relative[j, 2], px, py)
-
-
-@inlined
 def pose_impact(run, joint, corner):
     """Set up the impact at the present state.
 
@@ -131,7 +125,7 @@ def _close_slow_joints(run):
         if at_0 != at_1:
             k = 1 if at_0 else 0
             gap = clearance(j, k, work.face, work.tangent)
-            ux, uy = _corner_velocity(j, k, work)
+            ux, uy = corner_velocity(j, k, work.relative, work)
             near = work.candidate[j, k] > 0.5 and gap > -OVERLAP * model.length[j]
             if near and nx * ux + ny * uy < slow:
                 work.touch[j, k], changed = 1.0, True
@@ -198,7 +192,7 @@ def _find_touching(j, run):
     rate, speed = 0.0, run.motion.scales.speed
     for k in range(2):
         work.candidate[j, k] = 0.0
-        ux, uy = _corner_velocity(j, k, work)
+        ux, uy = corner_velocity(j, k, work.relative, work)
         if state.touch[j, k] < 0.5:
             if clearance(j, k, work.face, work.tangent) > TOUCHING * model.length[j]:
                 continue
@@ -242,13 +236,13 @@ def pose_accelerations(run, ground_x, ground_y):
 
 @kernel
 def solve_posed(model, state, work, path):
-    """Solve the problem that is posed, along solution paths where the modes do not settle.
+    """Solve the problem that is posed, along solution paths where its modes go round in circles.
 
     Returns whether it is solved.
     """
     count = state.count
     copy_modes(work, path)
-    solved, _, rounds = solve_contact(model, state.position, work, True, -1.0, EXACT)
+    solved, _, _, rounds = solve_contact(model, state.position, work, True, 0.0, -1.0, EXACT)
     count[Count.LEVELS] += 1.0
     count[Count.LEVEL_ITERATIONS] += 1.0 if rounds > 1.0 else 0.0
     if not solved:

@@ -14,11 +14,11 @@ from typing import NamedTuple
 
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.modes import closes_soon
-from archfrag.mechanics.contact.placing import MINUS, PLUS
+from archfrag.mechanics.contact.placing import MINUS, PLUS, corner_velocity
 from archfrag.mechanics.model import Clock
 from archfrag.mechanics.numbers import larger, select, smaller, some
 from archfrag.mechanics.status import Count
-from archfrag.methods.time_stepping.step import bend_of, offset_of, velocity_at
+from archfrag.methods.time_stepping.step import bend_of, offset_of
 
 # A step this much longer than the shortest is not worth refusing.
 NEARLY = 1.05
@@ -74,8 +74,8 @@ def time_to_impact(model, state, work, shortest, ahead):
             if some(closes):
                 ex, ey = offset_of(j, k, model, work)
                 hx, hy = bend_of(j, k, state.velocity, work)
-                ux, uy = velocity_at(j, k, work.earlier, work)
-                vx, vy = velocity_at(j, k, work.relative, work)
+                ux, uy = corner_velocity(j, k, work.earlier, work)
+                vx, vy = corner_velocity(j, k, work.relative, work)
                 time = 0.0 * step
                 # The corner closes when the last of both laws, Eqs 23a and 23b, lets it.
                 for sense in (PLUS, MINUS):

@@ -12,7 +12,7 @@ import numpy as np
 
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.blocks import FOR_STEPS
-from archfrag.mechanics.contact.modes import expect_closings, solve_contact
+from archfrag.mechanics.contact.modes import solve_contact, start_modes
 from archfrag.mechanics.contact.path import Path, new_path
 from archfrag.mechanics.contact.placing import move_faces
 from archfrag.mechanics.energy import energies_of
@@ -69,18 +69,21 @@ MOST_STEPS, ROUNDS_PER_STEP = 2.0, 16.0
 def try_step(model, grounds, state, work, steps, live):
     """Pose the next step of every run, solve it, and shorten it where that is due.
 
-    Returns kick, solved, unsolved.
+    Returns kick, solved, unsolved. What is neither has been shortened, or its modes go on
+    changing in the next call.
     """
-    step = state.clock[Clock.STEP]
-    time = state.clock[Clock.TIME]
-    kick = kick_between(grounds, state.clock, time, time + step)
+    clock = state.clock
+    step, time, stops = clock[Clock.STEP], clock[Clock.TIME], locates(state, steps, live)
+    kick = kick_between(grounds, clock, time, time + step)
     pose_step(model, state, work, kick, step, steps.impact)
-    stops = locates(state, steps, live)
-    expect_closings(work, opposite(stops))
+    start_modes(state, work, clock[Clock.ROUNDS] == 0.0, opposite(stops))
     ahead = select(stops, beyond(step, steps.impact, LEAD * steps.impact), -1.0)
-    solved, refused, made = solve_contact(model, work.position, work, live, ahead, FOR_STEPS)
-    state.count[Count.ITERATIONS] += made
-    failed = live & opposite(solved | refused)
+    solved, refused, active, rounds = solve_contact(
+        model, work.position, work, live, clock[Clock.ROUNDS], ahead, FOR_STEPS
+    )
+    clock[Clock.ROUNDS] = select(active, rounds, 0.0)
+    state.count[Count.ITERATIONS] += select(live & opposite(active), rounds, 0.0)
+    failed = live & opposite(solved | refused | active)
     halved = failed & (step > 1.5 * steps.impact)
     if some(refused | halved):
         shorten(model, state, work, steps, refused, halved)

@@ -21,9 +21,9 @@ import math
 from archfrag.mechanics.collapse import follow_joints
 from archfrag.mechanics.compile import inlined, kernel
 from archfrag.mechanics.contact.placing import (
-    at_point,
     clearance,
     corner_offset,
+    corner_velocity,
     later_vertex_meets,
     move_faces,
     place_contacts,
@@ -63,13 +63,6 @@ def _limited_bias(bx, by, nx, ny, limit):
 
 
 @inlined
-def velocity_at(j, k, relative, work):
-    """Relative velocity of the two faces at a corner, from that at the pivot."""
-    px, py = work.point[j, k, 0] - work.pivot[j, 0], work.point[j, k, 1] - work.pivot[j, 1]
-    return at_point(relative[j, 0], relative[j, 1], relative[j, 2], px, py)
-
-
-@inlined
 def bend_of(j, k, velocity, work):
     """Acceleration at which an offset at a corner changes at constant velocities [m/s2].
 
@@ -82,7 +75,7 @@ def bend_of(j, k, velocity, work):
     x, y = work.position[j + 1, 0], work.position[j + 1, 1]
     hx, hy = hx - after * after * (px - x), hy - after * after * (py - y)
     nx, ny = work.normal[j, 0], work.normal[j, 1]
-    ux, uy = velocity_at(j, k, work.earlier, work)
+    ux, uy = corner_velocity(j, k, work.earlier, work)
     face = select(later_vertex_meets(k, work.slip[j]), before, after)
     coriolis = 2.0 * face * (nx * uy - ny * ux)
     return hx + coriolis * nx, hy + coriolis * ny
@@ -107,7 +100,7 @@ def aim_contacts(model, state, work, step, shortest):
     fastest = 0.0
     for j in range(work.slip.shape[0]):
         for k in range(2):
-            ux, uy = velocity_at(j, k, work.earlier, work)
+            ux, uy = corner_velocity(j, k, work.earlier, work)
             fastest = larger(fastest, abs(ux) + abs(uy))
     reach = REACH * step * (fastest + gravity * step)
     half = 0.5 * step
@@ -123,7 +116,7 @@ def aim_contacts(model, state, work, step, shortest):
             ex, ey = offset_of(j, k, model, work)
             hx, hy = bend_of(j, k, velocity, work)
             ex, ey = ex + bend * hx, ey + bend * hy
-            ux, uy = velocity_at(j, k, work.earlier, work)
+            ux, uy = corner_velocity(j, k, work.earlier, work)
             own = abs(ux) + abs(uy)
             bx, by = _limited_bias(ex * rate, ey * rate, nx, ny, slow + own)
             work.bias[j, k, 0], work.bias[j, k, 1] = bx, by
@@ -150,7 +143,7 @@ def free_fall(model, state, work, kick, span):
 
 @kernel
 def go_to_middle(model, state, work, step):
-    """Move bodies, faces and slips to the middle of a step; modes start from the state's."""
+    """Move bodies, faces and slips to the middle of a step."""
     for i in range(1, state.position.shape[0] - 1):
         for c in range(3):
             work.position[i, c] = state.position[i, c] + 0.5 * step * state.velocity[i, c]
@@ -162,15 +155,13 @@ def go_to_middle(model, state, work, step):
         if some(moves):
             slip, _ = slip_and_gap(j, at_0, at_1, work.face, work.tangent)
             work.slip[j] = select(moves, slip, work.slip[j])
-        work.touch[j, 0], work.touch[j, 1] = state.touch[j, 0], state.touch[j, 1]
-        work.slide[j] = state.slide[j]
     place_contacts(model, work.slip, work.face, work.tangent, work)
     relative_velocity(work.position, state.velocity, work.pivot, work.earlier)
 
 
 @kernel
 def pose_step(model, state, work, kick, step, shortest):
-    """Set up the contact problem of a step from a state."""
+    """Set up the contact problem of a step, but for the modes to start from."""
     free_fall(model, state, work, kick, step)
     go_to_middle(model, state, work, step)
     aim_contacts(model, state, work, step, shortest)
@@ -196,7 +187,7 @@ def _is_complete(j, model, state, work):
     fall = model.gravity * step
     complete = True
     for k in range(2):
-        ux, uy = velocity_at(j, k, work.earlier, work)
+        ux, uy = corner_velocity(j, k, work.earlier, work)
         came = larger(abs(nx * ux + ny * uy), fall)
         ex, ey = offset_of(j, k, model, work)
         hx, hy = bend_of(j, k, state.velocity, work)
