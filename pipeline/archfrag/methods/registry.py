@@ -49,16 +49,11 @@ def own_step(rtol: float, n_body: int) -> tuple[float, float]:
     return OWN_STEP, OWN_STEP
 
 
-# More bodies than this collide so often that impacts are not worth locating.
-RARE_IMPACTS = 20
-
-
 def steps_of_tolerance(rtol: float, n_body: int) -> tuple[float, float]:
     """Steps at impacts, and the largest between them, that go with a tolerance.
 
-    After impacts the error of time stepping is of first order in the steps at impacts, between
-    them of second order in the others. The bodies of long chains collide so often that short steps
-    at impacts would be all there are; equal steps, five times as long, are as accurate there.
+    Where impacts crowd, the error of time stepping is of first order in the steps at impacts;
+    between them, and through lone impacts, it is of second order in the others.
 
     Parameters
     ----------
@@ -68,21 +63,18 @@ def steps_of_tolerance(rtol: float, n_body: int) -> tuple[float, float]:
     Returns
     -------
     impact, largest : float
-        Over the root of the shortest joint's length over gravity [1]: 0.4 and 4 ms for joints of
-        1.5 m at the default tolerance, 2 ms both for more than `RARE_IMPACTS` bodies.
+        Over the root of the shortest joint's length over gravity [1]: 1.2 and 6 ms for joints of
+        1.5 m at the default tolerance.
 
     Examples
     --------
     >>> from archfrag.methods.registry import steps_of_tolerance
     >>> [round(steps_of_tolerance(rtol, 7)[0], 6) for rtol in (1e-1, 1e-2, 1e-3, 1e-4, 1e-9)]
-    [0.016229, 0.004077, 0.001024, 0.000257, 4.1e-05]
+    [0.048689, 0.01223, 0.003072, 0.000772, 0.000123]
     """
     scale = rtol / 1e-3
-    impact = OWN_STEP * min(max(scale**0.6, 0.04), 32.0)
-    if n_body > RARE_IMPACTS:
-        return 4.0 * impact, 4.0 * impact
-    impact *= 0.8
-    return impact, max(8.0 * OWN_STEP * min(max(scale**0.4, 0.1), 4.0), impact)
+    impact = 2.4 * OWN_STEP * min(max(scale**0.6, 0.04), 32.0)
+    return impact, max(12.0 * OWN_STEP * min(max(scale**0.4, 0.1), 4.0), impact)
 
 
 def _from(module: str, name: str = "run") -> Callable[[], Callable]:
