@@ -275,7 +275,7 @@ def validate(study_file: Path, overrides: tuple[str, ...], as_json: bool) -> Non
 
     found = check_study(load_study(study_file, overrides))
     click.echo(json.dumps(asdict(found)) if as_json else f"{study_file}: in order; {found}")
-    for listed in () if as_json else found.classes:
+    for listed in () if as_json else (*found.classes, *found.partners):
         click.echo(f"  {listed}")
     for caution in () if as_json else found.cautions:
         click.echo(f"archfrag: caution: {caution}", err=True)

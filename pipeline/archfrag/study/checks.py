@@ -132,6 +132,7 @@ class Summary:
     coarse_runs: int = 0
     classes: tuple[str, ...] = ()  # of arches that were drawn or come from a table
     cautions: tuple[str, ...] = ()  # what is possible but doubtful
+    partners: tuple[str, ...] = ()  # files of records that are put together from several
 
     def __str__(self) -> str:
         """All but the name in one line."""
@@ -147,7 +148,13 @@ def check_study(study: Study) -> Summary:
     """Check all of a study without running it: arches stand, records are read and scaled."""
     found = check_arches(study)
     study_inputs(study)
-    raw = {motion.id: is_raw(motion) for motion in read_sources(study) if measured(motion, study)}
+    raw, partners = {}, []
+    for motion in read_sources(study):
+        measured(motion, study)
+        raw[motion.id], about = is_raw(motion), motion.metadata
+        others = [about.get("file_across"), about.get("vertical_file")]
+        used = " and ".join(name for name in others if name and name != about["file"])
+        partners += [f"{about['file']} with {used}"] if used else []
     records = len(raw)
     if not records:
         raise StudyError("motions: the study has no record")
@@ -162,6 +169,7 @@ def check_study(study: Study) -> Summary:
         study.id, len(found), records, levels, design.kind, runs, each[0][2], coarse,
         summaries(found),
         doubts(study, found) + _uncorrected(study, [name for name in raw if raw[name]], records),
+        tuple(partners),
     )  # fmt: skip
 
 
