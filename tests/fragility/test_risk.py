@@ -165,6 +165,12 @@ class TestContributions:
         half = 1.645 * np.sqrt(0.25 * 0.75 / 400)
         ends = [found.lower[0], found.upper[0]]
         assert ends == pytest.approx([0.25 - half, 0.25 + half], abs=0.006)
+        # Four records of each earthquake: a hundred earthquakes, and a band twice as wide.
+        event = (np.arange(400) // 4).astype(str)
+        fell = np.ones((400, 1), bool)
+        found = contributions([1e-4], fell, kind, ("rare", "common"), event=event)
+        ends = [found.lower[0], found.upper[0]]
+        assert ends == pytest.approx([0.25 - 2 * half, 0.25 + 2 * half], abs=0.012)
 
     def test_gaps_of_a_bisection_follow_from_their_neighbours(self):
         fell, known = [[0, 0, 0, 0, 0], [0, 1, 0, 0, 1]], [[0, 1, 0, 0, 0], [1, 1, 1, 0, 1]]

@@ -56,6 +56,17 @@ class TestGrid:
         found = risk_of(data, fits, HAZARD).arches["ring"].by_magnitude
         assert found.fraction[found.categories.index("6 to 6.5")] == pytest.approx(1.0)
 
+    def test_bands_draw_earthquakes_with_all_their_records(self, grid):
+        data, fits = grid
+        alike = np.arange(30) // 6
+        data = data.assign(magnitude=("record", 6.2 + alike % 2))
+        width = []
+        for event in (np.full(30, ""), alike.astype(str)):
+            known = data.assign(event=("record", event))
+            found = risk_of(known, fits, HAZARD).arches["ring"].by_magnitude
+            width.append((found.upper - found.lower).max())
+        assert width[1] > 1.5 * width[0]
+
     def test_short_hazard_curve_is_cautioned(self, grid):
         short = Hazard("PGA", "made up", {"mean": HazardCurve([0.2, 1.0], [0.05, 2e-3])})
         found = risk_of(*grid, short).arches["ring"]

@@ -31,7 +31,7 @@ class Contributions:
     rate: FloatArray  #: (n_category, n_level), of collapse [1/year]
     unassigned: FloatArray  #: (n_level,), rate of levels with no collapse seen [1/year]
     fraction: FloatArray  #: (n_category,), of the rate that is assigned [1]; nan if none is
-    lower: FloatArray  #: (n_category,), band of `fraction` from resampled records
+    lower: FloatArray  #: (n_category,), band of `fraction` from resampled earthquakes
     upper: FloatArray
     confidence: float  #: two-sided
 
@@ -104,14 +104,15 @@ def contributions(
     category: ArrayLike,
     categories: Sequence[str],
     *,
+    event: ArrayLike | None = None,
     seed: int = 1,
     confidence: float = 0.9,
 ) -> Contributions:
     """Divide the rate of collapse of each level by category.
 
     Rate of a category = sum over levels of rate(level) P(category | collapse, level). The band is
-    the percentile bootstrap of records, each with its collapses at all levels; a resample in
-    which a level has no collapse leaves the rate of this level out.
+    the percentile bootstrap of earthquakes, each with its records and their collapses at all
+    levels; a resample in which a level has no collapse leaves the rate of this level out.
 
     Parameters
     ----------
@@ -122,6 +123,8 @@ def contributions(
     category : array_like of int, (n_record, n_level)
         Position in `categories` of each run that collapsed; any number elsewhere.
     categories : sequence of str
+    event : array_like, (n_record,), optional
+        Earthquake of each record; if it is not given or empty, the record has one of its own.
     seed : int
         Of numpy's default generator.
     confidence : float
@@ -151,7 +154,7 @@ def contributions(
     counts = masks.sum(axis=1)
     rate = _rates(rates, counts)
     unassigned = np.where(counts.sum(axis=0) > 0, 0.0, rates)
-    times = resampling.multiplicities(len(fell))
+    times = resampling.draws(event, len(fell))
     drawn = _rates(rates, times @ masks).sum(axis=-1)  # (category, resample)
     total = drawn.sum(axis=0)
     lower = upper = np.full(len(names), np.nan)

@@ -85,7 +85,6 @@ def cloud_curves(cube: "xr.Dataset", runs: Runs, confidence: float) -> dict[str,
 def measures_compared(cube: "xr.Dataset", runs: Runs) -> dict[str, Any]:
     """The study's measure beside others in which its motions are known."""
     from archfrag.fragility.measures import Motions, compare_measures
-    from archfrag.fragility.runs import Resampling
 
     exponent = cube["measure_exponent"].values.astype(float)
     rows = runs.rows
@@ -98,13 +97,12 @@ def measures_compared(cube: "xr.Dataset", runs: Runs) -> dict[str, Any]:
     )  # fmt: skip
     own = str(cube["intensity"].attrs["measure"])
     try:
-        table = compare_measures(runs.verdict, runs.factor, motions, own, Resampling(_SEED, 300))
+        table = compare_measures(runs.verdict, runs.factor, motions, own)
     except (FitError, InputError) as error:
         return {"none": str(error)}
     units = dict(zip(names.tolist(), cube["measure_unit"].values.astype(str).tolist()))
     listed = [{**asdict(row), "unit": units[row.measure]} for row in table.rows]
-    plain = {name: getattr(table, name) for name in ("own", "best", "p_value", "ratio", "message")}
-    return {**plain, "rows": listed}
+    return {**asdict(table), "rows": listed}
 
 
 def limit_states(cube: "xr.Dataset", runs: Runs, keys: Mapping[str, float]) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from archfrag.fragility.contributions import (
 )
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, Fragility
+from archfrag.fragility.quoted import shared_events
 from archfrag.fragility.risk import CollapseRate, collapse_rate, parameter_draws, rate_by_level
 from archfrag.mechanics.status import CollapseMode
 from archfrag.study.hazard import Hazard
@@ -126,10 +127,12 @@ def _arch_risk(
     ends = np.unique([runs.least, runs.greatest])
     outer = rate_by_level(hazard.main, fit, ends) / (rate.rate or 1.0)
 
+    event = shared_events(part["event"].values) if "event" in part else None
+
     def split(category: NDArray, names: tuple[str, ...]) -> Contributions:
         return contributions(
             level_rate, runs.collapsed, np.broadcast_to(category, runs.collapsed.shape), names,
-            seed=SEED, confidence=confidence,
+            event=event, seed=SEED, confidence=confidence,
         )  # fmt: skip
 
     def facts(key: str) -> FloatArray:
