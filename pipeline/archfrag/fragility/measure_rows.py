@@ -277,7 +277,7 @@ def compare_grid(
 
     def by_chance(best: int, own: int) -> float:
         logs = _expected(capacities.at([own, best])) / exponent[[own, best], None]
-        return scatter_by_chance(*logs, event)
+        return scatter_by_chance(logs[0], logs[1], event)
 
     return Compared(_rows(names, exponent, fits, counts, none), -fits.beta / exponent, by_chance)
 
