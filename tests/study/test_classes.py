@@ -162,9 +162,9 @@ class TestOneCurve:
         assert result.exit_code == 0, result.output
         return result
 
-    @pytest.fixture(scope="class")
-    def hazard(self, tmp_path_factory):
-        path = tmp_path_factory.mktemp("hazard") / "hazard.csv"
+    @pytest.fixture
+    def hazard(self, tmp_path):
+        path = tmp_path / "hazard.csv"
         path.write_text("PGA [g],rate\n0.01,0.1\n0.1,1e-2\n0.5,8e-4\n3,1e-5\n")
         return path
 
