@@ -70,8 +70,8 @@ def risk(
     require(study, "cube")
     require(study, "fit")
     with open_cube(study) as cube:
-        stored = (load_answers(study.folder / FITS, of) for of in ("arches", "classes"))
-        answers = quoted(cube, *stored, options["members"])
+        arches, classes = (load_answers(study.folder / FITS, of) for of in ("arches", "classes"))
+        answers = quoted(cube, arches, classes, options["members"])
         fits = {name: answer.curve for name, answer in answers.items()}
         found = risk_of(cube, fits, hazard, options["years"], options["confidence"])
     facts = risk_facts(found, study)

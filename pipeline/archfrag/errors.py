@@ -69,24 +69,24 @@ class FitError(ArchfragError):
 
     def __init__(self, message: str, *levels: float) -> None:
         self.message, self.levels = message, levels
-        super().__init__(self.said())
+        super().__init__(self.worded())
 
-    def said(self, factor: float = 1.0, unit: str = "") -> str:
+    def worded(self, factor: float = 1.0, unit: str = "") -> str:
         """The message with its levels divided by a factor, each with a unit."""
         shown = [f"{level / factor:g} {unit}".rstrip() for level in self.levels]
         return self.message.format(*shown) if shown else self.message
 
 
-def attempt(make: Callable[[], Made], said: Callable[[FitError], str] = str) -> Made | str:
-    """Make one part of a report, or tell why it cannot be made, so that the others still are.
+def attempt(make: Callable[[], Made], worded: Callable[[FitError], str] = str) -> Made | str:
+    """Make one part of a report, or give the reason why not, so that the others are made still.
 
-    `said` gives the text of a `FitError`. An error that archfrag did not foresee is named too: a
+    `worded` gives the text of a `FitError`. An error that archfrag did not foresee is named too: a
     report without one part is worth more than none after all simulations.
     """
     try:
         return make()
     except FitError as error:
-        return said(error)
+        return worded(error)
     except ArchfragError as error:
         return str(error)
     except Exception as error:

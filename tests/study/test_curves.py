@@ -190,7 +190,7 @@ class TestCloud:
         [(0.01, "*", "no run collapsed"), (20.0, "*", "every run of the cloud collapsed"),
          (4.0, "wave0*", "only one record")],
     )  # fmt: skip
-    def test_ends_with_a_report_that_says_why_there_is_no_curve(
+    def test_ends_with_a_report_that_states_why_there_is_no_curve(
         self, tmp_path, factor, records, reason
     ):
         text = TEXT.replace("levels: [0.1, 0.6, 1.2]", "levels: [1.0]")
@@ -198,9 +198,9 @@ class TestCloud:
         path = small_study(tmp_path, f"{text}design: {{kind: cloud, factor: {factor}}}\n")
         study, _ = simulated(path)
         page = lxml.html.document_fromstring(render(report_inputs(study)))
-        said = page.xpath('string(//section[@id="arch1"])')
-        assert reason in said
-        assert "error in archfrag" not in said
+        shown = page.xpath('string(//section[@id="arch1"])')
+        assert reason in shown
+        assert "error in archfrag" not in shown
 
     def test_a_part_that_cannot_be_made_is_left_out(self, copied, monkeypatch):
         from archfrag.study import comparisons

@@ -81,8 +81,8 @@ def export_study(
     require(study, "fit")
     wanted = list(dict.fromkeys(formats))
     with open_cube(study) as cube:
-        stored = [load_answers(study.folder / FITS, of) for of in ("arches", "classes")]
-        answers = quoted(cube, *stored, members)
+        arches, classes = (load_answers(study.folder / FITS, of) for of in ("arches", "classes"))
+        answers = quoted(cube, arches, classes, members)
         curves, notes = study_curves(study, cube, answers)
         texts = {name: written(curves, name) for name in wanted if name in FORMATS}
         if "parquet" in wanted:

@@ -113,15 +113,15 @@ def _single(levels: FloatArray, column: IntArray, codes: IntArray, name: str) ->
     try:
         return LimitState(name, fit_stripes(levels, collapses, n))
     except FitError as error:
-        why = f"(to collapse means to exceed it): {error.message}", *error.levels
+        why, at = f"(to collapse means to exceed it): {error.message}", error.levels
     fell, stood = levels[collapses > 0], levels[collapses < n]
     known = fell.size and stood.size and np.count_nonzero(n) > 1
     start = f"limit state {name!r} has no"
     if not known or fell.min() < stood.max():
-        return LimitState(name, None, FitError(f"{start} curve {why[0]}", *why[1:]))
+        return LimitState(name, None, FitError(f"{start} curve {why}", *at))
     fit = fit_posterior(levels, collapses, n).fragility
-    text = f"{start} likeliest curve {why[0]}; its curve is the median of the posterior"
-    return LimitState(name, fit, FitError(text, *why[1:]))
+    text = f"{start} likeliest curve {why}; its curve is the median of the posterior"
+    return LimitState(name, fit, FitError(text, *at))
 
 
 def _crossing(states: list[LimitState], levels: FloatArray) -> str:

@@ -82,12 +82,12 @@ def _answered(answer: Answer, scale: Scale, at: float | None) -> dict[str, Any]:
     """Curve and probability of an arch or a class, or the reason why there is none."""
     lost = answer.more.get("without_verdict") or None
     if lost and "runs" in lost:
-        ends = {key: lost[key].get("theta") for key in ("collapsed", "standing")}
-        theta = {key: end and scale.factor * end for key, end in ends.items()}
+        medians = {key: lost[key].get("theta") for key in ("collapsed", "standing")}
+        theta = {key: each and scale.factor * each for key, each in medians.items()}
         lost = {"runs": lost["runs"], "theta_if": theta}
+    found = {"reason": None, "without_verdict": lost}
     if isinstance(answer.curve, str):
-        reason = {"curve": None, "reason": answer.curve, "probability": None}
-        return reason | {"without_verdict": lost}
+        return found | {"curve": None, "reason": answer.curve, "probability": None}
     probability = None
     if at is not None:
         value, *ends = answer.probability(at / scale.factor)
@@ -108,8 +108,7 @@ def _answered(answer: Answer, scale: Scale, at: float | None) -> dict[str, Any]:
         "kind": answer.curve.kind,
         "maximum_likelihood": likelihood,
     }
-    found = {"curve": curve, "reason": None, "probability": probability}
-    return found | {"without_verdict": lost}
+    return found | {"curve": curve, "probability": probability}
 
 
 def _runs(cube: xr.Dataset) -> Iterator[tuple[str, dict[str, Any]]]:

@@ -93,10 +93,11 @@ def _render(inputs: ReportInputs) -> tuple[str, dict[str, Picture], dict[str, An
         _part({"id": f"class{i}", "name": name}, partial(class_section, inputs, name, i, scale))
         for i, name in enumerate(inputs.classes)
     ]
-    risk = inputs.risk
-    if risk is not None:
-        given = {"none": risk} if isinstance(risk, str) else {}
-        risk = given or _part({}, partial(risk_section, risk, scale))
+    risk: dict[str, Any] | None = None
+    if isinstance(inputs.risk, str):
+        risk = {"none": inputs.risk}
+    elif inputs.risk is not None:
+        risk = _part({}, partial(risk_section, inputs.risk, scale))
     named = [name for name, _, _ in inputs.arches]
     provenance = [_plain(item) for item in cube.attrs.items()]
     text = (

@@ -24,7 +24,7 @@ MOST_BELOW = 0.01  # probability of a limit state at the onset of motion
 
 
 def free_shapes(
-    runs: Runs, confidence: float, said: Callable[[FitError], str] = str
+    runs: Runs, confidence: float, worded: Callable[[FitError], str] = str
 ) -> dict[str, Any]:
     """Curves without a shape given beforehand, and whether the lognormal one fits the runs."""
     from archfrag.fragility.goodness import check_lognormal
@@ -47,12 +47,12 @@ def free_shapes(
         test = check_lognormal(own, resampling)
         shaped["test_of_fit"] = {"p_value": test.p_value, "message": test.message}
     except FitError as error:
-        shaped["none"] = said(error)
+        shaped["none"] = worded(error)
     return shaped
 
 
 def cloud_curves(
-    cube: "xr.Dataset", runs: Runs, confidence: float, said: Callable[[FitError], str] = str
+    cube: "xr.Dataset", runs: Runs, confidence: float, worded: Callable[[FitError], str] = str
 ) -> dict[str, Any]:
     """Curves of a cloud by logistic regression and by the modified method, on peak rotation."""
     from archfrag.fragility.cloud import cloud_binary, cloud_modified
@@ -74,7 +74,7 @@ def cloud_curves(
         ("logistic", partial(cloud_binary, level, fell, resampling, event=event)),
         ("modified", partial(cloud_modified, *moving, resampling, event=some)),
     ):
-        curve = attempt(fit, said)
+        curve = attempt(fit, worded)
         found[name] = {"none": curve} if isinstance(curve, str) else {
             "theta": curve.theta, "beta": curve.beta, "theta_interval": curve.theta_interval,
             "beta_interval": curve.beta_interval, "notes": list(curve.notes),
@@ -106,7 +106,7 @@ def measures_compared(cube: "xr.Dataset", runs: Runs) -> dict[str, Any]:
 
 def limit_states(
     parts: "Sequence[tuple[xr.Dataset, Runs]]", keys: Mapping[str, float],
-    said: Callable[[FitError], str] = str,
+    worded: Callable[[FitError], str] = str,
 ) -> dict[str, Any]:  # fmt: skip
     """Curves of damage short of collapse, ordered, from the runs of an arch or of all of a class.
 
@@ -116,7 +116,7 @@ def limit_states(
         Each arch with its part of the cube.
     keys : mapping of str to float
         ``limit_states`` of the study.
-    said : callable
+    worded : callable
         As of `archfrag.study.curves.answer`.
     """
     from archfrag.fragility.limit_states import fit_limit_states
@@ -137,7 +137,7 @@ def limit_states(
     level = np.concatenate([np.broadcast_to(r.level, r.verdict.shape) for _, r in parts])
     found = fit_limit_states(exceeded, level, list(meanings))
     onset = min(_onset(cube) for cube, _ in parts)
-    notes = [said(each.none) if each.none else "" for each in found.states]
+    notes = [worded(each.none) if each.none else "" for each in found.states]
     return {
         "message": found.message,
         "states": [

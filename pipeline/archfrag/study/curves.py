@@ -146,12 +146,12 @@ def classes_of_cube(cube: "xr.Dataset", runs: Sequence[Runs]) -> dict[str, tuple
     return found
 
 
-def answer(runs: Runs, confidence: float, said: Callable[[FitError], str] = str) -> Answer:
+def answer(runs: Runs, confidence: float, worded: Callable[[FitError], str] = str) -> Answer:
     """Curve of some runs with the band and the intervals that are quoted.
 
-    `said` gives the text of an error, with its levels in the unit that people read.
+    `worded` gives the text of an error, with its levels in the unit that people read.
     """
-    likelihood = likeliest(runs, said)
+    likelihood = likeliest(runs, worded)
     im = np.linspace(0.0, 1.05 * float(np.nanmax(runs.level)), POINTS)
     try:
         if len(runs.verdict) < 2:
@@ -170,7 +170,7 @@ def answer(runs: Runs, confidence: float, said: Callable[[FitError], str] = str)
         if helped is not None:
             return replace(helped, likelihood=likelihood)
     except FitError as error:
-        return Answer(said(error), likelihood, confidence=confidence)
+        return Answer(worded(error), likelihood, confidence=confidence)
     return Answer(
         quoted.curve, likelihood, quoted.theta, quoted.beta,
         im.tolist(), quoted.band.lower.tolist(), quoted.band.upper.tolist(), confidence,
@@ -224,7 +224,7 @@ def of_class(pooled: Answer, members: Sequence[Answer]) -> Answer:
 
 
 def without_verdict(
-    runs: Runs, confidence: float, said: Callable[[FitError], str] = str
+    runs: Runs, confidence: float, worded: Callable[[FitError], str] = str
 ) -> dict[str, Any]:
     """Curves with all runs that no method decided as collapses, and as survivals.
 
@@ -236,7 +236,7 @@ def without_verdict(
     found: dict[str, Any] = {"runs": int(lost.sum())}
     for name, verdict in (("collapsed", Verdict.COLLAPSED), ("standing", Verdict.STANDING)):
         filled = replace(runs, verdict=np.where(lost, verdict, runs.verdict))
-        found[name] = curve_to_dict(answer(filled, confidence, said).curve)
+        found[name] = curve_to_dict(answer(filled, confidence, worded).curve)
     return found
 
 
@@ -271,7 +271,7 @@ def two_fidelities(runs: Runs, im: FloatArray, confidence: float) -> Answer | No
     )  # fmt: skip
 
 
-def likeliest(runs: Runs, said: Callable[[FitError], str] = str) -> Fragility | str:
+def likeliest(runs: Runs, worded: Callable[[FitError], str] = str) -> Fragility | str:
     """Curve by maximum likelihood: of stripes and single runs binomial, else of brackets."""
     decided = runs.decided
     level = np.broadcast_to(runs.level, runs.verdict.shape)[decided]
@@ -283,4 +283,4 @@ def likeliest(runs: Runs, said: Callable[[FitError], str] = str) -> Fragility | 
             return fit_brackets(found.lower, found.upper)
         return fit_stripes(distinct, fell, np.bincount(place, minlength=distinct.size))
     except FitError as error:
-        return said(error)
+        return worded(error)

@@ -54,39 +54,39 @@ def fit_cube(study: Study) -> dict[str, Answer]:
     All numbers are in SI; the text of an error names levels in the unit of the study.
     """
     confidence, keys = study.report.confidence, study.limit_states.model_dump()
-    said = partial(FitError.said, factor=study.intensity.factor, unit=study.intensity.unit)
+    worded = partial(FitError.worded, factor=study.intensity.factor, unit=study.intensity.unit)
 
     def part(make: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
-        found = attempt(partial(make, *arguments), said)
+        found = attempt(partial(make, *arguments), worded)
         return {"none": found} if isinstance(found, str) else found
 
     with open_cube(study) as cube:
         runs = curves.runs_of_cube(cube.load())
         own = [(cube.isel(arch=number), each) for number, each in enumerate(runs)]
-        answers = {each.name: curves.answer(each, confidence, said) for each in runs}
+        answers = {each.name: curves.answer(each, confidence, worded) for each in runs}
         medians = [np.nan if isinstance(a.curve, str) else a.curve.theta for a in answers.values()]
         for number in shown(medians):
             one, each = own[number]
             more = answers[each.name].more
-            more["free"] = part(comparisons.free_shapes, each, confidence, said)
+            more["free"] = part(comparisons.free_shapes, each, confidence, worded)
             more["measures"] = part(comparisons.measures_compared, one, each)
-            more["limit_states"] = part(comparisons.limit_states, [own[number]], keys, said)
+            more["limit_states"] = part(comparisons.limit_states, [own[number]], keys, worded)
             if each.design == "cloud":
-                more["cloud"] = part(comparisons.cloud_curves, one, each, confidence, said)
+                more["cloud"] = part(comparisons.cloud_curves, one, each, confidence, worded)
         for each in runs:
-            found = part(curves.without_verdict, each, confidence, said)
+            found = part(curves.without_verdict, each, confidence, worded)
             answers[each.name].more["without_verdict"] = found
         classes = {}
         for name, (group, places) in curves.classes_of_cube(cube, runs).items():
             members = [answers[runs[i].name] for i in places]
-            classes[name] = curves.of_class(curves.answer(group, confidence, said), members)
+            classes[name] = curves.of_class(curves.answer(group, confidence, worded), members)
             split = {}
             if not isinstance(curve := classes[name].curve, str):
                 alone = [runs[i] for i in places]
                 split = part(comparisons.dispersion_split, alone, members, curve.beta)
-            states = part(comparisons.limit_states, [own[i] for i in places], keys, said)
+            states = part(comparisons.limit_states, [own[i] for i in places], keys, worded)
             states["states"] = [s for s in states.get("states", ()) if s["name"] != "collapse"]
-            lost = part(curves.without_verdict, group, confidence, said)
+            lost = part(curves.without_verdict, group, confidence, worded)
             classes[name].more.update(dispersion=split, limit_states=states, without_verdict=lost)
         unit = cube["intensity"].attrs["units"]
         design = json.loads(cube.attrs["archfrag_design"])
