@@ -87,10 +87,11 @@ def _model(curves: CurveSet, more: str) -> tuple[Named, ElementTree.Element, Ele
         root, "fragilityModel", id=name, assetCategory="masonry arches",
         lossCategory="structural",
     )  # fmt: skip
+    of = "".join(f" {curves.described(name)}." for name in curves.classes)
     left = "".join(f" No curve for {arch}: {why}." for arch, why in curves.left_out.items())
     ElementTree.SubElement(model, "description").text = (
         f"Probability of exceeding each limit state against {curves.measure} in {imt.unit}. {more}"
-        f"{curves.made.text}{imt.remark}{left}"
+        f"{curves.made.text}{imt.remark}{of}{left}"
     )
     ElementTree.SubElement(model, "limitStates").text = " ".join(curves.limit_states)
     return imt, root, model
@@ -147,7 +148,7 @@ def pelicun_description(curves: CurveSet) -> str:
     }
     for arch, name in _ids(tuple(complete)).items():
         content[name] = {
-            "Description": f"Masonry arch {arch}",
+            "Description": curves.described(arch),
             "SuggestedComponentBlockSize": "1 EA",
             "RoundUpToIntegerQuantity": "True",
             "LimitStates": {
@@ -194,7 +195,7 @@ def in_core_sets(curves: CurveSet) -> dict[str, str]:
             for n, (state, fit) in enumerate(four)
         ]
         content = {
-            "description": f"Masonry arch {arch}. {curves.made.text}{demand.remark}",
+            "description": f"{curves.described(arch)}. {curves.made.text}{demand.remark}",
             "creator": f"archfrag {curves.made.archfrag}",
             "demandTypes": [demand.name],
             "demandUnits": [demand.unit],

@@ -91,7 +91,7 @@ class Unit(NamedTuple):
 
 
 _LABELS = {
-    "arch": Described("name of the arch"),
+    "arch": Described("name of the arch, or of the class of arches"),
     "limit_state": Described("limit state; states go from the mildest to the severest"),
     "measure": Described("intensity measure"),
 }

@@ -119,9 +119,9 @@ def fit_capacity_posterior(
         )
     why = "nothing bounds theta from"
     if not lower.any():
-        raise FitError(f"{why} below: add levels below {upper.min():g}, the lowest tried")
+        raise FitError(f"{why} below: add levels below {{}}, the lowest tried", upper.min())
     if np.isposinf(upper).all():
-        raise FitError(f"{why} above: add levels above {lower.max():g}, the highest tried")
+        raise FitError(f"{why} above: add levels above {{}}, the highest tried", lower.max())
     ends = np.unique(np.concatenate([lower[lower > 0.0], upper[np.isfinite(upper)]]))
     _require_two(ends)
     x, centre, width = _scaled(np.log(ends))

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
 from archfrag.errors import InputError
-from archfrag.fragility.curve import FloatArray, Fragility, positive, rising, tails
+from archfrag.fragility.curve import FloatArray, Fragility, Mixture, positive, rising, tails
 from archfrag.fragility.hazard_curve import HazardCurve
 from archfrag.fragility.lines import log_between
 
@@ -70,7 +70,8 @@ def collapse_rate(
     curve : Fragility
     draws : (array_like, array_like), each (n_draw,), optional
         theta and beta as uncertain as they are, from `parameter_draws` or a bootstrap; the band
-        runs between the quantiles of their rates.
+        runs between the quantiles of their rates. Of a `Mixture` they are those of its lognormal
+        curve, and their rates are taken in proportion to its rate.
     confidence : float
         Two-sided, between 0 and 1.
 
@@ -98,7 +99,10 @@ def collapse_rate(
     rate = float(parts.sum())
     lower = upper = np.nan
     if draws is not None:
-        rates = _lognormal(hazard, np.log(hazard.im), *draws).sum(axis=-1)
+        at = hazard, np.log(hazard.im)
+        rates = _lognormal(*at, *draws).sum(axis=-1)
+        if isinstance(curve, Mixture):
+            rates *= rate / float(_lognormal(*at, curve.theta, curve.beta).sum())
         lower, upper = map(float, np.quantile(rates, ends))
     below, _, above = parts / rate if rate > 0.0 else (0.0, 0.0, 0.0)
     return CollapseRate(rate, lower, upper, confidence, float(below), float(above))
@@ -122,7 +126,7 @@ def rate_by_level(hazard: HazardCurve, curve: Fragility, edges: ArrayLike) -> Fl
     """
     edges = np.log(rising(edges, "edges"))
     cuts = np.union1d(np.log(hazard.im), edges)
-    rates = _lognormal(hazard, cuts, curve.theta, curve.beta)
+    rates = _lognormal(hazard, cuts, *curve.parts.T).mean(axis=0)
     level = np.searchsorted(edges, np.append(-np.inf, cuts), side="right")
     return np.bincount(level, weights=rates, minlength=edges.size + 1).astype(float)
 
@@ -142,8 +146,8 @@ def parameter_draws(
     Parameters
     ----------
     fit : Fragility
-        Of kind ``"posterior"``: its covariance is that of the posterior, which already knows what
-        the data are worth, and nothing is widened.
+        Of kind ``"posterior"`` or ``"mixture"``: its covariance is that of the posterior, which
+        already knows what the data are worth, and nothing is widened.
     seed : int
         Of numpy's default generator.
     n_record : int, optional
@@ -165,7 +169,7 @@ def parameter_draws(
     [0.5, 0.4]
     """
     generator = np.random.default_rng(seed)
-    count = {"ida": fit.n_total, "posterior": None}.get(fit.kind, n_record)
+    count = {"ida": fit.n_total, "posterior": None, "mixture": None}.get(fit.kind, n_record)
     variances = np.diag(fit.covariance)
     scale = np.ones(2)
     if count is not None and count > 1:

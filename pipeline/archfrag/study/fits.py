@@ -1,15 +1,15 @@
 """From the cube of a study to its fragility curves, and what to know before these are used."""
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from archfrag.errors import InputError
+from archfrag.errors import FitError, InputError, attempt
 from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
 from archfrag.study import comparisons, curves
 from archfrag.study.checks import doubts, uncorrected
@@ -49,35 +49,49 @@ def open_cube(study: Study) -> "xr.Dataset":
 
 
 def fit_cube(study: Study) -> dict[str, Answer]:
-    """Find the curve of each arch and class of the cube and store all in ``fits.json``."""
+    """Find the curve of each arch and class of the cube and store all in ``fits.json``.
+
+    All numbers are in SI; the text of an error names levels in the unit of the study.
+    """
     confidence, keys = study.report.confidence, study.limit_states.model_dump()
-    factor = study.intensity.factor
+    worded = partial(FitError.worded, factor=study.intensity.factor, unit=study.intensity.unit)
+
+    def part(make: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
+        found = attempt(partial(make, *arguments), worded)
+        return {"none": found} if isinstance(found, str) else found
+
     with open_cube(study) as cube:
-        runs = [
-            replace(each, level=each.level / factor) for each in curves.runs_of_cube(cube.load())
-        ]
-        answers = {each.name: curves.answer(each, confidence) for each in runs}
+        runs = curves.runs_of_cube(cube.load())
+        own = [(cube.isel(arch=number), each) for number, each in enumerate(runs)]
+        answers = {each.name: curves.answer(each, confidence, worded) for each in runs}
         medians = [np.nan if isinstance(a.curve, str) else a.curve.theta for a in answers.values()]
         for number in shown(medians):
-            each, one = runs[number], cube.isel(arch=number)
+            one, each = own[number]
             more = answers[each.name].more
-            more["free"] = comparisons.free_shapes(each, confidence)
-            more["measures"] = comparisons.measures_compared(one, each)
-            more["limit_states"] = comparisons.limit_states(one, each, keys)
+            more["free"] = part(comparisons.free_shapes, each, confidence, worded)
+            more["measures"] = part(comparisons.measures_compared, one, each)
+            more["limit_states"] = part(comparisons.limit_states, [own[number]], keys, worded)
             if each.design == "cloud":
-                more["cloud"] = comparisons.cloud_curves(one, each, confidence)
+                more["cloud"] = part(comparisons.cloud_curves, one, each, confidence, worded)
+        for each in runs:
+            found = part(curves.without_verdict, each, confidence, worded)
+            answers[each.name].more["without_verdict"] = found
         classes = {}
-        names = cube["arch_class"].values.astype(str)
-        for name, group in curves.classes_of_cube(cube, runs).items():
-            members = [each for each, own in zip(runs, names) if own == name]
-            own_answers = [answers[each.name] for each in members]
-            classes[name] = curves.answer(group, confidence)
-            classes[name].more["dispersion"] = comparisons.dispersion_split(members, own_answers)
+        for name, (group, places) in curves.classes_of_cube(cube, runs).items():
+            members = [answers[runs[i].name] for i in places]
+            classes[name] = curves.of_class(curves.answer(group, confidence, worded), members)
+            split = {}
+            if not isinstance(curve := classes[name].curve, str):
+                alone = [runs[i] for i in places]
+                split = part(comparisons.dispersion_split, alone, members, curve.beta)
+            states = part(comparisons.limit_states, [own[i] for i in places], keys, worded)
+            states["states"] = [s for s in states.get("states", ()) if s["name"] != "collapse"]
+            lost = part(curves.without_verdict, group, confidence, worded)
+            classes[name].more.update(dispersion=split, limit_states=states, without_verdict=lost)
         unit = cube["intensity"].attrs["units"]
         design = json.loads(cube.attrs["archfrag_design"])
     plain, of_classes = (
-        {name: _in_si(each.to_dict(), factor, study.intensity.unit) for name, each in some.items()}
-        for some in (answers, classes)
+        {name: each.to_dict() for name, each in some.items()} for some in (answers, classes)
     )
     content = {
         "study": study.id, "measure": study.intensity.measure, "unit": unit, "design": design,
@@ -89,29 +103,35 @@ def fit_cube(study: Study) -> dict[str, Answer]:
     return {name: Answer.from_dict(each) for name, each in plain.items()}
 
 
-def _in_si(value: Any, factor: float, unit: str, key: str = "") -> Any:
-    """Plain values of an answer in the unit of the study, as one in SI."""
-    if key in ("theta", "theta_interval", "im") and not isinstance(value, dict):
-        return [v * factor for v in value] if isinstance(value, list | tuple) else value * factor
-    if isinstance(value, dict) and key != "measures":
-        if key in ("curve", "likelihood") and "none" in value:
-            return {"none": f"{value['none']} (levels in {unit})"}
-        return {name: _in_si(each, factor, unit, name) for name, each in value.items()}
-    if isinstance(value, list):
-        return [_in_si(each, factor, unit) for each in value]
-    return value
+def lost_text(found: Answer, median: Callable[[float], str]) -> str:
+    """What the runs without a verdict could change; empty if there are none."""
+    lost = found.more.get("without_verdict") or {}
+    if "runs" not in lost:
+        return ""
+    ends = [
+        f"{median(curve['theta']) if 'theta' in curve else 'not known'} if {verb}"
+        for curve, verb in ((lost["collapsed"], "all collapse"), (lost["standing"], "all stand"))
+    ]
+    runs = "1 run has" if lost["runs"] == 1 else f"{lost['runs']} runs have"
+    return f"{runs} no verdict: the median is {ends[0]}, {ends[1]}"
+
+
+def _median(study: Study, theta: float) -> str:
+    return f"{theta / study.intensity.factor:.4g} {study.intensity.unit}"
 
 
 def fit_text(study: Study, name: str, found: Answer) -> str:
     """A curve in the unit of the study, or why there is none."""
+    lost = lost_text(found, partial(_median, study))
+    lost = f"; {lost}" if lost else ""
     if isinstance(found.curve, str):
-        return f"{name}: no curve: {found.curve}"
+        return f"{name}: no curve: {found.curve}{lost}"
     factor, percent = study.intensity.factor, f"{100 * found.confidence:g} %"
     theta, low, high = (value / factor for value in (found.curve.theta, *found.theta))
     return (
         f"{name}: median {theta:.4g} {study.intensity.unit} of {study.intensity.measure} "
         f"({percent}: {low:.4g} to {high:.4g}), dispersion {found.curve.beta:.3g} "
-        f"({found.beta[0]:.3g} to {found.beta[1]:.3g})"
+        f"({found.beta[0]:.3g} to {found.beta[1]:.3g}){lost}"
     )
 
 

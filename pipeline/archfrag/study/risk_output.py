@@ -12,13 +12,17 @@ ASSUMPTIONS = (
     "band: of the fragility curve's parameters only, from draws; none of the hazard, whose curves "
     "are listed one by one",
     "collapses: a Poisson process, the arch being put up again each time",
+    "a class: the mean of the rates of its arches, if all of them have a curve",
     "by mechanism, magnitude and distance: as the collapses of this set of records, level by "
     "level; this is no deaggregation of the hazard",
 )
 
 
 def risk_facts(risk: StudyRisk, study: Study) -> dict[str, Any]:
-    """All of a result in plain numbers; intensities in the unit of the study."""
+    """All of a result in plain numbers; intensities in the unit of the study.
+
+    ``arches`` holds classes too; ``classes`` is the number of arches of each.
+    """
     factor = study.intensity.factor
     return {
         "study": risk.study,
@@ -38,6 +42,7 @@ def risk_facts(risk: StudyRisk, study: Study) -> dict[str, Any]:
             name: {"none": arch} if isinstance(arch, str) else _arch(arch, risk.years, factor)
             for name, arch in risk.arches.items()
         },
+        "classes": risk.classes,
     }
 
 
@@ -91,14 +96,15 @@ def risk_text(facts: dict[str, Any]) -> str:
 
 
 def _lines(name: str, arch: dict[str, Any], facts: dict[str, Any]) -> list[str]:
+    title = f"class {name}, {facts['classes'][name]} arches" if name in facts["classes"] else name
     if "none" in arch:
-        return [f"{name}: no rate, since there is no curve: {arch['none']}"]
+        return [f"{title}: no rate, since there is no curve: {arch['none']}"]
     percent, unit = f"{100 * arch['confidence']:.0f} %", facts["unit"]
     low, high = arch["rate_band"]
     p_low, p_high = arch["probability_band"]
     period = arch["return_period"]
     lines = [
-        f"{name}: median {arch['theta']:.4g} {unit} of {facts['measure']}, dispersion "
+        f"{title}: median {arch['theta']:.4g} {unit} of {facts['measure']}, dispersion "
         f"{arch['beta']:.3g}",
         f"  rate of collapse {arch['rate']:.3g} a year ({percent}: {low:.3g} to {high:.3g}), "
         + ("never" if period is None else f"return period {period:.4g} years"),
