@@ -166,7 +166,7 @@ class TestIda:
         assert np.mean(rates[1::2]) == pytest.approx(np.mean(rates[::2]), abs=0.02)
 
     def test_curve_is_that_of_stripes_where_single_runs_scatter(self):
-        """The same verdicts, half of the records not monotone: theta to 1 %, beta to 5 %, as is true."""
+        """The same verdicts, half of the records not monotone: theta to 1 %, beta to 5 %."""
         off = []
         for seed in range(40):
             generator = np.random.default_rng(seed)

@@ -199,8 +199,9 @@ def design_cautions(design: Mapping[str, Any]) -> list[str]:
     for name, (count, checked) in against.items():
         found.append(
             f"{name}: {count} of {checked} checks near the border contradict the capacity of "
-            "their record, which has several borders between standing and collapse then; the search "
-            "found one of them, not the lowest, and beta includes the scatter of single runs"
+            "their record, which has several borders between standing and collapse then; "
+            "the search found one of them, not always the lowest, and beta includes the scatter "
+            "of single runs"
         )
     return found
 
@@ -227,8 +228,8 @@ def standing_again(verdict: NDArray[np.int8]) -> str:
         return ""
     return (
         f"{again.sum()} of {known.sum()} records stand again above a level at which they "
-        "collapsed (non-monotone records): near the border a single run decides little; theta and beta hold "
-        "this scatter of single runs"
+        "collapsed (non-monotone records): near the border a single run decides little; beta "
+        "includes this scatter of single runs"
     )
 
 
