@@ -41,8 +41,8 @@ class Contributions:
     def shown(self) -> BoolArray:
         """Categories with a part of the rate, (n_category,); none if hardly any is assigned."""
         assigned = float(self.rate.sum())
-        enough = assigned > LEAST_ASSIGNED * (assigned + float(self.unassigned.sum()))
-        return self.rate.any(axis=1) & enough
+        enough = np.bool_(assigned > LEAST_ASSIGNED * (assigned + float(self.unassigned.sum())))
+        return np.logical_and(self.rate.any(axis=1), enough)
 
 
 @dataclass(frozen=True)

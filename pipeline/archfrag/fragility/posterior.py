@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtr
 
 from archfrag.errors import FitError, InputError
@@ -198,7 +198,7 @@ def fit_scattered_posterior(
 
 
 def _scatter_of_runs(
-    logs: FloatArray, fell: FloatArray, stood: FloatArray, number: FloatArray,
+    logs: FloatArray, fell: FloatArray, stood: FloatArray, number: NDArray,
     borders: tuple[float, float],
 ) -> tuple[float, float]:  # fmt: skip
     """Standard deviation between runs of a record, and the standard error of its square.
