@@ -393,7 +393,7 @@ def fit(study: Any, note: Callable[[str], None], as_json: bool = False) -> None:
     for name, curve in fits.load_answers(path, "classes").items():
         note(f"fit: class {fits.fit_text(study, name, curve)}")
     with fits.open_cube(study) as cube:
-        for caution in fits.cautions_of_cube(study, cube):
+        for caution in fits.cautions_of_cube(study, cube, found):
             note(f"caution: {caution}")
     if as_json:
         click.echo(path.read_text(encoding="utf-8"))

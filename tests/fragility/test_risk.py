@@ -106,6 +106,18 @@ class TestBand:
         assert low < value < high
         assert found.return_period == pytest.approx(1.0 / found.rate)
 
+    def test_wide_curves_below_the_hazard_do_not_explode(self):
+        """A steep first slope: what lies below the first point adds at most its rate."""
+        hazard = HazardCurve([0.3, 0.4, 2.0], [1e-2, 1e-4, 1e-6])
+        beta = np.linspace(0.02, 3.0, 50)
+        found = collapse_rate(hazard, lognormal(0.5, 0.05), (np.full(50, 0.5), beta))
+        assert not found.is_bound
+        assert found.rate < found.mean < found.upper < 2e-2
+        beyond = collapse_rate(hazard, lognormal(0.5, 0.5), (np.full(50, 0.5), beta))
+        assert beyond.is_bound
+        assert beyond.quoted < 1e-2
+        assert np.isnan([beyond.mean, beyond.lower, beyond.upper]).all()
+
     def test_draws_have_the_covariance_of_the_fit(self):
         fit = Fragility(0.5, 0.4, np.array([[4e-3, 1e-3], [1e-3, 2e-3]]), 0.0, 5, 200, "stripes")
         theta, beta = parameter_draws(fit, 1, draws=100_000)

@@ -202,7 +202,7 @@ class TestAnswer:
         assert files == ["curves.svg", "report.html", "summary.json"]
 
 
-IM = np.geomspace(0.2, 4.0, 8)
+IM = np.geomspace(0.2, 20.0, 8)
 HAZARD = Hazard(
     "PGA", "a.csv", {"mean": HazardCurve(IM, 2e-3 * IM**-2.0), "0.84": HazardCurve(IM, 1e-2 / IM)}
 )
@@ -225,6 +225,10 @@ def test_risk(drawn):
     )  # fmt: skip
     assert [row[0] for row in rows] == ["ring", "slab"]
     assert rows[0][1] == f"{risk.arches['ring'].rate.rate:.2g}"
+    short = Hazard("PGA", "a.csv", {"mean": HazardCurve(IM[:4], 2e-3 * IM[:4] ** -2.0)})
+    bound = synthetic.inputs(("ring", "slab"), 12, cube=data, risk=risk_of(data, fits, short))
+    row = table(read(bound), "Rates of collapse")[1][0]
+    assert (row[1][:9], row[2], row[3], row[4][:8]) == ("at least ", "–", "–", "at most ")
     for names, given in ((heads, rows), levels, contributions):
         assert all(len(row) == len(names) for row in given)
     assert sum(float(row[2]) for row in levels[1]) == pytest.approx(1.0, abs=0.01)
@@ -439,7 +443,7 @@ class TestDesigns:
         assert [row[6] for row in rows] == [f"{fraction:.3f}" for fraction in below]
         design = dict(table(page, "Design of the runs of ring")[1])
         assert design["records"] == "8 of 8"
-        assert design["runs at random against the capacity of their record"] == "1 of 3"
+        assert design["checks near the border against the capacity of their record"] == "1 of 3"
         (section,) = page.xpath('//section[@id="arch0"]')
         assert "Steps: distribution of the capacities of the records" in text(section)
         assert "not simulated" in text(section)

@@ -1,6 +1,7 @@
 """Curves of a cube's runs that no other test of studies makes."""
 
 import json
+from dataclasses import replace
 
 import lxml.html
 import numpy as np
@@ -18,10 +19,13 @@ from archfrag.study.cube import write_cube
 from archfrag.study.curves import POINTS, Answer, Runs, answer, likeliest
 from archfrag.study.fits import (
     cautions_of_cube,
+    coarse_levels,
     design_cautions,
+    events_caution,
     fit_cube,
     fit_text,
     open_cube,
+    standing_again,
     undecided,
 )
 from archfrag.study.records import prepare_motions
@@ -268,16 +272,17 @@ def test_of_a_study_they_name_the_arch_and_its_unit(copied):
     cube = xr.load_dataset(path)
     cube["verdict"][:] = Verdict.STANDING
     cube.to_netcdf(path)
-    *standing, last = cautions_of_cube(copied.study, open_cube(copied.study))
+    none = dict.fromkeys(("ring", "slab"), Answer("no curve", "no curve"))
+    *standing, last = cautions_of_cube(copied.study, open_cube(copied.study), none)
     assert [text.split(";")[0] for text in standing] == [
-        f"{name}: 2 of 2 records stand at 1.2 g, the highest level: theta rests on the others "
-        "and on the shape of the curve" for name in ("ring", "slab")
+        f"{name}: 2 of 2 records stand at 1.2 g, the highest level, and no run collapsed, so "
+        "there is no curve: add higher levels" for name in ("ring", "slab")
     ]  # fmt: skip
     assert last.startswith("all records are of one earthquake (Test)")
     cube["verdict"][1, :, 2] = Verdict.UNFINISHED
     cube["scale_factor"][0, 1] = 11.0
     cube.to_netcdf(path)
-    first, ring, second, _ = cautions_of_cube(copied.study, open_cube(copied.study))
+    first, ring, second, _ = cautions_of_cube(copied.study, open_cube(copied.study), none)
     assert ring.startswith("ring: 2 of 2")
     assert first.startswith("slab: more than 5 % of the runs")
     assert "(most: 2 of 2 at 1.2 g)" in first
@@ -291,4 +296,30 @@ def test_contradictions_of_a_fleet_are_one_message():
 
     assert [text.split(":")[0] for text in found(3)] == ["a0", "a1", "a2"]
     (one,) = found(50)
-    assert one.startswith("50 arches: 100 of 700 runs at random contradict")
+    assert one.startswith("50 arches: 100 of 700 checks near the border contradict")
+
+
+def test_records_that_stand_again_are_cautioned_above_a_fifth():
+    verdict = np.tile(np.array([0, 0, 1, 1], np.int8), (10, 1))
+    verdict[:2, 1:3] = [1, 0]
+    assert standing_again(verdict) == ""
+    verdict[2, 1:3] = [1, 0]
+    assert standing_again(verdict).startswith("3 of 10 records stand again")
+
+
+def test_levels_coarser_than_the_dispersion_are_cautioned():
+    levels = np.array([1.0, 1.2, 1.5])
+    curve = Fragility(1.3, 0.25, np.eye(2), 0.0, 3, 30, "posterior")
+    assert coarse_levels(levels, curve) == ""
+    assert "0.22 apart in ln" in coarse_levels(levels, replace(curve, beta=0.2))
+
+
+@pytest.mark.parametrize(
+    ("events", "expected"),
+    [(8, ""), (4, ""), (3, "the 24 records are of 3 earth"), (1, "all records are of one")],
+)
+def test_one_to_three_earthquakes_are_cautioned(events, expected):
+    names = [f"e{i % events}" for i in range(24)]
+    found = events_caution(xr.Dataset({"event": ("record", names)}))
+    assert found.startswith(expected)
+    assert bool(found) is bool(expected)

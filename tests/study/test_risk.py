@@ -38,7 +38,7 @@ class TestGrid:
         exact = 2e-3 * fit.theta**-2.0 * np.exp(2.0 * fit.beta**2)
         assert found.rate.rate == pytest.approx(exact, rel=1e-9)
         assert found.by_curve["0.84"] == pytest.approx(2.0 * found.rate.rate, rel=1e-12)
-        assert found.rate.lower < found.rate.rate < found.rate.upper
+        assert found.rate.lower < found.rate.rate < found.rate.mean < found.rate.upper
 
     def test_everything_adds_up_to_the_rate(self, grid):
         found = risk_of(*grid, HAZARD).arches["ring"]
@@ -71,8 +71,23 @@ class TestGrid:
         short = Hazard("PGA", "made up", {"mean": HazardCurve([0.2, 1.0], [0.05, 2e-3])})
         found = risk_of(*grid, short).arches["ring"]
         assert found.rate.above > 0.9
+        assert found.rate.quoted == pytest.approx(found.rate.rate * (1.0 - found.rate.above))
+        assert np.isnan([found.rate.mean, found.rate.lower, found.rate.upper]).all()
+        assert found.cautions[0].startswith("most of the rate is from outside the hazard curve")
         assert any("above the last point of the hazard curve" in each for each in found.cautions)
         assert not risk_of(*grid, HAZARD).arches["ring"].rate.outside > 0.05
+
+    def test_hardly_any_collapse_gives_neither_fractions_nor_intervals(self, grid):
+        data, fits = grid
+        verdict = data["verdict"] * 0
+        verdict[0, 3, -1] = 1
+        data = data.assign(verdict=verdict)
+        found = risk_of(data, fits, HAZARD).arches["ring"].by_mechanism
+        assert found.counts.sum() == 1
+        assert np.isnan(found.lower).all()
+        steep = Hazard("PGA", "made up", {"mean": HazardCurve(IM, 2e-3 * IM**-6.0)})
+        assert found.shown.any()
+        assert not risk_of(data, fits, steep).arches["ring"].by_mechanism.shown.any()
 
 
 class TestDesigns:

@@ -19,6 +19,7 @@ from archfrag.fragility.curve import BoolArray, FloatArray, IntArray, rising, sh
 from archfrag.fragility.runs import Resampling
 
 RESAMPLES = 1000
+LEAST_ASSIGNED = 0.05  # fraction of a rate that is divided by category
 NOT_KNOWN = "not known"
 
 
@@ -31,9 +32,17 @@ class Contributions:
     rate: FloatArray  #: (n_category, n_level), of collapse [1/year]
     unassigned: FloatArray  #: (n_level,), rate of levels with no collapse seen [1/year]
     fraction: FloatArray  #: (n_category,), of the rate that is assigned [1]; nan if none is
-    lower: FloatArray  #: (n_category,), band of `fraction` from resampled earthquakes
+    #: (n_category,), band of `fraction` from resampled earthquakes; nan of under two collapses.
+    lower: FloatArray
     upper: FloatArray
     confidence: float  #: two-sided
+
+    @property
+    def shown(self) -> BoolArray:
+        """Categories with a part of the rate, (n_category,); none if hardly any is assigned."""
+        assigned = float(self.rate.sum())
+        enough = np.bool_(assigned > LEAST_ASSIGNED * (assigned + float(self.unassigned.sum())))
+        return np.logical_and(self.rate.any(axis=1), enough)
 
 
 @dataclass(frozen=True)
@@ -161,6 +170,7 @@ def contributions(
     if total.any():
         known = drawn[:, total > 0.0] / total[total > 0.0]
         lower, upper = np.quantile(known, resampling.tails, axis=1)
+    lower, upper = np.where(counts.sum(axis=1) < 2, np.nan, [lower, upper])
     with np.errstate(invalid="ignore"):
         fraction = rate.sum(axis=1) / (rate.sum() or np.nan)
     return Contributions(names, counts, rate, unassigned, fraction, lower, upper, confidence)

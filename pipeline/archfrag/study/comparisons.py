@@ -33,8 +33,7 @@ def free_shapes(
 
     verdict, level = runs.verdict.ravel(), runs.level.ravel()
     if runs.design in GRIDS:
-        rule: Any = "first" if runs.design != "stripes" else "fewest"
-        verdict, level = fill_verdicts(runs.verdict, rule), runs.level
+        verdict, level = fill_verdicts(runs.verdict), runs.level
     resampling = Resampling(_SEED, 300, confidence)
     shaped: dict[str, Any] = {}
     try:
@@ -208,8 +207,7 @@ def dispersion_split(
     n_record = len(members[0].verdict)
     if members[0].design not in GRIDS or any(len(each.verdict) != n_record for each in members):
         return {}
-    rule = "fewest" if members[0].design == "stripes" else "first"
-    capacity = np.stack([find_brackets(each.verdict, each.level, rule).middle for each in members])
+    capacity = np.stack([find_brackets(each.verdict, each.level).middle for each in members])
     try:
         if np.isnan(capacity).any():
             fits = [a.likelihood for a in answers if isinstance(a.likelihood, Fragility)]

@@ -279,7 +279,7 @@ def likeliest(runs: Runs, worded: Callable[[FitError], str] = str) -> Fragility 
     fell = np.bincount(place, runs.verdict[decided] == Verdict.COLLAPSED, distinct.size)
     try:
         if runs.design in ("ida", "two_stage"):
-            found = find_brackets(runs.verdict, runs.level, "first").known()
+            found = find_brackets(runs.verdict, runs.level).known()
             return fit_brackets(found.lower, found.upper)
         return fit_stripes(distinct, fell, np.bincount(place, minlength=distinct.size))
     except FitError as error:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from archfrag.errors import FitError, InputError, attempt
 from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
+from archfrag.fragility.curve import Fragility
 from archfrag.study import comparisons, curves
 from archfrag.study.checks import doubts, uncorrected
 from archfrag.study.config import Study
@@ -155,11 +156,13 @@ def load_answers(path: Path, of: str = "arches") -> dict[str, Answer]:
 MOST_UNDECIDED = 0.05  # fraction of the runs at a level
 MOST_SCALING, FAR_TOO_MUCH = 10.0, 100.0
 MOST_STANDING = 0.25  # fraction of the records
+MOST_AGAIN = 0.2  # fraction of the records
+LEAST_EVENTS = 4
 MOST_NAMED = 12  # arches; of more only their number
 
 
-def cautions_of_cube(study: Study, cube: "xr.Dataset") -> list[str]:
-    """All that a study's cube gives reason to caution, levels in the study's unit."""
+def cautions_of_cube(study: Study, cube: "xr.Dataset", answers: Mapping[str, Answer]) -> list[str]:
+    """All that a study's cube and curves give reason to caution, levels in the study's unit."""
     levels = [f"{level:.4g} {study.intensity.unit}" for level in study.intensity.given]
     if cube["intensity"].ndim > 1:
         levels = ["levels of their own"]
@@ -168,18 +171,31 @@ def cautions_of_cube(study: Study, cube: "xr.Dataset") -> list[str]:
     counts = [undecided(count_verdicts(own), levels) for own in verdict]
     found = [f"{name}: {message}" for name, message in zip(names, counts) if message]
     if cube["intensity"].ndim == 1:
-        stand = [standing(own, levels[-1]) for own in verdict]
-        found += [f"{name}: {message}" for name, message in zip(names, stand) if message]
+        stripes = cube.attrs.get("archfrag_design_kind") == "stripes"
+        for name, own in zip(names, verdict):
+            messages = [
+                standing(own, levels[-1]),
+                standing_again(own) if stripes else "",
+                coarse_levels(cube["intensity"].values, answers[name].curve),
+            ]
+            found += [f"{name}: {message}" for message in messages if message]
     found += doubts(study, members(study, cube.sizes["record"])) + uncorrected(study)
     found += design_cautions(json.loads(cube.attrs.get("archfrag_design", "{}")))
-    return found + [each for each in (scaled_far(cube), one_event(cube)) if each]
+    return found + [each for each in (scaled_far(cube), events_caution(cube)) if each]
 
 
-def one_event(cube: "xr.Dataset") -> str:
-    """Message on records that are all of one earthquake; empty if they are not."""
+def events_caution(cube: "xr.Dataset") -> str:
+    """Message on records that are all of one earthquake, or of two or three; else empty."""
     events = cube["event"].values.astype(str) if "event" in cube else np.array([""])
-    if len(events) < 2 or (events != events[0]).any() or not events[0]:
+    names = np.unique(events)
+    if len(events) < 2 or names.size >= min(LEAST_EVENTS, len(events)) or not events.all():
         return ""
+    if names.size > 1:
+        return (
+            f"the {len(events)} records are of {names.size} earthquakes, which hardly show how "
+            "earthquakes differ: bands may hold the truth less often than stated; add records of "
+            "other earthquakes"
+        )
     return (
         f"all records are of one earthquake ({events[0]}): what varies from earthquake to "
         "earthquake is neither in the dispersion nor in the bands"
@@ -202,9 +218,10 @@ def design_cautions(design: Mapping[str, Any]) -> list[str]:
         against = {f"{len(against)} arches": (sums[0], sums[1])}
     for name, (count, checked) in against.items():
         found.append(
-            f"{name}: {count} of {checked} runs at random contradict the capacity of their "
-            "record, which has more than one border then; the lowest level that was found to "
-            "cause collapse is taken"
+            f"{name}: {count} of {checked} checks near the border contradict the capacity of "
+            "their record, which has several borders between standing and collapse then; "
+            "the search found one of them, not always the lowest, and beta includes the scatter "
+            "of single runs"
         )
     return found
 
@@ -216,9 +233,38 @@ def standing(verdict: NDArray[np.int8], highest: str) -> str:
     stood = (verdict[:, -1] == Verdict.STANDING) & ~fell
     if stood.sum() <= MOST_STANDING * known.sum():
         return ""
+    count = f"{stood.sum()} of {known.sum()} records stand at {highest}, the highest level"
+    if not fell.any():
+        return f"{count}, and no run collapsed, so there is no curve: add higher levels"
+    return f"{count}: theta rests on the others and on the shape of the curve; add higher levels"
+
+
+def standing_again(verdict: NDArray[np.int8]) -> str:
+    """Message on records that are not monotone, (n_record, n_level); else empty."""
+    known = (verdict != Verdict.NOT_SIMULATED).any(axis=1)
+    fell = np.maximum.accumulate(verdict == Verdict.COLLAPSED, axis=1)
+    again = (fell & (verdict == Verdict.STANDING)).any(axis=1)
+    if again.sum() <= MOST_AGAIN * known.sum():
+        return ""
     return (
-        f"{stood.sum()} of {known.sum()} records stand at {highest}, the highest level: theta "
-        "rests on the others and on the shape of the curve; add higher levels"
+        f"{again.sum()} of {known.sum()} records stand again above a level at which they "
+        "collapsed (non-monotone records): near the border a single run decides little; beta "
+        "includes this scatter of single runs"
+    )
+
+
+def coarse_levels(levels: NDArray[np.float64], curve: Fragility | str) -> str:
+    """Message on levels farther apart at the median than the dispersion, in ln; else empty."""
+    if isinstance(curve, str) or len(levels) < 2:
+        return ""
+    above = int(np.clip(np.searchsorted(levels, curve.theta), 1, len(levels) - 1))
+    spacing = float(np.log(levels[above] / levels[above - 1]))
+    if spacing <= curve.beta:
+        return ""
+    return (
+        f"the levels beside the median are {spacing:.2g} apart in ln, more than the dispersion of "
+        f"{curve.beta:.2g}, whose interval may hold the truth less often than stated; add levels "
+        "near the median"
     )
 
 

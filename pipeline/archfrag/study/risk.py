@@ -232,9 +232,14 @@ def _cautions(rate: CollapseRate, outer: FloatArray, mechanism: Contributions) -
         (outer[-1], "above the greatest level that was simulated, where the fragility curve is "
          "extrapolated"),
         (mechanism.unassigned.sum() / (rate.rate or 1.0),
-         "at which no run collapsed, so that it is of no known mechanism"),
+         "at which no run collapsed, so that it is of no known mechanism; fractions by category "
+         "are of what is left"),
     )  # fmt: skip
-    return tuple(
+    bound = (
+        "most of the rate is from outside the hazard curve, so the part within it is quoted, as a "
+        "lower bound and without a band; use a hazard curve that reaches farther",
+    )  # fmt: skip
+    return (bound if rate.is_bound else ()) + tuple(
         f"{100 * fraction:.0f} % of the rate is from intensities {where}"
         for fraction, where in parts if fraction > NOTED
     )  # fmt: skip
