@@ -14,7 +14,7 @@ from archfrag.study.records import load_prepared, prepare_motions
 from archfrag.study.steps import finish, stale_steps
 from archfrag.study.store import Gathered
 from archfrag.study.worker import run_chunk
-from tests.study.small import TEXT, make_runs, small_study, write_at2
+from tests.study.small import TEXT, files_below, make_runs, small_study, write_at2
 
 INDEX = "id,file,unit\nwave0,wave0.mseed,m/s2\n"
 
@@ -43,11 +43,6 @@ def steps(path, *names):
         if result.exit_code != 0:
             break
     return result.exit_code, result.stderr
-
-
-def contents(folder):
-    """All files below a folder with their contents."""
-    return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
 def test_a_record_more_or_less(tmp_path):
@@ -101,13 +96,13 @@ def test_new_motions_take_the_place_of_old_ones_together_or_not_at_all(done, tmp
     path = small_study(tmp_path)
     assert steps(path, "motions")[0] == 0
     study = load_study(path)
-    digest, before = make_plan(study).digest, contents(tmp_path / "out")
+    digest, before = make_plan(study).digest, files_below(tmp_path / "out")
     write_at2(tmp_path / "records" / "wave0.AT2", np.sin(np.arange(150.0)), 0.01)
     (tmp_path / "records" / "wave1.AT2").write_text("garbage")
     code, messages = steps(path, "motions")
     assert code == 2
     assert "wave1.AT2" in messages
-    assert contents(tmp_path / "out") == before
+    assert files_below(tmp_path / "out") == before
     assert make_plan(study).digest == digest
     make_runs(make_plan(study))
     assert (

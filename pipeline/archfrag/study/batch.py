@@ -3,6 +3,7 @@
 import contextlib
 import logging
 import sys
+import tempfile
 import time
 from collections import deque
 from collections.abc import Iterator
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from archfrag.errors import WorkerError
+from archfrag.files import temporary_name
 from archfrag.study.bundles import Bundles, Rates
 from archfrag.study.checks import check_arches
 from archfrag.study.config import Study
@@ -232,8 +234,11 @@ def _client(study: Study, count: int) -> Iterator[Client]:
     for name in ("distributed", "distributed.nanny", "distributed.scheduler"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     address = study.execution.scheduler
-    settings = {**_SETTINGS, "temporary-directory": str(study.work / "dask")}
     with contextlib.ExitStack() as stack:
+        scratch = tempfile.TemporaryDirectory(
+            dir=study.work, ignore_cleanup_errors=True, **temporary_name()
+        )
+        settings = {**_SETTINGS, "temporary-directory": stack.enter_context(scratch)}
         stack.enter_context(dask.config.set(settings))
         try:
             # Whoever reaches a scheduler may run code: the credentials are known to the processes

@@ -1,6 +1,7 @@
 """Where results come from: one part that belongs in the cube, one that belongs in a log."""
 
 import contextlib
+import functools
 import json
 import math
 import os
@@ -55,6 +56,7 @@ def versions() -> dict[str, str]:
     return found
 
 
+@functools.cache
 def commit() -> str:
     """Git commit of the checkout that this package runs from, "-dirty" if it has changes.
 
@@ -123,7 +125,7 @@ def add_to_log(folder: Path, entry: dict[str, Any]) -> None:
     """Add an entry to ``run_log.json`` in a folder."""
     path = folder / "run_log.json"
     entries: list[Any] = []
-    with contextlib.suppress(OSError, ValueError):
-        entries = json.loads(path.read_text(encoding="utf-8"))
+    with contextlib.suppress(OSError, ValueError, TypeError):
+        entries = list(json.loads(path.read_text(encoding="utf-8")))
     entries.append(entry)
     write_text(path, json.dumps(entries, indent=1) + "\n")
