@@ -9,8 +9,8 @@ import stat
 import tempfile
 import time
 from collections.abc import Iterator
+from io import BufferedReader
 from pathlib import Path
-from typing import IO
 
 from archfrag.errors import InputError, OutputError
 
@@ -36,7 +36,7 @@ def cannot_write(path: Path, error: OSError) -> OutputError:
     )
 
 
-def opened(path: Path) -> IO[bytes]:
+def opened(path: Path) -> BufferedReader:
     """A regular file, to be read; a pipe or device is not waited for but an `OSError`."""
     number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     if stat.S_ISREG(os.fstat(number).st_mode):
@@ -81,9 +81,15 @@ def make_folder(path: Path) -> Path:
     return path
 
 
-def temporary_name() -> dict[str, str]:
-    """Prefix and suffix, for `tempfile`, of a name that `sweep` recognises."""
-    return {"prefix": f".archfrag-{_HOST}-{os.getpid()}-", "suffix": ".tmp"}
+def temporary_prefix() -> str:
+    """What a name that `sweep` recognises begins with; its suffix is .tmp."""
+    return f".archfrag-{_HOST}-{os.getpid()}-"
+
+
+def temporary_folder(place: Path) -> "tempfile.TemporaryDirectory[str]":
+    """A folder that is removed when its block ends, or by `sweep` after a kill."""
+    prefix = temporary_prefix()
+    return tempfile.TemporaryDirectory(".tmp", prefix, place, ignore_cleanup_errors=True)
 
 
 def sweep(folder: Path) -> None:
@@ -127,7 +133,7 @@ def replacing(path: Path, lasting: bool = True) -> Iterator[Path]:
     temporary, hidden = None, path.parent / WORK
     try:
         place = hidden if hidden.is_dir() and not hidden.is_symlink() else path.parent
-        handle, name = tempfile.mkstemp(dir=place, **temporary_name())
+        handle, name = tempfile.mkstemp(".tmp", temporary_prefix(), place)
         os.close(handle)
         temporary = Path(name)
         yield temporary

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from archfrag.errors import InputError
-from archfrag.files import temporary_name
+from archfrag.files import temporary_prefix
 from archfrag.motions.fdsn import Limits
 from archfrag.motions.fetch import Request, fetch_records
 from archfrag.motions.index import load_index
@@ -121,7 +121,7 @@ class TestGoingOn:
     def test_what_a_killed_run_left_goes(self, centre, tmp_path):
         left = subprocess.Popen(["true"])
         left.wait()
-        half = temporary_name()["prefix"].replace(f"-{os.getpid()}-", f"-{left.pid}-") + "abcd123"
+        half = temporary_prefix().replace(f"-{os.getpid()}-", f"-{left.pid}-") + "abcd123"
         (tmp_path / EVENT / f"{half}1.tmp").mkdir(parents=True)
         mine = (f"{EVENT}/.fetch-notes", ".index.csv.old.tmp")
         for name in (f"{EVENT}/{half}1.tmp/half.mseed", f"{EVENT}/{half}2.tmp", *mine):

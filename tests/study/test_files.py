@@ -6,7 +6,7 @@ import subprocess
 import pytest
 
 from archfrag.errors import OutputError
-from archfrag.files import WORK, replacing, sweep, temporary_name
+from archfrag.files import WORK, replacing, sweep, temporary_prefix
 from tests.study.small import files
 
 
@@ -38,7 +38,7 @@ def test_sweeping_removes_what_a_killed_process_left_and_nothing_else(tmp_path):
     """A temporary name gives its process; that of this test is alive, that of `true` is not."""
     left = subprocess.Popen(["true"])
     left.wait()
-    mine = temporary_name()["prefix"]
+    mine = temporary_prefix()
     gone = mine.replace(f"-{os.getpid()}-", f"-{left.pid}-")
     elsewhere = gone.replace(".archfrag-", ".archfrag-elsewhere_")
     (tmp_path / "parts" / f"{gone}folder_1.tmp").mkdir(parents=True)

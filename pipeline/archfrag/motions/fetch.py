@@ -7,7 +7,6 @@ finds them. A station that is complete is in the index and is not asked for agai
 
 import contextlib
 import re
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,7 +19,7 @@ from obspy.core.inventory import Station
 from obspy.geodetics import gps2dist_azimuth, kilometers2degrees
 
 from archfrag.errors import InputError, RecordError
-from archfrag.files import cannot_write, make_folder, replacing, sweep, temporary_name
+from archfrag.files import cannot_write, make_folder, replacing, sweep, temporary_folder
 from archfrag.motions.fdsn import Limits, Refusal, Service
 from archfrag.motions.index import index_table, sha256, write_index
 from archfrag.motions.read import read_motions
@@ -280,7 +279,7 @@ class _Fetching:
         self, place: Path, name: str, site: _Site, waveforms: bytes, responses: bytes
     ) -> dict[str, Any]:
         """Put a record that can be read, with its StationXML, in its place."""
-        with tempfile.TemporaryDirectory(dir=place, **temporary_name()) as part:
+        with temporary_folder(place) as part:
             files = [Path(part) / f"{site.name}.xml", Path(part) / f"{name}.mseed"]
             for path, content in zip(files, (responses, waveforms), strict=True):
                 path.write_bytes(content)

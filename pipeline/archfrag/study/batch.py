@@ -3,7 +3,6 @@
 import contextlib
 import logging
 import sys
-import tempfile
 import time
 from collections import deque
 from collections.abc import Iterator
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from archfrag.errors import WorkerError
-from archfrag.files import temporary_name
+from archfrag.files import temporary_folder
 from archfrag.study.bundles import Bundles, Rates
 from archfrag.study.checks import check_arches
 from archfrag.study.config import Study
@@ -235,10 +234,8 @@ def _client(study: Study, count: int) -> Iterator[Client]:
         logging.getLogger(name).setLevel(logging.CRITICAL)
     address = study.execution.scheduler
     with contextlib.ExitStack() as stack:
-        scratch = tempfile.TemporaryDirectory(
-            dir=study.work, ignore_cleanup_errors=True, **temporary_name()
-        )
-        settings = {**_SETTINGS, "temporary-directory": stack.enter_context(scratch)}
+        scratch = stack.enter_context(temporary_folder(study.work))
+        settings = {**_SETTINGS, "temporary-directory": scratch}
         stack.enter_context(dask.config.set(settings))
         try:
             # Whoever reaches a scheduler may run code: the credentials are known to the processes

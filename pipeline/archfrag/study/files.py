@@ -44,6 +44,20 @@ def canonical_json(value: Any) -> str:
     return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
 
 
+def read_json(path: Path) -> Any:
+    """Value of a JSON file.
+
+    Raises
+    ------
+    OSError, ValueError
+        If it cannot be read or holds something else.
+    """
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except RecursionError:
+        raise ValueError("lists in lists without end") from None
+
+
 def digest_of(value: Any) -> str:
     """SHA-256 of a value that JSON knows, 64 hexadecimal digits."""
     return hashlib.sha256(canonical_json(value).encode("utf-8", "surrogateescape")).hexdigest()
@@ -126,7 +140,7 @@ def is_ours_damaged(study: "Study", name: str) -> bool:
 
 def _load(study: "Study") -> dict[str, dict[str, Any]]:
     with contextlib.suppress(OSError, ValueError, TypeError, KeyError, AttributeError):
-        written = json.loads((study.work / WRITTEN).read_text(encoding="utf-8"))
+        written = read_json(study.work / WRITTEN)
         keys = ("group", "sha256", "size")
         return {name: {key: entry[key] for key in keys} for name, entry in written.items()}
     return {}

@@ -15,7 +15,14 @@ from typing import Any
 import archfrag
 from archfrag.study.arches import FromDrawing, Table
 from archfrag.study.config import Study
-from archfrag.study.files import KINDS, PACKAGE, by_name, sha256_if_there, write_text
+from archfrag.study.files import (
+    KINDS,
+    PACKAGE,
+    by_name,
+    read_json,
+    sha256_if_there,
+    write_text,
+)
 from archfrag.study.plan import Plan
 from archfrag.study.processing import described
 from archfrag.study.records import read_manifest
@@ -126,6 +133,6 @@ def add_to_log(folder: Path, entry: dict[str, Any]) -> None:
     path = folder / "run_log.json"
     entries: list[Any] = []
     with contextlib.suppress(OSError, ValueError, TypeError):
-        entries = list(json.loads(path.read_text(encoding="utf-8")))
+        entries = list(read_json(path))
     entries.append(entry)
     write_text(path, json.dumps(entries, indent=1) + "\n")

@@ -3,11 +3,9 @@
 import difflib
 import glob
 import hashlib
-import json
 import os
 import re
 import shutil
-import tempfile
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
@@ -17,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from archfrag.errors import InputError, RecordError, StudyError
-from archfrag.files import temporary_name
+from archfrag.files import temporary_folder
 from archfrag.motions.index import IndexEntry, find_entry, goes_with_records, load_index
 from archfrag.motions.plausible import check_name
 from archfrag.study.components import Components, with_partners, without_verticals
@@ -29,6 +27,7 @@ from archfrag.study.files import (
     digest_of,
     make_folder,
     read_inputs,
+    read_json,
     sha256_if_there,
     sha256_of,
     write_text,
@@ -257,9 +256,7 @@ def prepare_motions(study: Study, progress: Any = None) -> list[PreparedRecord]:
     inputs = study_inputs(study)
     folder = make_folder(study.work / "motions")
     try:
-        with tempfile.TemporaryDirectory(
-            dir=folder, ignore_cleanup_errors=True, **temporary_name()
-        ) as made:
+        with temporary_folder(folder) as made:
             found = _store(study, Path(made), progress)
             name = digest_of([record.prepared for record in found])[:12]
             place = f"motions/{name}"
@@ -334,7 +331,7 @@ def read_manifest(study: Study) -> dict[str, Any]:
     """What `prepare_motions` wrote of its work."""
     path = study.work / MANIFEST
     try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
+        manifest = read_json(path)
         if not isinstance(manifest["inputs"], dict):
             raise TypeError("inputs")
         return {name: manifest[name] for name in ("key", "inputs", "records")}

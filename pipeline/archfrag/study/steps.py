@@ -4,7 +4,6 @@ A step that is done leaves a stamp: a digest of what it was made from, and the S
 made. Times of modification decide nothing.
 """
 
-import json
 import os
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from archfrag.study.files import (
     changes,
     digest_of,
     make_folder,
+    read_json,
     remember,
     sha256_if_there,
     source_hash,
@@ -153,7 +153,7 @@ def _wrong(study: Study, step: str, plan: Plan | None = None) -> str:
     """Why the results of a step are not those of the study as it is; empty if they are."""
     main = next(iter(products(study, step)), study.work / "parts")
     try:
-        stamp = json.loads(stamp_file(study, step).read_text(encoding="utf-8"))
+        stamp = read_json(stamp_file(study, step))
         before, files = dict(stamp["from"]), stamp["files"].items()
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return f"{main}: is missing, or no step of this study made it"

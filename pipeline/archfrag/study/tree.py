@@ -284,7 +284,7 @@ def _take(file: IO[str]) -> bool | None:
 def _read(file: IO[str]) -> dict[str, Any]:
     file.seek(0)
     with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError, OverflowError):
-        holder = json.loads(file.read(10_000))
+        holder = json.loads(file.read(500))  # too short for what JSON cannot bear
         host, pid, started = str(holder["host"]), int(holder["pid"]), float(holder["started"])
         stopped = bool(holder.get("stopped", False))
         if pid > 0:
