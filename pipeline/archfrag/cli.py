@@ -337,6 +337,17 @@ def run(study_file: Path, overrides: tuple[str, ...], quiet: bool, **options: An
         if not anything:
             click.echo("archfrag: nothing to do: all results are up to date", err=True)
         click.echo(f"report: {study.folder / 'report.html'}")
+        _name_old_exports(study.folder)
+
+
+def _name_old_exports(folder: Path) -> None:
+    from archfrag.files import counted
+
+    exported = [path for path in (folder / "export").glob("*") if path.is_file()]
+    made = max((folder / name).stat().st_mtime for name in ("cube.nc", "fits.json"))
+    if old := [path for path in exported if path.stat().st_mtime < made]:
+        what = f"{counted(len(old), 'file')} older than the results"
+        click.echo(f"archfrag: {folder / 'export'}: {what}; make anew: archfrag export", err=True)
 
 
 @main.command()

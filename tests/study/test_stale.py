@@ -9,6 +9,7 @@ from obspy import Trace
 from archfrag.cli import main
 from archfrag.errors import InputError
 from archfrag.study.config import load_study
+from archfrag.study.cube import write_cube, write_timings
 from archfrag.study.plan import make_plan
 from archfrag.study.records import load_prepared, prepare_motions
 from archfrag.study.steps import finish, stale_steps
@@ -73,6 +74,51 @@ def test_the_unit_in_the_index(tmp_path):
     assert stale[0] == "motions"
     assert changed[0].startswith(f"index {index} has changed (sha256 ")
     assert prepare_motions(study)[0].factor == pytest.approx(100 * first)
+
+
+def test_files_that_change_places_are_noticed_and_touched_ones_are_not(tmp_path):
+    """Two records of one name exchanged, and an index in the folder above."""
+    for name, number in (("eq1", 1), ("eq2", 2)):
+        (tmp_path / name).mkdir()
+        write_at2(tmp_path / name / "H1.AT2", np.sin(number * np.arange(150.0)), 0.01)
+    files = [tmp_path / name / "H1.AT2" for name in ("eq1", "eq2")]
+    (tmp_path / "eq1" / "index.csv").write_text("id,file\none,H1.AT2\n")
+    study = prepared(tmp_path, TEXT.replace('"records/*.AT2"', "eq1/H1.AT2, eq2/H1.AT2"))
+    os.utime(files[0])
+    assert stale_steps(study)[0][0] == "batch-0of1"
+    os.rename(files[0], tmp_path / "between")
+    os.rename(files[1], files[0])
+    os.rename(tmp_path / "between", files[1])
+    stale, changed = stale_steps(study)
+    assert stale[0] == "motions"
+    assert [line.split(" has changed")[0] for line in changed] == [f"record {f}" for f in files]
+    prepare_motions(study)
+    finish(study, "motions")
+    os.rename(tmp_path / "eq1" / "index.csv", tmp_path / "index.csv")
+    assert stale_steps(study)[1] == [
+        f"index {tmp_path / 'eq1' / 'index.csv'} is gone", f"index {tmp_path / 'index.csv'} is new"
+    ]  # fmt: skip
+
+
+def test_what_only_the_cube_states_is_noticed(tmp_path):
+    """Another name of the same unit; a column of a table that gives what is the default."""
+    table = tmp_path / "table.csv"
+    table.write_text("id,width,depth\none,0.4,1.0\n")
+    many = (
+        "  - {id: many, table: table.csv, profile: block, height: 2.0, friction: .inf}\nmotions:"
+    )
+    text = TEXT.replace("motions:", many).replace("unit: g", "unit: gal")
+    study = prepared(tmp_path, text.replace("[0.1, 0.6, 1.2]", "[100, 600]"))
+    make_runs(make_plan(study))
+    finish(study, "batch-0of1")
+    write_cube(study)
+    write_timings(study)
+    finish(study, "cube")
+    assert stale_steps(study)[0] == ["fit", "report"]
+    unit = load_study(tmp_path / "small.yaml", ["intensity.unit=cm/s2"])
+    assert stale_steps(unit)[0] == ["cube", "fit", "report"]
+    table.write_text("id,width\none,0.4\n")
+    assert stale_steps(study)[0] == ["cube", "fit", "report"]
 
 
 @pytest.mark.parametrize("named", [False, True])
