@@ -146,17 +146,18 @@ def test_what_is_done_is_not_done_again(finished):
 
 @pytest.mark.parametrize(
     ("asked", "shown"),
-    [(["-n"], "batch "), (["--dag"], "digraph"), (["--report", "report.html"], ""),
+    [(["-n"], "batch "), (["--dag"], "digraph"), (["--report", "{}/report.html"], ""),
      (["--list-rules"], "motions")],
 )  # fmt: skip
 def test_what_asks_snakemake_only_changes_nothing(finished, tmp_path, asked, shown):
-    """Of a study that is not done, without --cores; without a study one sentence."""
+    """Of a study that is not done, without --cores; without a study an error that names the option."""
     path, study = finished[0], tmp_path / "other.yaml"
     text = path.read_text().replace("[0.1, ", "[0.2, ").replace("output: out", "output: OUT")
     study.write_text(text.replace("OUT", str(path.parent / "out")).replace(
         "records/*", str(path.parent / "records" / "*")))  # fmt: skip
     before = written(path.parent)
-    command = [sys.executable, "-m", "snakemake", "--snakefile", snakefile(), *asked]
+    command = [sys.executable, "-m", "snakemake", "--snakefile", snakefile()]
+    command += [each.format(tmp_path) for each in asked]
     done, none = (
         subprocess.run([*command, *more], cwd=tmp_path, capture_output=True, text=True)
         for more in (["--config", f"study={study}"], [])
@@ -165,7 +166,7 @@ def test_what_asks_snakemake_only_changes_nothing(finished, tmp_path, asked, sho
     assert shown in done.stdout + done.stderr
     assert written(path.parent) == before
     assert none.returncode == 1
-    assert "no study is given; add --config study=FILE" in none.stderr
+    assert "no study is given; add --config study=FILE" in none.stdout + none.stderr
     assert run(path)[2] == NOTHING
 
 
