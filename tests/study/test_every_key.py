@@ -1,4 +1,4 @@
-"""Each key of a study file changed, one by one: results of the study before are never called current.
+"""Each key of a study file changed, one by one: results made before are never called current.
 
 ``python -m tests.study.test_every_key FOLDER`` makes each changed study in the folder of the first
 one and anew, and prints the keys after which any file of the results differs.

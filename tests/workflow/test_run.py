@@ -150,7 +150,7 @@ def test_what_is_done_is_not_done_again(finished):
      (["--list-rules"], "motions")],
 )  # fmt: skip
 def test_what_asks_snakemake_only_changes_nothing(finished, tmp_path, asked, shown):
-    """Of a study that is not done, without --cores; without a study an error that names the option."""
+    """Of a study that is not done, without --cores; without a study an error names the option."""
     path, study = finished[0], tmp_path / "other.yaml"
     text = path.read_text().replace("[0.1, ", "[0.2, ").replace("output: out", "output: OUT")
     study.write_text(text.replace("OUT", str(path.parent / "out")).replace(
