@@ -32,6 +32,11 @@ class _Group(click.Group):
     its traceback.
     """
 
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        # Processes that this one starts load no modules from the current folder.
+        os.environ["PYTHONSAFEPATH"] = "1"
+        return super().__call__(*args, **kwargs)
+
     def invoke(self, ctx: click.Context) -> Any:
         try:
             return super().invoke(ctx)
@@ -103,12 +108,14 @@ def _step(command: Callable) -> Callable:
 
         follow_run()
         from archfrag.study.config import load_study
+        from archfrag.study.files import check_own
         from archfrag.study.steps import batch_step, finish
         from archfrag.study.workflow import step_log
 
         name = command.__name__
         with step_log(log_file) as note:
             study = load_study(study_file, overrides)
+            check_own(study)
             command(study, note, **options)
             if name == "batch":
                 name = batch_step(options["batch"], study.execution.batches)
@@ -330,6 +337,46 @@ def run(study_file: Path, overrides: tuple[str, ...], quiet: bool, **options: An
         if not anything:
             click.echo("archfrag: nothing to do: all results are up to date", err=True)
         click.echo(f"report: {study.folder / 'report.html'}")
+        _name_old_exports(study.folder)
+
+
+def _name_old_exports(folder: Path) -> None:
+    from archfrag.files import counted
+
+    exported = [path for path in (folder / "export").glob("*") if path.is_file()]
+    made = max((folder / name).stat().st_mtime for name in ("cube.nc", "fits.json"))
+    if old := [path for path in exported if path.stat().st_mtime < made]:
+        what = f"{counted(len(old), 'file')} older than the results"
+        click.echo(f"archfrag: {folder / 'export'}: {what}; make anew: archfrag export", err=True)
+
+
+@main.command()
+@study_argument
+@set_option
+@click.option("--yes", is_flag=True, help="Remove without asking.")
+def clean(study_file: Path, overrides: tuple[str, ...], yes: bool) -> None:
+    """Remove stored runs that are of no use to a study; shows first which."""
+    from archfrag.files import counted
+    from archfrag.study.config import load_study
+    from archfrag.study.files import check_own
+    from archfrag.study.plan import make_plan
+    from archfrag.study.store import count_runs, remove, superfluous
+    from archfrag.study.tree import only_run
+
+    study = load_study(study_file, overrides)
+    check_own(study)
+    plan = make_plan(study)
+    with only_run(study) as lock:
+        lock.refuse_stopped(study.folder, shlex.join(["archfrag", "run", str(study_file)]))
+        found = superfluous(plan)
+        for why, paths in found.items():
+            size = sum(path.stat().st_size for path in paths) / 1e6
+            runs, files = counted(count_runs(paths), "run"), counted(len(paths), "file")
+            click.echo(f"{runs} {why}: {files}, {size:.3g} MB")
+        if not found:
+            click.echo("nothing to remove: all stored runs are of use to this study")
+        elif yes or click.confirm("Remove them?", abort=True):
+            remove([path for paths in found.values() for path in paths])
 
 
 @_step
@@ -366,12 +413,10 @@ def batch(
 @_step
 def cube(study: Any, note: Callable[[str], None]) -> None:
     """Gather the results into one CF netCDF cube."""
-    from archfrag.study.cube import forget_other_code, write_cube, write_timings
+    from archfrag.study.cube import write_cube, write_timings
 
     path = write_cube(study)
     write_timings(study)
-    if forget_other_code(study):
-        note("cube: runs made by other versions of archfrag, of use to no study now, are removed")
     note(f"cube: {path}")
 
 

@@ -2,12 +2,23 @@
 
 import contextlib
 import os
+import re
+import shutil
+import socket
 import stat
 import tempfile
+import time
 from collections.abc import Iterator
+from io import BufferedReader
 from pathlib import Path
 
 from archfrag.errors import InputError, OutputError
+
+WORK = ".archfrag"  # in the folder of a study's results: all that is not for people
+_HOST = re.sub(r"\W", "_", socket.gethostname())
+# Temporary names give host and process, so that what a killed process left can be recognised.
+_TEMPORARY = re.compile(r"\.archfrag-(?P<host>\w+)-(?P<pid>[0-9]{1,9})-[a-z0-9_]{8}\.tmp")
+_SURELY_LEFT = 30 * 86400.0  # age at which no process can be at work on a temporary file [s]
 
 
 def counted(number: int, noun: str) -> str:
@@ -25,8 +36,13 @@ def cannot_write(path: Path, error: OSError) -> OutputError:
     )
 
 
-def _not_waiting(name: str, flags: int) -> int:
-    return os.open(name, flags | os.O_NONBLOCK)
+def opened(path: Path) -> BufferedReader:
+    """A regular file, to be read; a pipe or device is not waited for but an `OSError`."""
+    number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    if stat.S_ISREG(os.fstat(number).st_mode):
+        return os.fdopen(number, "rb")
+    os.close(number)
+    raise OSError(0, "no regular file")
 
 
 def read_text(path: Path, largest: int, kind: type[InputError], what: str) -> str:
@@ -38,9 +54,7 @@ def read_text(path: Path, largest: int, kind: type[InputError], what: str) -> st
         Naming `what` it was to be, and the file.
     """
     try:
-        with open(path, "rb", opener=_not_waiting) as file:
-            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise OSError(0, "no regular file")
+        with opened(path) as file:
             content = file.read(largest + 1)
         if len(content) > largest:
             raise kind(f"{what} {path} is too large; it must have at most {largest} bytes")
@@ -67,9 +81,46 @@ def make_folder(path: Path) -> Path:
     return path
 
 
+def temporary_prefix() -> str:
+    """What a name that `sweep` recognises begins with; its suffix is .tmp."""
+    return f".archfrag-{_HOST}-{os.getpid()}-"
+
+
+def temporary_folder(place: Path) -> "tempfile.TemporaryDirectory[str]":
+    """A folder that is removed when its block ends, or by `sweep` after a kill."""
+    prefix = temporary_prefix()
+    return tempfile.TemporaryDirectory(".tmp", prefix, place, ignore_cleanup_errors=True)
+
+
+def sweep(folder: Path) -> None:
+    """Remove temporary files and folders of killed processes, by their names, below a folder."""
+    import psutil
+
+    for entry in entries(folder):
+        found = _TEMPORARY.fullmatch(entry.name)
+        if found is None or entry.is_symlink():
+            continue
+        with contextlib.suppress(OSError):
+            gone = found["host"] == _HOST and not psutil.pid_exists(int(found["pid"]))
+            if gone or time.time() - entry.stat().st_mtime > _SURELY_LEFT:
+                path = Path(entry.path)
+                shutil.rmtree(path) if entry.is_dir() else path.unlink()
+
+
+def entries(folder: Path | str) -> Iterator["os.DirEntry[str]"]:
+    """All that is below a folder, links not followed."""
+    with contextlib.suppress(FileNotFoundError, NotADirectoryError), os.scandir(folder) as found:
+        for entry in found:
+            yield entry
+            if entry.is_dir(follow_symlinks=False):
+                yield from entries(entry.path)
+
+
 @contextlib.contextmanager
 def replacing(path: Path, lasting: bool = True) -> Iterator[Path]:
-    """Give a temporary name in the same folder and, if all goes well, put it in `path`'s place.
+    """Give a temporary name and, if all goes well, put that file in `path`'s place.
+
+    It is in the hidden folder of a study beside `path`, or else in the same folder.
 
     The bytes are on the disk before the name is, unless not `lasting`: then a kill, but not a
     power cut, leaves the file complete.
@@ -79,9 +130,10 @@ def replacing(path: Path, lasting: bool = True) -> Iterator[Path]:
     OutputError
         For any `OSError` inside; the temporary file is gone then, `path` as it was.
     """
-    temporary = None
+    temporary, hidden = None, path.parent / WORK
     try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
+        place = hidden if hidden.is_dir() and not hidden.is_symlink() else path.parent
+        handle, name = tempfile.mkstemp(".tmp", temporary_prefix(), place)
         os.close(handle)
         temporary = Path(name)
         yield temporary

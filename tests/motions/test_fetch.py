@@ -1,12 +1,15 @@
 """Records from a data centre: what comes, what does not, and what is left of it on the disk."""
 
 import csv
+import os
+import subprocess
 import time
 
 import numpy as np
 import pytest
 
 from archfrag.errors import InputError
+from archfrag.files import temporary_prefix
 from archfrag.motions.fdsn import Limits
 from archfrag.motions.fetch import Request, fetch_records
 from archfrag.motions.index import load_index
@@ -116,12 +119,15 @@ class TestGoingOn:
         assert load_motion(entry).duration == pytest.approx(15.0, abs=0.1)
 
     def test_what_a_killed_run_left_goes(self, centre, tmp_path):
-        (tmp_path / EVENT / ".fetch-abc").mkdir(parents=True)
-        for name in (f"{EVENT}/.fetch-abc/half.mseed", ".index.csv.ab_1.tmp",
-                     f"{EVENT}/.event.xml.ab_1.tmp"):  # fmt: skip
+        left = subprocess.Popen(["true"])
+        left.wait()
+        half = temporary_prefix().replace(f"-{os.getpid()}-", f"-{left.pid}-") + "abcd123"
+        (tmp_path / EVENT / f"{half}1.tmp").mkdir(parents=True)
+        mine = (f"{EVENT}/.fetch-notes", ".index.csv.old.tmp")
+        for name in (f"{EVENT}/{half}1.tmp/half.mseed", f"{EVENT}/{half}2.tmp", *mine):
             (tmp_path / name).write_bytes(b"half")
         fetch(centre, tmp_path)
-        assert not [path for path in tree(tmp_path) if "/." in f"/{path}"]
+        assert {str(path) for path in tree(tmp_path) if "/." in f"/{path}"} == set(mine)
 
 
 def index_of(folder):

@@ -1,9 +1,12 @@
 """Files appear full or not at all."""
 
+import os
+import subprocess
+
 import pytest
 
 from archfrag.errors import OutputError
-from archfrag.study.files import replacing, source_hash, sweep
+from archfrag.files import WORK, replacing, sweep, temporary_prefix
 from tests.study.small import files
 
 
@@ -31,26 +34,36 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_else(tmp_path, full_disk):
     assert files(tmp_path) == {"a.txt": b"old"}
 
 
-def test_sweeping_removes_what_a_killed_run_left_and_nothing_else(tmp_path):
-    (tmp_path / "parts").mkdir()
-    left = [".cube.nc.ab_1.tmp", "parts/.000001-ab.npz.x9z.tmp", ".report.html.k2_"]
-    kept = [".archfrag.lock", "cube.nc", "parts/000001-ab.npz", ".hidden"]
-    for name in left + kept:
-        (tmp_path / name).write_text("")
+def test_sweeping_removes_what_a_killed_process_left_and_nothing_else(tmp_path):
+    """A temporary name gives its process; that of this test is alive, that of `true` is not."""
+    left = subprocess.Popen(["true"])
+    left.wait()
+    mine = temporary_prefix()
+    gone = mine.replace(f"-{os.getpid()}-", f"-{left.pid}-")
+    elsewhere = gone.replace(".archfrag-", ".archfrag-elsewhere_")
+    (tmp_path / "parts" / f"{gone}folder_1.tmp").mkdir(parents=True)
+    (tmp_path / "parts" / f"{gone}folder_1.tmp" / "half.npz").touch()
+    swept = [f"{gone}abcdefg1.tmp", f"parts/{gone}abcdefg2.tmp", f"{elsewhere}abcdefg3.tmp"]
+    kept = [
+        f"{mine}abcdefg4.tmp", f"{elsewhere}abcdefg5.tmp", f"{gone}notes.tmp", "cube.nc",
+        ".study.yaml.swp", ".notes.csv.bak", ".results.json.orig", ".thesis.html.k2_0.tmp",
+    ]  # fmt: skip
+    for name in swept + kept:
+        (tmp_path / name).touch()
+    os.utime(tmp_path / swept[2], (1.0e9, 1.0e9))
+    os.symlink(tmp_path / "parts", tmp_path / f"{gone}abcdefg6.tmp")
     sweep(tmp_path)
     found = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()}
     assert found == set(kept)
+    assert (tmp_path / "parts").is_dir()
 
 
-def test_source_hash_states_edits_in_any_file_of_a_folder(tmp_path, monkeypatch):
-    monkeypatch.setattr("archfrag.study.files.PACKAGE", tmp_path)
-    (tmp_path / "folder").mkdir()
-    (tmp_path / "folder" / "a.py").write_text("a = 1\n")
-    (tmp_path / "b.py").write_text("b = 1\n")
-    before = source_hash("folder", "b.py")
-    assert source_hash("folder", "b.py") == before
-    (tmp_path / "folder" / "a.py").write_text("a = 2\n")
-    after = source_hash("folder", "b.py")
-    assert after != before
-    (tmp_path / "b.py").write_text("b = 2\n")
-    assert source_hash("folder", "b.py") != after
+def test_a_temporary_file_lives_in_the_hidden_folder_of_the_results(tmp_path):
+    for name in ("out", "elsewhere"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "out" / WORK).mkdir()
+    (tmp_path / "elsewhere" / WORK).symlink_to(tmp_path / "out")
+    for name, place in (("out", tmp_path / "out" / WORK), ("elsewhere", tmp_path / "elsewhere")):
+        with replacing(tmp_path / name / "cube.nc") as temporary:
+            assert temporary.parent == place
+        assert (tmp_path / name / "cube.nc").is_file()

@@ -20,7 +20,7 @@ ARCH = ["--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoi
 
 
 COMMANDS = ("onset", "simulate", "records", "validate", "warmup", "run", "motions", "batch",
-            "cube", "fit", "report", "risk", "export", "evidence")  # fmt: skip
+            "cube", "fit", "report", "risk", "export", "clean", "evidence")  # fmt: skip
 RECORDS = ("inspect", "measure", "select", "convert", "fetch", "make")
 
 

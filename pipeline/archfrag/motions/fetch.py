@@ -7,8 +7,6 @@ finds them. A station that is complete is in the index and is not asked for agai
 
 import contextlib
 import re
-import shutil
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,7 +19,7 @@ from obspy.core.inventory import Station
 from obspy.geodetics import gps2dist_azimuth, kilometers2degrees
 
 from archfrag.errors import InputError, RecordError
-from archfrag.files import cannot_write, make_folder, replacing
+from archfrag.files import cannot_write, make_folder, replacing, sweep, temporary_folder
 from archfrag.motions.fdsn import Limits, Refusal, Service
 from archfrag.motions.index import index_table, sha256, write_index
 from archfrag.motions.read import read_motions
@@ -29,7 +27,6 @@ from archfrag.motions.read import read_motions
 MOST_FAILURES = 3  # one after the other, after which a service is left alone
 _KIND = re.compile(r"([A-Z]{2})[?*]?")
 _CODE = re.compile(r"[A-Za-z0-9_-]{1,16}")
-_TEMPORARY = ".fetch-"
 
 
 @dataclass(frozen=True)
@@ -152,10 +149,7 @@ class _Fetching:
         self.archive = Service(request.stations_from, request.limits)
         self.rows: dict[str, dict[str, Any]] = dict(index_table(folder))
         self.result = Fetched()
-        for left in folder.glob(f"*/{_TEMPORARY}*"):
-            shutil.rmtree(left, ignore_errors=True)
-        for left in (*folder.glob(".index.csv.*.tmp"), *folder.glob("*/.event.xml.*.tmp")):
-            left.unlink(missing_ok=True)
+        sweep(folder)
 
     def run(self) -> Fetched:
         for id in self.request.events:
@@ -285,7 +279,7 @@ class _Fetching:
         self, place: Path, name: str, site: _Site, waveforms: bytes, responses: bytes
     ) -> dict[str, Any]:
         """Put a record that can be read, with its StationXML, in its place."""
-        with tempfile.TemporaryDirectory(prefix=_TEMPORARY, dir=place) as part:
+        with temporary_folder(place) as part:
             files = [Path(part) / f"{site.name}.xml", Path(part) / f"{name}.mseed"]
             for path, content in zip(files, (responses, waveforms), strict=True):
                 path.write_bytes(content)

@@ -90,6 +90,11 @@ def doubts(study: Study, found: Members) -> tuple[str, ...]:
 def check_output(study: Study) -> None:
     """See that the output folder can be written and is no other study's; nothing is created."""
     _check_writable(study.folder)
+    refuse_foreign_results(study)
+
+
+def refuse_foreign_results(study: Study) -> None:
+    """See that the output folder holds no results of another study."""
     refuse_foreign_cube(study)
     resolved = study.work / STUDY_FILE
     if not resolved.exists():

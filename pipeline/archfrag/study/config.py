@@ -20,8 +20,8 @@ from pydantic import (
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError, StudyError
+from archfrag.files import WORK
 from archfrag.motions.plausible import Acceptable
-from archfrag.study import WORK
 from archfrag.study.arches import Identifier, StudyArch
 from archfrag.study.design import (
     Design,

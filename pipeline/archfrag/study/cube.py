@@ -97,15 +97,6 @@ def write_timings(study: Study) -> Path:
     return path
 
 
-def forget_other_code(study: Study) -> int:
-    """Remove results that no study can use any more; the number of versions they were made by."""
-    plan = make_plan(study)
-    for old in plan.parts.glob("plan-*.json"):
-        if old != plan.path:
-            old.unlink(missing_ok=True)
-    return Store(plan.parts).tidy()
-
-
 def read_timings(study: Study) -> dict[str, list[float]] | None:
     """Wall times of the runs of each arch that `write_timings` gathered [s]; None without."""
     path = study.work / TIMINGS
