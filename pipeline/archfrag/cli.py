@@ -336,10 +336,10 @@ def run(study_file: Path, overrides: tuple[str, ...], quiet: bool, **options: An
 def motions(study: Any, note: Callable[[str], None]) -> None:
     """Read the study's records, scale them, store them for the workers."""
     from archfrag.files import counted
-    from archfrag.study.checks import check_output
+    from archfrag.study.checks import check_start
     from archfrag.study.records import prepare_motions
 
-    check_output(study)
+    check_start(study)
     stored = prepare_motions(study)
     note(f"motions: {counted(len(stored), 'record')} ready")
 

@@ -137,7 +137,7 @@ def test_a_study_is_not_taken_down(tmp_path):
 def test_a_device_or_a_pipe_is_no_record(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path / "pipe", "/dev/zero"):
-        with pytest.raises(RecordError, match="this is no regular file"):
+        with pytest.raises(RecordError, match="this is not a regular file"):
             read_motion(path)
 
 

@@ -21,7 +21,7 @@ from obspy.core.inventory import Station
 from obspy.geodetics import gps2dist_azimuth, kilometers2degrees
 
 from archfrag.errors import InputError, RecordError
-from archfrag.files import cannot_write, make_folder, replacing
+from archfrag.files import cannot_write, make_folder, replacing, sha256_of
 from archfrag.motions.fdsn import Limits, Refusal, Service
 from archfrag.motions.index import index_table, sha256, write_index
 from archfrag.motions.read import read_motions
@@ -260,7 +260,7 @@ class _Fetching:
         path = self.folder / row["file"]
         with contextlib.suppress(OSError):
             there = path.with_name(f"{row['station']}.xml").is_file()
-            return there and sha256(path.read_bytes()) == row["sha256"]
+            return there and sha256_of(path) == row["sha256"]
         return False
 
     def _waveforms(self, quake: _Quake, site: _Site) -> tuple[dict[str, Any], bytes]:

@@ -16,6 +16,7 @@ from archfrag.study.config import Study, load_study
 from archfrag.study.cube import refuse_foreign_cube
 from archfrag.study.design import Cloud, Design, Ida, Scattered, TwoStage
 from archfrag.study.files import cannot_write
+from archfrag.study.hazard import load_hazard
 from archfrag.study.members import (
     Members,
     check_buildable,
@@ -87,6 +88,13 @@ def doubts(study: Study, found: Members) -> tuple[str, ...]:
     return tuple(messages)
 
 
+def check_start(study: Study) -> None:
+    """See that the last step will have what it needs: a hazard, and a folder to write to."""
+    if (risk := study.risk) is not None:
+        load_hazard(Path(risk.hazard), study.intensity.measure, risk.unit, risk.site)
+    check_output(study)
+
+
 def check_output(study: Study) -> None:
     """See that the output folder can be written and is no other study's; nothing is created."""
     _check_writable(study.folder)
@@ -145,6 +153,7 @@ class Summary:
 
 def check_study(study: Study) -> Summary:
     """Check all of a study without running it: arches stand, records are read and scaled."""
+    check_start(study)
     found = check_arches(study)
     study_inputs(study)
     raw = {motion.id: is_raw(motion) for motion in read_sources(study) if measured(motion, study)}
@@ -153,7 +162,6 @@ def check_study(study: Study) -> Summary:
         raise StudyError("motions: the study has no record")
     if needs_records(study.arches):
         found = check_arches(study, records)
-    check_output(study)
     design, levels = study.design, len(study.intensity.si)
     met, arches = np.unique(found.meets(records).sum(axis=1), return_counts=True)
     each = [_runs_of(design, int(count), levels) for count in met]

@@ -302,7 +302,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
         One message with the file, the key, its value and what is allowed.
     """
     path = Path(path)
-    folder = path.resolve().parent
+    folder = Path(os.path.realpath(path)).parent
     given = _anchored(read_yaml(path), (), folder)
     for text in overrides:
         _override(given, text)

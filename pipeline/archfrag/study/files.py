@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 import archfrag
 from archfrag.files import cannot_write as cannot_write
 from archfrag.files import make_folder as make_folder
+from archfrag.files import opened
 from archfrag.files import replacing as replacing
+from archfrag.files import sha256_of as sha256_of
 from archfrag.motions.index import INDEX_NAME
 
 if TYPE_CHECKING:
@@ -36,8 +38,8 @@ def sweep(folder: Path) -> None:
 
 def write_text(path: Path, text: str) -> None:
     """Write a text file completely or not at all; leave one that holds the text already alone."""
-    with contextlib.suppress(OSError, UnicodeDecodeError):
-        if path.read_text(encoding="utf-8") == text:
+    with contextlib.suppress(OSError), opened(path, 4 * len(text)) as file:
+        if file.read() == text.encode():
             return
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
@@ -51,12 +53,6 @@ def canonical_json(value: Any) -> str:
 def digest_of(value: Any) -> str:
     """SHA-256 of a value that JSON knows, 64 hexadecimal digits."""
     return hashlib.sha256(canonical_json(value).encode("utf-8", "surrogateescape")).hexdigest()
-
-
-def sha256_of(path: Path) -> str:
-    """SHA-256 of a file, 64 hexadecimal digits."""
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def sha256_if_there(path: Path | str) -> str | None:
@@ -102,7 +98,7 @@ def is_ours_damaged(study: "Study", name: str) -> bool:
     entry, path = _load(study).get(name), study.folder / name
     if entry is None:
         return False
-    with contextlib.suppress(OSError), open(path, "rb") as file:
+    with contextlib.suppress(OSError), opened(path) as file:
         return file.read(len(_HDF5)) in (b"", _HDF5) or path.stat().st_size == entry["size"]
     return False
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.errors import InputError
-from archfrag.files import counted
+from archfrag.files import counted, opened
 from archfrag.study.config import PERIODS as PERIOD_ENDS
 from archfrag.study.files import write_text
 from archfrag.study.provenance import available_cores, finite
@@ -81,8 +81,8 @@ def reading_of(file: Path, reading: dict[str, Any]) -> dict[str, Any]:
 
     if reading["columns"] is None or not file.is_file():
         return reading
-    with open(file, "rb") as opened:
-        binary = b"\0" in opened.read(512)
+    with opened(file) as content:
+        binary = b"\0" in content.read(512)
     if binary or recognise(str(file), TEXT):
         return {**reading, "columns": None}
     return reading

@@ -16,7 +16,7 @@ from pathlib import Path
 from archfrag.errors import ArchfragError, OutputError
 from archfrag.files import cannot_write
 from archfrag.study import tree
-from archfrag.study.checks import STUDY_FILE, check_output
+from archfrag.study.checks import STUDY_FILE, check_start
 from archfrag.study.config import Study, dump_study, study_schema
 from archfrag.study.files import PACKAGE, make_folder, sweep, write_text
 from archfrag.study.provenance import available_cores
@@ -88,7 +88,7 @@ class RunOptions:
 
 def run_study(study: Study, options: RunOptions, stop: tree.Stop) -> bool:
     """Bring all results of a study up to date."""
-    check_output(study)
+    check_start(study)
     make_folder(study.work)
     with only_run(study) as lock:
         if lock.stopped:
