@@ -15,6 +15,7 @@ import click
 
 from archfrag.cli_export import export
 from archfrag.cli_records import (
+    echo,
     json_option,
     reads_record,
     records,
@@ -42,7 +43,7 @@ class _Group(click.Group):
             if error.errno == errno.EPIPE or error.strerror is None:
                 raise
             place = f"{os.fsdecode(error.filename)}: " if error.filename else ""
-            click.echo(f"archfrag: error: {place}{error.strerror}", err=True)
+            echo(f"archfrag: error: {place}{error.strerror}", err=True)
             ctx.exit(1)
         except Exception as error:
             # Not imported yet means not raised: the import is too slow for --help.
@@ -50,7 +51,7 @@ class _Group(click.Group):
             if errors is None or not isinstance(error, errors.ArchfragError):
                 raise
             if not getattr(error, "reported", False):
-                click.echo(f"archfrag: error: {error}", err=True)
+                echo(f"archfrag: error: {error}", err=True)
             ctx.exit(error.exit_code)
 
 
@@ -59,7 +60,7 @@ def _version(ctx: click.Context, parameter: click.Parameter, wanted: bool) -> No
         import archfrag
         from archfrag.study.provenance import commit
 
-        click.echo(f"archfrag {archfrag.__version__} (commit {commit()})")
+        echo(f"archfrag {archfrag.__version__} (commit {commit()})")
         ctx.exit()
 
 
@@ -80,7 +81,7 @@ def init(folder: Path) -> None:
     """Write a commented study to start from, with the shipped motions, into FOLDER (.)."""
     from archfrag.study.workflow import write_starter
 
-    click.echo(f"run it with: archfrag run {shlex.quote(str(write_starter(folder)))}")
+    echo(f"run it with: archfrag run {shlex.quote(str(write_starter(folder)))}")
 
 
 main.add_command(records)
@@ -175,7 +176,7 @@ def onset(arch: Any, as_json: bool) -> None:
     from archfrag.study.single import onset_facts, onset_text
 
     start = find_onset(arch)
-    click.echo(json.dumps(onset_facts(start)) if as_json else onset_text(start))
+    echo(json.dumps(onset_facts(start)) if as_json else onset_text(start))
 
 
 @main.command()
@@ -186,7 +187,7 @@ def onset(arch: Any, as_json: bool) -> None:
 def draw(arch: Any, output: Path, output_unit: str) -> None:
     """Draw an arch as DXF: blocks as closed polylines, what they stand on as lines."""
     arch.to_dxf(output, output_unit)
-    click.echo(f"drawing: {output}")
+    echo(f"drawing: {output}")
 
 
 @main.command()
@@ -220,7 +221,7 @@ def simulate(
         scale = scale_factor(motion, "PGA", pga * STANDARD_GRAVITY)
     response = run_simulation(arch, motion, scale=scale, **options)
     facts = response_facts(response, scale)
-    click.echo(json.dumps(facts) if as_json else response_text(response, scale))
+    echo(json.dumps(facts) if as_json else response_text(response, scale))
 
 
 @main.command(hidden=find_spec("archbench") is None)
@@ -259,7 +260,7 @@ def evidence(parts: tuple[str, ...], output: Path, **options: Any) -> None:
             "archfrag evidence needs archbench, which is not in the wheel; allowed "
             "is an installation from the repository: pip install -e .[bench]"
         ) from None
-    click.echo(gather(parts, output, report=functools.partial(click.echo, err=True), **options))
+    echo(gather(parts, output, report=functools.partial(echo, err=True), **options))
 
 
 @main.command()
@@ -274,11 +275,11 @@ def validate(study_file: Path, overrides: tuple[str, ...], as_json: bool) -> Non
     from archfrag.study.config import load_study
 
     found = check_study(load_study(study_file, overrides))
-    click.echo(json.dumps(asdict(found)) if as_json else f"{study_file}: in order; {found}")
+    echo(json.dumps(asdict(found)) if as_json else f"{study_file}: in order; {found}")
     for listed in () if as_json else found.classes:
-        click.echo(f"  {listed}")
+        echo(f"  {listed}")
     for caution in () if as_json else found.cautions:
-        click.echo(f"archfrag: caution: {caution}", err=True)
+        echo(f"archfrag: caution: {caution}", err=True)
 
 
 @main.command()
@@ -291,13 +292,13 @@ def warmup(method: str | None) -> None:
         if sys.stderr.isatty():
             click.echo(f"\r{message}\033[K", err=True, nl=False)
         elif not messages:
-            click.echo(message, err=True)
+            echo(message, err=True)
         messages.append(message)
 
     messages: list[str] = []
     seconds = compile_kernels(method, show)
     click.echo("\r\033[K" if sys.stderr.isatty() else "", err=True, nl=False)
-    click.echo(f"kernels ready after {seconds:.1f} s")
+    echo(f"kernels ready after {seconds:.1f} s")
 
 
 @main.command()
@@ -322,14 +323,14 @@ def run(study_file: Path, overrides: tuple[str, ...], quiet: bool, **options: An
             how = RunOptions(typed=typed, study_file=study_file, quiet=quiet, **options)
             anything = run_study(study, how, stop)
     except Stopped as stopped:
-        click.echo(
+        echo(
             f"archfrag: {stopped}; what is finished is kept, `{typed} --resume` goes on", err=True
         )
         click.get_current_context().exit(128 + stopped.number)
     if not quiet:
         if not anything:
-            click.echo("archfrag: nothing to do: all results are up to date", err=True)
-        click.echo(f"report: {study.folder / 'report.html'}")
+            echo("archfrag: nothing to do: all results are up to date", err=True)
+        echo(f"report: {study.folder / 'report.html'}")
 
 
 @_step
@@ -396,7 +397,7 @@ def fit(study: Any, note: Callable[[str], None], as_json: bool = False) -> None:
         for caution in fits.cautions_of_cube(study, cube):
             note(f"caution: {caution}")
     if as_json:
-        click.echo(path.read_text(encoding="utf-8"))
+        echo(path.read_text(encoding="utf-8"))
 
 
 @_step

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from archfrag.cli_records import json_option, set_option, study_argument
+from archfrag.cli_records import echo, json_option, set_option, study_argument
 
 FORMATS = ("nrml-continuous", "nrml-discrete", "pelicun", "in-core", "csv", "parquet")
 
@@ -50,10 +50,10 @@ def export(
 
     made = export_study(load_study(study_file, overrides), formats, out)
     for arch, why in made.left_out.items():
-        click.echo(f"archfrag: no curve of {arch} is exported: {why}", err=True)
+        echo(f"archfrag: no curve of {arch} is exported: {why}", err=True)
     for note in made.notes:
-        click.echo(f"archfrag: note: {note}", err=True)
+        echo(f"archfrag: note: {note}", err=True)
     if as_json:
-        click.echo(json.dumps(made.facts, allow_nan=False))
+        echo(json.dumps(made.facts, allow_nan=False))
     else:
-        click.echo("\n".join(f"{name}: {path}" for name, path in made.files))
+        echo("\n".join(f"{name}: {path}" for name, path in made.files))

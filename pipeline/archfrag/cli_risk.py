@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from archfrag.cli_records import json_option, set_option, study_argument, takes
+from archfrag.cli_records import echo, json_option, set_option, study_argument, takes
 
 _path = click.Path(path_type=Path)
 
@@ -52,6 +52,7 @@ def risk(
     Example:
       archfrag risk study.yaml --hazard hazard_curve-mean-PGA_1.csv --site 13.35,42.35
     """
+    from archfrag.errors import FitError
     from archfrag.study.config import load_study
     from archfrag.study.files import write_text
     from archfrag.study.fits import FITS, load_answers, open_cube
@@ -73,4 +74,6 @@ def risk(
     text = json.dumps(facts, allow_nan=False)
     if out is not None:
         write_text(out, text + "\n")
-    click.echo(text if as_json else risk_text(facts))
+    echo(text if as_json else risk_text(facts))
+    if all("none" in arch for arch in facts["arches"].values()):
+        raise FitError("there is no rate, since no arch has a curve")

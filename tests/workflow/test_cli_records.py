@@ -200,9 +200,14 @@ class TestFetch:
         assert result.exit_code == 7
         kinds = [entry["kind"] for entry in json.loads(result.stdout)["failures"]]
         assert kinds == ["no data", "service"]
-        assert "1 of 2 failures may pass" in result.stderr.splitlines()[-1]
+        assert "1 request failed; try again later" in result.stderr.splitlines()[-1]
         centre.faults.pop(("dataselect", "BOTH"))
         done(*self.arguments(centre, tmp_path))
+        # What may not pass, and nothing of former times either.
+        centre.faults |= {("dataselect", name): 204 for name in ("NEAR", "BOTH", "SLOW")}
+        result = call(*self.arguments(centre, tmp_path / "none"))
+        assert result.exit_code == 2
+        assert "no record was fetched" in result.stderr.splitlines()[-1]
 
 
 class TestMake:

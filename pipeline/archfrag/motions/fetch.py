@@ -194,6 +194,11 @@ class _Fetching:
     def _quake(self, id: str, event: Event) -> _Quake:
         """Origin, window and columns of the index of an event."""
         origin = event.preferred_origin() or event.origins[0]
+        place = (origin.latitude, origin.longitude)
+        within = None not in place and abs(place[0]) <= 90.0 and abs(place[1]) <= 360.0
+        if not within or origin.time is None or not 1900 <= origin.time.year <= 2200:
+            where = f"latitude {place[0]}, longitude {place[1]}, time {origin.time}"
+            raise Refusal("unusable", f"its origin cannot be: {where}")
         preferred = event.preferred_magnitude() or next(iter(event.magnitudes), None)
         magnitudes = [each for each in (preferred, *event.magnitudes) if each is not None]
         moments = [m.mag for m in magnitudes if (m.magnitude_type or "").lower().startswith("mw")]

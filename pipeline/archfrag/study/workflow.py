@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from archfrag.errors import ArchfragError, OutputError
-from archfrag.files import cannot_write
+from archfrag.files import cannot_write, printable
 from archfrag.study import tree
 from archfrag.study.checks import STUDY_FILE, check_start
 from archfrag.study.config import Study, dump_study, study_schema
@@ -51,7 +51,7 @@ def step_log(path: Path | None) -> Iterator[Callable[[str], None]]:
 
     def note(text: str) -> None:
         if os.environ.get(tree.INSIDE) != "quiet":
-            print(f"archfrag: {text}", file=sys.stderr, flush=True)
+            print(f"archfrag: {printable(text)}", file=sys.stderr, flush=True)
         lines.append(f"archfrag: {text}\n")
 
     try:
@@ -133,7 +133,7 @@ def _refuse_another_file(study: Study, path: Path) -> None:
 
 def _print_changes(changed: Sequence[str]) -> None:
     for line in changed[:_MOST_LINES]:
-        print(f"archfrag: {line}", file=sys.stderr)
+        print(f"archfrag: {printable(line)}", file=sys.stderr)
     if len(changed) > _MOST_LINES:
         print(f"archfrag: … and {len(changed) - _MOST_LINES} more", file=sys.stderr)
     kept = "finished runs that are still what they were are kept"
