@@ -78,7 +78,10 @@ def main() -> None:
 @main.command()
 @click.argument("folder", type=click.Path(path_type=Path), default=".")
 def init(folder: Path) -> None:
-    """Write a commented study to start from, with the shipped motions, into FOLDER (.)."""
+    """Write a commented study to start from into FOLDER (.).
+
+    The shipped motions come with it.
+    """
     from archfrag.study.workflow import write_starter
 
     echo(f"run it with: archfrag run {shlex.quote(str(write_starter(folder)))}")
@@ -171,7 +174,10 @@ def _takes_arch(command: Callable) -> Callable:
 @_takes_arch
 @json_option
 def onset(arch: Any, as_json: bool) -> None:
-    """How much steady ground acceleration an arch bears, and how it starts to move."""
+    """Find the steady ground acceleration that an arch bears.
+
+    Also how it starts to move.
+    """
     from archfrag.simulate import onset as find_onset
     from archfrag.study.single import onset_facts, onset_text
 
@@ -185,7 +191,10 @@ def onset(arch: Any, as_json: bool) -> None:
               help="DXF file to write.")  # fmt: skip
 @click.option("--output-unit", default="m", show_default=True, help="m, dm, cm, mm, in or ft")
 def draw(arch: Any, output: Path, output_unit: str) -> None:
-    """Draw an arch as DXF: blocks as closed polylines, what they stand on as lines."""
+    """Draw an arch as DXF.
+
+    Blocks are closed polylines, what they stand on are lines.
+    """
     arch.to_dxf(output, output_unit)
     echo(f"drawing: {output}")
 
@@ -242,10 +251,11 @@ def simulate(
                  help="Cores to use; all if not given."),
 )  # fmt: skip
 def evidence(parts: tuple[str, ...], output: Path, **options: Any) -> None:
-    """Cost against error, and where methods fail: tables, charts and a page.
+    """Measure cost against error, and where methods fail.
 
-    PARTS are speed, fragility, growth, stability, corner_cases, bands, designs and compiling; all
-    if none is named. Needs the repository: archbench is not in the wheel.
+    Makes tables, charts and a page. PARTS are speed, fragility, growth, stability, corner_cases,
+    bands, designs and compiling; all if none is named. Needs the repository: archbench is not in
+    the wheel.
     """
     from importlib import import_module
 
@@ -268,7 +278,11 @@ def evidence(parts: tuple[str, ...], output: Path, **options: Any) -> None:
 @set_option
 @json_option
 def validate(study_file: Path, overrides: tuple[str, ...], as_json: bool) -> None:
-    """Check all of a study file: keys, records, arches, output folder; runs nothing."""
+    """Check a study file and all files that it names.
+
+    Arches, records, hazard and output folder are checked; nothing is run. Of very many arches some
+    are checked, and all of them when they are run.
+    """
     from dataclasses import asdict
 
     from archfrag.study.checks import check_study
@@ -311,7 +325,10 @@ def warmup(method: str | None) -> None:
               help="Snakemake profile, e.g. configs/profiles/slurm.")  # fmt: skip
 @click.option("--quiet", is_flag=True, help="Nothing but errors.")
 def run(study_file: Path, overrides: tuple[str, ...], quiet: bool, **options: Any) -> None:
-    """Do all of a study that is not done yet: motions, simulations, cube, curves, report."""
+    """Run a study: do all of it that is not done yet.
+
+    That is motions, simulations, cube, curves and report.
+    """
     from archfrag.study.config import load_study
     from archfrag.study.tree import Stopped, stoppable
     from archfrag.study.workflow import RunOptions, run_study
@@ -335,7 +352,7 @@ def run(study_file: Path, overrides: tuple[str, ...], quiet: bool, **options: An
 
 @_step
 def motions(study: Any, note: Callable[[str], None]) -> None:
-    """Read the study's records, scale them, store them for the workers."""
+    """Read the study's records and store them for the workers."""
     from archfrag.files import counted
     from archfrag.study.checks import check_start
     from archfrag.study.records import prepare_motions
@@ -353,7 +370,7 @@ def motions(study: Any, note: Callable[[str], None]) -> None:
 def batch(
     study: Any, note: Callable[[str], None], batch: int, cores: int | None, quiet: bool
 ) -> None:
-    """Run the simulations of a batch; those that are done are kept."""
+    """Run the simulations of a batch that are not done yet."""
     from archfrag.files import counted
     from archfrag.study.batch import run_batch
 
@@ -379,7 +396,7 @@ def cube(study: Any, note: Callable[[str], None]) -> None:
 @_step
 @json_option
 def fit(study: Any, note: Callable[[str], None], as_json: bool = False) -> None:
-    """Fit a fragility curve to each arch and each class of arches of the cube."""
+    """Fit a fragility curve to each arch and each class."""
     from archfrag.study import fits
     from archfrag.study.members import SHOWN
     from archfrag.study.steps import require
@@ -414,7 +431,7 @@ def report(study: Any, note: Callable[[str], None], beside: Path | None = None) 
 
 @_step
 def results(study: Any, note: Callable[[str], None]) -> None:
-    """Make cube, curves and report, as far as they are not up to date."""
+    """Make cube, curves and report if they are not up to date."""
     from archfrag.study.steps import finish, is_done
 
     stale = False

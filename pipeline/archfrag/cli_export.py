@@ -25,7 +25,7 @@ def export(
     overrides: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Write curves and runs of a finished study in the formats of other programs.
+    """Export a finished study in the formats of other programs.
 
     \b
     nrml-continuous  OpenQuake: lognormal curves by mean and standard deviation;

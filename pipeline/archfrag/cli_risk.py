@@ -41,7 +41,7 @@ def _site(context: click.Context, parameter: click.Parameter, text: str | None) 
 def risk(
     study_file: Path, overrides: tuple[str, ...], out: Path | None, as_json: bool, **options: Any
 ) -> None:
-    """Rate of collapse of a finished STUDY's arches at a site, and who contributes to it.
+    """Find the rate of collapse of a finished STUDY at a site.
 
     FILE is a CSV with the header `im [g]` or the measure's name, as in `PGA [g]`, then `rate`
     (annual frequency of exceedance) or `poe_50` (probability of exceedance in 50 years), and as

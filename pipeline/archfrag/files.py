@@ -92,7 +92,7 @@ def read_text(path: Path, largest: int, kind: type[InputError], what: str) -> st
 def sha256_of(path: Path) -> str:
     """SHA-256 of a file, 64 hexadecimal digits; a pipe or device is not waited for."""
     with opened(path) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        return hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
 
 
 def make_folder(path: Path) -> Path:
@@ -172,5 +172,5 @@ def write_csv(target: Path | TextIO, pieces: "Iterable[pd.DataFrame]", **form: A
             for name, column in piece.items()
             if column.dtype.kind not in "biufc"
         }
-        table = piece.assign(**texts).rename(columns=quoted)
+        table = piece.assign(**texts).rename(columns=quoted)  # type: ignore[arg-type]
         table.to_csv(target, index=False, header=number == 0, lineterminator="\n", **form)

@@ -200,7 +200,7 @@ NRML = '<nrml><hazardCurves IMT="PGA" investigationTime="50"></hazardCurves></nr
 BAD_HAZARDS = {
     "measure": "PGV [cm/s],rate\n1,1e-2\n9,1e-3\n", "unit": "PGA [cm/s],rate\n1,1e-2\n9,1e-3\n",
     "no unit": "PGA,rate\n0.1,1e-2\n0.2,1e-3\n", "kind": "PGA [g],often\n0.1,1e-2\n0.2,1e-3\n",
-    "rising": RATES + "0.1,1e-3\n0.2,1e-2\n", "falling levels": RATES + "0.2,1e-2\n0.1,1e-3\n",
+    "rising": RATES + "0.1,1e-3\n0.2,1e-2\n", "levels in no order": RATES + "0.2,1e-2\n0.1,1e-3\n",
     "nan": RATES + "0.1,nan\n0.2,1e-3\n", "inf": RATES + "inf,1e-2\n0.2,1e-3\n",
     "negative": RATES + "0.1,1e-2\n0.2,-1e-3\n", "level 0": RATES + "0,-1\n0.2,1e-3\n",
     "above 1": "PGA [g],poe_50\n0.1,1.5\n0.2,0.5\n", "one row": RATES + "0.1,1e-2\n",

@@ -57,6 +57,8 @@ class TestHelp:
         assert min(took) < 0.3
 
     def test_every_command_explains_itself(self):
+        assert "..." not in call("--help").output.split("Commands:")[1]
+        assert "..." not in call("records", "--help").output.split("Commands:")[1]
         for command in COMMANDS:
             assert command in call(command, "--help").output.split("\n", 1)[0]
             assert command in call("--help").output

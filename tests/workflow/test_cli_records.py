@@ -246,7 +246,7 @@ class TestMake:
     @pytest.mark.parametrize(
         ("options", "start"),
         [
-            (["--vertical"], "--events is missing (2 more keys are wrong too)"),
+            (["--vertical"], "--events, --magnitude, --distance-km are missing"),
             (["--magnitude", "6,x"], "--magnitude 6,x: "),
             (["--magnitude", "6", "--events", "1", "--distance-km", "5,400"],
              "--distance-km[1] = 400.0 must be less than or equal to 300"),

@@ -180,8 +180,9 @@ def file_content(path: Path, columns: Columns | None = None) -> Content:
     if kind is not None:
         raise RecordError(f"{path}: this is an archive ({kind}), which is never unpacked here")
     raise RecordError(
-        f"{path}: the format is not recognised; {', '.join((*TEXT, *BINARY))} can be read; "
-        "what is no record goes out of the folder, or records are named by a pattern (*.AT2)"
+        f"{path}: the format is not recognised; for columns of text give `columns` (--columns "
+        "time=1,acceleration=2 on the command line); if it is not a record, move it, or name the "
+        "records by a pattern such as *.AT2"
     )
 
 

@@ -196,6 +196,8 @@ def standing(verdict: NDArray[np.int8], highest: str) -> str:
     stood = (verdict[:, -1] == Verdict.STANDING) & ~fell
     if stood.sum() <= MOST_STANDING * known.sum():
         return ""
+    if stood.sum() == known.sum():
+        return f"no record caused collapse up to {highest}, the highest level; add higher levels"
     return (
         f"{stood.sum()} of {known.sum()} records stand at {highest}, the highest level: theta "
         "rests on the others and on the shape of the curve; add higher levels"

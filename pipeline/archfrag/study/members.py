@@ -56,7 +56,7 @@ class Members(tuple[Member, ...]):
         return _columns([member.attributes for member in self], "")
 
     def checked(self) -> "Members":
-        """All arches, or of very many some that are spread evenly."""
+        """All arches, or of very many some at equal distances."""
         return Members(self[:: -(-len(self) // MOST_CHECKED) or 1])
 
     def meets(self, n_record: int) -> NDArray[np.bool_]:

@@ -214,7 +214,7 @@ def make_chosen(out: Path, wanted: dict[str, Any]) -> list[Path]:
 
     from archfrag.motions.index import index_table
     from archfrag.motions.synthetic import make_suite, plan_motions
-    from archfrag.study.section import first_message
+    from archfrag.study.section import option_message
     from archfrag.study.synthetic import Synthetic, plan_of
 
     others = [name for name, row in index_table(out).items() if not row.get("model")]
@@ -230,8 +230,7 @@ def make_chosen(out: Path, wanted: dict[str, Any]) -> list[Path]:
     try:
         plan = plan_of(Synthetic.model_validate(given))
     except ValidationError as error:
-        key, rest = first_message(error, given).split(" ", 1)
-        raise InputError(f"{_option(key)} {rest}") from None
+        raise InputError(option_message(error, given)) from None
     return make_suite(out, plan_motions(plan))
 
 
