@@ -51,7 +51,7 @@ def test_sweeping_removes_what_a_killed_run_left_and_nothing_else(tmp_path):
     assert found == set(kept)
 
 
-def test_files_are_follow_the_umask(tmp_path):
+def test_files_follow_the_umask(tmp_path):
     before = os.umask(0o077)
     try:
         write_text(tmp_path / "a.txt", "text")
