@@ -51,7 +51,7 @@ BAD += [
         ("? [a, b]\n: 3\n", "line 1: found unhashable key"),
         (f"{TEXT}---\n{TEXT}", "but found another document"),
         ("", "must hold keys with values"),
-        ("# long\n" * 72_000, "is too large; it must have at most 500000"),
+        ("# long\n" * 72_000, "bytes; at most 500000 are allowed"),
         ("id: a\ntitle: a\noutput: a\narches: []\n", "arches = [] must have"),
     ]
 ]
@@ -89,7 +89,7 @@ BAD += [
     # Motions.
     (FILES, "[]", "must have a key index, files or synthetic"),
     (FILES, "[lost.AT2]", "lost.AT2: there is no such file"),
-    (f"files: {FILES}", "index: lost.csv", "lost.csv: the index cannot"),
+    (f"files: {FILES}", "index: lost.csv", "lost.csv cannot"),
     (f"files: {FILES}", "{index: a.csv, select: [b, b]}", "but 'b' is there twice"),
     # Intensity.
     ("unit: g", "unit: cm/s", "unit 'cm/s' is not one of g, m/s2"),
@@ -101,6 +101,10 @@ BAD += [
     ("name: time_stepping, dt: 2.0e-3", "name: auto, settings: {coarse: 2}", "from 0 to 1"),
     ("workers: 2", "workers: 0", "execution.workers = 0 must be greater"),
 ]  # fmt: skip
+BAD += [
+    (f"files: {FILES}", f"files: {FILES}\n  processing: [{step}]", part)
+    for step, part in [("response", "has no StationXML"), ("smooth", "smooth is no known step")]
+]
 BAD += [
     ("measure: PGA", f"measure: {value}", part)
     for value, part in [
