@@ -94,7 +94,7 @@ def test_an_inventory(tmp_path, named):
     assert changed[0].startswith(f"inventory {inventory} has changed (sha256 ")
     inventory.unlink()
     if named:
-        with pytest.raises(RecordError, match="stations.xml cannot be read"):
+        with pytest.raises(RecordError, match=r"stations\.xml cannot be read"):
             stale_steps(study)
     else:
         assert stale_steps(study)[1] == [f"inventory {inventory} is gone"]
