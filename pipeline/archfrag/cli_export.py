@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from archfrag.cli_records import json_option, set_option, study_argument
+from archfrag.cli_records import echo, json_option, set_option, study_argument
 
 FORMATS = ("nrml-continuous", "nrml-discrete", "pelicun", "in-core", "csv", "parquet")
 
@@ -27,7 +27,7 @@ def export(
     overrides: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Write curves and runs of a finished study in the formats of other programs.
+    """Export a finished study in the formats of other programs.
 
     \b
     nrml-continuous  OpenQuake: lognormal curves by mean and standard deviation;
@@ -56,10 +56,10 @@ def export(
 
     made = export_study(load_study(study_file, overrides), formats, out, members)
     for arch, why in made.left_out.items():
-        click.echo(f"archfrag: no curve of {arch} is exported: {why}", err=True)
+        echo(f"archfrag: no curve of {arch} is exported: {why}", err=True)
     for note in made.notes:
-        click.echo(f"archfrag: note: {note}", err=True)
+        echo(f"archfrag: note: {note}", err=True)
     if as_json:
-        click.echo(json.dumps(made.facts, allow_nan=False))
+        echo(json.dumps(made.facts, allow_nan=False))
     else:
-        click.echo("\n".join(f"{name}: {path}" for name, path in made.files))
+        echo("\n".join(f"{name}: {path}" for name, path in made.files))

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from archfrag.cli_records import json_option, set_option, study_argument, takes
+from archfrag.cli_records import echo, json_option, set_option, study_argument, takes
 
 _path = click.Path(path_type=Path)
 
@@ -42,7 +42,7 @@ def _site(context: click.Context, parameter: click.Parameter, text: str | None) 
 def risk(
     study_file: Path, overrides: tuple[str, ...], out: Path | None, as_json: bool, **options: Any
 ) -> None:
-    """Rate of collapse of a finished STUDY's arches at a site, and who contributes to it.
+    """Find the rate of collapse of a finished STUDY at a site.
 
     A class of arches has one rate, the mean of those of its arches.
 
@@ -55,6 +55,7 @@ def risk(
     Example:
       archfrag risk study.yaml --hazard hazard_curve-mean-PGA_1.csv --site 13.35,42.35
     """
+    from archfrag.errors import FitError
     from archfrag.study.config import load_study
     from archfrag.study.curves import quoted
     from archfrag.study.files import write_text
@@ -78,4 +79,6 @@ def risk(
     text = json.dumps(facts, allow_nan=False)
     if out is not None:
         write_text(out, text + "\n")
-    click.echo(text if as_json else risk_text(facts))
+    echo(text if as_json else risk_text(facts))
+    if all("none" in arch for arch in facts["arches"].values()):
+        raise FitError("there is no rate, since no arch has a curve")

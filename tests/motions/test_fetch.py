@@ -21,11 +21,14 @@ from .fdsn_server import (
     broken_off,
     data_centre,
     dripping,
+    elsewhere,
     endless,
+    length_of_words,
     miniseed,
     quakeml,
     redirected,
     silent,
+    slow_headers,
     station_xml,
 )
 
@@ -139,6 +142,7 @@ def wave_of(channel, start=0.0, end=9.0, **options):
     return miniseed("NEAR", "", [channel], ORIGIN + start, ORIGIN + end, **options)
 
 
+UTF_7 = b'<?xml version="1.0" encoding="UTF-7"?>'
 ENTITY = b"<!DOCTYPE x [<!ENTITY a SYSTEM 'file:///etc/passwd'>]>"
 DATA, EVENTS, LIST, RESPONSE = (
     ("dataselect", "NEAR"), ("event", ""), ("station", ""), ("station", "NEAR")
@@ -160,6 +164,11 @@ class TestWhatDoesNotCome:
             (DATA, endless, "too large", "larger than the 1 MB allowed"),
             (EVENTS, broken_off, "service", "broke off after 3 of 1003 bytes"),
             (EVENTS, redirected, "unusable", "refuses the request"),
+            (EVENTS, elsewhere, "unusable", "points to another server, http://localhost:1/"),
+            (EVENTS, slow_headers, "timeout", "within 0.5 s"),
+            (EVENTS, length_of_words, "service", "states 'zzz' as the length"),
+            (EVENTS, UTF_7 + quakeml(), "unusable", "is not plain QuakeML"),
+            (EVENTS, quakeml().replace(b">40.0<", b">4500<"), "unusable", "latitude 4500"),
             (DATA, b"no miniSEED at all", "unusable", "the format is not recognised"),
             (DATA, wave_of("HNZ"), "unusable", "holds only the vertical"),
             (DATA, wave_of("HNE") + wave_of("HNE", 12, 20), "unusable", "has a gap of 3"),

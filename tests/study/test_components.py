@@ -200,11 +200,11 @@ class TestProcessing:
         [
             (
                 "[bandpas]",
-                r"motions\.processing\[0\].*bandpas.* is no known key; did you mean band",
+                r"motions\.processing\[0\].*bandpas.* is no known step; did you mean band",
             ),
-            ("[{filter: {}}]", r"processing\[0\]\.filter is no known key; allowed are demean, "),
+            ("[{filter: {}}]", r"processing\[0\]\.filter is no known step; allowed are demean, "),
             ("[{bandpass: {low: 1}}]", r"processing\[0\]\.bandpass\.low is no known key; did you"),
-            ("[{bandpass: {}}]", r"must have lowest, highest or both \[Hz\]"),
+            ("[bandpass]", r"must have lowest, highest or both of bandpass \[Hz\], such as"),
             ("[{trim: {}}]", r"must have one of arias, threshold_g and times, not 0"),
             ("[{trim: {arias: [0.9, 0.1]}}]", r"must have arias increase"),
             ("[{rotate: {}}]", r"must have one of azimuth and angle"),

@@ -166,7 +166,8 @@ class TestCommand:
         out = folder / "risk.json"
         result = self.call(*study, "--hazard", hazard, "--json", "--out", out, "--years", 100)
         assert result.exit_code == 0, result.output
-        assert self.call(*study, "--hazard", hazard, "--years", 0).exit_code == 2
+        for option, value in (("years", 0), ("confidence", 2), ("confidence", "nan")):
+            assert self.call(*study, "--hazard", hazard, f"--{option}", value).exit_code == 2
         facts = json.loads(result.stdout)
         assert json.loads(out.read_text()) == facts
         ring = facts["arches"]["ring"]
@@ -175,3 +176,20 @@ class TestCommand:
         assert ring["rate_by_hazard_curve"]["0.84"] == pytest.approx(2.0 * ring["rate"])
         assert sum(ring["rate_by_level"]) == pytest.approx(ring["rate"])
         assert facts["hazard"]["curves"]["mean"]["im"] == pytest.approx([0.01, 0.1, 3.0])
+
+    def test_no_curve_at_all(self, finished):
+        study, hazard, folder = finished
+        path = folder / "out" / FITS
+        kept = path.read_bytes()
+        made = json.loads(kept)
+        made["arches"]["ring"]["curve"] = {"none": "nothing fell"}
+        try:
+            write_text(path, json.dumps(made))
+            finish(load_study(study[0], study[2:]), "fit")
+            result = self.call(*study, "--hazard", hazard)
+        finally:
+            write_text(path, kept.decode())
+            finish(load_study(study[0], study[2:]), "fit")
+        assert result.exit_code == 6
+        assert "ring: no rate, since there is no curve: nothing fell" in result.stdout
+        assert result.stderr == "archfrag: error: there is no rate, since no arch has a curve\n"

@@ -16,6 +16,7 @@ from archfrag.export.curve_set import CurveSet, Made, crossing
 from archfrag.export.formats import FORMATS, written
 from archfrag.export.receivers import named_measure
 from archfrag.export.runs import facts_table, runs_table
+from archfrag.files import write_csv
 from archfrag.fragility.curve import Fragility
 from archfrag.study.config import Study
 from archfrag.study.cube import CUBE
@@ -184,7 +185,7 @@ def _write_tables(
     paths = [folder / f"{curves.made.study}-{table.name}.{name}" for table in every]
     for table, path in zip(every, paths):
         if name == "csv":
-            tables.write_csv(table, path)
+            write_csv(path, table.pieces)
         else:
             tables.write_parquet(table, path, facts)
     if name == "csv":

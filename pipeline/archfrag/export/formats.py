@@ -1,6 +1,5 @@
 """Curves in the formats of other programs: OpenQuake's NRML 0.5, pelicun, IN-CORE's DFR3."""
 
-import csv
 import io
 import json
 import re
@@ -11,10 +10,12 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from archfrag.errors import InputError
 from archfrag.export.curve_set import CurveSet
 from archfrag.export.receivers import Named, named_measure
+from archfrag.files import write_csv
 
 NAMESPACE = "http://openquake.org/xmlns/nrml/0.5"
 # OpenQuake holds a curve constant above its highest level: 4 dispersions above the median that
@@ -120,15 +121,15 @@ def pelicun_table(curves: CurveSet) -> str:
     demand = named_measure("pelicun", curves.measure)
     complete = curves.require_curves("pelicun")
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     states = [f"LS{n + 1}" for n in range(len(curves.limit_states))]
     columns = [f"{ls}-{key}" for ls in states for key in ("Family", "Theta_0", "Theta_1")]
     fixed = "ID Incomplete Demand-Type Demand-Unit Demand-Offset Demand-Directional"
-    writer.writerow([*fixed.split(), *columns])
+    rows = []
     for arch, name in _ids(tuple(complete)).items():
         fits = complete[arch].values()
         values = [("lognormal", float(demand.factor * f.theta), float(f.beta)) for f in fits]
-        writer.writerow([name, 0, demand.name, demand.unit, 0, 1, *chain(*values)])
+        rows.append([name, 0, demand.name, demand.unit, 0, 1, *chain(*values)])
+    write_csv(text, [pd.DataFrame(rows, columns=[*fixed.split(), *columns])])
     return text.getvalue()
 
 

@@ -19,7 +19,14 @@ from obspy.core.inventory import Station
 from obspy.geodetics import gps2dist_azimuth, kilometers2degrees
 
 from archfrag.errors import InputError, RecordError
-from archfrag.files import cannot_write, make_folder, replacing, sweep, temporary_folder
+from archfrag.files import (
+    cannot_write,
+    make_folder,
+    replacing,
+    sha256_of,
+    sweep,
+    temporary_folder,
+)
 from archfrag.motions.fdsn import Limits, Refusal, Service
 from archfrag.motions.index import index_table, sha256, write_index
 from archfrag.motions.read import read_motions
@@ -188,6 +195,11 @@ class _Fetching:
     def _quake(self, id: str, event: Event) -> _Quake:
         """Origin, window and columns of the index of an event."""
         origin = event.preferred_origin() or event.origins[0]
+        place = (origin.latitude, origin.longitude)
+        within = None not in place and abs(place[0]) <= 90.0 and abs(place[1]) <= 360.0
+        if not within or origin.time is None or not 1900 <= origin.time.year <= 2200:
+            where = f"latitude {place[0]}, longitude {place[1]}, time {origin.time}"
+            raise Refusal("unusable", f"its origin cannot be: {where}")
         preferred = event.preferred_magnitude() or next(iter(event.magnitudes), None)
         magnitudes = [each for each in (preferred, *event.magnitudes) if each is not None]
         moments = [m.mag for m in magnitudes if (m.magnitude_type or "").lower().startswith("mw")]
@@ -254,7 +266,7 @@ class _Fetching:
         path = self.folder / row["file"]
         with contextlib.suppress(OSError):
             there = path.with_name(f"{row['station']}.xml").is_file()
-            return there and sha256(path.read_bytes()) == row["sha256"]
+            return there and sha256_of(path) == row["sha256"]
         return False
 
     def _waveforms(self, quake: _Quake, site: _Site) -> tuple[dict[str, Any], bytes]:

@@ -16,6 +16,7 @@ from archfrag.files import cannot_write as cannot_write
 from archfrag.files import entries, opened, sweep
 from archfrag.files import make_folder as make_folder
 from archfrag.files import replacing as replacing
+from archfrag.files import sha256_of as sha256_of
 from archfrag.motions.index import INDEX_NAME
 
 if TYPE_CHECKING:
@@ -32,8 +33,8 @@ _NOT_OURS = "is a link, pipe or device, which archfrag did not make; remove it"
 
 def write_text(path: Path, text: str) -> None:
     """Write a text file completely or not at all; leave one that holds the text already alone."""
-    with contextlib.suppress(OSError, UnicodeDecodeError):
-        if path.read_text(encoding="utf-8") == text:
+    with contextlib.suppress(OSError), opened(path, 4 * len(text)) as file:
+        if file.read() == text.encode():
             return
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
@@ -61,12 +62,6 @@ def read_json(path: Path) -> Any:
 def digest_of(value: Any) -> str:
     """SHA-256 of a value that JSON knows, 64 hexadecimal digits."""
     return hashlib.sha256(canonical_json(value).encode("utf-8", "surrogateescape")).hexdigest()
-
-
-def sha256_of(path: Path) -> str:
-    """SHA-256 of a file, 64 hexadecimal digits."""
-    with opened(path) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def sha256_if_there(path: Path | str) -> str | None:
@@ -133,7 +128,7 @@ def is_ours_damaged(study: "Study", name: str) -> bool:
     entry, path = _load(study).get(name), study.folder / name
     if entry is None:
         return False
-    with contextlib.suppress(OSError), open(path, "rb") as file:
+    with contextlib.suppress(OSError), opened(path) as file:
         return file.read(len(_HDF5)) in (b"", _HDF5) or path.stat().st_size == entry["size"]
     return False
 

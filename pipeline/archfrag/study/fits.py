@@ -233,9 +233,9 @@ def standing(verdict: NDArray[np.int8], highest: str) -> str:
     stood = (verdict[:, -1] == Verdict.STANDING) & ~fell
     if stood.sum() <= MOST_STANDING * known.sum():
         return ""
-    count = f"{stood.sum()} of {known.sum()} records stand at {highest}, the highest level"
     if not fell.any():
-        return f"{count}, and no run collapsed, so there is no curve: add higher levels"
+        return f"no record caused collapse up to {highest}, the highest level; add higher levels"
+    count = f"{stood.sum()} of {known.sum()} records stand at {highest}, the highest level"
     return f"{count}: theta rests on the others and on the shape of the curve; add higher levels"
 
 

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from archfrag.errors import InputError, RecordError, StudyError
-from archfrag.files import temporary_folder
+from archfrag.files import opened, temporary_folder
 from archfrag.motions.index import IndexEntry, find_entry, goes_with_records, load_index
-from archfrag.motions.plausible import check_name
+from archfrag.motions.plausible import LARGEST_INVENTORY, record_size
 from archfrag.study.components import Components, with_partners, without_verticals
 from archfrag.study.config import FileSet, Study
 from archfrag.study.files import (
@@ -116,11 +116,22 @@ def find_sources(study: Study) -> list[Source]:
                 )
                 raise StudyError(f"motions.files[{number}]: {source.path} is matched {other}")
     for source in (*sources, *given.values()):
-        check_name(source.path)
-        if not source.path.is_file():
-            raise RecordError(f"{source.path}: there is no such record file")
+        record_size(source.path)
+        _check_inventory(source)
     found = without_verticals(sources) + _with_names(without_verticals(list(given.values())))
     return with_partners(found, study, rows)
+
+
+def _check_inventory(source: Source) -> None:
+    """See that the StationXML named for a record is a file."""
+    if source.inventory is None:
+        return
+    try:
+        with opened(source.inventory, LARGEST_INVENTORY):
+            pass
+    except OSError as error:
+        why = f"cannot be read: {error.strerror}"
+        raise RecordError(f"the StationXML file {source.inventory} {why}") from None
 
 
 def _not_a_record(name: str, known: list[str]) -> StudyError:

@@ -115,6 +115,8 @@ def risk_of(
         raise InputError(f"{hazard.source}: {kinds}")
     if not 0.0 < years < np.inf:
         raise InputError(f"years is {years:g}; a positive finite time is needed")
+    if not 0.0 < confidence < 1.0:
+        raise InputError(f"confidence is {confidence:g}; it must be between 0 and 1")
     arches: dict[str, Any] = {}
     places: dict[str, list[int]] = {}
     for number, (name, of_class) in enumerate(arch_classes(cube).items()):

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from archfrag.errors import ArchfragError, OutputError
-from archfrag.files import cannot_write
+from archfrag.files import cannot_write, printable
 from archfrag.study import tree
-from archfrag.study.checks import STUDY_FILE, check_output, refuse_foreign_results
+from archfrag.study.checks import STUDY_FILE, check_start, refuse_foreign_results
 from archfrag.study.config import Study, dump_study, study_schema
 from archfrag.study.files import PACKAGE, check_own, make_folder, replacing, write_text
 from archfrag.study.provenance import available_cores
@@ -52,7 +52,7 @@ def step_log(path: Path | None) -> Iterator[Callable[[str], None]]:
 
     def note(text: str) -> None:
         if os.environ.get(tree.INSIDE) != "quiet":
-            print(f"archfrag: {text}", file=sys.stderr, flush=True)
+            print(f"archfrag: {printable(text)}", file=sys.stderr, flush=True)
         lines.append(f"archfrag: {text}\n")
 
     try:
@@ -99,7 +99,7 @@ def run_study(study: Study, options: RunOptions, stop: tree.Stop) -> bool:
     origin = _refuse_another_file(study, options.study_file)
     if not stale_steps(study)[0]:
         return False
-    check_output(study)
+    check_start(study)
     make_folder(study.work)
     with only_run(study) as lock:
         if not options.resume:
@@ -141,7 +141,7 @@ def _refuse_another_file(study: Study, path: Path) -> str:
 
 def _print_changes(changed: Sequence[str]) -> None:
     for line in changed[:_MOST_LINES]:
-        print(f"archfrag: {line}", file=sys.stderr)
+        print(f"archfrag: {printable(line)}", file=sys.stderr)
     if len(changed) > _MOST_LINES:
         print(f"archfrag: … and {len(changed) - _MOST_LINES} more", file=sys.stderr)
     kept = "finished runs that are still what they were are kept"
