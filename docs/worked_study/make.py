@@ -18,7 +18,7 @@ STUDY, HAZARD = HERE / "study.yaml", HERE / "hazard.csv"
 SOURCES = ("study.yaml", "bridge.dxf", "hazard.csv")
 FORMATS = ("nrml-continuous", "nrml-discrete", "pelicun", "in-core", "csv")
 KEPT = ("*-fragility-continuous.xml", "*-pelicun.csv", "*-pelicun.json", "*-arches.csv",
-        "*-parameters.csv", "*-in-core-ring-0001.json")  # fmt: skip
+        "*-parameters.csv", "*-in-core-ring.json")  # fmt: skip
 CORES = 2
 
 
@@ -40,7 +40,7 @@ def main() -> None:
     archfrag("export", STUDY, *(f"--format={name}" for name in FORMATS))
     shutil.rmtree(RESULTS, ignore_errors=True)
     RESULTS.mkdir()
-    archfrag("risk", STUDY, "--hazard", HAZARD.name, "--out", RESULTS / "risk.json")
+    archfrag("risk", STUDY, "--hazard", HAZARD.name, "--members", "--out", RESULTS / "risk.json")
     for pattern in KEPT:
         for path in (out / "export").glob(pattern):
             shutil.copy(path, RESULTS)

@@ -15,6 +15,7 @@ import click
 
 from archfrag.cli_export import export
 from archfrag.cli_records import (
+    echo,
     json_option,
     reads_record,
     records,
@@ -32,6 +33,11 @@ class _Group(click.Group):
     its traceback.
     """
 
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        # Processes that this one starts load no modules from the current folder.
+        os.environ["PYTHONSAFEPATH"] = "1"
+        return super().__call__(*args, **kwargs)
+
     def invoke(self, ctx: click.Context) -> Any:
         try:
             return super().invoke(ctx)
@@ -42,7 +48,7 @@ class _Group(click.Group):
             if error.errno == errno.EPIPE or error.strerror is None:
                 raise
             place = f"{os.fsdecode(error.filename)}: " if error.filename else ""
-            click.echo(f"archfrag: error: {place}{error.strerror}", err=True)
+            echo(f"archfrag: error: {place}{error.strerror}", err=True)
             ctx.exit(1)
         except Exception as error:
             # Not imported yet means not raised: the import is too slow for --help.
@@ -50,7 +56,7 @@ class _Group(click.Group):
             if errors is None or not isinstance(error, errors.ArchfragError):
                 raise
             if not getattr(error, "reported", False):
-                click.echo(f"archfrag: error: {error}", err=True)
+                echo(f"archfrag: error: {error}", err=True)
             ctx.exit(error.exit_code)
 
 
@@ -59,7 +65,7 @@ def _version(ctx: click.Context, parameter: click.Parameter, wanted: bool) -> No
         import archfrag
         from archfrag.study.provenance import commit
 
-        click.echo(f"archfrag {archfrag.__version__} (commit {commit()})")
+        echo(f"archfrag {archfrag.__version__} (commit {commit()})")
         ctx.exit()
 
 
@@ -77,10 +83,13 @@ def main() -> None:
 @main.command()
 @click.argument("folder", type=click.Path(path_type=Path), default=".")
 def init(folder: Path) -> None:
-    """Write a commented study to start from, with the shipped motions, into FOLDER (.)."""
+    """Write a commented study to start from into FOLDER (.).
+
+    The shipped motions come with it.
+    """
     from archfrag.study.workflow import write_starter
 
-    click.echo(f"run it with: archfrag run {shlex.quote(str(write_starter(folder)))}")
+    echo(f"run it with: archfrag run {shlex.quote(str(write_starter(folder)))}")
 
 
 main.add_command(records)
@@ -103,12 +112,14 @@ def _step(command: Callable) -> Callable:
 
         follow_run()
         from archfrag.study.config import load_study
+        from archfrag.study.files import check_own
         from archfrag.study.steps import batch_step, finish
         from archfrag.study.workflow import step_log
 
         name = command.__name__
         with step_log(log_file) as note:
             study = load_study(study_file, overrides)
+            check_own(study)
             command(study, note, **options)
             if name == "batch":
                 name = batch_step(options["batch"], study.execution.batches)
@@ -170,12 +181,15 @@ def _takes_arch(command: Callable) -> Callable:
 @_takes_arch
 @json_option
 def onset(arch: Any, as_json: bool) -> None:
-    """How much steady ground acceleration an arch bears, and how it starts to move."""
+    """Find the steady ground acceleration that an arch bears.
+
+    Also how it starts to move.
+    """
     from archfrag.simulate import onset as find_onset
     from archfrag.study.single import onset_facts, onset_text
 
     start = find_onset(arch)
-    click.echo(json.dumps(onset_facts(start)) if as_json else onset_text(start))
+    echo(json.dumps(onset_facts(start)) if as_json else onset_text(start))
 
 
 @main.command()
@@ -184,9 +198,12 @@ def onset(arch: Any, as_json: bool) -> None:
               help="DXF file to write.")  # fmt: skip
 @click.option("--output-unit", default="m", show_default=True, help="m, dm, cm, mm, in or ft")
 def draw(arch: Any, output: Path, output_unit: str) -> None:
-    """Draw an arch as DXF: blocks as closed polylines, what they stand on as lines."""
+    """Draw an arch as DXF.
+
+    Blocks are closed polylines, what they stand on are lines.
+    """
     arch.to_dxf(output, output_unit)
-    click.echo(f"drawing: {output}")
+    echo(f"drawing: {output}")
 
 
 @main.command()
@@ -220,7 +237,7 @@ def simulate(
         scale = scale_factor(motion, "PGA", pga * STANDARD_GRAVITY)
     response = run_simulation(arch, motion, scale=scale, **options)
     facts = response_facts(response, scale)
-    click.echo(json.dumps(facts) if as_json else response_text(response, scale))
+    echo(json.dumps(facts) if as_json else response_text(response, scale))
 
 
 @main.command(hidden=find_spec("archbench") is None)
@@ -241,10 +258,11 @@ def simulate(
                  help="Cores to use; all if not given."),
 )  # fmt: skip
 def evidence(parts: tuple[str, ...], output: Path, **options: Any) -> None:
-    """Cost against error, and where methods fail: tables, charts and a page.
+    """Measure cost against error, and where methods fail.
 
-    PARTS are speed, fragility, growth, stability, corner_cases, bands, designs and compiling; all
-    if none is named. Needs the repository: archbench is not in the wheel.
+    Makes tables, charts and a page. PARTS are speed, fragility, growth, stability, corner_cases,
+    bands, designs and compiling; all if none is named. Needs the repository: archbench is not in
+    the wheel.
     """
     from importlib import import_module
 
@@ -259,7 +277,7 @@ def evidence(parts: tuple[str, ...], output: Path, **options: Any) -> None:
             "archfrag evidence needs archbench, which is not in the wheel; allowed "
             "is an installation from the repository: pip install -e .[bench]"
         ) from None
-    click.echo(gather(parts, output, report=functools.partial(click.echo, err=True), **options))
+    echo(gather(parts, output, report=functools.partial(echo, err=True), **options))
 
 
 @main.command()
@@ -267,18 +285,22 @@ def evidence(parts: tuple[str, ...], output: Path, **options: Any) -> None:
 @set_option
 @json_option
 def validate(study_file: Path, overrides: tuple[str, ...], as_json: bool) -> None:
-    """Check all of a study file: keys, records, arches, output folder; runs nothing."""
+    """Check a study file and all files that it names.
+
+    Arches, records, hazard and output folder are checked; nothing is run. Of very many arches some
+    are checked, and all of them when they are run.
+    """
     from dataclasses import asdict
 
     from archfrag.study.checks import check_study
     from archfrag.study.config import load_study
 
     found = check_study(load_study(study_file, overrides))
-    click.echo(json.dumps(asdict(found)) if as_json else f"{study_file}: in order; {found}")
-    for listed in () if as_json else found.classes:
-        click.echo(f"  {listed}")
+    echo(json.dumps(asdict(found)) if as_json else f"{study_file}: in order; {found}")
+    for listed in () if as_json else (*found.classes, *found.partners):
+        echo(f"  {listed}")
     for caution in () if as_json else found.cautions:
-        click.echo(f"archfrag: caution: {caution}", err=True)
+        echo(f"archfrag: caution: {caution}", err=True)
 
 
 @main.command()
@@ -291,13 +313,13 @@ def warmup(method: str | None) -> None:
         if sys.stderr.isatty():
             click.echo(f"\r{message}\033[K", err=True, nl=False)
         elif not messages:
-            click.echo(message, err=True)
+            echo(message, err=True)
         messages.append(message)
 
     messages: list[str] = []
     seconds = compile_kernels(method, show)
     click.echo("\r\033[K" if sys.stderr.isatty() else "", err=True, nl=False)
-    click.echo(f"kernels ready after {seconds:.1f} s")
+    echo(f"kernels ready after {seconds:.1f} s")
 
 
 @main.command()
@@ -310,7 +332,10 @@ def warmup(method: str | None) -> None:
               help="Snakemake profile, e.g. configs/profiles/slurm.")  # fmt: skip
 @click.option("--quiet", is_flag=True, help="Nothing but errors.")
 def run(study_file: Path, overrides: tuple[str, ...], quiet: bool, **options: Any) -> None:
-    """Do all of a study that is not done yet: motions, simulations, cube, curves, report."""
+    """Run a study: do all of it that is not done yet.
+
+    That is motions, simulations, cube, curves and report.
+    """
     from archfrag.study.config import load_study
     from archfrag.study.tree import Stopped, stoppable
     from archfrag.study.workflow import RunOptions, run_study
@@ -322,24 +347,64 @@ def run(study_file: Path, overrides: tuple[str, ...], quiet: bool, **options: An
             how = RunOptions(typed=typed, study_file=study_file, quiet=quiet, **options)
             anything = run_study(study, how, stop)
     except Stopped as stopped:
-        click.echo(
+        echo(
             f"archfrag: {stopped}; what is finished is kept, `{typed} --resume` goes on", err=True
         )
         click.get_current_context().exit(128 + stopped.number)
     if not quiet:
         if not anything:
-            click.echo("archfrag: nothing to do: all results are up to date", err=True)
-        click.echo(f"report: {study.folder / 'report.html'}")
+            echo("archfrag: nothing to do: all results are up to date", err=True)
+        echo(f"report: {study.folder / 'report.html'}")
+        _name_old_exports(study.folder)
+
+
+def _name_old_exports(folder: Path) -> None:
+    from archfrag.files import counted
+
+    exported = [path for path in (folder / "export").glob("*") if path.is_file()]
+    made = max((folder / name).stat().st_mtime for name in ("cube.nc", "fits.json"))
+    if old := [path for path in exported if path.stat().st_mtime < made]:
+        what = f"{counted(len(old), 'file')} older than the results"
+        echo(f"archfrag: {folder / 'export'}: {what}; make anew: archfrag export", err=True)
+
+
+@main.command()
+@study_argument
+@set_option
+@click.option("--yes", is_flag=True, help="Remove without asking.")
+def clean(study_file: Path, overrides: tuple[str, ...], yes: bool) -> None:
+    """Remove stored runs that are of no use to a study; shows first which."""
+    from archfrag.files import counted
+    from archfrag.study.config import load_study
+    from archfrag.study.files import check_own
+    from archfrag.study.plan import make_plan
+    from archfrag.study.store import count_runs, remove, superfluous
+    from archfrag.study.tree import only_run
+
+    study = load_study(study_file, overrides)
+    check_own(study)
+    plan = make_plan(study)
+    with only_run(study) as lock:
+        lock.refuse_stopped(study.folder, shlex.join(["archfrag", "run", str(study_file)]))
+        found = superfluous(plan)
+        for why, paths in found.items():
+            size = sum(path.stat().st_size for path in paths) / 1e6
+            runs, files = counted(count_runs(paths), "run"), counted(len(paths), "file")
+            echo(f"{runs} {why}: {files}, {size:.3g} MB")
+        if not found:
+            echo("nothing to remove: all stored runs are of use to this study")
+        elif yes or click.confirm("Remove them?", abort=True):
+            remove([path for paths in found.values() for path in paths])
 
 
 @_step
 def motions(study: Any, note: Callable[[str], None]) -> None:
-    """Read the study's records, scale them, store them for the workers."""
+    """Read the study's records and store them for the workers."""
     from archfrag.files import counted
-    from archfrag.study.checks import check_output
+    from archfrag.study.checks import check_start
     from archfrag.study.records import prepare_motions
 
-    check_output(study)
+    check_start(study)
     stored = prepare_motions(study)
     note(f"motions: {counted(len(stored), 'record')} ready")
 
@@ -352,7 +417,7 @@ def motions(study: Any, note: Callable[[str], None]) -> None:
 def batch(
     study: Any, note: Callable[[str], None], batch: int, cores: int | None, quiet: bool
 ) -> None:
-    """Run the simulations of a batch; those that are done are kept."""
+    """Run the simulations of a batch that are not done yet."""
     from archfrag.files import counted
     from archfrag.study.batch import run_batch
 
@@ -366,19 +431,17 @@ def batch(
 @_step
 def cube(study: Any, note: Callable[[str], None]) -> None:
     """Gather the results into one CF netCDF cube."""
-    from archfrag.study.cube import forget_other_code, write_cube, write_timings
+    from archfrag.study.cube import write_cube, write_timings
 
     path = write_cube(study)
     write_timings(study)
-    if forget_other_code(study):
-        note("cube: runs made by other versions of archfrag, of use to no study now, are removed")
     note(f"cube: {path}")
 
 
 @_step
 @json_option
 def fit(study: Any, note: Callable[[str], None], as_json: bool = False) -> None:
-    """Fit a fragility curve to each arch and each class of arches of the cube."""
+    """Fit a fragility curve to each arch and each class."""
     from archfrag.study import fits
     from archfrag.study.members import SHOWN
     from archfrag.study.steps import require
@@ -393,10 +456,10 @@ def fit(study: Any, note: Callable[[str], None], as_json: bool = False) -> None:
     for name, curve in fits.load_answers(path, "classes").items():
         note(f"fit: class {fits.fit_text(study, name, curve)}")
     with fits.open_cube(study) as cube:
-        for caution in fits.cautions_of_cube(study, cube):
+        for caution in fits.cautions_of_cube(study, cube, found):
             note(f"caution: {caution}")
     if as_json:
-        click.echo(path.read_text(encoding="utf-8"))
+        echo(path.read_text(encoding="utf-8"))
 
 
 @_step
@@ -413,7 +476,7 @@ def report(study: Any, note: Callable[[str], None], beside: Path | None = None) 
 
 @_step
 def results(study: Any, note: Callable[[str], None]) -> None:
-    """Make cube, curves and report, as far as they are not up to date."""
+    """Make cube, curves and report if they are not up to date."""
     from archfrag.study.steps import finish, is_done
 
     stale = False

@@ -55,12 +55,19 @@ reads_record = takes(
 )  # fmt: skip
 
 
+def echo(text: str, err: bool = False) -> None:
+    """Print a line; of text that came from elsewhere a terminal obeys nothing."""
+    from archfrag.files import printable
+
+    click.echo(printable(text), err=err)
+
+
 def _note(message: str) -> None:
-    click.echo(f"archfrag: {message}", err=True)
+    echo(f"archfrag: {message}", err=True)
 
 
 def _print(facts: Any, text: str, as_json: bool) -> None:
-    click.echo(json.dumps(facts, allow_nan=False) if as_json else text)
+    echo(json.dumps(facts, allow_nan=False) if as_json else text)
 
 
 def _drawing(figure: Path | None) -> None:
@@ -276,13 +283,13 @@ def fetch(
 
     They come by FDSN web services as miniSEED with StationXML and an index. What is in the
     folder already is kept: the same command goes on where it was stopped. The exit code is 7
-    if a service failed that may answer later.
+    if a service failed that may answer later, and 2 if there is no record at all.
 
     \b
     Example:
       archfrag records fetch nc72282711 --from NCEDC --radius 50 --out napa
     """
-    from archfrag.errors import ServiceError
+    from archfrag.errors import InputError, ServiceError
     from archfrag.files import counted
     from archfrag.motions.fetch import Limits, Request, fetch_records
 
@@ -295,8 +302,10 @@ def fetch(
     text = f"{counted(len(fetched.new), 'record')} fetched, {len(fetched.kept)} were there: {out}"
     _print(facts, text, as_json)
     if fetched.passing:
-        count = f"{len(fetched.passing)} of {len(failures)}"
-        raise ServiceError(f"{count} failures may pass; the same command goes on")
+        count = counted(len(fetched.passing), "request")
+        raise ServiceError(f"{count} failed; try again later: the same command goes on")
+    if not fetched.new and not fetched.kept:
+        raise InputError("no record was fetched, for the reasons stated above")
 
 
 @records.command()

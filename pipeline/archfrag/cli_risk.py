@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from archfrag.cli_records import json_option, set_option, study_argument, takes
+from archfrag.cli_records import echo, json_option, set_option, study_argument, takes
 
 _path = click.Path(path_type=Path)
 
@@ -34,6 +34,7 @@ def _site(context: click.Context, parameter: click.Parameter, text: str | None) 
     click.option("--site", callback=_site, metavar="LON,LAT",
                  help="Which site of OpenQuake's file: the nearest, at most 10 km away."),
     click.option("--confidence", type=float, default=0.9, show_default=True, help="Of the bands."),
+    click.option("--members", is_flag=True, help="Rates of the arches of classes as well."),
     set_option,
     click.option("--out", type=_path, metavar="FILE", help="Write the result as JSON."),
     json_option,
@@ -41,7 +42,9 @@ def _site(context: click.Context, parameter: click.Parameter, text: str | None) 
 def risk(
     study_file: Path, overrides: tuple[str, ...], out: Path | None, as_json: bool, **options: Any
 ) -> None:
-    """Rate of collapse of a finished STUDY's arches at a site, and who contributes to it.
+    """Find the rate of collapse of a finished STUDY at a site.
+
+    A class of arches has one rate, the mean of those of its arches.
 
     FILE is a CSV with the header `im [g]` or the measure's name, as in `PGA [g]`, then `rate`
     (annual frequency of exceedance) or `poe_50` (probability of exceedance in 50 years), and as
@@ -52,7 +55,9 @@ def risk(
     Example:
       archfrag risk study.yaml --hazard hazard_curve-mean-PGA_1.csv --site 13.35,42.35
     """
+    from archfrag.errors import FitError
     from archfrag.study.config import load_study
+    from archfrag.study.curves import quoted
     from archfrag.study.files import write_text
     from archfrag.study.fits import FITS, load_answers, open_cube
     from archfrag.study.hazard import load_hazard
@@ -66,11 +71,14 @@ def risk(
     require(study, "cube")
     require(study, "fit")
     with open_cube(study) as cube:
-        answers = load_answers(study.folder / FITS)
+        arches, classes = (load_answers(study.folder / FITS, of) for of in ("arches", "classes"))
+        answers = quoted(cube, arches, classes, options["members"])
         fits = {name: answer.curve for name, answer in answers.items()}
         found = risk_of(cube, fits, hazard, options["years"], options["confidence"])
     facts = risk_facts(found, study)
     text = json.dumps(facts, allow_nan=False)
     if out is not None:
         write_text(out, text + "\n")
-    click.echo(text if as_json else risk_text(facts))
+    echo(text if as_json else risk_text(facts))
+    if all("none" in arch for arch in facts["arches"].values()):
+        raise FitError("there is no rate, since no arch has a curve")

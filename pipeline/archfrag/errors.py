@@ -1,6 +1,11 @@
 """Errors that a person reads: one message with the place, the value and what is allowed."""
 
+from collections.abc import Callable
+from typing import TypeVar
+
 from archfrag.mechanics.status import Status
+
+Made = TypeVar("Made")
 
 
 class ArchfragError(Exception):
@@ -55,9 +60,38 @@ class WorkerError(ArchfragError):
 
 
 class FitError(ArchfragError):
-    """Results from which no fragility curve can be estimated; states what they do show."""
+    """Results from which no fragility curve can be estimated; states what they do show.
+
+    Each ``{}`` of the message is one of `levels`: intensities in the unit of the fit.
+    """
 
     exit_code = 6
+
+    def __init__(self, message: str, *levels: float) -> None:
+        self.message, self.levels = message, levels
+        super().__init__(self.worded())
+
+    def worded(self, factor: float = 1.0, unit: str = "") -> str:
+        """The message with its levels divided by a factor, each with a unit."""
+        shown = [f"{level / factor:g} {unit}".rstrip() for level in self.levels]
+        return self.message.format(*shown) if shown else self.message
+
+
+def attempt(make: Callable[[], Made], worded: Callable[[FitError], str] = str) -> Made | str:
+    """Make one part of a report, or give the reason why not, so that the others are made still.
+
+    `worded` gives the text of a `FitError`. An error that archfrag did not foresee is named too: a
+    report without one part is worth more than none after all simulations.
+    """
+    try:
+        return make()
+    except FitError as error:
+        return worded(error)
+    except ArchfragError as error:
+        return str(error)
+    except Exception as error:
+        kind = type(error).__name__
+        return f"{kind}: {error}; this is an error in archfrag: please report it"
 
 
 class ServiceError(ArchfragError):

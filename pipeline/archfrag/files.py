@@ -1,13 +1,35 @@
-"""Files that are read as text, or written completely or not at all."""
+"""Files that are read within limits, or written completely or not at all; text that is shown."""
 
 import contextlib
+import hashlib
 import os
+import re
+import secrets
+import shutil
+import socket
 import stat
 import tempfile
-from collections.abc import Iterator
+import time
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO, TextIO
 
 from archfrag.errors import InputError, OutputError
+
+WORK = ".archfrag"  # in the folder of a study's results: all that is not for people
+_HOST = re.sub(r"\W", "_", socket.gethostname())
+# Temporary names give host and process, so that what a killed process left can be recognised.
+_TEMPORARY = re.compile(r"\.archfrag-(?P<host>\w+)-(?P<pid>[0-9]{1,9})-[a-z0-9_]{8}\.tmp")
+_SURELY_LEFT = 30 * 86400.0  # age at which no process can be at work on a temporary file [s]
+if TYPE_CHECKING:
+    import pandas as pd
+
+# Characters that a terminal obeys, or that change the direction of the text around them.
+_OBEYED = re.compile(
+    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+)
+_FORMULA = re.compile(r"[=+\-@\t\r]")  # first characters of a cell that a spreadsheet computes
+_NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 
 
 def counted(number: int, noun: str) -> str:
@@ -25,12 +47,35 @@ def cannot_write(path: Path, error: OSError) -> OutputError:
     )
 
 
+def printable(text: str) -> str:
+    """Text from elsewhere as a terminal may show it: what it would obey stands as ``\\u001b``."""
+    return _OBEYED.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+
+
 def _not_waiting(name: str, flags: int) -> int:
     return os.open(name, flags | os.O_NONBLOCK)
 
 
-def read_text(path: Path, largest: int, kind: type[InputError], what: str) -> str:
-    """UTF-8 text of a file of at most `largest` bytes; a pipe or device is not waited for.
+@contextlib.contextmanager
+def opened(path: str | Path, largest: float = float("inf")) -> Iterator[BinaryIO]:
+    """Open a file to read its bytes; a pipe or device is not waited for.
+
+    Raises
+    ------
+    OSError
+        Also for what is no regular file, and for one of more than `largest` bytes.
+    """
+    with open(path, "rb", opener=_not_waiting) as file:
+        state = os.fstat(file.fileno())
+        if not stat.S_ISREG(state.st_mode):
+            raise OSError(0, "it is not a regular file")
+        if state.st_size > largest:
+            raise OSError(0, f"it has {state.st_size} bytes; at most {largest:.0f} are allowed")
+        yield file
+
+
+def read_bytes(path: Path, largest: int, kind: type[InputError], what: str) -> bytes:
+    """Content of a file of at most `largest` bytes.
 
     Raises
     ------
@@ -38,17 +83,24 @@ def read_text(path: Path, largest: int, kind: type[InputError], what: str) -> st
         Naming `what` it was to be, and the file.
     """
     try:
-        with open(path, "rb", opener=_not_waiting) as file:
-            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise OSError(0, "no regular file")
-            content = file.read(largest + 1)
-        if len(content) > largest:
-            raise kind(f"{what} {path} is too large; it must have at most {largest} bytes")
-        return content.decode("utf-8-sig")
+        with opened(path, largest) as file:
+            return file.read(largest)
     except OSError as error:
         raise kind(f"{what} {path} cannot be read: {error.strerror}") from error
+
+
+def read_text(path: Path, largest: int, kind: type[InputError], what: str) -> str:
+    """UTF-8 text of a file, see `read_bytes`."""
+    try:
+        return read_bytes(path, largest, kind, what).decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise kind(f"{what} {path} is no text in UTF-8") from error
+        raise kind(f"{what} {path} is not text in UTF-8; save it as UTF-8") from error
+
+
+def sha256_of(path: Path) -> str:
+    """SHA-256 of a file, 64 hexadecimal digits; a pipe or device is not waited for."""
+    with opened(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
 
 
 def make_folder(path: Path) -> Path:
@@ -67,9 +119,46 @@ def make_folder(path: Path) -> Path:
     return path
 
 
+def temporary_prefix() -> str:
+    """What a name that `sweep` recognises begins with; its suffix is .tmp."""
+    return f".archfrag-{_HOST}-{os.getpid()}-"
+
+
+def temporary_folder(place: Path) -> "tempfile.TemporaryDirectory[str]":
+    """A folder that is removed when its block ends, or by `sweep` after a kill."""
+    prefix = temporary_prefix()
+    return tempfile.TemporaryDirectory(".tmp", prefix, place, ignore_cleanup_errors=True)
+
+
+def sweep(folder: Path) -> None:
+    """Remove temporary files and folders of killed processes, by their names, below a folder."""
+    import psutil
+
+    for entry in entries(folder):
+        found = _TEMPORARY.fullmatch(entry.name)
+        if found is None or entry.is_symlink():
+            continue
+        with contextlib.suppress(OSError):
+            gone = found["host"] == _HOST and not psutil.pid_exists(int(found["pid"]))
+            if gone or time.time() - entry.stat().st_mtime > _SURELY_LEFT:
+                path = Path(entry.path)
+                shutil.rmtree(path) if entry.is_dir() else path.unlink()
+
+
+def entries(folder: Path | str) -> Iterator["os.DirEntry[str]"]:
+    """All that is below a folder, links not followed."""
+    with contextlib.suppress(FileNotFoundError, NotADirectoryError), os.scandir(folder) as found:
+        for entry in found:
+            yield entry
+            if entry.is_dir(follow_symlinks=False):
+                yield from entries(entry.path)
+
+
 @contextlib.contextmanager
 def replacing(path: Path, lasting: bool = True) -> Iterator[Path]:
-    """Give a temporary name in the same folder and, if all goes well, put it in `path`'s place.
+    """Give a temporary name and, if all goes well, put that file in `path`'s place.
+
+    It is in the hidden folder of a study beside `path`, or else in the same folder.
 
     The bytes are on the disk before the name is, unless not `lasting`: then a kill, but not a
     power cut, leaves the file complete.
@@ -79,16 +168,17 @@ def replacing(path: Path, lasting: bool = True) -> Iterator[Path]:
     OutputError
         For any `OSError` inside; the temporary file is gone then, `path` as it was.
     """
-    temporary = None
+    temporary, hidden = None, path.parent / WORK
     try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
-        os.close(handle)
-        temporary = Path(name)
+        place = hidden if hidden.is_dir() and not hidden.is_symlink() else path.parent
+        name = place / f"{temporary_prefix()}{secrets.token_hex(4)}.tmp"
+        # Unlike those of `tempfile`, with the permissions that the user's umask allows.
+        os.close(os.open(name, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+        temporary = name
         yield temporary
         if lasting:
             with open(temporary, "rb+") as file:
                 os.fsync(file.fileno())
-        temporary.chmod(0o644)
         os.replace(temporary, path)
         temporary = None
     except OSError as error:
@@ -96,3 +186,37 @@ def replacing(path: Path, lasting: bool = True) -> Iterator[Path]:
     finally:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
+
+
+def quoted(cell: Any) -> Any:
+    """A cell of a CSV: text that a spreadsheet would compute gets an apostrophe before it.
+
+    >>> quoted("=1+1"), quoted("-0.5"), quoted(-0.5)
+    ("'=1+1", '-0.5', -0.5)
+    """
+    if isinstance(cell, str) and _FORMULA.match(cell) and not _NUMBER.fullmatch(cell):
+        return f"'{cell}"
+    return cell
+
+
+def unquoted(cell: str) -> str:
+    """A cell as it was before `quoted`."""
+    return cell[1:] if cell[:1] == "'" and _FORMULA.match(cell, 1) else cell
+
+
+def write_csv(target: Path | TextIO, pieces: "Iterable[pd.DataFrame]", **form: Any) -> None:
+    """Write a table in pieces of the same columns as CSV; a file completely or not at all.
+
+    `form` is handed to `pandas.DataFrame.to_csv`.
+    """
+    if isinstance(target, Path):
+        with replacing(target) as part, open(part, "w", encoding="utf-8", newline="") as file:
+            return write_csv(file, pieces, **form)
+    for number, piece in enumerate(pieces):
+        texts = {
+            name: column.astype(object).map(quoted)
+            for name, column in piece.items()
+            if column.dtype.kind not in "biufc"
+        }
+        table = piece.assign(**texts).rename(columns=quoted)  # type: ignore[arg-type]
+        table.to_csv(target, index=False, header=number == 0, lineterminator="\n", **form)

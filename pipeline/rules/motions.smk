@@ -1,5 +1,6 @@
 rule motions:
     message: "Read and scale the records of {STUDY.id}"
+    input: force_stale,
     output: "steps/motions.json",
     log: "logs/motions.log",
     benchmark: "benchmarks/motions.tsv"

@@ -4,7 +4,7 @@ rule batch:
     output: "steps/" + batch_step("{batch}", BATCHES) + ".json",
     params:
         quiet=QUIET,
-    threads: STUDY.execution.workers or workflow.cores or 1
+    threads: STUDY.execution.workers or workflow.resource_settings.cores or 1
     log: "logs/batch-{batch}.log",
     benchmark: "benchmarks/batch-{batch}.tsv"
     shell:

@@ -185,11 +185,22 @@ class TestRefused:
         with pytest.raises(GeometryError, match=f"CIRCLE {circle.dxf.handle} is no 2D polyline"):
             read_drawing(tmp_path / "a.dxf")
 
+    def test_text_that_begins_with_a_mark_of_its_encoding(self, tmp_path):
+        draw(tmp_path / "a.dxf", PIER)
+        (tmp_path / "a.dxf").write_bytes(b"\xef\xbb\xbf" + (tmp_path / "a.dxf").read_bytes())
+        assert len(read_drawing(tmp_path / "a.dxf").outlines) == 3
+
+    def test_very_many_corners(self, tmp_path):
+        corners = [(0.1 * k, (k % 7) * 0.1) for k in range(25_000)]
+        draw(tmp_path / "a.dxf", [corners])
+        with pytest.raises(GeometryError, match="more than 20000 corners"):
+            read_drawing(tmp_path / "a.dxf")
+
     @pytest.mark.parametrize("content", [None, b"AC1032\0\0"])
     def test_no_dxf(self, tmp_path, content):
         if content is not None:
             (tmp_path / "a.dxf").write_bytes(content)
-        with pytest.raises(GeometryError, match=r"a\.dxf: is no DXF file"):
+        with pytest.raises(GeometryError, match=r"a\.dxf:? (is not a DXF file|cannot be read)"):
             read_drawing(tmp_path / "a.dxf")
 
 

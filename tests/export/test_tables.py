@@ -1,6 +1,5 @@
 """Tables of runs and curves: every value where it belongs, in pieces as in one."""
 
-import functools
 import json
 
 import numpy as np
@@ -9,7 +8,8 @@ import pytest
 import xarray as xr
 
 from archfrag.export.runs import facts_table, runs_table
-from archfrag.export.tables import Table, Unit, curve_tables, write_csv, write_parquet
+from archfrag.export.tables import Table, Unit, curve_tables, write_parquet
+from archfrag.files import write_csv
 from archfrag.fragility.counts import Verdict
 from tests.export.made import curve_set, lognormal
 from tests.report import synthetic
@@ -95,7 +95,7 @@ class TestRuns:
 class TestFiles:
     def test_csv_and_parquet_hold_the_same(self, cube, tmp_path):
         parquet = pytest.importorskip("pyarrow.parquet")
-        write_csv(runs_table(cube, 20), tmp_path / "runs.csv")
+        write_csv(tmp_path / "runs.csv", runs_table(cube, 20).pieces)
         write_parquet(runs_table(cube, 20), tmp_path / "runs.parquet", {"made": {"study": "x"}})
         stored = pd.read_parquet(tmp_path / "runs.parquet")
         for other in (pd.read_csv(tmp_path / "runs.csv"), full(runs_table(cube, 20))):
@@ -113,10 +113,12 @@ class TestFiles:
 
         path = tmp_path / f"t.{ending}"
         path.write_bytes(b"before")
-        table = Table("t", {}, spoiled())
-        write = write_csv if ending == "csv" else functools.partial(write_parquet, facts={})
+        write = {
+            "csv": lambda: write_csv(path, spoiled()),
+            "parquet": lambda: write_parquet(Table("t", {}, spoiled()), path, {}),
+        }
         with pytest.raises(KeyboardInterrupt):
-            write(table, path)
+            write[ending]()
         assert path.read_bytes() == b"before"
         assert list(tmp_path.iterdir()) == [path]
 

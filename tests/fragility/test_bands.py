@@ -98,6 +98,14 @@ def in_events(generator):
     return (capacity <= GRID).astype(int), GRID, np.arange(24) // 3
 
 
+def scattered_runs(generator):
+    """Half of the records stand again above a level at which they collapsed."""
+    capacity = 0.28 * generator.standard_normal((24, 1)) + 0.21 * generator.standard_normal(
+        (24, 15)
+    )
+    return (np.exp(capacity) <= GRID).astype(int), GRID, None
+
+
 TABLE = table(np.random.default_rng(1), 24)
 
 
@@ -106,11 +114,12 @@ class TestQuoted:
         ("design", "draw", "n_study", "limits"),
         [
             ("stripes", lambda g: (table(g, 24), GRID, None), 120, (0.865, 0.935)),
+            ("stripes", scattered_runs, 160, (0.865, 0.935)),
             ("scattered", alone, 100, (0.865, 0.935)),
             ("stripes", in_events, 60, (0.85, 0.95)),
             ("stripes", lambda g: (*in_events(g)[:2], None), 60, (0.0, 0.83)),
         ],
-        ids=["records", "runs", "events", "events not known"],
+        ids=["records", "records not monotone", "runs", "events", "events not known"],
     )
     def test_coverage(self, design, draw, n_study, limits):
         """Of the curve at `P` together, of theta, and of beta: a sixth too narrow fails."""

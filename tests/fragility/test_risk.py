@@ -106,6 +106,18 @@ class TestBand:
         assert low < value < high
         assert found.return_period == pytest.approx(1.0 / found.rate)
 
+    def test_wide_curves_below_the_hazard_do_not_explode(self):
+        """A steep first slope: what lies below the first point adds at most its rate."""
+        hazard = HazardCurve([0.3, 0.4, 2.0], [1e-2, 1e-4, 1e-6])
+        beta = np.linspace(0.02, 3.0, 50)
+        found = collapse_rate(hazard, lognormal(0.5, 0.05), (np.full(50, 0.5), beta))
+        assert not found.is_bound
+        assert found.rate < found.mean < found.upper < 2e-2
+        beyond = collapse_rate(hazard, lognormal(0.5, 0.5), (np.full(50, 0.5), beta))
+        assert beyond.is_bound
+        assert beyond.quoted < 1e-2
+        assert np.isnan([beyond.mean, beyond.lower, beyond.upper]).all()
+
     def test_draws_have_the_covariance_of_the_fit(self):
         fit = Fragility(0.5, 0.4, np.array([[4e-3, 1e-3], [1e-3, 2e-3]]), 0.0, 5, 200, "stripes")
         theta, beta = parameter_draws(fit, 1, draws=100_000)
@@ -165,6 +177,12 @@ class TestContributions:
         half = 1.645 * np.sqrt(0.25 * 0.75 / 400)
         ends = [found.lower[0], found.upper[0]]
         assert ends == pytest.approx([0.25 - half, 0.25 + half], abs=0.006)
+        # Four records of each earthquake: a hundred earthquakes, and a band twice as wide.
+        event = (np.arange(400) // 4).astype(str)
+        fell = np.ones((400, 1), bool)
+        found = contributions([1e-4], fell, kind, ("rare", "common"), event=event)
+        ends = [found.lower[0], found.upper[0]]
+        assert ends == pytest.approx([0.25 - 2 * half, 0.25 + 2 * half], abs=0.012)
 
     def test_gaps_of_a_bisection_follow_from_their_neighbours(self):
         fell, known = [[0, 0, 0, 0, 0], [0, 1, 0, 0, 1]], [[0, 1, 0, 0, 0], [1, 1, 1, 0, 1]]

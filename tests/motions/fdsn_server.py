@@ -167,6 +167,25 @@ def redirected(handler):
     handler.end_headers()
 
 
+def elsewhere(handler):
+    handler.send_response(302)
+    handler.send_header("Location", "http://localhost:1/fdsnws/event/1/query")
+    handler.end_headers()
+
+
+def slow_headers(handler):
+    """Headers that come one by one, so that no single wait is long."""
+    handler.send_response(200)
+    for number in range(50):
+        handler.send_header(f"X-{number}", "x")
+        handler.flush_headers()
+        time.sleep(0.1)
+
+
+def length_of_words(handler):
+    handler.send(200, b"abc", announced="zzz")
+
+
 def endless(handler):
     """Bytes without end and without a length."""
     handler.send_response(200)

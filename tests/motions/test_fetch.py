@@ -1,12 +1,15 @@
 """Records from a data centre: what comes, what does not, and what is left of it on the disk."""
 
 import csv
+import os
+import subprocess
 import time
 
 import numpy as np
 import pytest
 
 from archfrag.errors import InputError
+from archfrag.files import temporary_prefix
 from archfrag.motions.fdsn import Limits
 from archfrag.motions.fetch import Request, fetch_records
 from archfrag.motions.index import load_index
@@ -18,11 +21,14 @@ from .fdsn_server import (
     broken_off,
     data_centre,
     dripping,
+    elsewhere,
     endless,
+    length_of_words,
     miniseed,
     quakeml,
     redirected,
     silent,
+    slow_headers,
     station_xml,
 )
 
@@ -116,12 +122,15 @@ class TestGoingOn:
         assert load_motion(entry).duration == pytest.approx(15.0, abs=0.1)
 
     def test_what_a_killed_run_left_goes(self, centre, tmp_path):
-        (tmp_path / EVENT / ".fetch-abc").mkdir(parents=True)
-        for name in (f"{EVENT}/.fetch-abc/half.mseed", ".index.csv.ab_1.tmp",
-                     f"{EVENT}/.event.xml.ab_1.tmp"):  # fmt: skip
+        left = subprocess.Popen(["true"])
+        left.wait()
+        half = temporary_prefix().replace(f"-{os.getpid()}-", f"-{left.pid}-") + "abcd123"
+        (tmp_path / EVENT / f"{half}1.tmp").mkdir(parents=True)
+        mine = (f"{EVENT}/.fetch-notes", ".index.csv.old.tmp")
+        for name in (f"{EVENT}/{half}1.tmp/half.mseed", f"{EVENT}/{half}2.tmp", *mine):
             (tmp_path / name).write_bytes(b"half")
         fetch(centre, tmp_path)
-        assert not [path for path in tree(tmp_path) if "/." in f"/{path}"]
+        assert {str(path) for path in tree(tmp_path) if "/." in f"/{path}"} == set(mine)
 
 
 def index_of(folder):
@@ -133,6 +142,7 @@ def wave_of(channel, start=0.0, end=9.0, **options):
     return miniseed("NEAR", "", [channel], ORIGIN + start, ORIGIN + end, **options)
 
 
+UTF_7 = b'<?xml version="1.0" encoding="UTF-7"?>'
 ENTITY = b"<!DOCTYPE x [<!ENTITY a SYSTEM 'file:///etc/passwd'>]>"
 DATA, EVENTS, LIST, RESPONSE = (
     ("dataselect", "NEAR"), ("event", ""), ("station", ""), ("station", "NEAR")
@@ -154,6 +164,11 @@ class TestWhatDoesNotCome:
             (DATA, endless, "too large", "larger than the 1 MB allowed"),
             (EVENTS, broken_off, "service", "broke off after 3 of 1003 bytes"),
             (EVENTS, redirected, "unusable", "refuses the request"),
+            (EVENTS, elsewhere, "unusable", "points to another server, http://localhost:1/"),
+            (EVENTS, slow_headers, "timeout", "within 0.5 s"),
+            (EVENTS, length_of_words, "service", "states 'zzz' as the length"),
+            (EVENTS, UTF_7 + quakeml(), "unusable", "is not plain QuakeML"),
+            (EVENTS, quakeml().replace(b">40.0<", b">4500<"), "unusable", "latitude 4500"),
             (DATA, b"no miniSEED at all", "unusable", "the format is not recognised"),
             (DATA, wave_of("HNZ"), "unusable", "holds only the vertical"),
             (DATA, wave_of("HNE") + wave_of("HNE", 12, 20), "unusable", "has a gap of 3"),

@@ -137,8 +137,12 @@ def test_a_study_is_not_taken_down(tmp_path):
 def test_a_device_or_a_pipe_is_no_record(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path / "pipe", "/dev/zero"):
-        with pytest.raises(RecordError, match="this is no regular file"):
+        with pytest.raises(RecordError, match="this is not a regular file"):
             read_motion(path)
+    circle = tmp_path / "circle.AT2"
+    circle.symlink_to(circle)
+    with pytest.raises(RecordError, match="there is no such file"):
+        read_motion(circle)
 
 
 @pytest.fixture

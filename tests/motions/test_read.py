@@ -201,7 +201,7 @@ NAN = np.where(RAMP == 17, np.nan, wave())
         (lambda f: f / "missing.AT2", {}, ["no such file"]),
         (lambda f: f, {}, ["a folder"]),
         (lambda f: put(f / "a.AT2", ""), {}, ["is empty"]),
-        (lambda f: put(f / "a", "no record at all"), {}, ["not recognised", "MSEED"]),
+        (lambda f: put(f / "a", "no record at all"), {}, ["not recognised", "--columns time=1"]),
         (lambda f: cut(f, "MSEED", 4000), {"unit": "g"}, ["truncated miniSEED"]),
         (lambda f: cut(f, "SAC", 900), {"unit": "g"}, ["damaged, truncated"]),
         (lambda f: write(f / "a", trace(data=NAN)), {"unit": "g"}, ["XX.AB..HNE", "index 17"]),

@@ -159,7 +159,7 @@ MEASURES = {
     "message": "PGV is best.", "best": "PGV",
     "rows": [
         {"measure": name, "unit": unit, "theta": theta, "beta": beta, "efficiency": beta,
-         "practicality": 1.0, "proficiency": beta, "p_magnitude": "nan", "p_distance": 0.5,
+         "p_magnitude": "nan", "p_distance": 0.5,
          "sufficient": True}
         for name, unit, theta, beta in (
             ("PGA", "m/s2", 4.0, 0.42), ("Arias", "m/s", "nan", "nan"), ("PGV", "m/s", 0.3, 0.3),

@@ -16,12 +16,12 @@ import pytest
 from archfrag.errors import InputError, OutputError
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.hazard_curve import HazardCurve
-from archfrag.report.answer import classes
 from archfrag.report.curve_figures import capacities
 from archfrag.report.page import render, write_report
 from archfrag.report.picture import digits
 from archfrag.report.risk_section import risk_section
 from archfrag.report.summary import arch_results, reading_scale
+from archfrag.study.curves import arch_classes
 from archfrag.study.hazard import Hazard
 from archfrag.study.members import shown
 from archfrag.study.risk import risk_of
@@ -58,8 +58,7 @@ def full(tmp_path_factory):
             "test_of_fit": {"p_value": 0.4, "message": "Nothing contradicts it."}}  # fmt: skip
     study.answers["thin"].more.update(limit_states=synthetic.STATES, free=free)
     study.answers["thick"].more["measures"] = synthetic.MEASURES
-    split = {"beta_record_to_record": 0.4, "beta_model": 0.1, "combined": 0.412, "theta": "nan"}
-    study.classes["both"].more["dispersion"] = {**split, "message": "Two parts."}
+    study.classes["both"].more["dispersion"] = {"beta_record_to_record": 0.38, "beta_model": 0.12}
     out = write_report(study, tmp_path_factory.mktemp("answer") / "report.html")
     page = lxml.html.document_fromstring(out.read_text(encoding="utf-8"))
     return study, page, json.loads((out.parent / "summary.json").read_text(encoding="utf-8"))
@@ -161,12 +160,11 @@ class TestAnswer:
         ]
         assert not page.xpath('//table[@aria-label="Limit states of thick"]')
         rows = table(page, "Intensity measures for thick")[1]
-        assert rows[0][:5] == ["PGV", "0.300", "m/s", "0.300", "0.300"]
-        assert rows[2] == ["Arias", "–", "m/s", "–", "–", "1.00", "–", "–", "0.500"]
+        assert rows[0] == ["PGV", "0.300", "m/s", "0.300", "0.300", "–", "0.500"]
+        assert rows[2] == ["Arias", "–", "m/s", "–", "–", "–", "0.500"]
         (section,) = page.xpath('//section[@id="class0"]')
-        assert "Two parts." in text(section)
         rows = table(page, "Dispersion of the class both")[1]
-        assert [row[1] for row in rows] == ["0.400", "0.100", "0.412"]
+        assert [row[1] for row in rows] == ["0.380", "0.120"]
         labels = " ".join(section.xpath(".//@aria-label"))
         assert "Median capacities of 2 arches of both against thickness" in labels
 
@@ -183,12 +181,12 @@ class TestAnswer:
             assert arch["onset"] == {"plus": 0.37, "minus": 0.37}
             assert arch["probability"]["interval"] == pytest.approx(band)
         (both,) = data["classes"]
-        assert (both["arches"], both["dispersion"]["theta"]) == (2, None)
+        assert (both["arches"], both["dispersion"]["beta_model"]) == (2, 0.12)
         none = synthetic.inputs(answers={"ring": synthetic.none("no run collapsed")})
         out = write_report(none, tmp_path / "report.html")
         (arch,) = json.loads((out.parent / "summary.json").read_text())["arches"]
         assert (arch["curve"], arch["reason"]) == (None, "no run collapsed")
-        assert classes(synthetic.cube(("a", "b"))) == {"a": "a", "b": "b"}
+        assert arch_classes(synthetic.cube(("a", "b"))) == {"a": "a", "b": "b"}
 
     def test_a_fleet_has_one_file_of_curves(self, tmp_path):
         names = [f"a{i:02d}" for i in range(14)]
@@ -204,7 +202,7 @@ class TestAnswer:
         assert files == ["curves.svg", "report.html", "summary.json"]
 
 
-IM = np.geomspace(0.2, 4.0, 8)
+IM = np.geomspace(0.2, 20.0, 8)
 HAZARD = Hazard(
     "PGA", "a.csv", {"mean": HazardCurve(IM, 2e-3 * IM**-2.0), "0.84": HazardCurve(IM, 1e-2 / IM)}
 )
@@ -227,6 +225,10 @@ def test_risk(drawn):
     )  # fmt: skip
     assert [row[0] for row in rows] == ["ring", "slab"]
     assert rows[0][1] == f"{risk.arches['ring'].rate.rate:.2g}"
+    short = Hazard("PGA", "a.csv", {"mean": HazardCurve(IM[:4], 2e-3 * IM[:4] ** -2.0)})
+    bound = synthetic.inputs(("ring", "slab"), 12, cube=data, risk=risk_of(data, fits, short))
+    row = table(read(bound), "Rates of collapse")[1][0]
+    assert (row[1][:9], row[2], row[3], row[4][:8]) == ("at least ", "–", "–", "at most ")
     for names, given in ((heads, rows), levels, contributions):
         assert all(len(row) == len(names) for row in given)
     assert sum(float(row[2]) for row in levels[1]) == pytest.approx(1.0, abs=0.01)
@@ -441,7 +443,7 @@ class TestDesigns:
         assert [row[6] for row in rows] == [f"{fraction:.3f}" for fraction in below]
         design = dict(table(page, "Design of the runs of ring")[1])
         assert design["records"] == "8 of 8"
-        assert design["runs at random against the capacity of their record"] == "1 of 3"
+        assert design["checks near the border against the capacity of their record"] == "1 of 3"
         (section,) = page.xpath('//section[@id="arch0"]')
         assert "Steps: distribution of the capacities of the records" in text(section)
         assert "not simulated" in text(section)

@@ -33,14 +33,12 @@ def done(tmp_path_factory) -> Done:
 
 @pytest.fixture
 def copied(done, tmp_path) -> Done:
-    """The same study with the same parts in a folder of its own."""
+    """The same study with the same records and parts in a folder of its own."""
     import shutil
 
-    folder = tmp_path / "copy"
-    shutil.copytree(
-        done.study.folder, folder, ignore=shutil.ignore_patterns("cube.nc", "fits.json")
-    )
-    study = done.study.model_copy(update={"output": str(folder)})
+    unwanted = shutil.ignore_patterns("cube.nc", "fits.json")
+    shutil.copytree(done.study.folder.parent, tmp_path / "copy", ignore=unwanted)
+    study = load_study(tmp_path / "copy" / "small.yaml")
     return Done(study, make_plan(study), done.log)
 
 

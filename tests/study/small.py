@@ -65,6 +65,11 @@ def files(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
+def files_below(folder: Path) -> dict[Path, bytes]:
+    """All files below a folder with their contents."""
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
 class _Here:
     def results(self, plan, work):
         for cases, factors in work:

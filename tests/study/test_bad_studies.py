@@ -3,9 +3,13 @@
 import os
 import subprocess
 import sys
+import time
 
 import pytest
+from click.testing import CliRunner
 
+from archfrag.cli import main
+from archfrag.study.worker import peak_memory
 from tests.study.mutated_studies import check
 from tests.study.small import ROOT, TEXT, small_study
 
@@ -47,7 +51,7 @@ BAD += [
         ("? [a, b]\n: 3\n", "line 1: found unhashable key"),
         (f"{TEXT}---\n{TEXT}", "but found another document"),
         ("", "must hold keys with values"),
-        ("# long\n" * 72_000, "is too large; it must have at most 500000"),
+        ("# long\n" * 72_000, "bytes; at most 500000 are allowed"),
         ("id: a\ntitle: a\noutput: a\narches: []\n", "arches = [] must have"),
     ]
 ]
@@ -84,8 +88,8 @@ BAD += [
      "intrados[0] = [0, 1, 2] must have at most 2 entries, not 3"),
     # Motions.
     (FILES, "[]", "must have a key index, files or synthetic"),
-    (FILES, "[lost.AT2]", "lost.AT2: there is no such record file"),
-    (f"files: {FILES}", "index: lost.csv", "lost.csv: the index cannot"),
+    (FILES, "[lost.AT2]", "lost.AT2: there is no such file"),
+    (f"files: {FILES}", "index: lost.csv", "lost.csv cannot"),
     (f"files: {FILES}", "{index: a.csv, select: [b, b]}", "but 'b' is there twice"),
     # Intensity.
     ("unit: g", "unit: cm/s", "unit 'cm/s' is not one of g, m/s2"),
@@ -97,6 +101,10 @@ BAD += [
     ("name: time_stepping, dt: 2.0e-3", "name: auto, settings: {coarse: 2}", "from 0 to 1"),
     ("workers: 2", "workers: 0", "execution.workers = 0 must be greater"),
 ]  # fmt: skip
+BAD += [
+    (f"files: {FILES}", f"files: {FILES}\n  processing: [{step}]", part)
+    for step, part in [("response", "has no StationXML"), ("smooth", "smooth is no known step")]
+]
 BAD += [
     ("measure: PGA", f"measure: {value}", part)
     for value, part in [
@@ -123,6 +131,7 @@ BAD += [
 def folder(tmp_path_factory):
     place = tmp_path_factory.mktemp("bad")
     small_study(place)
+    check(place, TEXT.encode())  # loads what any other will need
     return place
 
 
@@ -147,14 +156,84 @@ def test_what_yaml_1_1_would_have_converted_is_text_and_inf_is_a_number(folder, 
     assert check(folder, TEXT.replace(old, new).encode())[0] == 0
 
 
-@pytest.mark.parametrize("kind", ["pipe", "device", "folder"])
-def test_what_is_no_file_is_not_waited_for(tmp_path, kind):
-    path = {"pipe": tmp_path / "small.yaml", "device": "/dev/zero", "folder": tmp_path}[kind]
+SAMPLES = "{time: 1, acceleration: 2}"
+# Key, text of the small study and what stands in its place, to name the file {}.
+NAMED = [
+    ("study", None, "{}"),
+    ("drawing", "profile: block, width: 0.4, height: 2.0", "drawing: {}"),
+    ("table", "profile: block, width: 0.4, height: 2.0", "table: {}"),
+    ("index", f"files: {FILES}", "index: {}"),
+    ("record", FILES, "[{}]"),
+    ("columns", FILES, f"[{{path: {{}}, columns: {SAMPLES}, unit: g}}]".replace("{{}}", "{}")),
+    ("inventory", FILES, "[{path: records/wave0.AT2, inventory: {}}]"),
+    ("hazard", "method:", "risk: {hazard: {}}\nmethod:"),
+    ("cube", "output: out", "output: made"),
+]
+
+
+@pytest.mark.parametrize("kind", ["missing", "pipe", "device", "folder", "circle", "huge"])
+@pytest.mark.parametrize(("key", "old", "new"), NAMED, ids=[key for key, _, _ in NAMED])
+def test_what_is_no_file_is_not_waited_for(folder, tmp_path, key, old, new, kind):
+    """As a command of its own it may take 2 s and 500 MB besides what starting takes."""
+    small_study(tmp_path)
+    path = tmp_path / ("made/cube.nc" if key == "cube" else "given.x")
+    path.parent.mkdir(exist_ok=True)
     if kind == "pipe":
         os.mkfifo(path)
-    code, message = check(tmp_path, path=path)
-    assert code == 2
-    assert f"the study file {path} cannot be read" in message
+    elif kind in ("device", "circle"):
+        path.symlink_to("/dev/zero" if kind == "device" else path)
+    elif kind == "folder":
+        path.mkdir()
+    elif kind == "huge":
+        with open(path, "wb") as file:
+            file.truncate(2**36)
+    study = None if key == "study" else TEXT.replace(old, new.replace("{}", str(path))).encode()
+    started, before = time.monotonic(), peak_memory()
+    code, message = check(tmp_path, study or b"", path=path if key == "study" else None)
+    assert time.monotonic() - started < 2.0
+    assert peak_memory() - before < 500.0
+    if key == "cube" and kind in ("missing", "circle"):
+        assert code == 0
+    else:
+        assert code in (2, 4)
+        assert str(path) in message
+
+
+RATES = "PGA [g],rate\n"
+NRML = '<nrml><hazardCurves IMT="PGA" investigationTime="50"></hazardCurves></nrml>'
+BAD_HAZARDS = {
+    "measure": "PGV [cm/s],rate\n1,1e-2\n9,1e-3\n", "unit": "PGA [cm/s],rate\n1,1e-2\n9,1e-3\n",
+    "no unit": "PGA,rate\n0.1,1e-2\n0.2,1e-3\n", "kind": "PGA [g],often\n0.1,1e-2\n0.2,1e-3\n",
+    "rising": RATES + "0.1,1e-3\n0.2,1e-2\n", "levels in no order": RATES + "0.2,1e-2\n0.1,1e-3\n",
+    "nan": RATES + "0.1,nan\n0.2,1e-3\n", "inf": RATES + "inf,1e-2\n0.2,1e-3\n",
+    "negative": RATES + "0.1,1e-2\n0.2,-1e-3\n", "level 0": RATES + "0,-1\n0.2,1e-3\n",
+    "above 1": "PGA [g],poe_50\n0.1,1.5\n0.2,0.5\n", "one row": RATES + "0.1,1e-2\n",
+    "heads only": RATES, "text": RATES + "a,b\nc,d\n", "cells": RATES + "0.1,1e-2,3\n0.2,1e-3\n",
+    "twice": "PGA [g],rate,rate\n0.1,1,1\n0.2,.1,.1\n", "empty": "", "binary": "\0\1\2" * 50,
+    "no XML": "<nrml", "no site": NRML, "other XML": "<html></html>",
+    "entity": f'<!DOCTYPE a [<!ENTITY e SYSTEM "file:///etc/passwd">]>{NRML}&e;',
+    "bomb": '<!DOCTYPE a [<!ENTITY a "aa"><!ENTITY b "&a;&a;">]><nrml>&b;</nrml>',
+    "latin-1": b"PGA [g],rate\n0.1,1e-2 \xe9\n", "years": "PGA [g],poe_0\n0.1,.5\n0.2,.1\n",
+    "passwd": None,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", BAD_HAZARDS)
+def test_a_bad_hazard_is_refused_before_anything_runs(tmp_path, kind):
+    small_study(tmp_path)
+    path, content = tmp_path / "hazard.csv", BAD_HAZARDS[kind]
+    if content is None:
+        path = "/etc/passwd"
+    else:
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    study = TEXT.replace("method:", f"risk: {{hazard: {path}}}\nmethod:").encode()
+    started = time.monotonic()
+    code, message = check(tmp_path, study)
+    assert (code, str(path) in message) == (2, True)
+    ran = CliRunner().invoke(main, ["run", str(tmp_path / "small.yaml")])
+    assert time.monotonic() - started < 5.0
+    assert (ran.exit_code, ran.stderr) == (code, message)
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(

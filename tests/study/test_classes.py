@@ -3,19 +3,29 @@
 import json
 from dataclasses import dataclass
 
+import lxml.etree
+import lxml.html
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
+from click.testing import CliRunner
 
+from archfrag.cli import main
 from archfrag.fragility.counts import Verdict
+from archfrag.report.answer import summary
+from archfrag.report.inputs import report_inputs
+from archfrag.report.page import render
+from archfrag.report.summary import reading_scale
 from archfrag.study.batch import BatchLog, run_batch
 from archfrag.study.config import Study, load_study
 from archfrag.study.cube import write_cube
+from archfrag.study.design import Hazard
 from archfrag.study.fits import fit_cube
 from archfrag.study.members import members
 from archfrag.study.plan import make_plan
 from archfrag.study.records import prepare_motions
-from archfrag.study.steps import finish, stale_steps
+from archfrag.study.steps import finish, stale_steps, step_names
 from tests.study.small import in_process, small_study
 
 TEXT = """\
@@ -74,6 +84,8 @@ def made(path):
     with xr.open_dataset(write_cube(study)) as opened:
         cube = opened.load()
     fit_cube(study)
+    for step in step_names(study)[:-1]:
+        finish(study, step)
     return Made(study, log, cube, json.loads((study.folder / "fits.json").read_text()))
 
 
@@ -136,6 +148,85 @@ class TestCurves:
     def test_one_record_for_each_arch_gives_a_class_only(self, classes):
         message = classes.fits["fits"]["own-0001"]["none"]
         assert "only one record" in message
+
+
+class TestOneCurve:
+    """A class has one curve in risk, report and exports: the mean of those of its arches."""
+
+    NAMES = ("slab", "own", "fleet", "alone")
+
+    @staticmethod
+    def called(classes, command, *arguments):
+        path = classes.study.folder.parent / "small.yaml"
+        result = CliRunner().invoke(main, [command, str(path), *map(str, arguments)])
+        assert result.exit_code == 0, result.output
+        return result
+
+    @pytest.fixture
+    def hazard(self, tmp_path):
+        path = tmp_path / "hazard.csv"
+        path.write_text("PGA [g],rate\n0.01,0.1\n0.1,1e-2\n0.5,8e-4\n3,1e-5\n")
+        return path
+
+    def test_its_rate_is_the_mean_of_those_of_its_arches(self, classes, hazard):
+        given = "--hazard", hazard, "--json"
+        one, every = (
+            json.loads(self.called(classes, "risk", *given, *more).stdout)["arches"]
+            for more in ((), ("--members",))
+        )
+        assert tuple(one) == self.NAMES
+        assert len(every) == 11 + 3
+        assert every["slab"] == one["slab"]
+        for name, arches in (("slab", [f"slab-000{i}" for i in range(1, 5)]), ("fleet", "ab")):
+            mean = np.mean([every[arch]["rate"] for arch in arches])
+            assert one[name]["rate"] == pytest.approx(mean, rel=1e-6)
+            assert one[name]["rate_band"][0] < mean < one[name]["rate_band"][1]
+            levels = np.mean([every[arch]["rate_by_level"] for arch in arches], axis=0)
+            np.testing.assert_allclose(one[name]["rate_by_level"], levels, rtol=1e-6)
+        fell = (classes.cube["verdict"].values[:4] == Verdict.COLLAPSED).sum()
+        assert sum(part["collapses"] for part in one["slab"]["by_mechanism"]) == fell
+
+    def test_every_export_holds_it_and_no_arch_of_it_unless_asked(self, classes, tmp_path):
+        formats = [f"--format={name}" for name in ("nrml-continuous", "pelicun", "in-core", "csv")]
+        result = self.called(classes, "export", *formats, "--out", tmp_path)
+        assert "4 arches; --members" in result.stderr
+        stated = pd.read_csv(tmp_path / "classes-parameters.csv").query("limit_state=='collapse'")
+        assert tuple(stated["arch"]) == self.NAMES
+        stored = classes.fits["classes"]["slab"]["curve"]
+        theta, beta = stated.iloc[0][["theta_si", "beta"]]
+        assert (theta, beta) == pytest.approx((stored["theta"], stored["beta"]), rel=1e-12)
+        assert tuple(pd.read_csv(tmp_path / "classes-pelicun.csv")["ID"]) == self.NAMES
+        assert {path.name for path in tmp_path.glob("*in-core*")} == {
+            f"classes-in-core-{name}.json" for name in self.NAMES
+        }
+        xml = lxml.etree.parse(tmp_path / "classes-fragility-continuous.xml")
+        assert tuple(xml.xpath("//*[local-name()='fragilityFunction']/@id")) == self.NAMES
+        mean = float(xml.xpath("//*[local-name()='params'][@ls='collapse']/@mean")[0])
+        assert mean * 9.80665 == pytest.approx(theta * np.exp(beta**2 / 2))
+        self.called(classes, "export", "--format=csv", "--members", "--out", tmp_path / "all")
+        every = pd.read_csv(tmp_path / "all" / "classes-curves.csv")
+        curves = every.query("limit_state=='collapse'").pivot(index="im", columns="arch")
+        curves = curves["probability"]
+        members = curves[[f"slab-000{i}" for i in range(1, 5)]].mean(axis=1)
+        np.testing.assert_allclose(curves["slab"], members, rtol=1e-9, atol=1e-12)
+
+    def test_report_and_summary_have_one_beta(self, classes, hazard):
+        risk = Hazard(hazard=str(hazard))
+        study = classes.study.model_copy(update={"risk": risk})
+        inputs = report_inputs(study)
+        page = lxml.html.document_fromstring(render(inputs))
+        rows = page.xpath('//table[@aria-label="Rates of collapse"]/tbody/tr/th')
+        assert [row.text for row in rows] == [
+            "slab, 4 arches", "own, 4 arches", "fleet, 2 arches", "alone"
+        ]  # fmt: skip
+        slab = summary(inputs, reading_scale(inputs.cube, "PGA"))["classes"][0]
+        assert slab["curve"]["beta"] == classes.fits["classes"]["slab"]["curve"]["beta"]
+        assert slab["curve"]["maximum_likelihood"] is None
+        (dispersion,) = page.xpath('//section[@id="class0"]//dl[1]/div[2]/dd[1]')
+        assert dispersion.text == f"{slab['curve']['beta']:#.3g}"
+        missing = classes.study.model_copy(update={"risk": Hazard(hazard="no.csv")})
+        page = lxml.html.document_fromstring(render(report_inputs(missing)))
+        assert "no.csv" in page.xpath('string(//section[@id="risk"])')
 
 
 class TestGrowing:

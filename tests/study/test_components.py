@@ -93,6 +93,55 @@ class TestVertical:
         assert np.allclose(both["three:HNN"].vertical, wave(frequency=3.0))
 
 
+class TestPairs:
+    """RotD50 of files that each hold one component."""
+
+    ROTATED = TEXT.replace("PGA", "RotD50(PGA)")
+
+    def study(self, tmp_path, names, text=ROTATED):
+        path = small_study(tmp_path, text)
+        for old in (tmp_path / "records").iterdir():
+            old.unlink()
+        for number, name in enumerate(names):
+            text = at2_text(0.2 * wave(frequency=1.0 + number))
+            (tmp_path / "records" / f"{name}.AT2").write_text(text)
+        return load_study(path)
+
+    @pytest.mark.parametrize(
+        "names",
+        [
+            ["quake1", "quake2", "quake3", "quake4"], ["001", "002"], ["test1", "test2"],
+            ["e1", "e2"], ["norcia", "torcia"], ["max", "may"], ["000", "090", "180", "270"],
+            [f"r{number:03}" for number in range(1, 100)], [f"q_{c}" for c in "ENRTXY"],
+            ["x.E", "x.X"], ["S16W", "S16E"], ["20160824013632", "20160824013722"],
+        ],
+    )  # fmt: skip
+    def test_names_that_are_alike_are_no_pair(self, tmp_path, names):
+        with pytest.raises(RecordError, match="has no other horizontal component"):
+            check_study(self.study(tmp_path, names))
+
+    @pytest.mark.parametrize(
+        "names",
+        [
+            ("ARL090", "ARL360"), ("H-E05140", "H-E05230"), ("A.EW2", "A.NS2"), ("T-N", "T-W"),
+            ("HI.A..HNE.D", "HI.A..HNN.D"), ("A.HN1", "A.HN2"), ("17_H1.cor", "17_H2.cor"),
+            ("C_S16W", "C_N74W"), ("ELCL", "ELCT"), ("a_x", "a_y"), ("a_0", "a_90"),
+        ],
+    )  # fmt: skip
+    def test_directions_at_right_angles_are_and_validate_names_them(self, tmp_path, names):
+        one, other = (f"{name}.AT2" for name in names)
+        study = self.study(tmp_path, names)
+        found = check_study(study).partners
+        assert sorted(found) == sorted([f"{one} with {other}", f"{other} with {one}"])
+        logs = {name: motion.log for name, motion in stored(study).items()}
+        assert any(f"from {other}" in line for line in logs[names[0]])
+
+    def test_numbered_files_have_no_vertical_in_common(self, tmp_path):
+        text = TEXT.replace(FILES, f"{FILES}\n  vertical: true")
+        with pytest.raises(RecordError, match="has no vertical component"):
+            check_study(self.study(tmp_path, ["1", "2", "3", "V"], text))
+
+
 class TestProcessing:
     def test_the_measure_is_that_of_the_processed_record(self, tmp_path):
         text = TEXT.replace("measure: PGA", "measure: Arias").replace("unit: g", "unit: m/s")
@@ -151,11 +200,11 @@ class TestProcessing:
         [
             (
                 "[bandpas]",
-                r"motions\.processing\[0\].*bandpas.* is no known key; did you mean band",
+                r"motions\.processing\[0\].*bandpas.* is no known step; did you mean band",
             ),
-            ("[{filter: {}}]", r"processing\[0\]\.filter is no known key; allowed are demean, "),
+            ("[{filter: {}}]", r"processing\[0\]\.filter is no known step; allowed are demean, "),
             ("[{bandpass: {low: 1}}]", r"processing\[0\]\.bandpass\.low is no known key; did you"),
-            ("[{bandpass: {}}]", r"must have lowest, highest or both \[Hz\]"),
+            ("[bandpass]", r"must have lowest, highest or both of bandpass \[Hz\], such as"),
             ("[{trim: {}}]", r"must have one of arias, threshold_g and times, not 0"),
             ("[{trim: {arias: [0.9, 0.1]}}]", r"must have arias increase"),
             ("[{rotate: {}}]", r"must have one of azimuth and angle"),

@@ -1,15 +1,36 @@
 """Curves of a cube's runs that no other test of studies makes."""
 
+import json
+from dataclasses import replace
+
+import lxml.html
 import numpy as np
 import pytest
 import xarray as xr
 
 from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import Fragility
+from archfrag.report.inputs import report_inputs
+from archfrag.report.page import render
+from archfrag.study.batch import run_batch
 from archfrag.study.comparisons import _above, dispersion_split
+from archfrag.study.config import load_study
 from archfrag.study.cube import write_cube
 from archfrag.study.curves import POINTS, Answer, Runs, answer, likeliest
-from archfrag.study.fits import cautions_of_cube, design_cautions, open_cube, undecided
+from archfrag.study.fits import (
+    cautions_of_cube,
+    coarse_levels,
+    design_cautions,
+    events_caution,
+    fit_cube,
+    fit_text,
+    open_cube,
+    standing_again,
+    undecided,
+)
+from archfrag.study.records import prepare_motions
+from archfrag.study.steps import finish, step_names
+from tests.study.small import ROOT, TEXT, in_process, small_study
 
 LEVELS = np.geomspace(0.1, 10.0, 60)
 
@@ -62,10 +83,141 @@ class TestTwoFidelities:
 def test_a_limit_state_below_the_onset_of_motion_has_no_curve():
     fit = Fragility(0.744, 0.252, np.eye(2), 0.0, 9, 90, "stripes")
     message = _above(fit, 0.862)
-    assert message.startswith("it would give a probability of 0.72 at the onset of motion")
+    assert "0.72" in message
     assert _above(fit, 0.4) is fit
     assert _above(fit, 0.0) is fit
     assert _above(None, 0.862) is None
+
+
+def simulated(path):
+    """A study with its cube, all of it up to date."""
+    study = load_study(path)
+    prepare_motions(study)
+    with in_process():
+        run_batch(study, workers=1, quiet=True)
+    write_cube(study)
+    return fitted(study)
+
+
+def fitted(study):
+    """A study with a cube, and its fits anew."""
+    fit_cube(study)
+    for step in step_names(study)[:-1]:
+        finish(study, step)
+    return study, json.loads((study.folder / "fits.json").read_text())
+
+
+class TestUnits:
+    """All between study file and report is in SI: no unit of the levels changes an answer."""
+
+    TEXT = f"""\
+id: units
+title: Units
+output: out-{{unit}}
+arches:
+  - {{{{id: ring, profile: circular, radius: 10.0, thickness: 1.5, embrace: 157.5, voussoirs: 7,
+     friction: 0.7}}}}
+motions:
+  index: {ROOT / "records" / "index.csv"}
+  select: [syn-m55-r005, syn-m55-r030, syn-m60-r020, syn-m65-r005, syn-m65-r050, syn-m70-r020,
+    syn-m75-r010, syn-m75-r060]
+intensity: {{{{measure: {{measure}}, unit: {{unit}}, levels: {{levels}}}}}}
+method: {{{{name: time_stepping, dt: 2.0e-3, follow: 2.0}}}}
+"""
+    LEVELS = (0.4, 1.0, 1.6, 2.2, 2.8)  # [g]
+    DAMAGE = ("residual", "rotation", "contact lost", "collapse")
+
+    @staticmethod
+    def states(fits):
+        """Curve of each limit state, or None."""
+        states = fits["arches"]["ring"]["more"]["limit_states"]["states"]
+        return {s["name"]: s["curve"] if "theta" in s["curve"] else None for s in states}
+
+    def test_limit_states_are_the_same_in_every_unit(self, tmp_path):
+        def written(measure, unit, levels):
+            name = unit.replace("/", "")
+            text = self.TEXT.format(measure=measure, unit=unit, levels=list(levels))
+            (tmp_path / f"{name}.yaml").write_text(text.replace(f"out-{unit}", f"out-{measure}"))
+            return tmp_path / f"{name}.yaml"
+
+        study, in_g = simulated(written("PGA", "g", self.LEVELS))
+        page = lxml.html.document_fromstring(render(report_inputs(study)))
+        rows = page.xpath('//table[@aria-label="Limit states of ring"]/tbody/tr')
+        shown = {row[0].text: row[2].text for row in rows}
+        for unit, factor in (("m/s2", 9.80665), ("cm/s2", 980.665)):
+            path = written("PGA", unit, [round(factor * level, 6) for level in self.LEVELS])
+            found = fitted(load_study(path))[1]  # of the same cube
+            assert self.states(found) == self.states(in_g)
+            assert found["arches"]["ring"]["curve"] == in_g["arches"]["ring"]["curve"]
+        _, in_pgv = simulated(written("PGV", "cm/s", (32.0, 85.0, 138.0, 190.0, 243.0)))
+        assert list(self.states(in_pgv)) == list(self.states(in_g))
+        for fits in (in_g, in_pgv):
+            assert {k for k, curve in self.states(fits).items() if curve} == set(self.DAMAGE)
+        for name in self.DAMAGE:
+            theta = self.states(in_g)[name]["theta"]
+            assert float(shown[name]) == pytest.approx(theta / 9.80665, rel=5e-3)
+
+    def test_an_error_names_levels_in_the_unit_of_the_study(self, copied):
+        path = write_cube(copied.study)
+        cube = xr.load_dataset(path)
+        cube["verdict"][:] = Verdict.STANDING
+        cube.to_netcdf(path)
+        assert "above 1.2 g" in fit_cube(copied.study)["ring"].curve
+
+
+class TestRunsWithoutVerdict:
+    def test_theta_is_given_with_all_of_them_as_collapses_and_as_survivals(self, copied):
+        path = write_cube(copied.study)
+        cube = xr.load_dataset(path)
+        cube["verdict"][:] = [[0, 0, 1], [0, 1, 1]]
+        cube["verdict"][0, 0, 1] = Verdict.SOLVER_FAILURE
+        cube.to_netcdf(path)
+        found = fit_cube(copied.study)
+        assert found["slab"].more["without_verdict"] == {}
+        lost = found["ring"].more["without_verdict"]
+        assert lost["runs"] == 1
+        for name, verdict in (("collapsed", Verdict.COLLAPSED), ("standing", Verdict.STANDING)):
+            cube["verdict"][0, 0, 1] = verdict
+            cube.to_netcdf(path)
+            assert lost[name] == fit_cube(copied.study)["ring"].curve.to_dict()
+        assert lost["collapsed"]["theta"] < lost["standing"]["theta"]
+        low, high = (f"{lost[k]['theta'] / 9.80665:.4g} g" for k in ("collapsed", "standing"))
+        text = fit_text(copied.study, "ring", found["ring"])
+        assert f"1 run has no verdict: the median is {low} if all collapse, {high}" in text
+
+
+class TestCloud:
+    """Records as they are, of which no factor was chosen so that some cause collapse."""
+
+    @pytest.mark.parametrize(
+        ("factor", "records", "reason"),
+        [(0.01, "*", "no run collapsed"), (20.0, "*", "every run of the cloud collapsed"),
+         (4.0, "wave0*", "only one record")],
+    )  # fmt: skip
+    def test_ends_with_a_report_that_states_why_there_is_no_curve(
+        self, tmp_path, factor, records, reason
+    ):
+        text = TEXT.replace("levels: [0.1, 0.6, 1.2]", "levels: [1.0]")
+        text = text.replace("records/*.AT2", f"records/{records}.AT2")
+        path = small_study(tmp_path, f"{text}design: {{kind: cloud, factor: {factor}}}\n")
+        study, _ = simulated(path)
+        page = lxml.html.document_fromstring(render(report_inputs(study)))
+        shown = page.xpath('string(//section[@id="arch1"])')
+        assert reason in shown
+        assert "error in archfrag" not in shown
+
+    def test_a_part_that_cannot_be_made_is_left_out(self, copied, monkeypatch):
+        from archfrag.study import comparisons
+
+        def spoiled(*_):
+            raise ValueError("spoiled")
+
+        write_cube(copied.study)
+        for name in ("measures_compared", "limit_states"):
+            monkeypatch.setattr(comparisons, name, spoiled)
+        study, _ = fitted(copied.study)
+        page = lxml.html.document_fromstring(render(report_inputs(study)))
+        assert page.xpath('string(//section[@id="arch0"])').count("ValueError: spoiled") == 2
 
 
 class TestDispersionOfAClass:
@@ -89,17 +241,15 @@ class TestDispersionOfAClass:
     @pytest.mark.parametrize("largest", [20.0, 1.5])
     def test_arches_that_withstand_the_largest_level_count(self, largest):
         runs, answers, parts = self.made(largest)
-        found = dispersion_split(runs, answers)
+        beta = float(np.hypot(*parts))
+        found = dispersion_split(runs, answers, beta)
         assert found["beta_model"] == pytest.approx(parts[0], rel=0.1)
         assert found["beta_record_to_record"] == pytest.approx(parts[1], rel=0.1)
-        assert found["combined"] == pytest.approx(
-            np.hypot(found["beta_model"], found["beta_record_to_record"])
-        )
-        assert found["n_arch"] == 30
+        assert np.hypot(*found.values()) == pytest.approx(beta, rel=1e-12)
 
     def test_without_two_curves_there_is_none(self):
         runs, answers, _ = self.made(1.5)
-        found = dispersion_split(runs[:2], [answers[0], Answer("no curve", "no curve")])
+        found = dispersion_split(runs[:2], [answers[0], Answer("no curve", "no curve")], 0.4)
         assert "one arch has no modelling dispersion" in found["none"]
 
 
@@ -122,16 +272,17 @@ def test_of_a_study_they_name_the_arch_and_its_unit(copied):
     cube = xr.load_dataset(path)
     cube["verdict"][:] = Verdict.STANDING
     cube.to_netcdf(path)
-    *standing, last = cautions_of_cube(copied.study, open_cube(copied.study))
+    none = dict.fromkeys(("ring", "slab"), Answer("no curve", "no curve"))
+    *standing, last = cautions_of_cube(copied.study, open_cube(copied.study), none)
     assert [text.split(";")[0] for text in standing] == [
-        f"{name}: 2 of 2 records stand at 1.2 g, the highest level: theta rests on the others "
-        "and on the shape of the curve" for name in ("ring", "slab")
+        f"{name}: 2 of 2 records stand at 1.2 g, the highest level, and no run collapsed, so "
+        "there is no curve: add higher levels" for name in ("ring", "slab")
     ]  # fmt: skip
     assert last.startswith("all records are of one earthquake (Test)")
     cube["verdict"][1, :, 2] = Verdict.UNFINISHED
     cube["scale_factor"][0, 1] = 11.0
     cube.to_netcdf(path)
-    first, ring, second, _ = cautions_of_cube(copied.study, open_cube(copied.study))
+    first, ring, second, _ = cautions_of_cube(copied.study, open_cube(copied.study), none)
     assert ring.startswith("ring: 2 of 2")
     assert first.startswith("slab: more than 5 % of the runs")
     assert "(most: 2 of 2 at 1.2 g)" in first
@@ -145,4 +296,30 @@ def test_contradictions_of_a_fleet_are_one_message():
 
     assert [text.split(":")[0] for text in found(3)] == ["a0", "a1", "a2"]
     (one,) = found(50)
-    assert one.startswith("50 arches: 100 of 700 runs at random contradict")
+    assert one.startswith("50 arches: 100 of 700 checks near the border contradict")
+
+
+def test_records_that_stand_again_are_cautioned_above_a_fifth():
+    verdict = np.tile(np.array([0, 0, 1, 1], np.int8), (10, 1))
+    verdict[:2, 1:3] = [1, 0]
+    assert standing_again(verdict) == ""
+    verdict[2, 1:3] = [1, 0]
+    assert standing_again(verdict).startswith("3 of 10 records stand again")
+
+
+def test_levels_coarser_than_the_dispersion_are_cautioned():
+    levels = np.array([1.0, 1.2, 1.5])
+    curve = Fragility(1.3, 0.25, np.eye(2), 0.0, 3, 30, "posterior")
+    assert coarse_levels(levels, curve) == ""
+    assert "0.22 apart in ln" in coarse_levels(levels, replace(curve, beta=0.2))
+
+
+@pytest.mark.parametrize(
+    ("events", "expected"),
+    [(8, ""), (4, ""), (3, "the 24 records are of 3 earth"), (1, "all records are of one")],
+)
+def test_one_to_three_earthquakes_are_cautioned(events, expected):
+    names = [f"e{i % events}" for i in range(24)]
+    found = events_caution(xr.Dataset({"event": ("record", names)}))
+    assert found.startswith(expected)
+    assert bool(found) is bool(expected)

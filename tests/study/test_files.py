@@ -1,10 +1,20 @@
 """Files appear full or not at all."""
 
-import pytest
+import os
+import re
+import subprocess
 
-from archfrag.errors import OutputError
-from archfrag.study.files import replacing, source_hash, sweep
-from tests.study.small import files
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+from archfrag.cli import main
+from archfrag.errors import OutputError, RecordError
+from archfrag.files import WORK, replacing, sweep, temporary_prefix, write_csv
+from archfrag.motions.index import load_index, write_index
+from archfrag.study.files import write_text
+from tests.study.small import ROOT, files, write_at2
 
 
 def test_a_file_is_replaced_only_at_the_end(tmp_path):
@@ -31,26 +41,104 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_else(tmp_path, full_disk):
     assert files(tmp_path) == {"a.txt": b"old"}
 
 
-def test_sweeping_removes_what_a_killed_run_left_and_nothing_else(tmp_path):
-    (tmp_path / "parts").mkdir()
-    left = [".cube.nc.ab_1.tmp", "parts/.000001-ab.npz.x9z.tmp", ".report.html.k2_"]
-    kept = [".archfrag.lock", "cube.nc", "parts/000001-ab.npz", ".hidden"]
-    for name in left + kept:
-        (tmp_path / name).write_text("")
+def test_sweeping_removes_what_a_killed_process_left_and_nothing_else(tmp_path):
+    """A temporary name gives its process; that of this test is alive, that of `true` is not."""
+    left = subprocess.Popen(["true"])
+    left.wait()
+    mine = temporary_prefix()
+    gone = mine.replace(f"-{os.getpid()}-", f"-{left.pid}-")
+    elsewhere = gone.replace(".archfrag-", ".archfrag-elsewhere_")
+    (tmp_path / "parts" / f"{gone}folder_1.tmp").mkdir(parents=True)
+    (tmp_path / "parts" / f"{gone}folder_1.tmp" / "half.npz").touch()
+    swept = [f"{gone}abcdefg1.tmp", f"parts/{gone}abcdefg2.tmp", f"{elsewhere}abcdefg3.tmp"]
+    kept = [
+        f"{mine}abcdefg4.tmp", f"{elsewhere}abcdefg5.tmp", f"{gone}notes.tmp", "cube.nc",
+        ".study.yaml.swp", ".notes.csv.bak", ".results.json.orig", ".thesis.html.k2_0.tmp",
+    ]  # fmt: skip
+    for name in swept + kept:
+        (tmp_path / name).touch()
+    os.utime(tmp_path / swept[2], (1.0e9, 1.0e9))
+    os.symlink(tmp_path / "parts", tmp_path / f"{gone}abcdefg6.tmp")
     sweep(tmp_path)
     found = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()}
     assert found == set(kept)
+    assert (tmp_path / "parts").is_dir()
 
 
-def test_source_hash_states_edits_in_any_file_of_a_folder(tmp_path, monkeypatch):
-    monkeypatch.setattr("archfrag.study.files.PACKAGE", tmp_path)
-    (tmp_path / "folder").mkdir()
-    (tmp_path / "folder" / "a.py").write_text("a = 1\n")
-    (tmp_path / "b.py").write_text("b = 1\n")
-    before = source_hash("folder", "b.py")
-    assert source_hash("folder", "b.py") == before
-    (tmp_path / "folder" / "a.py").write_text("a = 2\n")
-    after = source_hash("folder", "b.py")
-    assert after != before
-    (tmp_path / "b.py").write_text("b = 2\n")
-    assert source_hash("folder", "b.py") != after
+def test_a_temporary_file_lives_in_the_hidden_folder_of_the_results(tmp_path):
+    for name in ("out", "elsewhere"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "out" / WORK).mkdir()
+    (tmp_path / "elsewhere" / WORK).symlink_to(tmp_path / "out")
+    for name, place in (("out", tmp_path / "out" / WORK), ("elsewhere", tmp_path / "elsewhere")):
+        with replacing(tmp_path / name / "cube.nc") as temporary:
+            assert temporary.parent == place
+        assert (tmp_path / name / "cube.nc").is_file()
+
+
+def test_files_follow_the_umask(tmp_path):
+    before = os.umask(0o077)
+    try:
+        write_text(tmp_path / "a.txt", "text")
+        write_csv(tmp_path / "a.csv", [pd.DataFrame({"a": [1]})])
+    finally:
+        os.umask(before)
+    assert {path.stat().st_mode & 0o777 for path in tmp_path.iterdir()} == {0o600}
+
+
+def test_cells_that_a_spreadsheet_would_compute_are_quoted_in_every_csv(tmp_path):
+    """And come back as they were; numbers are not touched."""
+    cells = ["=cmd|'calc'!A1", "@SUM(1)", "+1+1", "-x", "-0.5", "plain"]
+    row = {
+        "id": "a",
+        "file": "-a.AT2",
+        "unit": "g",
+        "event": cells[0],
+        "=head": "-1",
+        "dt_s": 0.01,
+    }
+    text = write_index(tmp_path, [row]).read_text()
+    assert "'-a.AT2" in text
+    assert f"'{cells[0]}" in text
+    (entry,) = load_index(tmp_path)
+    assert entry.path == tmp_path / "-a.AT2"
+    assert [entry.metadata[key] for key in ("event", "dt_s")] == [cells[0], 0.01]
+    write_csv(tmp_path / "a.csv", [pd.DataFrame({"=a": cells, "b": -1.0})])
+    stored = pd.read_csv(tmp_path / "a.csv")
+    assert list(stored) == ["'=a", "b"]
+    assert stored["'=a"].tolist() == [*(f"'{cell}" for cell in cells[:4]), *cells[4:]]
+    places = [
+        path
+        for path in (ROOT / "pipeline" / "archfrag").rglob("*.py")
+        if any(word in path.read_text() for word in (".to_csv(", "csv.writer", "DictWriter"))
+    ]
+    assert [path.name for path in places] == ["files.py"]
+
+
+def test_what_a_terminal_would_obey_is_shown(tmp_path):
+    name = "\x1b]0;owned\x07\u202egpj\x9b2J.AT2"
+    write_at2(tmp_path / name, np.sin(np.arange(100.0)), 0.01)
+    for command in ("inspect", "measure"):
+        more = ["--out", str(tmp_path / "no" / "f.csv")] if command == "measure" else []
+        shown = CliRunner().invoke(main, ["records", command, str(tmp_path / name), *more]).output
+        assert not set("\x1b\x07\u202e\x9b") & set(shown)
+        assert (command == "measure") or "\\u001b]0;owned\\u0007\\u202egpj" in shown
+    # Lines of ours about memory and progress go directly to the terminal, no others.
+    direct = {path.name: path.read_text().count("click.echo(")
+              for path in (ROOT / "pipeline" / "archfrag").rglob("cli*.py")}  # fmt: skip
+    assert {name: n for name, n in direct.items() if n} == {"cli_records.py": 1, "cli.py": 3}
+
+
+@pytest.mark.parametrize(
+    ("row", "part"),
+    [
+        ("a/b,a.AT2,g", "id 'a/b' must have at most 255 characters, no /"),
+        ('"a\nb",a.AT2,g', "no line breaks"),
+        (f"{'a' * 5000},a.AT2,g", "must have at most 255 characters"),
+        ("a,a.AT2,g,more", "line 2: has more cells than the 3 columns"),
+    ],
+)
+def test_rows_of_an_index_that_no_result_could_name(tmp_path, row, part):
+    (tmp_path / "index.csv").write_text(f"id,file,unit\n{row}\n")
+    with pytest.raises(RecordError, match=re.escape(part)):
+        load_index(tmp_path)

@@ -104,7 +104,7 @@ def test_a_bad_table_is_one_message(tmp_path, old, new, message):
     ("text", "message"),
     [
         ("id,radius\n", "must have a line for each arch below its first line"),
-        (TABLE.encode("utf-16"), "fleet.csv is no text in UTF-8"),
+        (TABLE.encode("utf-16"), "fleet.csv is not text in UTF-8"),
         (TABLE.replace(",", ";"), "line 1: a column id is missing (commas must be between them)"),
     ],
     ids=["no row", "utf-16", "semicolons"],

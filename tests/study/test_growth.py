@@ -9,7 +9,7 @@ import xarray as xr
 import archfrag as af
 from archfrag.study.batch import run_batch
 from archfrag.study.config import load_study
-from archfrag.study.cube import forget_other_code, write_cube
+from archfrag.study.cube import write_cube
 from archfrag.study.fits import fit_cube
 from archfrag.study.records import load_record, prepare_motions
 from tests.study.small import TEXT, assert_compliant, small_study, write_at2
@@ -68,7 +68,6 @@ def test_runs_are_kept_when_a_study_goes_back_and_forth(tmp_path, here, capfd, d
         for text in (TEXT, GROWN["level"](TEXT)):
             study = study_of(tmp_path, design, text)
             log, _ = cube_of(study, quiet=False)
-            forget_other_code(study)
             assert (log.kept == log.runs) or not kept
     # How many runs there will be is shown only where it is known, so that nothing goes back.
     shown = capfd.readouterr().err

@@ -38,7 +38,7 @@ class TestGrid:
         exact = 2e-3 * fit.theta**-2.0 * np.exp(2.0 * fit.beta**2)
         assert found.rate.rate == pytest.approx(exact, rel=1e-9)
         assert found.by_curve["0.84"] == pytest.approx(2.0 * found.rate.rate, rel=1e-12)
-        assert found.rate.lower < found.rate.rate < found.rate.upper
+        assert found.rate.lower < found.rate.rate < found.rate.mean < found.rate.upper
 
     def test_everything_adds_up_to_the_rate(self, grid):
         found = risk_of(*grid, HAZARD).arches["ring"]
@@ -56,12 +56,38 @@ class TestGrid:
         found = risk_of(data, fits, HAZARD).arches["ring"].by_magnitude
         assert found.fraction[found.categories.index("6 to 6.5")] == pytest.approx(1.0)
 
+    def test_bands_draw_earthquakes_with_all_their_records(self, grid):
+        data, fits = grid
+        alike = np.arange(30) // 6
+        data = data.assign(magnitude=("record", 6.2 + alike % 2))
+        width = []
+        for event in (np.full(30, ""), alike.astype(str)):
+            known = data.assign(event=("record", event))
+            found = risk_of(known, fits, HAZARD).arches["ring"].by_magnitude
+            width.append((found.upper - found.lower).max())
+        assert width[1] > 1.5 * width[0]
+
     def test_short_hazard_curve_is_cautioned(self, grid):
         short = Hazard("PGA", "made up", {"mean": HazardCurve([0.2, 1.0], [0.05, 2e-3])})
         found = risk_of(*grid, short).arches["ring"]
         assert found.rate.above > 0.9
+        assert found.rate.quoted == pytest.approx(found.rate.rate * (1.0 - found.rate.above))
+        assert np.isnan([found.rate.mean, found.rate.lower, found.rate.upper]).all()
+        assert found.cautions[0].startswith("most of the rate is from outside the hazard curve")
         assert any("above the last point of the hazard curve" in each for each in found.cautions)
         assert not risk_of(*grid, HAZARD).arches["ring"].rate.outside > 0.05
+
+    def test_hardly_any_collapse_gives_neither_fractions_nor_intervals(self, grid):
+        data, fits = grid
+        verdict = data["verdict"] * 0
+        verdict[0, 3, -1] = 1
+        data = data.assign(verdict=verdict)
+        found = risk_of(data, fits, HAZARD).arches["ring"].by_mechanism
+        assert found.counts.sum() == 1
+        assert np.isnan(found.lower).all()
+        steep = Hazard("PGA", "made up", {"mean": HazardCurve(IM, 2e-3 * IM**-6.0)})
+        assert found.shown.any()
+        assert not risk_of(data, fits, steep).arches["ring"].by_mechanism.shown.any()
 
 
 class TestDesigns:
@@ -140,7 +166,8 @@ class TestCommand:
         out = folder / "risk.json"
         result = self.call(*study, "--hazard", hazard, "--json", "--out", out, "--years", 100)
         assert result.exit_code == 0, result.output
-        assert self.call(*study, "--hazard", hazard, "--years", 0).exit_code == 2
+        for option, value in (("years", 0), ("confidence", 2), ("confidence", "nan")):
+            assert self.call(*study, "--hazard", hazard, f"--{option}", value).exit_code == 2
         facts = json.loads(result.stdout)
         assert json.loads(out.read_text()) == facts
         ring = facts["arches"]["ring"]
@@ -149,3 +176,20 @@ class TestCommand:
         assert ring["rate_by_hazard_curve"]["0.84"] == pytest.approx(2.0 * ring["rate"])
         assert sum(ring["rate_by_level"]) == pytest.approx(ring["rate"])
         assert facts["hazard"]["curves"]["mean"]["im"] == pytest.approx([0.01, 0.1, 3.0])
+
+    def test_no_curve_at_all(self, finished):
+        study, hazard, folder = finished
+        path = folder / "out" / FITS
+        kept = path.read_bytes()
+        made = json.loads(kept)
+        made["arches"]["ring"]["curve"] = {"none": "nothing fell"}
+        try:
+            write_text(path, json.dumps(made))
+            finish(load_study(study[0], study[2:]), "fit")
+            result = self.call(*study, "--hazard", hazard)
+        finally:
+            write_text(path, kept.decode())
+            finish(load_study(study[0], study[2:]), "fit")
+        assert result.exit_code == 6
+        assert "ring: no rate, since there is no curve: nothing fell" in result.stdout
+        assert result.stderr == "archfrag: error: there is no rate, since no arch has a curve\n"

@@ -7,14 +7,15 @@ import pytest
 from obspy import Trace
 
 from archfrag.cli import main
-from archfrag.errors import InputError
+from archfrag.errors import InputError, RecordError
 from archfrag.study.config import load_study
+from archfrag.study.cube import write_cube, write_timings
 from archfrag.study.plan import make_plan
 from archfrag.study.records import load_prepared, prepare_motions
 from archfrag.study.steps import finish, stale_steps
 from archfrag.study.store import Gathered
 from archfrag.study.worker import run_chunk
-from tests.study.small import TEXT, make_runs, small_study, write_at2
+from tests.study.small import TEXT, files_below, make_runs, small_study, write_at2
 
 INDEX = "id,file,unit\nwave0,wave0.mseed,m/s2\n"
 
@@ -43,11 +44,6 @@ def steps(path, *names):
         if result.exit_code != 0:
             break
     return result.exit_code, result.stderr
-
-
-def contents(folder):
-    """All files below a folder with their contents."""
-    return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
 def test_a_record_more_or_less(tmp_path):
@@ -80,6 +76,51 @@ def test_the_unit_in_the_index(tmp_path):
     assert prepare_motions(study)[0].factor == pytest.approx(100 * first)
 
 
+def test_files_that_change_places_are_noticed_and_touched_ones_are_not(tmp_path):
+    """Two records of one name exchanged, and an index in the folder above."""
+    for name, number in (("eq1", 1), ("eq2", 2)):
+        (tmp_path / name).mkdir()
+        write_at2(tmp_path / name / "H1.AT2", np.sin(number * np.arange(150.0)), 0.01)
+    files = [tmp_path / name / "H1.AT2" for name in ("eq1", "eq2")]
+    (tmp_path / "eq1" / "index.csv").write_text("id,file\none,H1.AT2\n")
+    study = prepared(tmp_path, TEXT.replace('"records/*.AT2"', "eq1/H1.AT2, eq2/H1.AT2"))
+    os.utime(files[0])
+    assert stale_steps(study)[0][0] == "batch-0of1"
+    os.rename(files[0], tmp_path / "between")
+    os.rename(files[1], files[0])
+    os.rename(tmp_path / "between", files[1])
+    stale, changed = stale_steps(study)
+    assert stale[0] == "motions"
+    assert [line.split(" has changed")[0] for line in changed] == [f"record {f}" for f in files]
+    prepare_motions(study)
+    finish(study, "motions")
+    os.rename(tmp_path / "eq1" / "index.csv", tmp_path / "index.csv")
+    assert stale_steps(study)[1] == [
+        f"index {tmp_path / 'eq1' / 'index.csv'} is gone", f"index {tmp_path / 'index.csv'} is new"
+    ]  # fmt: skip
+
+
+def test_what_only_the_cube_states_is_noticed(tmp_path):
+    """Another name of the same unit; a column of a table that gives what is the default."""
+    table = tmp_path / "table.csv"
+    table.write_text("id,width,depth\none,0.4,1.0\n")
+    many = (
+        "  - {id: many, table: table.csv, profile: block, height: 2.0, friction: .inf}\nmotions:"
+    )
+    text = TEXT.replace("motions:", many).replace("unit: g", "unit: gal")
+    study = prepared(tmp_path, text.replace("[0.1, 0.6, 1.2]", "[100, 600]"))
+    make_runs(make_plan(study))
+    finish(study, "batch-0of1")
+    write_cube(study)
+    write_timings(study)
+    finish(study, "cube")
+    assert stale_steps(study)[0] == ["fit", "report"]
+    unit = load_study(tmp_path / "small.yaml", ["intensity.unit=cm/s2"])
+    assert stale_steps(unit)[0] == ["cube", "fit", "report"]
+    table.write_text("id,width\none,0.4\n")
+    assert stale_steps(study)[0] == ["cube", "fit", "report"]
+
+
 @pytest.mark.parametrize("named", [False, True])
 def test_an_inventory(tmp_path, named):
     (tmp_path / "records").mkdir()
@@ -93,7 +134,11 @@ def test_an_inventory(tmp_path, named):
     assert stale[0] == "motions"
     assert changed[0].startswith(f"inventory {inventory} has changed (sha256 ")
     inventory.unlink()
-    assert stale_steps(study)[1] == [f"inventory {inventory} is gone"]
+    if named:
+        with pytest.raises(RecordError, match=r"stations\.xml cannot be read"):
+            stale_steps(study)
+    else:
+        assert stale_steps(study)[1] == [f"inventory {inventory} is gone"]
 
 
 def test_new_motions_take_the_place_of_old_ones_together_or_not_at_all(done, tmp_path):
@@ -101,13 +146,13 @@ def test_new_motions_take_the_place_of_old_ones_together_or_not_at_all(done, tmp
     path = small_study(tmp_path)
     assert steps(path, "motions")[0] == 0
     study = load_study(path)
-    digest, before = make_plan(study).digest, contents(tmp_path / "out")
+    digest, before = make_plan(study).digest, files_below(tmp_path / "out")
     write_at2(tmp_path / "records" / "wave0.AT2", np.sin(np.arange(150.0)), 0.01)
     (tmp_path / "records" / "wave1.AT2").write_text("garbage")
     code, messages = steps(path, "motions")
     assert code == 2
     assert "wave1.AT2" in messages
-    assert contents(tmp_path / "out") == before
+    assert files_below(tmp_path / "out") == before
     assert make_plan(study).digest == digest
     make_runs(make_plan(study))
     assert (

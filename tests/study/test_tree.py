@@ -123,6 +123,12 @@ class TestLock:
         path.write_text(json.dumps(tree.identity() | {"host": "elsewhere"}))
         with pytest.raises(OutputError, match=r"\(process \d+ on elsewhere\)"), only_run(study):
             pass
+        for seconds in (1.0e5, -100.0):  # a date to come is of a clock that is wrong
+            path.write_text(json.dumps(tree.identity() | {"host": "elsewhere"}))
+            os.utime(path, (time.time() + seconds,) * 2)
+            with only_run(study) as lock:
+                assert lock.stopped.endswith("on elsewhere")
+        path.write_text(json.dumps(tree.identity() | {"host": "elsewhere"}))
         os.utime(path, (time.time() - 100.0,) * 2)
         with only_run(study) as lock:
             assert lock.stopped.endswith("on elsewhere")

@@ -78,7 +78,7 @@ class TestMeasures:
         found = spectral_acceleration(af.Motion(record, 0.01), period)[0]
         validated(
             "noise of 20 s under a window", f"Sa({period:g} s)", found,
-            rate**2 * np.abs(shift).max(), "scipy lsim at a sixteenth of the step", rel=1.5e-3,
+            rate**2 * np.abs(shift).max(), "scipy lsim at a sixteenth of the step", rel=1e-3,
             unit="m/s²",
         )  # fmt: skip
 

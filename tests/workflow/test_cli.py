@@ -20,7 +20,7 @@ ARCH = ["--radius", "10", "--thickness", "1.5", "--embrace", "157.5", "--voussoi
 
 
 COMMANDS = ("onset", "simulate", "records", "validate", "warmup", "run", "motions", "batch",
-            "cube", "fit", "report", "risk", "export", "evidence")  # fmt: skip
+            "cube", "fit", "report", "risk", "export", "clean", "evidence")  # fmt: skip
 RECORDS = ("inspect", "measure", "select", "convert", "fetch", "make")
 
 
@@ -57,6 +57,8 @@ class TestHelp:
         assert min(took) < 0.3
 
     def test_every_command_explains_itself(self):
+        assert "..." not in call("--help").output.split("Commands:")[1]
+        assert "..." not in call("records", "--help").output.split("Commands:")[1]
         for command in COMMANDS:
             assert command in call(command, "--help").output.split("\n", 1)[0]
             assert command in call("--help").output
@@ -137,6 +139,14 @@ class TestValidate:
         assert sorted(tmp_path.rglob("*")) == before
 
     @pytest.mark.skipif(sys.platform != "linux", reason="file names are UTF-8 elsewhere")
+    def test_of_very_many_arches_some_are_checked(self, tmp_path, monkeypatch):
+        monkeypatch.setattr("archfrag.study.members.MOST_CHECKED", 3)
+        vary = "samples: 8, of: {density: {distribution: uniform, start: 1800, stop: 2000}}"
+        text = TEXT.replace("friction: .inf}", f"friction: .inf, vary: {{{vary}}}}}")
+        result = call("validate", small_study(tmp_path, text))
+        assert result.exit_code == 0
+        assert "6 of 9 arches were not checked; the run checks all" in result.stderr
+
     def test_names_that_are_no_text_are_refused(self, tmp_path, monkeypatch):
         path = small_study(tmp_path)
         odd = os.fsencode(tmp_path) + b"/\xfe"

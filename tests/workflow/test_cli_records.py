@@ -200,9 +200,14 @@ class TestFetch:
         assert result.exit_code == 7
         kinds = [entry["kind"] for entry in json.loads(result.stdout)["failures"]]
         assert kinds == ["no data", "service"]
-        assert "1 of 2 failures may pass" in result.stderr.splitlines()[-1]
+        assert "1 request failed; try again later" in result.stderr.splitlines()[-1]
         centre.faults.pop(("dataselect", "BOTH"))
         done(*self.arguments(centre, tmp_path))
+        # What may not pass, and nothing of former times either.
+        centre.faults |= {("dataselect", name): 204 for name in ("NEAR", "BOTH", "SLOW")}
+        result = call(*self.arguments(centre, tmp_path / "none"))
+        assert result.exit_code == 2
+        assert "no record was fetched" in result.stderr.splitlines()[-1]
 
 
 class TestMake:
@@ -241,7 +246,7 @@ class TestMake:
     @pytest.mark.parametrize(
         ("options", "start"),
         [
-            (["--vertical"], "--events is missing (2 more keys are wrong too)"),
+            (["--vertical"], "--events, --magnitude, --distance-km are missing"),
             (["--magnitude", "6,x"], "--magnitude 6,x: "),
             (["--magnitude", "6", "--events", "1", "--distance-km", "5,400"],
              "--distance-km[1] = 400.0 must be less than or equal to 300"),

@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 import random
+import shutil
 import signal
 import socket
 import subprocess
@@ -126,13 +127,47 @@ def test_a_run_ends_with_a_report_and_a_line_for_each_step(finished):
 NOTHING = "archfrag: nothing to do: all results are up to date\n"
 
 
+def written(folder):
+    """All that is below a folder, with what a write would change."""
+    places = [place for place in (folder, *folder.rglob("*")) if ".snakemake" not in place.parts]
+    return {place: (place.stat().st_ino, place.stat().st_mtime_ns) for place in places}
+
+
 def test_what_is_done_is_not_done_again(finished):
+    """Nothing is written: results on a disk that allows none are results too."""
     path = finished[0]
     out = path.parent / "out"
-    before = (out / "cube.nc").stat().st_mtime_ns
+    before = written(out)
     code, stdout, stderr = run(path)
     assert (code, stdout, stderr) == (0, f"report: {out / 'report.html'}\n", NOTHING)
-    assert (out / "cube.nc").stat().st_mtime_ns == before
+    assert CliRunner().invoke(main, ["results", str(path)]).exit_code == 0
+    assert written(out) == before
+
+
+@pytest.mark.parametrize(
+    ("asked", "shown"),
+    [(["-n"], "batch "), (["--dag"], "digraph"), (["--report", "{}/report.html"], ""),
+     (["--list-rules"], "motions")],
+)  # fmt: skip
+def test_what_asks_snakemake_only_changes_nothing(finished, tmp_path, asked, shown):
+    """Of a study that is not done, without --cores; without a study an error names the option."""
+    path, study = finished[0], tmp_path / "other.yaml"
+    text = path.read_text().replace("[0.1, ", "[0.2, ").replace("output: out", "output: OUT")
+    study.write_text(text.replace("OUT", str(path.parent / "out")).replace(
+        "records/*", str(path.parent / "records" / "*")))  # fmt: skip
+    before = written(path.parent)
+    command = [sys.executable, "-m", "snakemake", "--snakefile", snakefile()]
+    command += [each.format(tmp_path) for each in asked]
+    done, none = (
+        subprocess.run([*command, *more], cwd=tmp_path, capture_output=True, text=True)
+        for more in (["--config", f"study={study}"], [])
+    )
+    assert done.returncode == 0, done.stderr
+    assert shown in done.stdout + done.stderr
+    assert written(path.parent) == before
+    assert none.returncode == 1
+    assert "no study is given; add --config study=FILE" in none.stdout + none.stderr
+    assert run(path)[2] == NOTHING
 
 
 def test_export_of_what_is_finished_and_of_nothing_else(finished, tmp_path):
@@ -178,8 +213,12 @@ def test_edits_and_another_record_with_an_older_date_are_noticed_and_named(finis
     time_ = np.arange(150) * 0.01
     write_at2(record, 0.2 * np.sin(9.0 * time_) * np.sin(np.pi * time_ / 1.5), 0.01)
     os.utime(record, (1.0e9, 1.0e9))
+    (out / "export").mkdir()
+    (out / "export" / "small.xml").write_text("of the results before")
     code, _, stderr = run(path, *TITLE)
     assert code == 0, stderr
+    assert f"{out / 'export'}: 1 file older than the results" in stderr
+    shutil.rmtree(out / "export")
     assert f"archfrag: record {record} has changed (sha256 " in stderr
     assert "Another title" in (out / "report.html").read_text()
     assert sha256(out / "cube.nc") != before

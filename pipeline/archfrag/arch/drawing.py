@@ -1,5 +1,6 @@
 """Arches from DXF drawings, and drawings of arches: the only place that imports ezdxf."""
 
+import codecs
 import io
 from collections import Counter
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.errors import GeometryError
-from archfrag.files import make_folder, replacing
+from archfrag.files import make_folder, read_bytes, replacing
 
 if TYPE_CHECKING:
     from archfrag.arch.model import Arch
@@ -23,7 +24,7 @@ UNITS = {
 }  # fmt: skip
 LAYER = "VOUSSOIRS"
 SMALLEST, LARGEST = 0.05, 300.0  # drawing of an arch [m]; beyond them the unit was mistaken
-LARGEST_FILE = 100_000_000  # [bytes]
+LARGEST_FILE, MOST_CORNERS = 20_000_000, 20_000  # [bytes], of all blocks together
 # What may stand beside blocks and is none; anything else might be a block.
 _IGNORED = {
     "TEXT", "MTEXT", "ATTDEF", "ATTRIB", "DIMENSION", "ARC_DIMENSION", "LEADER", "MLEADER",
@@ -62,7 +63,7 @@ def read_drawing(path: str | Path, layer: str | None = None, unit: str | None = 
     entities = [entity for entity in document.modelspace() if not entity.dxf.invisible]
     layer = _layer_of(entities, layer, path)
     scale = _scale(document, unit, path)
-    found = Drawing([], [], [], [])
+    found, corners = Drawing([], [], [], []), 0
     for entity in entities:
         kind = entity.dxftype()
         if entity.dxf.layer.casefold() != layer.casefold() or kind in _IGNORED:
@@ -75,6 +76,9 @@ def read_drawing(path: str | Path, layer: str | None = None, unit: str | None = 
         else:
             found.outlines.append(_outline(entity, name, scale))
             found.names.append(name)
+            corners += len(found.outlines[-1])
+            if corners > MOST_CORNERS:
+                raise GeometryError(f"{name}: the blocks have more than {MOST_CORNERS} corners")
     every = np.concatenate([outline[:, :2] for outline in found.outlines])
     size = float(np.ptp(every, axis=0).max())
     if not SMALLEST <= size <= LARGEST:
@@ -90,29 +94,35 @@ def _document(path: Path) -> Any:
     """The file as ezdxf reads it."""
     import ezdxf
 
+    content = read_bytes(path, LARGEST_FILE, GeometryError, "the drawing")
     try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise GeometryError(f"{path}: must have at most {LARGEST_FILE} bytes")
+        if content.startswith(codecs.BOM_UTF8):
+            return ezdxf.read(io.StringIO(content.decode("utf-8-sig", "surrogateescape")))
         return ezdxf.readfile(path)
-    except GeometryError:
-        raise
-    except OSError as error:
-        reason = error.strerror or str(error)
+    except OSError:
+        raise GeometryError(f"{path}: is not a DXF file") from None
     except Exception as error:  # whatever a damaged file leads ezdxf to
-        reason = f"{type(error).__name__}: {error}"
-    raise GeometryError(f"{path}: is no DXF file that can be read ({reason})")
+        reason = str(error).splitlines()[:1] or [type(error).__name__]
+        raise GeometryError(
+            f"{path}: is damaged or cut off ({reason[0]}); save it again as DXF from the drawing "
+            "program"
+        ) from None
 
 
 def _layer_of(entities: list[Any], layer: str | None, path: str | Path) -> str:
     """The layer that is asked for, or the only one with polylines."""
     kinds = ("LWPOLYLINE", "POLYLINE")
     layers = Counter(e.dxf.layer for e in entities if e.dxftype() in kinds)
-    listed = ", ".join(f"{name} ({count})" for name, count in sorted(layers.items())) or "none"
+    if not layers:
+        raise GeometryError(
+            f"{path}: its model space has no polylines (blocks and paper space are not read)"
+        )
+    listed = ", ".join(f"{name} ({count})" for name, count in sorted(layers.items()))
     if layer is None:
         if len(layers) == 1:
             return str(next(iter(layers)))
         raise GeometryError(
-            f"{path}: which layer has the blocks must be given; layers with polylines: {listed}"
+            f"{path}: give the layer that has the blocks; layers with polylines: {listed}"
         )
     if layer.casefold() not in map(str.casefold, layers):
         raise GeometryError(
@@ -153,6 +163,8 @@ def _outline(entity: Any, name: str, scale: float) -> FloatArray:
         )
     if kind == "POLYLINE" and entity.dxf.flags & 0b110:
         raise GeometryError(f"{name} is a fitted curve; its sides must be straight or arcs")
+    if not np.isfinite(points).all():
+        raise GeometryError(f"{name} has a coordinate that is not a finite number")
     axis = entity.dxf.extrusion
     if not abs(abs(axis.z) - 1.0) < 1e-9:
         raise GeometryError(f"{name} does not lie in the plane x, y (its extrusion is {axis})")
@@ -165,7 +177,7 @@ def _outline(entity: Any, name: str, scale: float) -> FloatArray:
     points = points[:-1] if repeated else points
     apart = np.hypot(*(np.roll(points[:, :2], -1, axis=0) - points[:, :2]).T) > 1e-9 * size
     points = points[apart]
-    if len(points) < 3 or not np.isfinite(points).all():
+    if len(points) < 3:
         raise GeometryError(f"{name} has {len(points)} corners; a block must have at least 3")
     return points * [scale, scale, 1.0]
 

@@ -269,10 +269,13 @@ def _refuse_gap(given: _Polygons, order: list[int]) -> NoReturn:
     rest = sorted(set(range(len(shapes))) - set(order))
     gaps = {(one, other): shapes[one].distance(shapes[other]) for one in order for other in rest}
     one, other = min(gaps, key=lambda pair: gaps[pair])
+    gap, name = gaps[one, other], given.drawn.names[other]
+    touching = f"touches {name} but has no edge in common with it"
+    apart = f"has no edge in common with {name}, {gap:.3g} m away"
     given.refuse(
         one,
-        f"has no edge in common with {given.drawn.names[other]}, {gaps[one, other]:.3g} m away; "
-        f"all must form one chain, and edges of neighbours agree to {given.tolerance:.3g} m",
+        f"{touching if gap <= given.tolerance else apart}; all must form one chain, and edges of "
+        f"neighbours agree to {given.tolerance:.3g} m",
     )
 
 

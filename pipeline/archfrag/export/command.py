@@ -1,6 +1,7 @@
 """Export a study: its curves and runs, in the formats asked for."""
 
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -15,10 +16,11 @@ from archfrag.export.curve_set import CurveSet, Made, crossing
 from archfrag.export.formats import FORMATS, written
 from archfrag.export.receivers import named_measure
 from archfrag.export.runs import facts_table, runs_table
+from archfrag.files import write_csv
 from archfrag.fragility.curve import Fragility
 from archfrag.study.config import Study
 from archfrag.study.cube import CUBE
-from archfrag.study.curves import Answer, curve_of_dict
+from archfrag.study.curves import Answer, arch_classes, curve_of_dict, quoted
 from archfrag.study.files import make_folder, sha256_of, write_text
 from archfrag.study.fits import FITS, load_answers, open_cube
 from archfrag.study.provenance import commit
@@ -48,8 +50,12 @@ class Exported:
         }
 
 
-def export_study(study: Study, formats: Sequence[str], folder: Path | None = None) -> Exported:
+def export_study(
+    study: Study, formats: Sequence[str], folder: Path | None = None, members: bool = False
+) -> Exported:
     """Write curves and runs of a study in the formats of other programs.
+
+    A class of arches has one curve.
 
     Parameters
     ----------
@@ -59,6 +65,8 @@ def export_study(study: Study, formats: Sequence[str], folder: Path | None = Non
         Of nrml-continuous, nrml-discrete, pelicun, in-core, csv and parquet.
     folder : Path, optional
         ``export`` in the study's folder if not given. A file is written completely or not at all.
+    members : bool
+        Write curves of the arches of classes as well.
 
     Raises
     ------
@@ -74,7 +82,8 @@ def export_study(study: Study, formats: Sequence[str], folder: Path | None = Non
     require(study, "fit")
     wanted = list(dict.fromkeys(formats))
     with open_cube(study) as cube:
-        answers = load_answers(study.folder / FITS)
+        arches, classes = (load_answers(study.folder / FITS, of) for of in ("arches", "classes"))
+        answers = quoted(cube, arches, classes, members)
         curves, notes = study_curves(study, cube, answers)
         texts = {name: written(curves, name) for name in wanted if name in FORMATS}
         if "parquet" in wanted:
@@ -113,11 +122,19 @@ def study_curves(
         str(cube.attrs.get("archfrag_commit", "unknown")), sha256_of(study.folder / CUBE),
     )  # fmt: skip
     states, notes = _limit_states(answers)
+    number = Counter(arch_classes(cube).values())
+    classes = {name: number[name] for name in answers if number[name] > 1}
+    if len(answers) < cube.sizes["arch"] + len(classes):
+        notes += [
+            f"class {name!r} has one curve for its {count} arches; --members adds one for each"
+            for name, count in classes.items()
+        ]
     curves = CurveSet(
         {arch: states.get(arch, {}) | {"collapse": a.curve} for arch, a in answers.items()},
         study.intensity.measure,
         (float(np.nanmin(levels)), float(np.nanmax(levels))),
         made,
+        classes,
     )
     return curves, notes
 
@@ -163,11 +180,12 @@ def _write_tables(
     curves: CurveSet, every: Sequence[tables.Table], folder: Path, name: str
 ) -> list[tuple[str, Path]]:
     """Tables as CSV, with a JSON file that describes their columns; or as Parquet."""
-    facts = {"made": asdict(curves.made), "left_out": curves.left_out}
+    about = {name: curves.described(name) for name in curves.classes}
+    facts = {"made": asdict(curves.made), "classes": about, "left_out": curves.left_out}
     paths = [folder / f"{curves.made.study}-{table.name}.{name}" for table in every]
     for table, path in zip(every, paths):
         if name == "csv":
-            tables.write_csv(table, path)
+            write_csv(path, table.pieces)
         else:
             tables.write_parquet(table, path, facts)
     if name == "csv":

@@ -1,7 +1,7 @@
 """What is exported: the curves of several arches and limit states, and how they were made."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -41,6 +41,16 @@ class CurveSet:
     measure: str  # intensity measure, as `archfrag.motions.measures.parse_measure` reads it
     levels: tuple[float, float]  # lowest and highest intensity that was simulated [SI]
     made: Made
+    classes: Mapping[str, int] = field(default_factory=dict)  # of those, number of arches
+
+    def described(self, name: str) -> str:
+        """What a curve is of."""
+        if name not in self.classes:
+            return f"Masonry arch {name}"
+        return (
+            f"Class {name} of {self.classes[name]} masonry arches, each as likely as another; "
+            "median and dispersion are those of ln capacity over the class"
+        )
 
     @property
     def limit_states(self) -> tuple[str, ...]:
@@ -64,12 +74,15 @@ class CurveSet:
 
     @property
     def left_out(self) -> dict[str, str]:
-        """By arch, why it lacks a curve."""
-        why = {
-            arch: [f"{name}: {found}" for name, found in states.items() if isinstance(found, str)]
-            for arch, states in self.curves.items()
-        }
-        return {arch: "; ".join(reasons) for arch, reasons in why.items() if reasons}
+        """By arch, why it lacks a curve of collapse, or else of a limit state."""
+        why: dict[str, str] = {}
+        for arch, states in self.curves.items():
+            reasons = {name: found for name, found in states.items() if isinstance(found, str)}
+            if reasons:
+                severest = self.limit_states[-1]
+                each = "; ".join(f"{name}: {found}" for name, found in reasons.items())
+                why[arch] = reasons.get(severest, each)
+        return why
 
     def require_curves(self, receiver: str) -> dict[str, dict[str, Fragility]]:
         """`complete`, for a format that holds nothing but curves."""

@@ -1,6 +1,5 @@
 """Curves in the formats of other programs: OpenQuake's NRML 0.5, pelicun, IN-CORE's DFR3."""
 
-import csv
 import io
 import json
 import re
@@ -11,10 +10,12 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from archfrag.errors import InputError
 from archfrag.export.curve_set import CurveSet
 from archfrag.export.receivers import Named, named_measure
+from archfrag.files import write_csv
 
 NAMESPACE = "http://openquake.org/xmlns/nrml/0.5"
 # OpenQuake holds a curve constant above its highest level: 4 dispersions above the median that
@@ -87,10 +88,11 @@ def _model(curves: CurveSet, more: str) -> tuple[Named, ElementTree.Element, Ele
         root, "fragilityModel", id=name, assetCategory="masonry arches",
         lossCategory="structural",
     )  # fmt: skip
+    of = "".join(f" {curves.described(name)}." for name in curves.classes)
     left = "".join(f" No curve for {arch}: {why}." for arch, why in curves.left_out.items())
     ElementTree.SubElement(model, "description").text = (
         f"Probability of exceeding each limit state against {curves.measure} in {imt.unit}. {more}"
-        f"{curves.made.text}{imt.remark}{left}"
+        f"{curves.made.text}{imt.remark}{of}{left}"
     )
     ElementTree.SubElement(model, "limitStates").text = " ".join(curves.limit_states)
     return imt, root, model
@@ -119,15 +121,15 @@ def pelicun_table(curves: CurveSet) -> str:
     demand = named_measure("pelicun", curves.measure)
     complete = curves.require_curves("pelicun")
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     states = [f"LS{n + 1}" for n in range(len(curves.limit_states))]
     columns = [f"{ls}-{key}" for ls in states for key in ("Family", "Theta_0", "Theta_1")]
     fixed = "ID Incomplete Demand-Type Demand-Unit Demand-Offset Demand-Directional"
-    writer.writerow([*fixed.split(), *columns])
+    rows = []
     for arch, name in _ids(tuple(complete)).items():
         fits = complete[arch].values()
         values = [("lognormal", float(demand.factor * f.theta), float(f.beta)) for f in fits]
-        writer.writerow([name, 0, demand.name, demand.unit, 0, 1, *chain(*values)])
+        rows.append([name, 0, demand.name, demand.unit, 0, 1, *chain(*values)])
+    write_csv(text, [pd.DataFrame(rows, columns=[*fixed.split(), *columns])])
     return text.getvalue()
 
 
@@ -147,7 +149,7 @@ def pelicun_description(curves: CurveSet) -> str:
     }
     for arch, name in _ids(tuple(complete)).items():
         content[name] = {
-            "Description": f"Masonry arch {arch}",
+            "Description": curves.described(arch),
             "SuggestedComponentBlockSize": "1 EA",
             "RoundUpToIntegerQuantity": "True",
             "LimitStates": {
@@ -194,7 +196,7 @@ def in_core_sets(curves: CurveSet) -> dict[str, str]:
             for n, (state, fit) in enumerate(four)
         ]
         content = {
-            "description": f"Masonry arch {arch}. {curves.made.text}{demand.remark}",
+            "description": f"{curves.described(arch)}. {curves.made.text}{demand.remark}",
             "creator": f"archfrag {curves.made.archfrag}",
             "demandTypes": [demand.name],
             "demandUnits": [demand.unit],

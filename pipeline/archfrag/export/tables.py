@@ -11,10 +11,10 @@ import pandas as pd
 
 from archfrag.errors import InputError
 from archfrag.export.curve_set import CurveSet
+from archfrag.files import replacing
 from archfrag.fragility.bands import beta_interval, confidence_band, theta_interval
 from archfrag.fragility.curve import Fragility
 from archfrag.study.curves import Answer
-from archfrag.study.files import replacing
 
 _COVARIANCE = "covariance of the fit"
 _POINTS = 211
@@ -40,13 +40,6 @@ class Table(NamedTuple):
     name: str
     columns: dict[str, Described]
     pieces: Iterable[pd.DataFrame]
-
-
-def write_csv(table: Table, path: Path) -> None:
-    """Write a table as CSV: header, UTF-8, numbers to their last bit, nothing where none is."""
-    with replacing(path) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:
-        for number, piece in enumerate(table.pieces):
-            piece.to_csv(file, index=False, header=number == 0, lineterminator="\n")
 
 
 def write_parquet(table: Table, path: Path, facts: dict[str, Any]) -> None:
@@ -91,7 +84,7 @@ class Unit(NamedTuple):
 
 
 _LABELS = {
-    "arch": Described("name of the arch"),
+    "arch": Described("name of the arch, or of the class of arches"),
     "limit_state": Described("limit state; states go from the mildest to the severest"),
     "measure": Described("intensity measure"),
 }

@@ -80,8 +80,9 @@ def cloud_binary(
         if fell.all():
             many, side, what = "every", "below", "weaker"
         raise FitError(
-            f"{many} run of the cloud collapsed between {np.exp(x.min()):g} and "
-            f"{np.exp(x.max()):g}, so theta lies {side} them; add {what} records"
+            f"{many} run of the cloud collapsed between {{}} and {{}}, so theta lies {side} "
+            f"them; add {what} records",
+            *np.exp([x.min(), x.max()]),
         )
     # Each run once, then as drawn.
     weight = np.vstack([np.ones(x.size), resampling.draws(event, x.size)])
@@ -90,11 +91,11 @@ def cloud_binary(
         near = np.exp(0.5 * (x[fell].min() + x[~fell].max()))
         raise FitError(
             "the runs of the cloud that collapsed and those that stood do not overlap in "
-            f"intensity (perfect separation) near {near:g}, so beta tends to 0; add records there"
+            "intensity (perfect separation) near {}, so beta tends to 0; add records there"
             if lines.slope[0] > 0.0
             else "the fraction of collapses does not rise with intensity over the cloud; add "
-            "records"
-        )
+            "records", near,
+        )  # fmt: skip
     return _curve(np.stack(lines[:2], axis=1), lines.degenerate, resampling)
 
 
@@ -176,9 +177,11 @@ def _checked(im: ArrayLike, collapsed: ArrayLike) -> tuple[FloatArray, BoolArray
     codes = shaped(collapsed, (values.size,), "collapsed")
     if not np.isin(codes, (0, 1)).all():
         raise InputError("collapsed holds other values than 0 and 1; leave such runs out before")
+    if not values.size:
+        raise FitError("no run of the cloud collapsed or stood, so there is nothing to fit")
     if np.ptp(values) == 0.0:
         raise FitError(
-            f"all runs are at one intensity, {values[0]:g}, which gives no curve; add records"
+            "all runs are at one intensity, {}, which gives no curve; add records", values[0]
         )
     return np.log(values), codes.astype(bool)
 

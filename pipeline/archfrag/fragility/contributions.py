@@ -19,6 +19,7 @@ from archfrag.fragility.curve import BoolArray, FloatArray, IntArray, rising, sh
 from archfrag.fragility.runs import Resampling
 
 RESAMPLES = 1000
+LEAST_ASSIGNED = 0.05  # fraction of a rate that is divided by category
 NOT_KNOWN = "not known"
 
 
@@ -31,9 +32,17 @@ class Contributions:
     rate: FloatArray  #: (n_category, n_level), of collapse [1/year]
     unassigned: FloatArray  #: (n_level,), rate of levels with no collapse seen [1/year]
     fraction: FloatArray  #: (n_category,), of the rate that is assigned [1]; nan if none is
-    lower: FloatArray  #: (n_category,), band of `fraction` from resampled records
+    #: (n_category,), band of `fraction` from resampled earthquakes; nan of under two collapses.
+    lower: FloatArray
     upper: FloatArray
     confidence: float  #: two-sided
+
+    @property
+    def shown(self) -> BoolArray:
+        """Categories with a part of the rate, (n_category,); none if hardly any is assigned."""
+        assigned = float(self.rate.sum())
+        enough = np.bool_(assigned > LEAST_ASSIGNED * (assigned + float(self.unassigned.sum())))
+        return np.logical_and(self.rate.any(axis=1), enough)
 
 
 @dataclass(frozen=True)
@@ -104,14 +113,15 @@ def contributions(
     category: ArrayLike,
     categories: Sequence[str],
     *,
+    event: ArrayLike | None = None,
     seed: int = 1,
     confidence: float = 0.9,
 ) -> Contributions:
     """Divide the rate of collapse of each level by category.
 
     Rate of a category = sum over levels of rate(level) P(category | collapse, level). The band is
-    the percentile bootstrap of records, each with its collapses at all levels; a resample in
-    which a level has no collapse leaves the rate of this level out.
+    the percentile bootstrap of earthquakes, each with its records and their collapses at all
+    levels; a resample in which a level has no collapse leaves the rate of this level out.
 
     Parameters
     ----------
@@ -122,6 +132,8 @@ def contributions(
     category : array_like of int, (n_record, n_level)
         Position in `categories` of each run that collapsed; any number elsewhere.
     categories : sequence of str
+    event : array_like, (n_record,), optional
+        Earthquake of each record; if it is not given or empty, the record has one of its own.
     seed : int
         Of numpy's default generator.
     confidence : float
@@ -151,13 +163,14 @@ def contributions(
     counts = masks.sum(axis=1)
     rate = _rates(rates, counts)
     unassigned = np.where(counts.sum(axis=0) > 0, 0.0, rates)
-    times = resampling.multiplicities(len(fell))
+    times = resampling.draws(event, len(fell))
     drawn = _rates(rates, times @ masks).sum(axis=-1)  # (category, resample)
     total = drawn.sum(axis=0)
     lower = upper = np.full(len(names), np.nan)
     if total.any():
         known = drawn[:, total > 0.0] / total[total > 0.0]
         lower, upper = np.quantile(known, resampling.tails, axis=1)
+    lower, upper = np.where(counts.sum(axis=1) < 2, np.nan, [lower, upper])
     with np.errstate(invalid="ignore"):
         fraction = rate.sum(axis=1) / (rate.sum() or np.nan)
     return Contributions(names, counts, rate, unassigned, fraction, lower, upper, confidence)

@@ -1,6 +1,8 @@
 """The lognormal fragility curve, a band about a curve, and checks for all modules."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -35,7 +37,7 @@ class Fragility:
         Runs (stripes) or records (IDA) that were used.
     kind : str
         ``"stripes"``, ``"ida"`` (moments), ``"ida_truncated"``, ``"brackets"`` or
-        ``"posterior"`` (medians).
+        ``"posterior"`` (medians), or of a `Mixture` ``"mixture"``.
     """
 
     theta: float
@@ -45,6 +47,11 @@ class Fragility:
     n_levels: int
     n_total: int
     kind: str
+
+    @property
+    def parts(self) -> FloatArray:
+        """theta and beta of the lognormal curves that this one is the mean of, (n, 2)."""
+        return np.array([[self.theta, self.beta]])
 
     @property
     def standard_errors(self) -> FloatArray:
@@ -64,7 +71,8 @@ class Fragility:
         InputError
             If an intensity is negative or not a number.
         """
-        return ndtr((log_intensity(im) - np.log(self.theta)) / self.beta)
+        theta, beta = self.parts.T
+        return ndtr((log_intensity(im)[..., None] - np.log(theta)) / beta).mean(axis=-1)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, lists and strings, for JSON."""
@@ -85,7 +93,8 @@ class Fragility:
             If a key is missing.
         """
         try:
-            return cls(
+            kind = partial(Mixture, members=np.array(v)) if (v := values.get("members")) else cls
+            return kind(
                 theta=float(values["theta"]),
                 beta=float(values["beta"]),
                 covariance=np.array(values["covariance_ln_theta_beta"], dtype=float),
@@ -97,6 +106,39 @@ class Fragility:
             )
         except KeyError as error:
             raise InputError(f"a stored fragility lacks the key {error}") from error
+
+
+@dataclass(frozen=True)
+class Mixture(Fragility):
+    """Curve of a class of arches: the mean of the curves of its arches.
+
+    It is the probability that an arch collapses of which only its class is known. `theta` and
+    `beta` are those of the lognormal curve with the same mean and standard deviation of ln
+    capacity, the law of total variance on the curves of the arches.
+    """
+
+    members: FloatArray = field(compare=False)  #: theta and beta of each arch, (n_arch, 2)
+
+    @property
+    def parts(self) -> FloatArray:
+        """theta and beta of each arch, (n_arch, 2)."""
+        return self.members
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, lists and strings, for JSON."""
+        return super().to_dict() | {"members": self.members.tolist()}
+
+
+def mixture(pooled: Fragility, members: Sequence[Fragility]) -> Mixture:
+    """The mean of some curves; covariance and sizes are those of the curve of all their runs."""
+    theta, beta = np.array([[fit.theta, fit.beta] for fit in members]).T
+    plain = {each.name: getattr(pooled, each.name) for each in fields(Fragility)}
+    plain |= {
+        "theta": float(np.exp(np.log(theta).mean())),
+        "beta": float(np.sqrt((beta**2).mean() + np.log(theta).var())),
+        "kind": "mixture",
+    }
+    return Mixture(**plain, members=np.stack([theta, beta], axis=1))
 
 
 @dataclass(frozen=True)

@@ -61,8 +61,10 @@ def fit_stripes(im: ArrayLike, collapses: ArrayLike, n: ArrayLike) -> Fragility:
     curve = likeliest_curve(im, collapses, n)
     if curve is None:
         raise FitError(
-            f"the fraction of collapses does not rise with intensity over the levels from "
-            f"{im.min():g} to {im.max():g}, so no lognormal curve fits; add levels or records"
+            "the fraction of collapses does not rise with intensity over the levels from {} to "
+            "{}, so no lognormal curve fits; add levels or records",
+            im.min(),
+            im.max(),
         )
     return curve
 
@@ -192,9 +194,10 @@ def _fit(lower: FloatArray, upper: FloatArray, kind: str) -> Fragility:
     last, first = lower.max(), upper.min()
     if last <= first:
         raise FitError(
-            f"one capacity between {last:g} and {first:g} would agree with all {lower.size} "
-            "records, so beta tends to 0 and no dispersion can be estimated; add levels there, "
-            "or records"
+            f"one capacity between {{}} and {{}} would agree with all {lower.size} records, so "
+            "beta tends to 0 and no dispersion can be estimated; add levels there, or records",
+            last,
+            first,
         )
     if not np.any((lower > 0.0) & np.isfinite(upper)):
         raise FitError(
@@ -224,23 +227,25 @@ def _require_overlap(im: FloatArray, collapses: FloatArray, n: FloatArray) -> No
         raise FitError("no level has a run that collapsed or stood, so there is nothing to fit")
     low, high, fell, stood = im.min(), im.max(), im[collapses > 0], im[collapses < n]
     if not fell.size:
-        why = f"no run collapsed at any level: theta lies above {high:g}, the highest level tried"
-        raise FitError(f"{why}; add higher levels")
+        why = "no run collapsed at any level: theta lies above {}, the highest level tried"
+        raise FitError(f"{why}; add higher levels", high)
     if not stood.size:
-        why = f"every run collapsed at every level: theta lies below {low:g}, the lowest level"
-        raise FitError(f"{why} tried; add lower levels")
+        why = "every run collapsed at every level: theta lies below {}, the lowest level"
+        raise FitError(f"{why} tried; add lower levels", low)
     if low == high:
-        why = f"all runs are at one level, im = {low:g}, which cannot separate theta from beta"
-        raise FitError(f"{why}; add levels")
+        why = "all runs are at one level, im = {}, which cannot separate theta from beta"
+        raise FitError(f"{why}; add levels", low)
     first, last = fell.min(), stood.max()
     if first > last:
         raise FitError(
-            f"all runs stand up to {last:g} and all collapse from {first:g} (perfect "
-            f"separation), so beta tends to 0: theta lies between {last:g} and {first:g}; add "
-            "levels between them"
+            "all runs stand up to {0} and all collapse from {1} (perfect separation), so beta "
+            "tends to 0: theta lies between {0} and {1}; add levels between them",
+            last,
+            first,
         )
     if first == last:
         raise FitError(
-            f"only the level {first:g} has both collapses and standing runs (perfect "
-            f"separation), so beta tends to 0 and theta to {first:g}; add levels close to it"
+            "only the level {0} has both collapses and standing runs (perfect separation), so "
+            "beta tends to 0 and theta to {0}; add levels close to it",
+            first,
         )

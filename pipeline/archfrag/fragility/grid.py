@@ -7,7 +7,7 @@ c = 0 and x unknown.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,7 +23,7 @@ _ROWS, _NODES = 28, 28
 
 @dataclass(frozen=True)
 class LineGrid:
-    """Distribution of (a, b) of z = a + b x, row by row; the rows are even in ln b."""
+    """Distribution of (a, b) of z = a + b x, row by row; `line_grid` lays them even in ln b."""
 
     slope: FloatArray  #: (n_row,), b
     mass: FloatArray  #: (n_row,), sums to 1
@@ -31,6 +31,18 @@ class LineGrid:
     step: FloatArray  #: (n_row,)
     density: FloatArray  #: (n_row, n_node), of the intercept within its row
     below: FloatArray  #: (n_row, n_node), its integral up to the node
+
+    def flatter(self, variance: float, middle: float, stretch: float) -> "LineGrid":
+        """The same with `variance` added to the 1 / b^2 of each row, and its a / b kept.
+
+        Then ln b is stretched about ln `middle` by the factor `stretch`.
+        """
+        slope = middle * (self.slope**-2 + variance) ** (-0.5 * stretch) / middle**stretch
+        factor = slope / self.slope
+        return replace(
+            self, slope=slope, first=self.first * factor, step=self.step * factor,
+            density=self.density / factor[:, None],
+        )  # fmt: skip
 
     def probability(self, x: FloatArray, c: FloatArray) -> FloatArray:
         """P(a + b x <= c), shape of x and c."""
@@ -70,8 +82,8 @@ class LineGrid:
             return _cubic(place - node, low, high, density[node], density[node + 1]) - level
 
         rows = np.full(level.shape, self.mass.size - 1.0)
-        first, last = np.log(self.slope[[0, -1]])
-        return np.exp(first + (last - first) * root(less, 0.0 * rows, rows) / rows)
+        place = root(less, 0.0 * rows, rows)
+        return np.exp(np.interp(place, np.arange(self.mass.size), np.log(self.slope)))
 
     def correlation(self) -> float:
         """Of ln theta and beta, both cut at their 1 and 99 % quantiles."""

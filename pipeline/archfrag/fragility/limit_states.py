@@ -26,7 +26,7 @@ class LimitState:
     #: Kind "stripes" if fitted by itself, "ordered" if together with the others, "posterior" if
     #: the state has no likeliest curve.
     fit: Fragility | None
-    none: str = ""  #: why there is no likeliest curve; empty where there is
+    none: FitError | None = None  #: why there is no likeliest curve
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def fit_limit_states(exceeded: ArrayLike, im: ArrayLike, names: Sequence[str]) -
     if crossing:
         fits = _ordered(np.log(intensity.ravel()), flat[:, list(known)], list(known.values()))
         for i, fit in zip(known, fits, strict=True):
-            none = "" if fit.kind == "ordered" else states[i].none
+            none = None if fit.kind == "ordered" else states[i].none
             states[i] = replace(states[i], fit=fit, none=none)
         message = (
             f"Fitted one by one, the curves of {crossing} cross within the levels that were "
@@ -113,14 +113,15 @@ def _single(levels: FloatArray, column: IntArray, codes: IntArray, name: str) ->
     try:
         return LimitState(name, fit_stripes(levels, collapses, n))
     except FitError as error:
-        none = f"limit state {name!r} has no curve (to collapse means to exceed it): {error}"
+        why, at = f"(to collapse means to exceed it): {error.message}", error.levels
     fell, stood = levels[collapses > 0], levels[collapses < n]
     known = fell.size and stood.size and np.count_nonzero(n) > 1
+    start = f"limit state {name!r} has no"
     if not known or fell.min() < stood.max():
-        return LimitState(name, None, none)
+        return LimitState(name, None, FitError(f"{start} curve {why}", *at))
     fit = fit_posterior(levels, collapses, n).fragility
-    none = none.replace("has no curve", "has no likeliest curve")
-    return LimitState(name, fit, f"{none}; its curve is the median of the posterior")
+    text = f"{start} likeliest curve {why}; its curve is the median of the posterior"
+    return LimitState(name, fit, FitError(text, *at))
 
 
 def _crossing(states: list[LimitState], levels: FloatArray) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import chdtrc, log_ndtr, stdtr
+from scipy.special import log_ndtr, stdtr
 
 from archfrag.fragility.brackets import Brackets
 from archfrag.fragility.counts import Verdict
@@ -13,7 +13,7 @@ from archfrag.fragility.curve import BoolArray, FloatArray, IntArray
 from archfrag.fragility.lines import binomial_lines, inverse_mills, normal_lines
 
 SIGNIFICANCE = 0.05
-_LEAST = 5  # records with a covariate that its test needs
+_LEAST = 5  # earthquakes (of magnitude) or records (of distance) that a test needs
 
 
 @dataclass(frozen=True)
@@ -26,12 +26,6 @@ class MeasureRow:
     #: beta / exponent: dispersion of the amplitude at collapse of motions scaled to one value of
     #: the measure. The smaller the better; the same for a measure and its powers.
     efficiency: float
-    #: Slope of ln demand on ln im, demand being the margin ln(factor / factor at collapse): it is
-    #: 1 / exponent.
-    practicality: float
-    #: Dispersion of demand over practicality (Padgett, Nielson and DesRoches 2008, EESD 37): with
-    #: the margin as demand this is beta.
-    proficiency: float
     slope_magnitude: float  #: of ln capacity on magnitude
     p_magnitude: float  #: probability of so large a slope by chance
     slope_distance: float  #: of ln capacity on ln distance
@@ -118,65 +112,90 @@ def weighted_normal(known: LogCapacities, weight: FloatArray) -> tuple[FloatArra
     return mean, np.where(square > 0.0, np.sqrt(np.maximum(square, 0.0)), np.nan)
 
 
-def _testable(covariates: FloatArray) -> list[tuple[int, BoolArray]]:
-    """Covariates that enough runs know and that vary, and which runs know them."""
-    known = [(j, np.isfinite(values)) for j, values in enumerate(covariates)]
-    return [
-        (j, used)
-        for j, used in known
-        if np.count_nonzero(used) >= _LEAST and np.ptp(covariates[j, used]) > 0.0
-    ]
+def _tests(covariates: FloatArray, event: IntArray) -> list[tuple[int, BoolArray, IntArray]]:
+    """Covariates that can be tested, which runs know them, and what has one value of them.
+
+    Magnitude is the first: it belongs to the earthquake, and records of one resemble each other.
+    """
+    found = []
+    for j, values in enumerate(covariates):
+        used = np.isfinite(values)
+        groups = event if j == 0 else np.arange(values.size)
+        known, place = np.unique(groups[used], return_inverse=True)
+        if known.size >= _LEAST and np.ptp(values[used]) > 0.0:
+            found.append((j, used, place))
+    return found
 
 
-def _regressions(known: LogCapacities, covariate: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _sums(values: FloatArray, place: IntArray) -> FloatArray:
+    """Sum of the values at each place, (..., n_place)."""
+    return values @ (place[:, None] == np.arange(place.max() + 1)).astype(float)
+
+
+def _expected(known: LogCapacities) -> FloatArray:
+    """ln capacities, (n_measure, n_record); in the place of a bound what is expected beyond it."""
+    mean, deviation = (
+        part[:, None] for part in weighted_normal(known, np.ones((1, known.exact.size)))
+    )
+    with np.errstate(invalid="ignore"):
+        low, high = ((end - mean) / deviation for end in known[:2])
+        beyond = np.where(np.isfinite(low), inverse_mills(-low), -inverse_mills(high))
+        return np.where(known.exact, known.lower, mean + deviation * beyond)
+
+
+def _regressions(
+    known: LogCapacities, covariate: FloatArray, place: IntArray
+) -> tuple[FloatArray, FloatArray]:
     """Slope of ln capacity on a covariate, and p-value, in each measure.
 
-    A t test of the slope; where there are bounds, the likelihood ratio.
+    A t test of the slope of the means at each place. Where there are bounds, the slope is the
+    likeliest one.
     """
-    off, exact = covariate - covariate.mean(), known.exact
-    if exact.all():
-        y = known.lower - known.lower.mean(axis=1, keepdims=True)
-        slope = y @ off / (off @ off)
-        freedom = off.size - 2
-        residual = ((y - slope[:, None] * off) ** 2).sum(axis=1) / freedom
-        with np.errstate(divide="ignore", invalid="ignore"):
-            statistic = np.abs(slope) / np.sqrt(residual / (off @ off))
-        return slope, 2.0 * stdtr(freedom, -statistic)
-    slope, p_value = np.full((2, len(known.lower)), np.nan)
+    exact, count = known.exact, np.bincount(place)
+    off = _sums(covariate, place) / count
+    off -= off.mean()
+    y = _sums(_expected(known), place) / count
+    y -= y.mean(axis=1, keepdims=True)
+    slope, freedom = y @ off / (off @ off), off.size - 2
+    residual = ((y - slope[:, None] * off) ** 2).sum(axis=1) / freedom
+    with np.errstate(divide="ignore", invalid="ignore"):
+        p_value = 2.0 * stdtr(freedom, -np.abs(slope) / np.sqrt(residual / (off @ off)))
     if np.count_nonzero(exact) < 4:
-        return slope, p_value
-    once, constant = np.ones((1, off.size)), np.ones((off.size, 1))
-    design = np.column_stack([constant, off])
-    # Where the values lie on a line exactly the likelihood has no maximum.
-    y = known.lower[:, exact]
-    fitted = design[exact] @ np.linalg.lstsq(design[exact], y.T, rcond=None)[0]
-    sound = np.abs(y.T - fitted).max(axis=0) > 1e-9
-    ends = known.lower[sound], known.upper[sound]
-    without, found = normal_lines(constant, *ends, once), normal_lines(design, *ends, once)
-    slope[sound] = found.coefficients[:, 1]
-    p_value[sound] = chdtrc(1, np.maximum(2.0 * (without.loss - found.loss), 0.0))
+        return np.full_like(slope, np.nan), np.full_like(slope, np.nan)
+    if not exact.all():
+        design = np.column_stack([np.ones(covariate.size), covariate - covariate.mean()])
+        # Where the values lie on a line exactly the likelihood has no maximum.
+        y = known.lower[:, exact]
+        fitted = design[exact] @ np.linalg.lstsq(design[exact], y.T, rcond=None)[0]
+        sound = np.abs(y.T - fitted).max(axis=0) > 1e-9
+        ends = known.lower[sound], known.upper[sound]
+        slope[sound] = normal_lines(design, *ends, np.ones((1, covariate.size))).coefficients[:, 1]
     return slope, p_value
 
 
-def fit_verdicts(log_im: FloatArray, fell: FloatArray, covariates: FloatArray) -> MeasureFits:
+def fit_verdicts(
+    log_im: FloatArray, fell: FloatArray, covariates: FloatArray, event: IntArray
+) -> MeasureFits:
     """Probit lines of verdicts on ln im in each measure, and score tests of covariates.
 
     The score test asks whether a covariate, added to the line, would raise the likelihood (Rao
-    1948, Proc. Camb. Phil. Soc. 44); its first Newton step is the slope that is given. `log_im` is
-    (n_measure, n_run), `fell`, (n_run,), is 1 where the run collapsed and 0 where it stood.
+    1948, Proc. Camb. Phil. Soc. 44), by the scatter of the scores of earthquakes or records; its
+    first Newton step is the slope that is given. `log_im` is (n_measure, n_run), `fell`, (n_run,),
+    is 1 where the run collapsed and 0 where it stood.
     """
     lines = binomial_lines(log_im, np.broadcast_to(fell, log_im.shape), np.ones(log_im.shape))
     sound = ~lines.degenerate
     slopes, p_values = np.full((2, len(log_im), len(covariates)), np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
-        for j, used in _testable(covariates):
+        for j, used, place in _tests(covariates, event):
             x, k = log_im[:, used], fell[used]
             part = binomial_lines(x, np.broadcast_to(k, x.shape), np.ones(x.shape))
             z = part.intercept[:, None] + part.slope[:, None] * x
             score, information = _score(z, x, k, covariates[j, used])
             keep = ~part.degenerate & (information > 0.0) & sound
-            slopes[keep, j] = (-score / information / part.slope)[keep]
-            p_values[keep, j] = chdtrc(1, score**2 / information)[keep]
+            slopes[keep, j] = (-score.sum(axis=1) / information / part.slope)[keep]
+            one_sided = _by_chance(_sums(score, place))
+            p_values[keep, j] = 2.0 * np.minimum(one_sided, 1.0 - one_sided)[keep]
         parts = (-lines.intercept / lines.slope, 1.0 / lines.slope, -lines.loss)
         theta, beta, likelihood = (np.where(sound, part, np.nan) for part in parts)
         return MeasureFits(theta, beta, likelihood, slopes, p_values)
@@ -185,15 +204,42 @@ def fit_verdicts(log_im: FloatArray, fell: FloatArray, covariates: FloatArray) -
 def _score(
     z: FloatArray, x: FloatArray, fell: FloatArray, extra: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Score of an added covariate, and its information given the line z, (n_measure,) each."""
+    """Score of an added covariate by run, given the line z, and its information, (n_measure,)."""
     up, down = inverse_mills(z), inverse_mills(-z)
     first, weight = fell * up - (1.0 - fell) * down, up * down
     extra = extra - extra.mean()
     a, b, c = weight.sum(1), (weight * x).sum(1), (weight * x * x).sum(1)
     u, v = weight @ extra, (weight * x) @ extra
     determinant = np.where(a * c > b * b, a * c - b * b, np.inf)
-    taken = (c * u * u - 2.0 * b * u * v + a * v * v) / determinant
-    return first @ extra, weight @ (extra * extra) - taken
+    constant, slope = (c * u - b * v) / determinant, (a * v - b * u) / determinant
+    own = extra - constant[:, None] - slope[:, None] * x  # what the line does not hold of it
+    return first * own, (weight * own**2).sum(axis=1)
+
+
+def _by_chance(parts: FloatArray) -> FloatArray:
+    """Probability that independent parts of mean 0 have so large a sum, by Student's t, (...)."""
+    n = parts.shape[-1]
+    ratio = parts.sum(axis=-1) / np.sqrt((parts**2).sum(axis=-1))
+    return np.asarray(stdtr(n - 1, -ratio * np.sqrt((n - 1) / (n - ratio**2))))
+
+
+def scatter_by_chance(one: FloatArray, other: FloatArray, place: IntArray) -> float:
+    """Probability that `one` scatters so much more than `other` if both scatter alike.
+
+    They are known of the same records, (n_record,): their sum and difference are then not
+    correlated (Pitman 1939, Morgan 1939, Biometrika 31). Where both resemble each other within
+    events, which `place` numbers from 0, the records count as less.
+    """
+    difference, total = (part - part.mean() for part in (one - other, one + other))
+    squares, n = (difference @ difference) * (total @ total), one.size
+    pairs = max(int((np.bincount(place) ** 2).sum()) - n, 1)
+    alike = [max(0.0, (_sums(x, place) ** 2).sum() / (x @ x or 1.0) - 1.0)
+             for x in (difference, total)]  # fmt: skip
+    freedom = n / (1.0 + alike[0] * alike[1] * n / pairs) - 2.0
+    if squares == 0.0 or freedom <= 0.0:
+        return 1.0
+    correlation = difference @ total / np.sqrt(squares)
+    return float(stdtr(freedom, -correlation * np.sqrt(freedom / (1.0 - correlation**2))))
 
 
 class Compared(NamedTuple):
@@ -201,63 +247,61 @@ class Compared(NamedTuple):
 
     rows: tuple[MeasureRow, ...]
     merit: FloatArray  #: (n_measure,), the larger the better; nan where there is no curve
-    #: By how much one measure is better than another in each resample; nan if unknown.
-    better_by: Callable[[int, int], FloatArray]
+    #: Probability that one measure is so much better than another by chance.
+    by_chance: Callable[[int, int], float]
 
 
 def compare_grid(
     names: Sequence[str], found: Brackets, log_value: FloatArray, exponent: FloatArray,
-    covariates: FloatArray, times: FloatArray,
+    covariates: FloatArray, event: IntArray,
 ) -> Compared:  # fmt: skip
     """Capacities of records, as brackets of their scale factors.
 
-    `log_value` is (n_measure, n_record), `times`, how often each resample draws each record,
-    (n_draw, n_record).
+    `log_value` is (n_measure, n_record), `covariates` (n_covariate, n_record), the magnitude
+    first, `event` the number of each record's earthquake.
     """
     keep = found.decided > 0
     known, covariates = found.rows(keep), covariates[:, keep]
+    event = np.unique(event[keep], return_inverse=True)[1]
     capacities = log_capacities(known, log_value[:, keep], exponent)
     log_theta, beta, likelihood = np.full((3, exponent.size), np.nan)
     slopes, p_values = np.full((2, exponent.size, len(covariates)), np.nan)
     if known.decided.size > 1:
         log_theta, beta = weighted_normal(capacities, np.ones((1, known.decided.size)))
-    for j, used in _testable(covariates):
+    for j, used, place in _tests(covariates, event):
         some = capacities.at((slice(None), used))
-        slopes[:, j], p_values[:, j] = _regressions(some, covariates[j, used])
+        slopes[:, j], p_values[:, j] = _regressions(some, covariates[j, used], place)
     fits = MeasureFits(log_theta, beta, likelihood, slopes, p_values)
     counts = known.decided.size, int(np.count_nonzero(known.bracketed))
     none = "fewer than two records with different capacities in this measure"
 
-    def better_by(best: int, own: int) -> FloatArray:
-        ratios = []
-        for i in (own, best):
-            deviation = weighted_normal(capacities.at([i]), times[:, keep])[1]
-            ratios.append(deviation / exponent[i])
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.log(ratios[0]) - np.log(ratios[1])
+    def by_chance(best: int, own: int) -> float:
+        logs = _expected(capacities.at([own, best])) / exponent[[own, best], None]
+        return scatter_by_chance(logs[0], logs[1], event)
 
-    return Compared(_rows(names, exponent, fits, counts, none), -fits.beta / exponent, better_by)
+    return Compared(_rows(names, exponent, fits, counts, none), -fits.beta / exponent, by_chance)
 
 
 def compare_scattered(
     names: Sequence[str], codes: IntArray, log_im: FloatArray, exponent: FloatArray,
-    covariates: FloatArray, times: FloatArray,
+    covariates: FloatArray, event: IntArray,
 ) -> Compared:  # fmt: skip
     """Verdicts of runs at levels of their own, one a record; arrays as of `compare_grid`."""
     keep = (codes == Verdict.STANDING) | (codes == Verdict.COLLAPSED)
     fell = (codes[keep] == Verdict.COLLAPSED).astype(float)
-    fits = fit_verdicts(log_im[:, keep], fell, covariates[:, keep])
+    event = np.unique(event[keep], return_inverse=True)[1]
+    fits = fit_verdicts(log_im[:, keep], fell, covariates[:, keep], event)
     none = "collapses and standing runs give no rising probit line in this measure"
 
-    def better_by(best: int, own: int) -> FloatArray:
+    def by_chance(best: int, own: int) -> float:
         x = log_im[[best, own]][:, keep]
         lines = binomial_lines(x, np.broadcast_to(fell, x.shape), np.ones(x.shape))
         z = lines.intercept[:, None] + lines.slope[:, None] * x
         gains = log_ndtr(np.where(fell == 1.0, z, -z))
-        return times[:, keep] @ (gains[0] - gains[1])
+        return float(_by_chance(_sums(gains[0] - gains[1], event)))
 
     rows = _rows(names, exponent, fits, (fell.size, 0), none)
-    return Compared(rows, fits.log_likelihood, better_by)
+    return Compared(rows, fits.log_likelihood, by_chance)
 
 
 def _rows(
@@ -274,7 +318,7 @@ def _rows(
         sufficient = min(tested) >= SIGNIFICANCE if tested and not why else None
         power = float(exponent[i])
         row = MeasureRow(
-            name, float(np.exp(theta)), beta, beta / power, 1.0 / power, beta,
+            name, float(np.exp(theta)), beta, beta / power,
             slopes[0], p_values[0], slopes[1], p_values[1], sufficient, likelihood, *counts, why,
         )  # fmt: skip
         rows.append(row)

@@ -19,7 +19,7 @@ from archfrag.fragility.measure_rows import (
     compare_grid,
     compare_scattered,
 )
-from archfrag.fragility.runs import Resampling
+from archfrag.fragility.runs import event_groups
 
 __all__ = ["MeasureRow", "MeasureTable", "Motions", "compare_measures"]
 
@@ -34,7 +34,7 @@ class Motions:
     exponent: ArrayLike
     magnitude: ArrayLike | None = None  #: (n_record,), of the earthquake; nan where not known
     distance: ArrayLike | None = None  #: (n_record,), from it, any unit, > 0; likewise
-    event: ArrayLike | None = None  #: (n_record,); records of one event are resampled together
+    event: ArrayLike | None = None  #: (n_record,), name of the earthquake; empty: one of its own
 
 
 @dataclass(frozen=True)
@@ -47,17 +47,18 @@ class MeasureTable:
     #: most efficient one: least `efficiency` for grids, greatest `log_likelihood` for scattered
     #: runs.
     best: str
-    #: Probability that the best is no better than the study's own, times the number of measures it
-    #: was chosen from; 1 if it is the study's own. From the bootstrap of records: of the ratio of
-    #: efficiencies for grids, of the sum over runs of the difference in log-likelihood for
-    #: scattered runs (as Vuong 1989, Econometrica 57).
+    #: Probability that a measure no better than the study's own seems so much better by chance,
+    #: times the number of measures that the best was chosen from (Bonferroni, at most 1); 1 if it
+    #: is the study's own. By equality of scatter for grids (Pitman 1939, Morgan 1939, Biometrika
+    #: 31), by the difference in log-likelihood for scattered runs (Vuong 1989, Econometrica 57).
     p_value: float
     ratio: float  #: efficiency of the best over that of the study's own
+    n_test: int  #: tests of sufficiency that were made, each at 5 %
     message: str
 
 
 def compare_measures(
-    verdict: ArrayLike, factor: ArrayLike, motions: Motions, own: str, resampling: Resampling
+    verdict: ArrayLike, factor: ArrayLike, motions: Motions, own: str
 ) -> MeasureTable:
     """Curve and qualities of each measure, from the runs of one arch.
 
@@ -68,8 +69,9 @@ def compare_measures(
 
     Efficiency and sufficiency are those of Luco and Cornell (2007, Earthquake Spectra 23(2)). A
     measure is called sufficient if ln capacity in it depends neither on magnitude nor on ln
-    distance, each tested at 5 % by itself (a t test of the slope; likelihood ratio where there
-    are bounds; score test for scattered runs). A small number of records does not show dependence.
+    distance, each tested at 5 % by itself (a t test of the slope; score test for scattered runs).
+    Magnitude belongs to the earthquake: it is tested on the means of events, distance on records.
+    A small number of events or records does not show dependence.
 
     Parameters
     ----------
@@ -81,8 +83,6 @@ def compare_measures(
     motions : Motions
     own : str
         The measure that the study was scaled by.
-    resampling : Resampling
-        Its confidence is not used.
 
     Raises
     ------
@@ -93,7 +93,6 @@ def compare_measures(
     --------
     >>> import numpy as np
     >>> from archfrag.fragility.measures import Motions, compare_measures
-    >>> from archfrag.fragility.runs import Resampling
     >>> generator = np.random.default_rng(1)
     >>> pgv = np.exp(generator.normal(-2.0, 0.5, 40))
     >>> pga = 8.0 * pgv * np.exp(generator.normal(0.0, 0.5, 40))
@@ -101,13 +100,13 @@ def compare_measures(
     >>> factor = levels / pga[:, None]
     >>> verdict = factor * pgv[:, None] > np.exp(generator.normal(-1.6, 0.2, (40, 1)))
     >>> motions = Motions(("PGA", "PGV"), np.stack([pga, pgv], axis=1), [1.0, 1.0])
-    >>> table = compare_measures(verdict, factor, motions, "PGA", Resampling(seed=1))
+    >>> table = compare_measures(verdict, factor, motions, "PGA")
     >>> table.best, table.p_value < 0.05
     ('PGV', True)
     """
     codes, factors, log_value, exponent = _checked(verdict, factor, motions, own)
-    times = resampling.draws(motions.event, len(codes)).astype(float)
-    more = exponent, _covariates(motions, len(codes)), times
+    event = event_groups(motions.event, len(codes))
+    more = exponent, _covariates(motions, len(codes)), event
     if codes.shape[1] == 1:
         log_im = log_value + exponent[:, None] * np.log(factors[:, 0])
         return _table(own, compare_scattered(motions.measures, codes[:, 0], log_im, *more))
@@ -126,16 +125,20 @@ def _table(own: str, compared: Compared) -> MeasureTable:
     best = max(chosen, key=merit.__getitem__)
     p_value, ratio = 1.0, 1.0
     if best != mine and not rows[mine].none:
-        gain = compared.better_by(best, mine)
-        gain = gain[np.isfinite(gain)]
-        failed = (1.0 + np.count_nonzero(gain <= 0.0)) / (1.0 + gain.size)
-        p_value = float(min(1.0, failed * (len(chosen) - (mine in chosen))))
+        p_value = min(1.0, compared.by_chance(best, mine) * (len(chosen) - (mine in chosen)))
         ratio = rows[best].efficiency / rows[mine].efficiency
     first = max(known, key=merit.__getitem__)
     message = _message(rows[best], rows[mine], p_value, ratio)
     if rows[first].sufficient is False and first != best:
         message += f" {rows[first].measure} is more efficient, but not sufficient."
-    return MeasureTable(rows, own, rows[best].measure, p_value, float(ratio), message)
+    n_test = int(np.isfinite([(row.p_magnitude, row.p_distance) for row in rows]).sum())
+    if n_test:
+        message += (
+            f" Sufficiency took {n_test} tests at {100 * SIGNIFICANCE:g} %, of which "
+            f"{SIGNIFICANCE * n_test:.1f} reject by chance where nothing depends on magnitude or "
+            "distance."
+        )
+    return MeasureTable(rows, own, rows[best].measure, p_value, float(ratio), n_test, message)
 
 
 def _message(best: MeasureRow, own: MeasureRow, p_value: float, ratio: float) -> str:

@@ -8,10 +8,10 @@ curves see Van Biesbroeck, Gauchy, Feau and Garnier (arXiv 2302.06935 and 2503.0
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtr
 
 from archfrag.errors import FitError, InputError
@@ -24,6 +24,7 @@ from archfrag.fragility.lines import log_between
 
 Terms = tuple[FloatArray, FloatArray]
 _HALF = np.array([0.5])
+_SCATTERS = 16  # standard deviations that are tried
 _ONE_SIGMA = np.array([0.15865525393145707, 0.8413447460685429])
 
 
@@ -38,6 +39,8 @@ class Posterior:
     grid: LineGrid  #: distribution of the probit line in (ln im - centre) / width
     centre: float
     width: float
+    #: Standard deviation of ln capacity between single runs of a record, which beta includes.
+    scatter: float = 0.0
 
     def theta_interval(self, confidence: float = 0.9) -> tuple[float, float]:
         """Central credible interval of the median capacity, unit of the levels."""
@@ -119,9 +122,9 @@ def fit_capacity_posterior(
         )
     why = "nothing bounds theta from"
     if not lower.any():
-        raise FitError(f"{why} below: add levels below {upper.min():g}, the lowest tried")
+        raise FitError(f"{why} below: add levels below {{}}, the lowest tried", upper.min())
     if np.isposinf(upper).all():
-        raise FitError(f"{why} above: add levels above {lower.max():g}, the highest tried")
+        raise FitError(f"{why} above: add levels above {{}}, the highest tried", lower.max())
     ends = np.unique(np.concatenate([lower[lower > 0.0], upper[np.isfinite(upper)]]))
     _require_two(ends)
     x, centre, width = _scaled(np.log(ends))
@@ -141,6 +144,96 @@ def fit_capacity_posterior(
 
     n = lower.size if n_effective is None else max(1, round(n_effective))
     return _summed(terms, x, (centre, width), n)
+
+
+def fit_scattered_posterior(
+    levels: ArrayLike, fell: ArrayLike, stood: ArrayLike, borders: tuple[float, float],
+    n_effective: float | None = None,
+) -> Posterior:  # fmt: skip
+    """Posterior of the curve of records that are not all monotone.
+
+    Probit with a record effect: ln capacity of a run is that of its record, normal about
+    ln theta, and an error of the run, normal with the standard deviation `scatter`; beta^2 is the
+    sum of both variances, as P(collapse | im) is that of a single run. The scatter is estimated
+    first, and its error widens what is known of beta. Prior and `n_effective` are those of
+    `fit_capacity_posterior`, which this equals where the scatter is 0.
+
+    Parameters
+    ----------
+    levels : array_like, (n_level,)
+        Increasing, > 0.
+    fell, stood : array_like of bool, (n_record, n_level)
+        Runs that collapsed, and that stood; at least one record stands above a level at which it
+        collapsed. Cells that were not run are neither.
+    borders : (float, float)
+        Median and standard deviation of the records' ln capacities, for the scatter alone.
+    n_effective : float, optional
+    """
+    logs = np.log(np.asarray(levels, dtype=float))
+    _require_two(logs)
+    runs, number = np.unique(np.stack([fell, stood], axis=1), axis=0, return_counts=True)
+    fallen, standing = runs[:, 0].astype(float), runs[:, 1].astype(float)
+    scatter, error = _scatter_of_runs(logs, fallen, standing, number, borders)
+    ends, chance = _chances(logs, fallen, standing, scatter)
+    x, centre, width = _scaled(logs)
+    ends = (ends - centre) / width
+    power = number * (1.0 if n_effective is None else n_effective / number.sum())
+    resolved, span = float(np.median(np.diff(x))), float(x[-1] - x[0])
+
+    def terms(a: FloatArray, b: FloatArray) -> Terms:
+        mass = np.diff(ndtr(a[..., None] + b[:, None, None] * ends), axis=-1)
+        prior = np.log1p((b * resolved) ** 2 / 12.0) + np.log1p((b * span) ** -2.0) + np.log(b)
+        return np.log(np.maximum(mass @ chance.T, 1e-300)) @ power, -prior[:, None]
+
+    n = int(number.sum()) if n_effective is None else max(1, round(n_effective))
+    known = _summed(terms, x, (centre, width), n)
+    fit = known.fragility
+    beta = float(np.hypot(fit.beta, scatter))
+    # The variances of both squares add up.
+    stretch = float(np.hypot(1.0, error / (2.0 * fit.beta * fit.standard_errors[1])))
+    scale = np.array([1.0, stretch * fit.beta / beta])
+    curve = replace(fit, beta=beta, covariance=fit.covariance * np.outer(scale, scale))
+    grid = known.grid.flatter((scatter / width) ** 2, width / beta, stretch)
+    return Posterior(curve, grid, centre, width, scatter)
+
+
+def _scatter_of_runs(
+    logs: FloatArray, fell: FloatArray, stood: FloatArray, number: NDArray,
+    borders: tuple[float, float],
+) -> tuple[float, float]:  # fmt: skip
+    """Standard deviation between runs of a record, and the standard error of its square.
+
+    ln capacities of records are taken as normal with the median and deviation of `borders`.
+    """
+    median, deviation = borders
+    tried = np.geomspace(0.2 * min(np.diff(logs).min(), deviation), deviation, _SCATTERS)
+    found = []
+    for scatter in tried:
+        ends, chance = _chances(logs, fell, stood, scatter)
+        mass = np.diff(ndtr((ends - median) / deviation))
+        found.append(np.log(np.maximum(chance @ mass, 1e-300)) @ number)
+    weight = np.exp(np.array(found) - max(found))
+    weight /= weight.sum()
+    error = np.sqrt(weight @ tried**4 - (weight @ tried**2) ** 2)
+    return float(np.exp(weight @ np.log(tried))), float(error)
+
+
+def _chances(
+    logs: FloatArray, fell: FloatArray, stood: FloatArray, scatter: float
+) -> tuple[FloatArray, FloatArray]:
+    """Ends of cells of a record's ln capacity (n_cell + 1,), and the probability of the runs of
+    each record where it lies in each cell, (n_record, n_cell).
+    """
+    gaps = np.diff(logs)
+    parts = np.ceil(gaps / (0.5 * scatter)).astype(int)
+    within = [first + gap * np.arange(n) / n for first, gap, n in zip(logs, gaps, parts)]
+    beyond = scatter * np.arange(0.5, 3.1, 0.5)
+    ends = np.concatenate([logs[0] - beyond[::-1], *within, logs[-1:], logs[-1] + beyond])
+    step = 0.25 * scatter
+    middle = np.concatenate([[ends[0] - step], 0.5 * (ends[1:] + ends[:-1]), [ends[-1] + step]])
+    z = (logs[:, None] - middle) / scatter
+    chance = np.exp(fell @ log_ndtr(z) + stood @ log_ndtr(-z))
+    return np.concatenate([[-np.inf], ends, [np.inf]]), chance
 
 
 def _known_slopes(levels: FloatArray, k: FloatArray, m: FloatArray) -> tuple[float, float] | None:

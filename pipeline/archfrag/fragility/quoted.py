@@ -13,7 +13,13 @@ from archfrag.errors import FitError, InputError
 from archfrag.fragility.brackets import Brackets, find_brackets
 from archfrag.fragility.counts import Verdict, count_verdicts
 from archfrag.fragility.curve import Band, FloatArray, Fragility, shaped
-from archfrag.fragility.posterior import Posterior, fit_capacity_posterior, fit_posterior
+from archfrag.fragility.fit import fit_brackets
+from archfrag.fragility.posterior import (
+    Posterior,
+    fit_capacity_posterior,
+    fit_posterior,
+    fit_scattered_posterior,
+)
 
 SAME_RECORDS = ("stripes", "ida", "two_stage")
 OWN_MOTIONS = ("scattered",)
@@ -85,6 +91,11 @@ def quoted_band(
             f"{unit}s are independent, their {n_rows} rows of runs worth {number:.3g} "
             f"independent ones by how alike capacities within {unit}s are"
         )
+    if known.scatter:
+        what += (
+            f"; single runs of a record scatter about its capacity by {known.scatter:.2g} in "
+            "natural logarithms, which beta includes"
+        )
     return QuotedBand(
         known.fragility, known.theta_interval(confidence), known.beta_interval(confidence),
         known.band(im, confidence), method, f"Capacity is lognormal, and {what}.", number,
@@ -103,13 +114,26 @@ def quoted_posterior(
         And the number of records (or runs) that decide, what they are worth, and of islands.
     """
     if design in SAME_RECORDS:
-        every = find_brackets(verdict, intensity, "count" if design == "stripes" else "first")
+        every = find_brackets(verdict, intensity, "count" if design == "stripes" else "fewest")
         found = every.known()
         number = float(found.lower.size)
         if groups is not None:
             labels = shaped(groups, every.lower.shape, "groups")
             number = independent_records(found, labels[every.decided > 0])
-        posterior = fit_capacity_posterior(found.lower, found.upper, number)
+        if found.contradictions.any():
+            line = fit_brackets(found.lower, found.upper)
+            codes, order = np.asarray(verdict)[every.decided > 0], np.argsort(intensity)
+            fell, stood = codes == Verdict.COLLAPSED, codes == Verdict.STANDING
+            used = order[(fell | stood).any(axis=0)[order]]
+            posterior = fit_scattered_posterior(
+                np.asarray(intensity)[used],
+                fell[:, used],
+                stood[:, used],
+                (np.log(line.theta), line.beta),
+                number,
+            )
+        else:
+            posterior = fit_capacity_posterior(found.lower, found.upper, number)
         return posterior, found.lower.size, number, int(found.contradictions.sum())
     if design not in OWN_MOTIONS:
         raise InputError(

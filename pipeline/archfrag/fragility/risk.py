@@ -12,10 +12,11 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
 from archfrag.errors import InputError
-from archfrag.fragility.curve import FloatArray, Fragility, positive, rising, tails
+from archfrag.fragility.curve import FloatArray, Fragility, Mixture, positive, rising, tails
 from archfrag.fragility.hazard_curve import HazardCurve
 from archfrag.fragility.lines import log_between
 
+MOST_OUTSIDE = 0.5  # fraction of a rate from outside the hazard curve; of more it is a bound
 # A steep first slope of the hazard and a wide curve overflow; such a rate stays finite, and all
 # of it is seen to be from below the hazard curve.
 _LARGEST_LOG = 600.0
@@ -28,8 +29,10 @@ class CollapseRate:
     Only the uncertainty of the fragility curve's parameters is in the band, none of the hazard.
     """
 
-    rate: float  #: of the curve as fitted [1/year]
-    lower: float  #: ends of the band [1/year]; nan where no draws were given
+    rate: float  #: of the medians of theta and beta, the hazard curve extended [1/year]
+    #: Over theta and beta as uncertain as they are [1/year]; nan without draws or of a bound.
+    mean: float
+    lower: float  #: ends of the band [1/year]; nan as `mean`
     upper: float
     confidence: float
     #: Fraction of `rate` from intensities below the first and above the last point of the hazard
@@ -43,9 +46,19 @@ class CollapseRate:
         return self.below + self.above
 
     @property
+    def is_bound(self) -> bool:
+        """Whether most of the rate is from outside the hazard curve."""
+        return self.outside > MOST_OUTSIDE
+
+    @property
+    def quoted(self) -> float:
+        """The rate, or its part within the hazard curve where only that is known [1/year]."""
+        return self.rate * max(1.0 - self.outside, 0.0) if self.is_bound else self.rate
+
+    @property
     def return_period(self) -> float:
-        """[year]"""
-        return 1.0 / self.rate if self.rate > 0.0 else np.inf
+        """Of the quoted rate [year]; the longest possible one where that is a bound."""
+        return 1.0 / self.quoted if self.quoted > 0.0 else np.inf
 
     def probability_in(self, years: float) -> tuple[float, float, float]:
         """Probability of a collapse in some years, with its band: 1 - exp(-rate years).
@@ -53,7 +66,7 @@ class CollapseRate:
         Collapses are a Poisson process: the arch is put up again at once each time.
         """
         positive(years, "years")
-        value, low, high = -np.expm1(-years * np.array([self.rate, self.lower, self.upper]))
+        value, low, high = -np.expm1(-years * np.array([self.quoted, self.lower, self.upper]))
         return float(value), float(low), float(high)
 
 
@@ -70,7 +83,9 @@ def collapse_rate(
     curve : Fragility
     draws : (array_like, array_like), each (n_draw,), optional
         theta and beta as uncertain as they are, from `parameter_draws` or a bootstrap; the band
-        runs between the quantiles of their rates.
+        runs between the quantiles of their rates. What the extension below the first point of
+        the hazard curve adds to each is at most the hazard's rate at this point. Of a `Mixture`
+        they are those of its lognormal curve, and their rates are taken in proportion to its rate.
     confidence : float
         Two-sided, between 0 and 1.
 
@@ -96,12 +111,18 @@ def collapse_rate(
     ends = tails(confidence)
     parts = rate_by_level(hazard, curve, hazard.im[[0, -1]])
     rate = float(parts.sum())
-    lower = upper = np.nan
-    if draws is not None:
-        rates = _lognormal(hazard, np.log(hazard.im), *draws).sum(axis=-1)
-        lower, upper = map(float, np.quantile(rates, ends))
     below, _, above = parts / rate if rate > 0.0 else (0.0, 0.0, 0.0)
-    return CollapseRate(rate, lower, upper, confidence, float(below), float(above))
+    mean = lower = upper = np.nan
+    if draws is not None:
+        each = _lognormal(hazard, np.log(hazard.im), *draws)
+        each[..., 0] = np.minimum(each[..., 0], hazard.rate[0])
+        rates = each.sum(axis=-1)
+        if isinstance(curve, Mixture):
+            at = np.log(hazard.im)
+            rates *= rate / float(_lognormal(hazard, at, curve.theta, curve.beta).sum())
+        if below + above <= MOST_OUTSIDE:
+            mean, (lower, upper) = float(rates.mean()), map(float, np.quantile(rates, ends))
+    return CollapseRate(rate, mean, lower, upper, confidence, float(below), float(above))
 
 
 def rate_by_level(hazard: HazardCurve, curve: Fragility, edges: ArrayLike) -> FloatArray:
@@ -122,7 +143,7 @@ def rate_by_level(hazard: HazardCurve, curve: Fragility, edges: ArrayLike) -> Fl
     """
     edges = np.log(rising(edges, "edges"))
     cuts = np.union1d(np.log(hazard.im), edges)
-    rates = _lognormal(hazard, cuts, curve.theta, curve.beta)
+    rates = _lognormal(hazard, cuts, *curve.parts.T).mean(axis=0)
     level = np.searchsorted(edges, np.append(-np.inf, cuts), side="right")
     return np.bincount(level, weights=rates, minlength=edges.size + 1).astype(float)
 
@@ -142,8 +163,8 @@ def parameter_draws(
     Parameters
     ----------
     fit : Fragility
-        Of kind ``"posterior"``: its covariance is that of the posterior, which already knows what
-        the data are worth, and nothing is widened.
+        Of kind ``"posterior"`` or ``"mixture"``: its covariance is that of the posterior, which
+        already knows what the data are worth, and nothing is widened.
     seed : int
         Of numpy's default generator.
     n_record : int, optional
@@ -165,7 +186,7 @@ def parameter_draws(
     [0.5, 0.4]
     """
     generator = np.random.default_rng(seed)
-    count = {"ida": fit.n_total, "posterior": None}.get(fit.kind, n_record)
+    count = {"ida": fit.n_total, "posterior": None, "mixture": None}.get(fit.kind, n_record)
     variances = np.diag(fit.covariance)
     scale = np.ones(2)
     if count is not None and count > 1:

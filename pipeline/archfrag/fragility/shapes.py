@@ -153,5 +153,5 @@ def _pooled_with_gaps(collapses: FloatArray, n: FloatArray) -> FloatArray:
 
 def _require_levels(runs: Runs) -> None:
     if runs.levels.size < 2:
-        why = f"all runs are at one level, {runs.levels[0]:g}, which gives no curve"
-        raise FitError(f"{why}; add levels")
+        why = "all runs are at one level, {}, which gives no curve"
+        raise FitError(f"{why}; add levels", runs.levels[0])

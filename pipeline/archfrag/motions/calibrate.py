@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 from obspy import Inventory, Trace, read_inventory
 
 from archfrag.errors import RecordError
+from archfrag.files import read_bytes
 from archfrag.motions.index import IndexEntry
+from archfrag.motions.plausible import LARGEST_INVENTORY
 from archfrag.motions.units import METRES_PER_SECOND_SQUARED, STANDARD_GRAVITY, unit_factor
 
 _ACCELERATION_UNITS = {"M/S**2", "M/S^2", "M/S2", "M/S/S", "M/(S**2)", "M/SEC**2", "M/SEC/SEC"}
@@ -107,11 +109,10 @@ def _superfluous(path: Path, unit: str, reason: str) -> RecordError:
 
 
 def _inventory(path: Path) -> Inventory:
-    if not path.is_file():
-        raise RecordError(f"{path}: there is no such StationXML file")
+    content = read_bytes(path, LARGEST_INVENTORY, RecordError, "the StationXML file")
     try:
         # From memory: obspy takes a path for a pattern or an address, and unpacks archives.
-        return read_inventory(io.BytesIO(path.read_bytes()), format="STATIONXML")
+        return read_inventory(io.BytesIO(content), format="STATIONXML")
     except Exception as error:
         reason = [*str(error).splitlines(), type(error).__name__][0]
         raise RecordError(f"{path}: cannot be read as StationXML ({reason})") from None

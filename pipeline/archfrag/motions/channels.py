@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from obspy import Inventory, Stream, Trace, UTCDateTime
 
 from archfrag.errors import RecordError
+from archfrag.files import opened
 from archfrag.motions.calibrate import calibrate, channel_code, points_down
 from archfrag.motions.formats.columns import Columns, read_columns
 from archfrag.motions.formats.waveform import (
@@ -25,7 +26,7 @@ from archfrag.motions.formats.waveform import (
 from archfrag.motions.index import IndexEntry, check_sha256, find_entry
 from archfrag.motions.isolated import Reader
 from archfrag.motions.partners import HORIZONTAL, VERTICAL
-from archfrag.motions.plausible import Doubt, accept_or_refuse, check_name
+from archfrag.motions.plausible import Doubt, accept_or_refuse, record_size
 
 _LARGE = 4 * 2**20  # [bytes] from which a text is read within limits, too
 _reader = Reader()
@@ -157,7 +158,7 @@ def examine(path: Path, options: Options) -> Examined:
 
 def file_content(path: Path, columns: Columns | None = None) -> Content:
     """What a file holds, read within limits unless it is a text of moderate size."""
-    size = _readable_size(path)
+    size = record_size(path)
     if columns is not None:
         traces = list(read_columns(path, columns))
         for trace in traces:
@@ -179,23 +180,10 @@ def file_content(path: Path, columns: Columns | None = None) -> Content:
     if kind is not None:
         raise RecordError(f"{path}: this is an archive ({kind}), which is never unpacked here")
     raise RecordError(
-        f"{path}: the format is not recognised; {', '.join((*TEXT, *BINARY))} can be read; "
-        "what is no record goes out of the folder, or records are named by a pattern (*.AT2)"
+        f"{path}: the format is not recognised; for columns of text give `columns` (--columns "
+        "time=1,acceleration=2 on the command line); if it is not a record, move it, or name the "
+        "records by a pattern such as *.AT2"
     )
-
-
-def _readable_size(path: Path) -> int:
-    check_name(path)
-    for right, what in (
-        (path.exists(), "there is no such file"),
-        (not path.is_dir(), "this is a folder; a record is one file"),
-        (path.is_file(), "this is no regular file"),
-        (os.access(path, os.R_OK), "the file cannot be read (Permission denied)"),
-        (path.is_file() and path.stat().st_size, "the file is empty"),
-    ):
-        if not right:
-            raise RecordError(f"{path}: {what}")
-    return path.stat().st_size
 
 
 def _doubtful_trace(trace: Trace, announced: int, held: int) -> Iterator[Doubt]:
@@ -224,7 +212,7 @@ def _doubtful_trace(trace: Trace, announced: int, held: int) -> Iterator[Doubt]:
 
 def _breaks_off(content: Content, path: Path) -> bool:
     """Whether a text ends within its last line, so that digits may be missing."""
-    with open(path, "rb") as file:
+    with opened(path) as file:
         file.seek(-1, os.SEEK_END)
         return content.format in TEXT and not file.read(1).isspace()
 

@@ -5,6 +5,7 @@ the steps between. Text holds all digits of the samples, miniSEED 64-bit numbers
 digits of its columns.
 """
 
+import os
 import re
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -15,9 +16,9 @@ import numpy as np
 from obspy import Stream, Trace
 
 from archfrag.errors import InputError
-from archfrag.files import make_folder, replacing
+from archfrag.files import make_folder, replacing, sha256_of
 from archfrag.motions.channels import Channel, Options, read_channels
-from archfrag.motions.index import index_table, sha256, write_index
+from archfrag.motions.index import index_table, write_index
 from archfrag.motions.plausible import accept_or_refuse, accepted_words, doubtful_motion
 from archfrag.motions.read import record_name
 from archfrag.motions.units import unit_factor
@@ -96,7 +97,7 @@ def convert_record(
     for group in groups:
         code = "" if len(groups) == 1 else f".{_plain(group[0].code) or len(written) + 1}"
         target = place / f"{record_name(file)}{code}{SUFFIXES[form]}"
-        if target.resolve() == file.resolve() or target in written:
+        if os.path.realpath(target) == os.path.realpath(file) or target in written:
             raise InputError(f"{target}: is the source or written twice; name another folder")
         if rows.get(target.stem, {}).get("source", file.name) != file.name:
             elsewhere = "the index there has it from elsewhere"
@@ -113,11 +114,11 @@ def convert_record(
 def _row(target: Path, group: Sequence[Channel], unit: str, source: Path) -> dict[str, Any]:
     first = group[0]
     return {
-        "id": target.stem, "file": target.name, "sha256": sha256(target.read_bytes()),
+        "id": target.stem, "file": target.name, "sha256": sha256_of(target),
         "event": _facts(first)["event"],
         **{key: first.record[key] for key in _HEADER if key in first.record},
         "dt_s": first.dt, "unit": unit, "channels": " ".join(channel.code for channel in group),
-        "source": source.name, "source_sha256": sha256(source.read_bytes()),
+        "source": source.name, "source_sha256": sha256_of(source),
         "steps": " ".join(first.log),
     }  # fmt: skip
 
@@ -201,7 +202,7 @@ def _facts(channel: Channel) -> dict[str, str]:
 
 
 def _made(source: Path) -> str:
-    digest = sha256(source.read_bytes())[:16]
+    digest = sha256_of(source)[:16]
     return f"archfrag {version('archfrag')} from {source.name}, sha256 {digest}"
 
 

@@ -6,12 +6,16 @@ References: FDSN web service specifications, https://www.fdsn.org/webservices/.
 """
 
 import io
+import queue
+import re
+import threading
 import time
 import urllib.error
 import urllib.request
 import warnings
 from http.client import HTTPException
 from typing import Any, NamedTuple
+from urllib.parse import urlsplit
 
 from obspy import read_events, read_inventory
 from obspy.clients.fdsn import Client
@@ -21,6 +25,8 @@ from obspy.core.event import Event
 from archfrag.errors import InputError
 
 _PIECE = 2**16
+_ENCODINGS = {b"utf-8", b"us-ascii", b"iso-8859-1"}
+_ENCODING = re.compile(rb"<\?xml[^>]*?\sencoding\s*=\s*[\"']([^\"']*)")
 _NOTHING = dict.fromkeys((204, 404), ("no data", "holds nothing that was asked for"))
 _MEANING = _NOTHING | {
     413: ("too large", "more was asked for than the service gives at once"),
@@ -48,6 +54,18 @@ class Refusal(Exception):
         self.passing = kind in ("timeout", "service")
 
 
+class _SameServer(urllib.request.HTTPRedirectHandler):
+    """Follows an answer that points elsewhere on the same server only."""
+
+    def redirect_request(
+        self, req: Any, fp: Any, code: int, msg: str, headers: Any, newurl: str
+    ) -> Any:
+        if urlsplit(newurl)[:2] != urlsplit(req.full_url)[:2]:
+            place, other = req.full_url.split("/query")[0], newurl.split("/query")[0][:100]
+            raise Refusal("unusable", f"{place}: points to another server, {other}; name that one")
+        return super().redirect_request(req, fp, code, msg, headers, newurl)
+
+
 class Service(Client):
     """A data centre, by a name that obspy knows or an address: obspy's client within limits."""
 
@@ -63,6 +81,7 @@ class Service(Client):
                 super().__init__(name, timeout=limits.seconds, _discover_services=False)
         except ValueError:
             raise InputError(f"{name!r} is not the address of a data service") from None
+        self._url_opener = urllib.request.build_opener(_SameServer)
 
     def event(self, id: str) -> tuple[bytes, Event]:
         """QuakeML of an identifier, and its event."""
@@ -89,21 +108,43 @@ class Service(Client):
         body = io.BytesIO()
         getattr(self, method)(filename=body, **query)
         text, place = body.getvalue(), f"{self.label}: {what}"
-        if b"<!DOCTYPE" in text or b"\0" in text[:64]:
+        stated = _ENCODING.match(text.lower())
+        foreign = stated is not None and stated[1] not in _ENCODINGS
+        if b"<!DOCTYPE" in text or b"\0" in text[:64] or foreign:
             raise Refusal("unusable", f"{place} is not plain {language}")
         body.seek(0)
         read = read_events if language == "QuakeML" else read_inventory
         try:
             return text, read(body, format=language.upper())
-        except Exception as error:
-            reason = [*str(error).strip().splitlines(), type(error).__name__][0]
-            raise Refusal("unusable", f"{place} is not {language} ({reason})") from None
+        except Exception:
+            hint = f"is {self.label} the address of an FDSN service?"
+            raise Refusal("unusable", f"{place} is not {language}; {hint}") from None
 
     def _download(self, url: str, *_: Any, **__: Any) -> io.BytesIO:
         """Body of an answer with status 200, where obspy's client downloads one."""
         place, seconds = url.split("/query")[0], self._limits.seconds
-        request = urllib.request.Request(url, headers=self.request_headers)
         late = Refusal("timeout", f"{place}: no complete answer within {seconds:g} s")
+        answers: queue.SimpleQueue[bytes | Exception] = queue.SimpleQueue()
+
+        def ask() -> None:
+            try:
+                answers.put(self._answer(url, place, late))
+            except Exception as error:
+                answers.put(error)
+
+        # The time is for names, headers and body together: urllib has it for each wait.
+        threading.Thread(target=ask, daemon=True).start()
+        try:
+            answer = answers.get(timeout=seconds)
+        except queue.Empty:
+            raise late from None
+        if isinstance(answer, Exception):
+            raise answer
+        return io.BytesIO(answer)
+
+    def _answer(self, url: str, place: str, late: Refusal) -> bytes:
+        request = urllib.request.Request(url, headers=self.request_headers)
+        seconds = self._limits.seconds
         end = time.monotonic() + seconds
         try:
             with self._url_opener.open(request, timeout=seconds) as response:
@@ -119,11 +160,16 @@ class Service(Client):
             raise Refusal("service", f"{place}: the service cannot be reached ({words})") from None
         if status in _NOTHING or not body:
             raise Refusal("no data", f"{place}: {_NOTHING[404][1]}")
-        return io.BytesIO(body)
+        return body
 
     def _body(self, response: Any, place: str, end: float, late: Refusal) -> bytes:
         most = int(self._limits.megabytes * 1e6)
-        announced = int(response.headers.get("Content-Length") or 0)
+        stated = response.headers.get("Content-Length") or "0"
+        if not stated.isdecimal():
+            raise Refusal(
+                "service", f"{place}: states {stated[:20]!r} as the length of its answer"
+            )
+        announced = int(stated)
         body = bytearray()
         while len(body) <= most and announced <= most:
             if time.monotonic() > end:

@@ -7,8 +7,6 @@ finds them. A station that is complete is in the index and is not asked for agai
 
 import contextlib
 import re
-import shutil
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,7 +19,14 @@ from obspy.core.inventory import Station
 from obspy.geodetics import gps2dist_azimuth, kilometers2degrees
 
 from archfrag.errors import InputError, RecordError
-from archfrag.files import cannot_write, make_folder, replacing
+from archfrag.files import (
+    cannot_write,
+    make_folder,
+    replacing,
+    sha256_of,
+    sweep,
+    temporary_folder,
+)
 from archfrag.motions.fdsn import Limits, Refusal, Service
 from archfrag.motions.index import index_table, sha256, write_index
 from archfrag.motions.read import read_motions
@@ -29,7 +34,6 @@ from archfrag.motions.read import read_motions
 MOST_FAILURES = 3  # one after the other, after which a service is left alone
 _KIND = re.compile(r"([A-Z]{2})[?*]?")
 _CODE = re.compile(r"[A-Za-z0-9_-]{1,16}")
-_TEMPORARY = ".fetch-"
 
 
 @dataclass(frozen=True)
@@ -152,10 +156,7 @@ class _Fetching:
         self.archive = Service(request.stations_from, request.limits)
         self.rows: dict[str, dict[str, Any]] = dict(index_table(folder))
         self.result = Fetched()
-        for left in folder.glob(f"*/{_TEMPORARY}*"):
-            shutil.rmtree(left, ignore_errors=True)
-        for left in (*folder.glob(".index.csv.*.tmp"), *folder.glob("*/.event.xml.*.tmp")):
-            left.unlink(missing_ok=True)
+        sweep(folder)
 
     def run(self) -> Fetched:
         for id in self.request.events:
@@ -194,6 +195,11 @@ class _Fetching:
     def _quake(self, id: str, event: Event) -> _Quake:
         """Origin, window and columns of the index of an event."""
         origin = event.preferred_origin() or event.origins[0]
+        place = (origin.latitude, origin.longitude)
+        within = None not in place and abs(place[0]) <= 90.0 and abs(place[1]) <= 360.0
+        if not within or origin.time is None or not 1900 <= origin.time.year <= 2200:
+            where = f"latitude {place[0]}, longitude {place[1]}, time {origin.time}"
+            raise Refusal("unusable", f"its origin cannot be: {where}")
         preferred = event.preferred_magnitude() or next(iter(event.magnitudes), None)
         magnitudes = [each for each in (preferred, *event.magnitudes) if each is not None]
         moments = [m.mag for m in magnitudes if (m.magnitude_type or "").lower().startswith("mw")]
@@ -260,7 +266,7 @@ class _Fetching:
         path = self.folder / row["file"]
         with contextlib.suppress(OSError):
             there = path.with_name(f"{row['station']}.xml").is_file()
-            return there and sha256(path.read_bytes()) == row["sha256"]
+            return there and sha256_of(path) == row["sha256"]
         return False
 
     def _waveforms(self, quake: _Quake, site: _Site) -> tuple[dict[str, Any], bytes]:
@@ -285,7 +291,7 @@ class _Fetching:
         self, place: Path, name: str, site: _Site, waveforms: bytes, responses: bytes
     ) -> dict[str, Any]:
         """Put a record that can be read, with its StationXML, in its place."""
-        with tempfile.TemporaryDirectory(prefix=_TEMPORARY, dir=place) as part:
+        with temporary_folder(place) as part:
             files = [Path(part) / f"{site.name}.xml", Path(part) / f"{name}.mseed"]
             for path, content in zip(files, (responses, waveforms), strict=True):
                 path.write_bytes(content)

@@ -1,11 +1,12 @@
 """Measures of many records as one table, with the columns of an NGA flatfile."""
 
+import io
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from archfrag.errors import InputError
-from archfrag.files import replacing
+from archfrag.files import read_text, unquoted, write_csv
 from archfrag.motions.measures import measure_all
 from archfrag.motions.motion import Motion
 from archfrag.motions.units import STANDARD_GRAVITY
@@ -13,6 +14,7 @@ from archfrag.motions.units import STANDARD_GRAVITY
 if TYPE_CHECKING:
     import pandas as pd
 
+LARGEST_FLATFILE = 200_000_000  # [bytes]
 PERIODS = (
     0.01, 0.02, 0.03, 0.05, 0.075, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0,
     4.0, 5.0, 7.5, 10.0,
@@ -93,8 +95,7 @@ def write_flatfile(path: str | Path, table: "pd.DataFrame") -> None:
     OutputError
         If it cannot be written.
     """
-    with replacing(Path(path)) as part:
-        table.to_csv(part, index=False, float_format="%.6g", lineterminator="\n")
+    write_csv(Path(path), [table], float_format="%.6g")
 
 
 def read_flatfile(path: str | Path) -> "pd.DataFrame":
@@ -107,13 +108,14 @@ def read_flatfile(path: str | Path) -> "pd.DataFrame":
     """
     import pandas as pd
 
+    text = read_text(Path(path), LARGEST_FLATFILE, InputError, "the flatfile")
     try:
-        table = pd.read_csv(path, dtype=dict.fromkeys(_TEXTS, str), keep_default_na=True)
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such flatfile") from None
-    except (OSError, ValueError) as error:
+        table = pd.read_csv(io.StringIO(text), dtype=dict.fromkeys(_TEXTS, str))
+    except ValueError as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(f"{path}: cannot be read as a flatfile in CSV ({reason})") from None
+    for name in table.columns.intersection(list(_TEXTS)):
+        table[name] = table[name].map(unquoted, na_action="ignore")
     if "record" not in table:
         raise InputError(f"{path}: has no column 'record', by which a flatfile names its records")
     try:

@@ -2,6 +2,8 @@
 
 import csv
 import hashlib
+import io
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -11,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from archfrag.errors import InputError, RecordError
-from archfrag.files import replacing
+from archfrag.files import read_text, sha256_of, unquoted, write_csv
 from archfrag.motions.plausible import accepted_words
 from archfrag.motions.units import unit_factor
 
@@ -23,6 +25,8 @@ COLUMNS = (
     "id", "file", "sha256", "event", "Mw", "distance_km", "Vs30_mps", "component", "dt_s", "unit",
     "terms", "seed", "event_seed", "site_seed", "model",
 )  # fmt: skip
+LARGEST_INDEX, LONGEST_ID = 50_000_000, 255  # [bytes], [characters]
+_BEYOND: Any = None  # key of cells without a column
 _NEEDED = ("id", "file", "unit")
 _FILLED = ("id", "file")
 _NUMBERS = {
@@ -101,20 +105,24 @@ def load_index(path: str | Path) -> list[IndexEntry]:
 
 def _table(source: Path) -> tuple[Sequence[str], list[dict[str, str]]]:
     """Names of the columns and rows of a table in CSV."""
+    text = read_text(source, LARGEST_INDEX, RecordError, "the index")
+    reader = csv.DictReader(io.StringIO(text, newline=""), restkey=_BEYOND, restval="")
+    rows = []
     try:
-        with open(source, newline="", encoding="utf-8") as file:
-            reader = csv.DictReader(file)
-            rows = list(reader)
-            return reader.fieldnames or (), rows
-    except OSError as error:
-        raise RecordError(f"{source}: the index cannot be read ({error.strerror})") from None
-    except (UnicodeDecodeError, csv.Error) as error:
+        for line, row in enumerate(reader, start=2):
+            if any(map(str.strip, row.pop(_BEYOND, ()))):
+                columns = len(reader.fieldnames or ())
+                more = f"has more cells than the {columns} columns of the first line"
+                raise RecordError(f"{source}, line {line}: {more}")
+            rows.append({key: unquoted(cell.strip()) for key, cell in row.items() if key})
+    except csv.Error as error:
         raise RecordError(f"{source}: the index is not a table in CSV ({error})") from None
+    return reader.fieldnames or (), rows
 
 
 def find_entry(path: str | Path) -> IndexEntry | None:
     """Row that describes a file, in an index in its folder or the one above; None if none does."""
-    record = Path(path).resolve()
+    record = Path(os.path.realpath(path))  # which takes links that form a circle
     for folder in (record.parent, record.parent.parent):
         index = folder / INDEX_NAME
         if not index.is_file():
@@ -134,7 +142,7 @@ def _by_path(index: Path, changed: int, size: int) -> dict[Path, IndexEntry]:
             return {}
     except RecordError:
         return {}
-    return {entry.path.resolve(): entry for entry in reversed(load_index(index))}
+    return {Path(os.path.realpath(entry.path)): entry for entry in reversed(load_index(index))}
 
 
 def index_table(folder: str | Path) -> dict[str, dict[str, str]]:
@@ -149,19 +157,17 @@ def index_table(folder: str | Path) -> dict[str, dict[str, str]]:
     if not path.exists():
         return {}
     load_index(path)
-    rows = ({key: row[key] for key in row if key} for row in _table(path)[1])
-    return {row["id"].strip(): row for row in rows}
+    return {row["id"]: row for row in _table(path)[1]}
 
 
 def write_index(folder: str | Path, rows: Iterable[Mapping[str, Any]]) -> Path:
     """Write the index of a folder at once; columns beyond ``COLUMNS`` come last."""
+    import pandas as pd
+
     table = list(rows)
     path = Path(folder) / INDEX_NAME
-    columns = dict.fromkeys((*COLUMNS, *(column for row in table for column in row)))
-    with replacing(path) as part, open(part, "w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, columns, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(table)
+    columns = list(dict.fromkeys((*COLUMNS, *(column for row in table for column in row))))
+    write_csv(path, [pd.DataFrame(table, columns=columns, dtype=object)])
     return path
 
 
@@ -175,7 +181,7 @@ def check_sha256(entry: IndexEntry) -> None:
     if not entry.sha256:
         return
     try:
-        digest = sha256(entry.path.read_bytes())
+        digest = sha256_of(entry.path)
     except OSError as error:
         lost = f"listed in the index but cannot be read ({error.strerror})"
         raise RecordError(f"{entry.path}: {lost}") from None
@@ -186,12 +192,17 @@ def check_sha256(entry: IndexEntry) -> None:
         )
 
 
-def _entry(row: dict[str, str], source: Path, line: int) -> IndexEntry:
+def _entry(values: dict[str, str], source: Path, line: int) -> IndexEntry:
     place = f"{source}, line {line}"
-    values = {key: (value or "").strip() for key, value in row.items() if isinstance(key, str)}
     for column in _FILLED:
         if not values[column]:
             raise RecordError(f"{place}: {column} is empty")
+    name = values["id"]
+    if len(name) > LONGEST_ID or "/" in name or not name.isprintable():
+        raise RecordError(
+            f"{place}: id {name[:40]!r} must have at most {LONGEST_ID} characters, no / and no "
+            "line breaks or control characters"
+        )
     if values["unit"]:
         unit_factor(values["unit"], place)
     metadata: dict[str, Any] = {k: value for k, value in values.items() if k not in _APART}

@@ -158,8 +158,9 @@ def spectral_acceleration(
 
     The largest (2 pi / T)^2 |u| of u'' + 2 z w u' + w^2 u = -a(t) from rest, with a(t) linear
     between samples, by the exact recursion of Nigam and Jennings (1969), BSSA 59(2). Peaks are
-    looked for at 60 points of a period or more, between samples where a period has fewer of them
-    (to 0.14 % at worst). The free vibration after the record counts.
+    looked for at 200 points of a period or more, between samples where a period has fewer of them
+    (to 0.1 %, even of white noise). The acceleration falls to zero in one step after the record;
+    the free vibration that follows counts.
 
     Parameters
     ----------

@@ -4,7 +4,6 @@ import os
 import re
 from collections.abc import Sequence
 from datetime import datetime
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +18,23 @@ HORIZONTAL = re.compile(
 AZIMUTHS = {"N": 0.0, "NORTH": 0.0, "NS": 0.0, "E": 90.0, "EAST": 90.0, "EW": 90.0, "WE": 90.0,
             "S": 180.0, "SOUTH": 180.0, "W": 270.0, "WEST": 270.0}  # fmt: skip
 _QUADRANT = re.compile(r"([NS])(\d+(?:\.\d+)?)([EW])", re.IGNORECASE)
-_LONGEST_CODE = 5
+# Where a direction may stand in a name: it ends a word, and is no small letter within one.
+_CODE = re.compile(
+    r"(?<![A-Za-z\d])[Hh][12](?![A-Za-z\d])"
+    r"|(?<=(?<![A-Za-z\d])[A-Z][GHLN])(?P<sensor>[12])(?![A-Za-z\d])"  # HN1
+    r"|[NS]\d{1,2}(?:\.\d+)?[EW](?![A-Za-z\d])"
+    r"|(?:EW|WE|NS|[ENSWXYRTL]|(?<![A-Za-z])(?:ew|we|ns|[enswxyrtl]))(?=\d?(?![A-Za-z\d]))"
+    r"|\d{3}(?!\d)|(?<!\d)\d{1,2}(?!\d)"
+)
+_ANGLES = (AZIMUTHS, {"X": 0.0, "Y": 90.0}, {"R": 0.0, "L": 0.0, "T": 90.0},
+           {"H1": 0.0, "H2": 90.0})  # fmt: skip
+_UPWARD = [
+    sign + code
+    for sign in ("", "-", "+")
+    for code in ("u", "v", "z", "ud", "up", "dwn", "down", "vert", "vertical")
+]
 _COMMON = ("event", "date", "station")
-_Frame = tuple[str, str]
+_Direction = tuple[str, int, float]  # name of the file, kind of the code, angle [degrees]
 
 
 def quadrant(text: str) -> float | None:
@@ -34,37 +47,65 @@ def quadrant(text: str) -> float | None:
     return (angle if towards == "E" else -angle) % 360.0
 
 
-def sibling(path: Path, names: Sequence[str], vertical: bool) -> Path | None:
-    """File of the vertical component, or of the other horizontal one, that belongs to a record.
+def partners(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
+    """Files of a folder that by their names hold components of one record.
+
+    Two names that are equal but for a direction are a pair if these are at right angles and there
+    is no third such name: numbered files are no components. Their vertical is of the same name
+    with ``UP``, ``Z`` or the like in the place of the direction.
 
     Parameters
     ----------
-    path : Path
-        Of a horizontal component.
     names : sequence of str
-        Files of its folder.
-    vertical : bool
-        Which of the two is wanted.
 
     Returns
     -------
-    Path or None
-        The file whose name differs from that of `path` in the code of the component only, in the
-        smallest number of characters. None if there is none.
+    dict
+        Name of the other horizontal component by that of each; they are mutual.
+    dict
+        Name of the vertical component by that of each horizontal one.
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> from archfrag.motions.partners import sibling
-    >>> str(sibling(Path("ELC180.AT2"), ["ELC180.AT2", "ELC-UP.AT2", "TAF-UP.AT2"], True))
-    'ELC-UP.AT2'
+    >>> from archfrag.motions.partners import partners
+    >>> pairs, verticals = partners(["ELC180.AT2", "ELC270.AT2", "ELC-UP.AT2"])
+    >>> pairs["ELC180.AT2"], verticals["ELC180.AT2"]
+    ('ELC270.AT2', 'ELC-UP.AT2')
+    >>> partners(["quake1.txt", "quake2.txt"])
+    ({}, {})
     """
-    table = _by_frame(tuple(names), VERTICAL if vertical else HORIZONTAL)
-    for frame in _frames(path.name, HORIZONTAL):
-        found = [name for name in table.get(frame, ()) if name != path.name]
-        if found:
-            return path.with_name(found[0])
-    return None
+    frames: dict[tuple[str, str], list[_Direction]] = {}
+    for name in sorted(names):
+        for code in _CODE.finditer(name):
+            direction = _direction(("H" if code["sensor"] else "") + code[0].upper())
+            if direction is not None:
+                frame = name[: code.start()].lower(), name[code.end() :].lower()
+                frames.setdefault(frame, []).append((name, *direction))
+    known = {name.lower(): name for name in names}
+    pairs: dict[str, set[str]] = {}
+    verticals: dict[str, str] = {}
+    for (before, after), members in frames.items():
+        paired = len(members) == 2 and _at_right_angles(*members)
+        for (one, *_), (other, *_) in (members, members[::-1]) if paired else ():
+            pairs.setdefault(one, set()).add(other)
+        upward = [known[n] for up in _UPWARD if (n := f"{before}{up}{after}") in known]
+        if len(upward) == 1 and (paired or len(members) == 1):
+            verticals |= {name: upward[0] for name, *_ in members if name != upward[0]}
+    single = {one: next(iter(others)) for one, others in pairs.items() if len(others) == 1}
+    return {one: other for one, other in single.items() if single.get(other) == one}, verticals
+
+
+def _direction(code: str) -> tuple[int, float] | None:
+    """Kind of a code and its angle to others of the kind [degrees]; None if it is no direction."""
+    for kind, angles in enumerate(_ANGLES):
+        if code in angles:
+            return kind, angles[code]
+    azimuth = float(code) if code.isdecimal() else quadrant(code)
+    return None if azimuth is None or azimuth > 360.0 else (0, azimuth)
+
+
+def _at_right_angles(one: _Direction, other: _Direction) -> bool:
+    return one[1] == other[1] and (one[2] - other[2]) % 180.0 == 90.0
 
 
 def vertical_files(paths: Sequence[Path]) -> set[Path]:
@@ -72,12 +113,9 @@ def vertical_files(paths: Sequence[Path]) -> set[Path]:
     folders: dict[Path, list[str]] = {}
     for path in paths:
         folders.setdefault(path.parent, []).append(path.name)
-    found: set[Path] = set()
-    for folder, names in folders.items():
-        verticals, horizontals = (_by_frame(tuple(names), c) for c in (VERTICAL, HORIZONTAL))
-        for frame in verticals.keys() & horizontals.keys():
-            found.update(folder / name for name in verticals[frame])
-    return found
+    return {
+        folder / name for folder, names in folders.items() for name in partners(names)[1].values()
+    }
 
 
 def with_vertical(motion: Motion, upward: Motion) -> Motion:
@@ -105,9 +143,11 @@ def with_vertical(motion: Motion, upward: Motion) -> Motion:
 def with_across(motion: Motion, other: Motion) -> Motion:
     """A motion with the other horizontal component; parameters and errors as `with_vertical`."""
     joined = _joined(motion, other, "across")
+    code = other.metadata.get("component", "")
     keys = ("component", "azimuth", "trace", "file")
     found = {f"{key}_across": other.metadata[key] for key in keys if other.metadata.get(key)}
-    return joined._replaced(metadata={**joined.metadata, **found})
+    log = (*joined.log, *(f"Other horizontal {code}: {step}" for step in other.log))
+    return joined._replaced(metadata={**joined.metadata, **found}, log=log)
 
 
 def other_horizontal(motion: Motion, motions: Sequence[Motion]) -> Motion | None:
@@ -120,26 +160,6 @@ def other_horizontal(motion: Motion, motions: Sequence[Motion]) -> Motion | None
 
 def _family(motion: Motion) -> str:
     return str(motion.metadata.get("trace") or motion.metadata.get("component", ""))[:-1]
-
-
-@lru_cache(maxsize=8192)
-def _frames(name: str, code: re.Pattern[str]) -> list[_Frame]:
-    """What stands before and after a code of a component, the shortest codes first."""
-    return [
-        (name[:start].lower(), name[start + length :].lower())
-        for length in range(1, min(_LONGEST_CODE, len(name)) + 1)
-        for start in range(len(name) - length, -1, -1)
-        if code.fullmatch(name, start, start + length)
-    ]
-
-
-@lru_cache(maxsize=32)
-def _by_frame(names: tuple[str, ...], code: re.Pattern[str]) -> dict[_Frame, list[str]]:
-    table: dict[_Frame, list[str]] = {}
-    for name in sorted(names):
-        for frame in _frames(name, code):
-            table.setdefault(frame, []).append(name)
-    return table
 
 
 def folder_names(folder: Path) -> list[str]:

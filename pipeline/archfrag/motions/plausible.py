@@ -15,6 +15,7 @@ Acceptable = Literal["pga", "time_step", "samples", "header"]
 ACCEPTABLE: tuple[Acceptable, ...] = get_args(Acceptable)
 PGA_RANGE = (1e-5, 5.0)  # [g]
 TIME_STEP_RANGE = (1e-4, 0.1)  # [s]
+LARGEST_RECORD, LARGEST_INVENTORY = 2**27, 50_000_000  # [bytes]
 Doubt = tuple[Acceptable | None, str]  # None: nothing makes it acceptable
 
 
@@ -28,6 +29,24 @@ def check_name(path: Path) -> None:
             f"{shown}: the name of the file is not in UTF-8; rename it, the id of a record is "
             "made of its name"
         ) from None
+
+
+def record_size(path: Path) -> int:
+    """Size of a record file [bytes]; RecordError for what cannot be read as one."""
+    check_name(path)
+    for right, what in (
+        (path.exists(), "there is no such file"),
+        (not path.is_dir(), "this is a folder; a record is one file"),
+        (path.is_file(), "this is not a regular file"),
+        (os.access(path, os.R_OK), "the file cannot be read (Permission denied)"),
+    ):
+        if not right:
+            raise RecordError(f"{path}: {what}")
+    size = path.stat().st_size
+    if not 0 < size <= LARGEST_RECORD:
+        many = f"the file has {size} bytes; a record may have at most {LARGEST_RECORD}"
+        raise RecordError(f"{path}: {many if size else 'the file is empty'}")
+    return size
 
 
 def accepted_words(words: Iterable[str], place: str) -> tuple[str, ...]:

@@ -71,5 +71,5 @@ def remove_response(
 def _trace(motion: Motion, samples: NDArray[np.float64], name: str) -> Trace:
     parts = (name.split(".") + [""] * 4)[:4]
     header = dict(zip(("network", "station", "location", "channel"), parts))
-    start = UTCDateTime(str(motion.metadata.get("start_time", 0)))
+    start = UTCDateTime(motion.metadata.get("start_time") or 0)
     return Trace(samples.copy(), header={**header, "delta": motion.dt, "starttime": start})

@@ -11,7 +11,7 @@ from archfrag.fragility.curve import Fragility
 from archfrag.mechanics.status import CollapseMode
 from archfrag.report.inputs import ReportInputs
 from archfrag.report.summary import Scale, study_config
-from archfrag.study.curves import Answer
+from archfrag.study.curves import Answer, arch_classes
 
 SUMMARY_FORMAT = "archfrag-summary/2"
 _MADE_BY = ("archfrag_commit", "archfrag_versions", "archfrag_plan", "archfrag_machine", "source")
@@ -30,13 +30,21 @@ def summary(inputs: ReportInputs, scale: Scale) -> dict[str, Any]:
     ``dispersion``; ``cautions``; and ``made_by``, versions and digests. What is not known is
     null.
 
+    ``without_verdict`` of an arch or a class is null if every run collapsed or stands; else it has
+    ``runs``, the number of those that do not, and ``theta_if``: theta if all of them were
+    ``collapsed``, or all ``standing``.
+
+    The curve of a class is the mean of those of its arches; its ``theta`` and ``beta`` are those
+    of the lognormal curve with the same mean and standard deviation of ln capacity.
+    ``dispersion`` holds the parts of that ``beta``.
+
     A ``curve`` has ``theta``, ``beta``, ``theta_interval``, ``beta_interval``, ``method`` and
     ``assumptions`` of curve and band, ``independent`` (records or runs that the data are worth),
     ``islands`` (runs against the capacity of their record), ``kind``, and
     ``maximum_likelihood``: ``theta``, ``beta`` and ``kind``, or null.
     """
     cube, attributes = inputs.cube, inputs.cube.attrs
-    of_class = classes(cube)
+    of_class = arch_classes(cube)
     onsets = {name: onset for name, _, onset in inputs.arches}
     arches = [
         {
@@ -70,17 +78,16 @@ def summary(inputs: ReportInputs, scale: Scale) -> dict[str, Any]:
     return found
 
 
-def classes(cube: xr.Dataset) -> dict[str, str]:
-    """Class of each arch of a cube; its own name where the cube holds none."""
-    names = [str(name) for name in cube["arch"].values]
-    own = [str(name) for name in cube["arch_class"].values] if "arch_class" in cube else names
-    return dict(zip(names, own, strict=True))
-
-
 def _answered(answer: Answer, scale: Scale, at: float | None) -> dict[str, Any]:
     """Curve and probability of an arch or a class, or the reason why there is none."""
+    lost = answer.more.get("without_verdict") or None
+    if lost and "runs" in lost:
+        medians = {key: lost[key].get("theta") for key in ("collapsed", "standing")}
+        theta = {key: each and scale.factor * each for key, each in medians.items()}
+        lost = {"runs": lost["runs"], "theta_if": theta}
+    found = {"reason": None, "without_verdict": lost}
     if isinstance(answer.curve, str):
-        return {"curve": None, "reason": answer.curve, "probability": None}
+        return found | {"curve": None, "reason": answer.curve, "probability": None}
     probability = None
     if at is not None:
         value, *ends = answer.probability(at / scale.factor)
@@ -101,7 +108,7 @@ def _answered(answer: Answer, scale: Scale, at: float | None) -> dict[str, Any]:
         "kind": answer.curve.kind,
         "maximum_likelihood": likelihood,
     }
-    return {"curve": curve, "reason": None, "probability": probability}
+    return found | {"curve": curve, "probability": probability}
 
 
 def _runs(cube: xr.Dataset) -> Iterator[tuple[str, dict[str, Any]]]:

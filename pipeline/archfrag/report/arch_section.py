@@ -13,6 +13,7 @@ from archfrag.report.picture import Picture
 from archfrag.report.summary import ArchResults
 from archfrag.report.timeline import timeline
 from archfrag.simulation.mechanism import MODEL_WORDS
+from archfrag.study.fits import lost_text
 
 _ENTRIES = 60  # of the log, in words
 
@@ -35,7 +36,10 @@ def arch_section(
         "cautions": cautions_of(inputs.cautions, name),
         "curve": curve_figures.curve(results, answer),
         "interval": clopper_pearson(results.known.collapsed, results.known.n, answer.confidence),
-        "limit_states": curve_figures.limit_states(answer, results),
+        "limit_states": curve_figures.limit_states(
+            answer, name, results.scale, float(results.levels.max())
+        ),
+        "lost": lost_text(answer, results.scale.text),
         "measures": curve_figures.measures(answer, name),
         "measured": curve_figures.efficient_first(answer),
         "verdicts": (figures.scattered_runs if results.grouped else figures.verdict_map)(results),

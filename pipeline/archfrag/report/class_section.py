@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from archfrag.fragility.curve import Fragility
 from archfrag.report import curve_figures as curves
 from archfrag.report import picture as look
-from archfrag.report.answer import classes
 from archfrag.report.filters import percent_of
 from archfrag.report.inputs import ReportInputs
 from archfrag.report.picture import BELOW, BESIDE, LINE, FloatArray, Picture
 from archfrag.report.plot import Entry, Panel, Sheet, picture
 from archfrag.report.summary import Scale
-from archfrag.study.curves import Answer
+from archfrag.study.curves import Answer, arch_classes
+from archfrag.study.fits import lost_text
 
 MOST_PANELS, MOST_TEXTS = 9, 7
 _HIGH = 150.0  # of a panel [px]
@@ -25,9 +25,10 @@ _HIGH = 150.0  # of a panel [px]
 
 def class_section(inputs: ReportInputs, name: str, number: int, scale: Scale) -> dict[str, Any]:
     """Figures, tables and numbers of a class, by the names that the page's template uses."""
-    of_class = classes(inputs.cube)
+    of_class = arch_classes(inputs.cube)
     members = [inputs.answers[arch] for arch, own in of_class.items() if own == name]
     answer = inputs.classes[name]
+    highest = scale.factor * float(inputs.cube["intensity"].max())
     differences = _differences(inputs.cube, np.array(list(of_class.values())) == name)
     return {
         "id": f"class{number}",
@@ -35,6 +36,8 @@ def class_section(inputs: ReportInputs, name: str, number: int, scale: Scale) ->
         "n_arch": len(members),
         "answer": answer,
         "band": curves.band_words(answer),
+        "lost": lost_text(answer, scale.text),
+        "limit_states": curves.limit_states(answer, name, scale, highest),
         "curve": class_curve(answer, members, name, scale),
         "panels": theta_panels(members, differences, name, scale),
     }

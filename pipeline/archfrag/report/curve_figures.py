@@ -231,9 +231,12 @@ def draw_thin(panel: Panel, fits: Sequence[Fragility], scale: Scale, colour: str
         panel.line(im, fit.probability(im / scale.factor), colour, 0.5, opacity=opacity)
 
 
-def limit_states(answer: Answer, results: ArchResults) -> Picture | None:
-    """Curves of the limit states of an arch, in the order given; None if none has one."""
-    scale, fits = results.scale, {}
+def limit_states(answer: Answer, name: str, scale: Scale, highest: float) -> Picture | None:
+    """Curves of the limit states of an arch or a class; None if none has one.
+
+    They are drawn to the `highest` level in the reader's unit.
+    """
+    fits = {}
     for state in answer.more.get("limit_states", {}).get("states", ()):
         if not isinstance(fit := curve_of_dict(state["curve"]), str):
             fits[state["name"].replace("_", " ")] = fit
@@ -246,9 +249,9 @@ def limit_states(answer: Answer, results: ArchResults) -> Picture | None:
             draw_fit(panel, fit, scale, own)
 
     return curve_picture(
-        draw, strokes, (1.05 * float(results.levels.max()), scale.label),
+        draw, strokes, (1.05 * highest, scale.label),
         "probability of reaching it",
-        alternative=f"Curves of limit states of {results.arch} against {scale.label}. Medians: "
+        alternative=f"Curves of limit states of {name} against {scale.label}. Medians: "
         + _medians(fits, scale),
     )  # fmt: skip
 

@@ -2,16 +2,17 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from archfrag.errors import InputError
+from archfrag.errors import InputError, attempt
 from archfrag.simulate import Onset, onset
 from archfrag.study.config import Study, load_study
 from archfrag.study.cube import read_timings
-from archfrag.study.curves import Answer
+from archfrag.study.curves import Answer, quoted
 from archfrag.study.fits import FITS, cautions_of_cube, load_answers, open_cube
 from archfrag.study.members import members, shown
 from archfrag.study.records import load_prepared, load_record
@@ -46,7 +47,7 @@ class ReportInputs:
     #: Cube and answers of another study with the same measure, to be compared in common arches.
     beside: "tuple[xr.Dataset, Mapping[str, Answer]] | None" = None
     at: float | None = None  #: level at which the probability is wanted, in the study's unit
-    risk: "StudyRisk | None" = None
+    risk: "StudyRisk | str | None" = None  #: or why there are no rates
 
 
 def report_inputs(study: Study, beside: Path | None = None) -> ReportInputs:
@@ -61,7 +62,7 @@ def report_inputs(study: Study, beside: Path | None = None) -> ReportInputs:
     Raises
     ------
     InputError
-        If results are missing or not those of the study as it is, or its hazard cannot be read.
+        If results are missing or not those of the study as it is.
     OutputError
         If another study's cube is in its folder.
     """
@@ -70,7 +71,7 @@ def report_inputs(study: Study, beside: Path | None = None) -> ReportInputs:
     prepared = load_prepared(study)
     with open_cube(study) as opened:
         cube = opened.load()
-    answers = load_answers(study.folder / FITS)
+    answers, classes = (load_answers(study.folder / FITS, of) for of in ("arches", "classes"))
     entries = {entry.id: entry for entry in members(study, len(prepared)).entries}
     medians = [np.nan if isinstance(a.curve, str) else a.curve.theta for a in answers.values()]
     names = [list(answers)[i] for i in shown(medians)]
@@ -81,14 +82,14 @@ def report_inputs(study: Study, beside: Path | None = None) -> ReportInputs:
         motions=[load_record(study.work, record) for record in prepared],
         arches=[(name, arch, onset(arch)) for name, arch in arches],
         answers=answers,
-        classes=load_answers(study.folder / FITS, "classes"),
-        cautions=cautions_of_cube(study, cube),
+        classes=classes,
+        cautions=cautions_of_cube(study, cube, answers),
         timings=read_timings(study),
         title=study.title,
         confidence=study.report.confidence,
         beside=None if beside is None else _beside(study, beside),
         at=study.report.at,
-        risk=_risk(study, cube, answers),
+        risk=attempt(partial(_risk, study, cube, quoted(cube, answers, classes))),
     )
 
 

@@ -1,15 +1,17 @@
 """The report of a study: one HTML file that needs nothing else, on a network or off it."""
 
 import json
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from archfrag.errors import InputError
-from archfrag.report.answer import classes, summary
+from archfrag.errors import InputError, attempt
+from archfrag.report.answer import summary
 from archfrag.report.arch_section import arch_section, cautions_of
 from archfrag.report.beside import beside_section
 from archfrag.report.class_section import class_section
@@ -21,7 +23,7 @@ from archfrag.report.picture import SVG_STYLE, Picture, standalone
 from archfrag.report.plot import hatch_definitions
 from archfrag.report.risk_section import risk_section
 from archfrag.report.summary import arch_results, reading_scale
-from archfrag.study.curves import Answer
+from archfrag.study.curves import Answer, arch_classes, quoted
 from archfrag.study.files import write_text
 from archfrag.study.members import SHOWN
 from archfrag.study.steps import ALL_CURVES, REPORT_FILES
@@ -86,7 +88,16 @@ def _render(inputs: ReportInputs) -> tuple[str, dict[str, Picture], dict[str, An
         for i, (name, _, _) in enumerate(inputs.arches)
     ]
     listed, marks = _listed(inputs), (scale.factor * float(cube["intensity"].max()), inputs.at)
-    every = all_curves(inputs.answers, inputs.classes, classes(cube), scale, marks)
+    every = all_curves(inputs.answers, inputs.classes, arch_classes(cube), scale, marks)
+    of_classes = [
+        _part({"id": f"class{i}", "name": name}, partial(class_section, inputs, name, i, scale))
+        for i, name in enumerate(inputs.classes)
+    ]
+    risk: dict[str, Any] | None = None
+    if isinstance(inputs.risk, str):
+        risk = {"none": inputs.risk}
+    elif inputs.risk is not None:
+        risk = _part({}, partial(risk_section, inputs.risk, scale))
     named = [name for name, _, _ in inputs.arches]
     provenance = [_plain(item) for item in cube.attrs.items()]
     text = (
@@ -103,9 +114,9 @@ def _render(inputs: ReportInputs) -> tuple[str, dict[str, Picture], dict[str, An
             n_arch=len(inputs.answers),
             sections=sections,
             design={"arches": {}} | json.loads(cube.attrs.get("archfrag_design", "{}")),
-            classes=[class_section(inputs, n, i, scale) for i, n in enumerate(inputs.classes)],
+            classes=of_classes,
             beside=beside_section(inputs, scale),
-            risk=None if inputs.risk is None else risk_section(inputs.risk, scale),
+            risk=risk,
             scale=scale,
             cautions=[c for c in inputs.cautions if not any(cautions_of([c], n) for n in named)],
             # Gap over joint length from which a loss of contact is a collapse.
@@ -126,13 +137,20 @@ def _render(inputs: ReportInputs) -> tuple[str, dict[str, Picture], dict[str, An
     return text, curves, summary(inputs, scale)
 
 
+def _part(known: dict[str, Any], make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """A part of the page, or what is known of it and why it cannot be made."""
+    made = attempt(make)
+    return known | ({"none": made} if isinstance(made, str) else made)
+
+
 def _listed(inputs: ReportInputs) -> dict[str, Answer]:
     """Answers in the order of the table: classes, arches that are of none, other arches."""
-    of_class = classes(inputs.cube)
-    counted = list(of_class.values())
-    first = {f"{k}, {counted.count(k)} arches": answer for k, answer in inputs.classes.items()}
-    own = {k: a for k, a in inputs.answers.items() if of_class.get(k) not in inputs.classes}
-    return first | own | dict(inputs.answers)
+    counted = Counter(arch_classes(inputs.cube).values())
+    first = quoted(inputs.cube, inputs.answers, inputs.classes)
+    named = {
+        f"{k}, {counted[k]} arches" if k in inputs.classes else k: a for k, a in first.items()
+    }
+    return named | dict(inputs.answers)
 
 
 def _environment() -> Environment:

@@ -83,7 +83,7 @@ def hazard_and_fragility(arch: ArchRisk, hazard: Hazard, scale: Scale) -> Pictur
     return picture(
         draw,
         alternative=f"Hazard curve, fragility curve of {arch.arch} and their product; rate of "
-        f"collapse {arch.rate.rate:.2g} a year",
+        f"collapse {'at least ' * arch.rate.is_bound}{arch.rate.quoted:.2g} a year",
     )
 
 
@@ -97,7 +97,7 @@ def deaggregation(arch: ArchRisk, scale: Scale) -> Picture | None:
     beside = [
         (title, found)
         for title, found in (("magnitude", arch.by_magnitude), ("distance", arch.by_distance))
-        if any(n.any() for c, n in zip(found.categories, found.counts) if c != NOT_KNOWN)
+        if any(n for c, n in zip(found.categories, found.shown) if c != NOT_KNOWN)
     ]
     found = arch.by_mechanism
     parts = [
@@ -151,7 +151,7 @@ def _rates(panel: Panel, ticks: ArrayLike, title: str) -> None:
 
 def _bars(sheet: Sheet, box: Box, found: Contributions, title: str) -> None:
     """Fractions of the rate by category, with their bands."""
-    kept = np.flatnonzero(found.rate.any(axis=1))
+    kept = np.flatnonzero(found.shown)
     place = np.arange(kept.size)
     panel = Panel(sheet, box, (0.0, 1.0), (-0.5, kept.size - 0.5))
     panel.axis_x([0.0, 0.25, 0.5, 0.75, 1.0], "fraction of the rate [1]", grid=True)

@@ -95,14 +95,14 @@ class ArchResults:
     @property
     def brackets(self) -> Brackets:
         """Between which levels the capacity of each record that was run lies."""
-        return find_brackets(self.verdict[self.simulated.any(axis=1)], self.levels, "first")
+        return find_brackets(self.verdict[self.simulated.any(axis=1)], self.levels)
 
     @property
     def known(self) -> VerdictCounts:
         """Counts of records at each level, with what their capacities imply where bisected."""
         if not self.bisected:
             return self.counts
-        return count_verdicts(fill_verdicts(self.verdict[self.simulated.any(axis=1)], "first"))
+        return count_verdicts(fill_verdicts(self.verdict[self.simulated.any(axis=1)]))
 
     @property
     def simulated(self) -> NDArray[np.bool_]:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from archfrag.errors import WorkerError
+from archfrag.files import temporary_folder
 from archfrag.study.bundles import Bundles, Rates
 from archfrag.study.checks import check_arches
 from archfrag.study.config import Study
@@ -232,8 +233,9 @@ def _client(study: Study, count: int) -> Iterator[Client]:
     for name in ("distributed", "distributed.nanny", "distributed.scheduler"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     address = study.execution.scheduler
-    settings = {**_SETTINGS, "temporary-directory": str(study.work / "dask")}
     with contextlib.ExitStack() as stack:
+        scratch = stack.enter_context(temporary_folder(study.work))
+        settings = {**_SETTINGS, "temporary-directory": scratch}
         stack.enter_context(dask.config.set(settings))
         try:
             # Whoever reaches a scheduler may run code: the credentials are known to the processes

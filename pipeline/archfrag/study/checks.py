@@ -16,6 +16,7 @@ from archfrag.study.config import Study, load_study
 from archfrag.study.cube import refuse_foreign_cube
 from archfrag.study.design import Cloud, Design, Ida, Scattered, TwoStage
 from archfrag.study.files import cannot_write
+from archfrag.study.hazard import load_hazard
 from archfrag.study.members import (
     Members,
     check_buildable,
@@ -39,6 +40,13 @@ def check_arches(study: Study, n_record: int = 1) -> Members:
     check_buildable(found)
     check_standing(found)
     return found
+
+
+def _check_some(found: Members) -> int:
+    """Check arches as `check_arches`, of very many only some; how many."""
+    some = found.checked()
+    check_standing(some)
+    return len(some)
 
 
 def uncorrected(study: Study) -> tuple[str, ...]:
@@ -87,9 +95,21 @@ def doubts(study: Study, found: Members) -> tuple[str, ...]:
     return tuple(messages)
 
 
+def check_start(study: Study) -> None:
+    """See that the last step will have what it needs: a hazard, and a folder to write to."""
+    if (risk := study.risk) is not None:
+        load_hazard(Path(risk.hazard), study.intensity.measure, risk.unit, risk.site)
+    check_output(study)
+
+
 def check_output(study: Study) -> None:
     """See that the output folder can be written and is no other study's; nothing is created."""
     _check_writable(study.folder)
+    refuse_foreign_results(study)
+
+
+def refuse_foreign_results(study: Study) -> None:
+    """See that the output folder holds no results of another study."""
     refuse_foreign_cube(study)
     resolved = study.work / STUDY_FILE
     if not resolved.exists():
@@ -132,6 +152,7 @@ class Summary:
     coarse_runs: int = 0
     classes: tuple[str, ...] = ()  # of arches that were drawn or come from a table
     cautions: tuple[str, ...] = ()  # what is possible but doubtful
+    partners: tuple[str, ...] = ()  # files of records that are put together from several
 
     def __str__(self) -> str:
         """All but the name in one line."""
@@ -145,15 +166,23 @@ class Summary:
 
 def check_study(study: Study) -> Summary:
     """Check all of a study without running it: arches stand, records are read and scaled."""
-    found = check_arches(study)
+    check_start(study)
+    # Arches that each record has of its own are known once the records are.
+    if not needs_records(study.arches):
+        _check_some(members(study))
     study_inputs(study)
-    raw = {motion.id: is_raw(motion) for motion in read_sources(study) if measured(motion, study)}
+    raw, partners = {}, []
+    for motion in read_sources(study):
+        measured(motion, study)
+        raw[motion.id], about = is_raw(motion), motion.metadata
+        others = [about.get("file_across"), about.get("vertical_file")]
+        used = " and ".join(name for name in others if name and name != about["file"])
+        partners += [f"{about['file']} with {used}"] if used else []
     records = len(raw)
     if not records:
         raise StudyError("motions: the study has no record")
-    if needs_records(study.arches):
-        found = check_arches(study, records)
-    check_output(study)
+    found = members(study, records)
+    unchecked = len(found) - _check_some(found)
     design, levels = study.design, len(study.intensity.si)
     met, arches = np.unique(found.meets(records).sum(axis=1), return_counts=True)
     each = [_runs_of(design, int(count), levels) for count in met]
@@ -161,7 +190,10 @@ def check_study(study: Study) -> Summary:
     return Summary(
         study.id, len(found), records, levels, design.kind, runs, each[0][2], coarse,
         summaries(found),
-        doubts(study, found) + _uncorrected(study, [name for name in raw if raw[name]], records),
+        doubts(study, found) + _uncorrected(study, [name for name in raw if raw[name]], records)
+        + ((f"{unchecked} of {len(found)} arches were not checked; the run checks all of them "
+            "before it simulates",) if unchecked else ()),
+        tuple(partners),
     )  # fmt: skip
 
 

@@ -1,6 +1,6 @@
 """What else follows from runs: other shapes, measures, limit states, parts of the dispersion."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.arch import STANDARD_GRAVITY
-from archfrag.errors import FitError, InputError
+from archfrag.errors import FitError, InputError, attempt
 from archfrag.fragility.brackets import fill_verdicts, find_brackets
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, Fragility
@@ -23,7 +23,9 @@ _SEED = 1
 MOST_BELOW = 0.01  # probability of a limit state at the onset of motion
 
 
-def free_shapes(runs: Runs, confidence: float) -> dict[str, Any]:
+def free_shapes(
+    runs: Runs, confidence: float, worded: Callable[[FitError], str] = str
+) -> dict[str, Any]:
     """Curves without a shape given beforehand, and whether the lognormal one fits the runs."""
     from archfrag.fragility.goodness import check_lognormal
     from archfrag.fragility.runs import Resampling, gather_runs
@@ -31,8 +33,7 @@ def free_shapes(runs: Runs, confidence: float) -> dict[str, Any]:
 
     verdict, level = runs.verdict.ravel(), runs.level.ravel()
     if runs.design in GRIDS:
-        rule: Any = "first" if runs.design != "stripes" else "fewest"
-        verdict, level = fill_verdicts(runs.verdict, rule), runs.level
+        verdict, level = fill_verdicts(runs.verdict), runs.level
     resampling = Resampling(_SEED, 300, confidence)
     shaped: dict[str, Any] = {}
     try:
@@ -45,11 +46,13 @@ def free_shapes(runs: Runs, confidence: float) -> dict[str, Any]:
         test = check_lognormal(own, resampling)
         shaped["test_of_fit"] = {"p_value": test.p_value, "message": test.message}
     except FitError as error:
-        shaped["none"] = str(error)
+        shaped["none"] = worded(error)
     return shaped
 
 
-def cloud_curves(cube: "xr.Dataset", runs: Runs, confidence: float) -> dict[str, Any]:
+def cloud_curves(
+    cube: "xr.Dataset", runs: Runs, confidence: float, worded: Callable[[FitError], str] = str
+) -> dict[str, Any]:
     """Curves of a cloud by logistic regression and by the modified method, on peak rotation."""
     from archfrag.fragility.cloud import cloud_binary, cloud_modified
     from archfrag.fragility.runs import Resampling
@@ -70,12 +73,8 @@ def cloud_curves(cube: "xr.Dataset", runs: Runs, confidence: float) -> dict[str,
         ("logistic", partial(cloud_binary, level, fell, resampling, event=event)),
         ("modified", partial(cloud_modified, *moving, resampling, event=some)),
     ):
-        try:
-            curve = fit()
-        except (FitError, InputError) as error:
-            found[name] = {"none": str(error)}
-            continue
-        found[name] = {
+        curve = attempt(fit, worded)
+        found[name] = {"none": curve} if isinstance(curve, str) else {
             "theta": curve.theta, "beta": curve.beta, "theta_interval": curve.theta_interval,
             "beta_interval": curve.beta_interval, "notes": list(curve.notes),
         }  # fmt: skip
@@ -85,7 +84,6 @@ def cloud_curves(cube: "xr.Dataset", runs: Runs, confidence: float) -> dict[str,
 def measures_compared(cube: "xr.Dataset", runs: Runs) -> dict[str, Any]:
     """The study's measure beside others in which its motions are known."""
     from archfrag.fragility.measures import Motions, compare_measures
-    from archfrag.fragility.runs import Resampling
 
     exponent = cube["measure_exponent"].values.astype(float)
     rows = runs.rows
@@ -97,69 +95,92 @@ def measures_compared(cube: "xr.Dataset", runs: Runs) -> dict[str, Any]:
         cube["magnitude"].values[rows], cube["distance"].values[rows], runs.group,
     )  # fmt: skip
     own = str(cube["intensity"].attrs["measure"])
-    try:
-        table = compare_measures(runs.verdict, runs.factor, motions, own, Resampling(_SEED, 300))
-    except (FitError, InputError) as error:
-        return {"none": str(error)}
+    table = compare_measures(runs.verdict, runs.factor, motions, own)
     units = dict(zip(names.tolist(), cube["measure_unit"].values.astype(str).tolist()))
     listed = [{**asdict(row), "unit": units[row.measure]} for row in table.rows]
-    plain = {name: getattr(table, name) for name in ("own", "best", "p_value", "ratio", "message")}
-    return {**plain, "rows": listed}
+    return {**asdict(table), "rows": listed}
 
 
-def limit_states(cube: "xr.Dataset", runs: Runs, keys: Mapping[str, float]) -> dict[str, Any]:
-    """Curves of damage short of collapse, from the same runs, ordered."""
+def limit_states(
+    parts: "Sequence[tuple[xr.Dataset, Runs]]", keys: Mapping[str, float],
+    worded: Callable[[FitError], str] = str,
+) -> dict[str, Any]:  # fmt: skip
+    """Curves of damage short of collapse, ordered, from the runs of an arch or of all of a class.
+
+    Parameters
+    ----------
+    parts : sequence of (xarray.Dataset, Runs)
+        Each arch with its part of the cube.
+    keys : mapping of str to float
+        ``limit_states`` of the study.
+    worded : callable
+        As of `archfrag.study.curves.answer`.
+    """
     from archfrag.fragility.limit_states import fit_limit_states
+
+    limits = [float(cube["static_limit"]) for cube, _ in parts]
+    rad = f", {limits[0]:.3g} rad" if len(parts) == 1 else ""
+    meanings = {
+        "motion": "a joint opens or slides",
+        "impact": "a joint closes by an impact",
+        "residual": f"a displacement of {keys['residual']:g} of a joint's length is left",
+        "rotation": f"rotation by {keys['rotation']:g} of the static limit{rad}",
+        "contact lost": "a joint opens at both corners, regained or not",
+        "collapse": "a loss of contact that cannot be regained",
+    }
+    if not np.isfinite(limits).all():
+        del meanings["rotation"]
+    exceeded = np.concatenate([_exceeded(*part, keys, list(meanings)) for part in parts])
+    level = np.concatenate([np.broadcast_to(r.level, r.verdict.shape) for _, r in parts])
+    found = fit_limit_states(exceeded, level, list(meanings))
+    onset = min(_onset(cube) for cube, _ in parts)
+    notes = [worded(each.none) if each.none else "" for each in found.states]
+    return {
+        "message": found.message,
+        "states": [
+            {"name": each.name, "meaning": meanings[each.name],
+             "note": note, "curve": curve_to_dict(_above(each.fit, onset) or note)}
+            for each, note in zip(found.states, notes, strict=True)
+        ],
+    }  # fmt: skip
+
+
+def _exceeded(
+    cube: "xr.Dataset", runs: Runs, keys: Mapping[str, float], names: Sequence[str]
+) -> NDArray[np.int64]:
+    """1 where a run of an arch exceeds a limit state, 0 where not, -1 where that is not known."""
 
     def values(name: str) -> NDArray:
         table: NDArray = cube[name].transpose("record", "level").values
         return table[runs.rows]
 
-    limit, length = float(cube["static_limit"]), float(cube["joint_length"])
-    moved = values("openings") + values("slides") + values("impacts") > 0
-    states = [
-        ("motion", "a joint opens or slides", moved),
-        ("impact", "a joint closes by an impact", values("impacts") > 0),
-        ("residual", f"a displacement of {keys['residual']:g} of a joint's length is left",
-         values("residual_displacement") >= keys["residual"] * length),
-        ("rotation", f"rotation by {keys['rotation']:g} of the static limit, {limit:.3g} rad",
-         values("peak_rotation") >= keys["rotation"] * limit),
-        ("contact lost", "a joint opens at both corners, regained or not",
-         np.isfinite(values("lost_contact_time"))),
-        ("collapse", "a loss of contact that cannot be regained",
-         runs.verdict == Verdict.COLLAPSED),
-    ]  # fmt: skip
-    if not np.isfinite(limit):
-        states = [state for state in states if state[0] != "rotation"]
-    decided = runs.decided
-    exceeded = np.stack(
-        [np.where(decided, reached, -1).astype(np.int64) for _, _, reached in states], axis=-1
-    )
+    length, limit = float(cube["joint_length"]), float(cube["static_limit"])
+    states = {
+        "motion": values("openings") + values("slides") + values("impacts") > 0,
+        "impact": values("impacts") > 0,
+        "residual": values("residual_displacement") >= keys["residual"] * length,
+        "rotation": values("peak_rotation") >= keys["rotation"] * limit,
+        "contact lost": np.isfinite(values("lost_contact_time")),
+        "collapse": runs.verdict == Verdict.COLLAPSED,
+    }
+    reached = [np.where(runs.decided, states[name], -1).astype(np.int64) for name in names]
     if runs.design in ("ida", "two_stage"):  # where the runs of a record imply others
-        for i in range(len(states)):
-            unknown = exceeded[..., i] < 0
-            codes = fill_verdicts(
-                np.where(unknown, Verdict.NOT_SIMULATED, exceeded[..., i]), "first"
-            )
-            exceeded[..., i] = np.where(codes == Verdict.NOT_SIMULATED, -1, codes)
-    found = fit_limit_states(exceeded, runs.level, [name for name, *_ in states])
-    onset = _onset(cube)
-    return {
-        "message": found.message,
-        "states": [
-            {"name": each.name, "meaning": meaning, "note": each.none,
-             "curve": curve_to_dict(_above(each.fit, onset) or each.none)}
-            for each, (_, meaning, _) in zip(found.states, states, strict=True)
-        ],
-    }  # fmt: skip
+        for i, codes in enumerate(reached):
+            filled = fill_verdicts(np.where(codes < 0, Verdict.NOT_SIMULATED, codes), "first")
+            reached[i] = np.where(filled == Verdict.NOT_SIMULATED, -1, filled)
+    return np.stack(reached, axis=-1)
 
 
 def _onset(cube: "xr.Dataset") -> float:
-    """Level below which nothing can move, 0 where that is not known [m/s2]."""
-    vertical = "record_vertical" not in cube or bool(cube["record_vertical"].any())
-    if vertical or cube["intensity"].attrs["measure"] != "PGA":
+    """Least level at which an arch can move under its records, 0 where that is not known [SI]."""
+    own, names = cube["intensity"].attrs["measure"], cube["measure"].values.astype(str).tolist()
+    if bool(cube["record_vertical"].any()) or not {own, "PGA"} <= set(names):
         return 0.0
-    return STANDARD_GRAVITY * min(float(cube["onset_plus"]), float(cube["onset_minus"]))
+    value = cube["record_measure"].transpose("record", "measure").values
+    least = STANDARD_GRAVITY * min(float(cube["onset_plus"]), float(cube["onset_minus"]))
+    factor = least / value[:, names.index("PGA")]
+    power = float(cube["measure_exponent"].values[names.index(own)])
+    return float(np.min(value[:, names.index(own)] * factor**power))
 
 
 def _above(fit: Fragility | None, onset: float) -> Fragility | str | None:
@@ -168,13 +189,15 @@ def _above(fit: Fragility | None, onset: float) -> Fragility | str | None:
     if below <= MOST_BELOW:
         return fit
     return (
-        f"it would give a probability of {below:.2f} at the onset of motion; too little near "
-        "it was run: add levels there, or take the design stripes"
+        f"it would give a probability of {below:.2f} at the onset of motion, below which nothing "
+        "moves; levels near the onset may show it"
     )
 
 
-def dispersion_split(members: Sequence[Runs], answers: Sequence[Answer]) -> dict[str, Any]:
-    """Dispersion of a class: from record to record, and between its arches.
+def dispersion_split(
+    members: Sequence[Runs], answers: Sequence[Answer], beta: float
+) -> dict[str, Any]:
+    """Parts of the dispersion `beta` of a class: from record to record, and between its arches.
 
     By the capacities of all runs; by the likeliest curve of each arch where records withstand the
     largest level, since without these, the mildest, what is left would differ less.
@@ -184,8 +207,7 @@ def dispersion_split(members: Sequence[Runs], answers: Sequence[Answer]) -> dict
     n_record = len(members[0].verdict)
     if members[0].design not in GRIDS or any(len(each.verdict) != n_record for each in members):
         return {}
-    rule = "fewest" if members[0].design == "stripes" else "first"
-    capacity = np.stack([find_brackets(each.verdict, each.level, rule).middle for each in members])
+    capacity = np.stack([find_brackets(each.verdict, each.level).middle for each in members])
     try:
         if np.isnan(capacity).any():
             fits = [a.likelihood for a in answers if isinstance(a.likelihood, Fragility)]
@@ -198,7 +220,11 @@ def dispersion_split(members: Sequence[Runs], answers: Sequence[Answer]) -> dict
             split = split_capacities(capacity)
     except (FitError, InputError) as error:
         return {"none": str(error)}
-    return {**asdict(split), "combined": split.combined(), "message": split.message}
+    scale = beta / split.combined()
+    return {
+        "beta_record_to_record": scale * split.beta_record_to_record,
+        "beta_model": scale * split.beta_model,
+    }
 
 
 def _shared_error(capacity: FloatArray) -> float:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from archfrag.errors import InputError, RecordError
 from archfrag.motions.index import IndexEntry
-from archfrag.motions.partners import VERTICAL, folder_names, sibling, vertical_files
+from archfrag.motions.partners import VERTICAL, folder_names, partners, vertical_files
 from archfrag.study.config import Study
 from archfrag.study.processing import Step, apply_step
 
@@ -52,19 +52,20 @@ def with_partners(
     pairs, vertical = needs_pairs(study), study.motions.vertical
     if not pairs and not vertical:
         return list(sources)
-    names: dict[Path, list[str]] = {}
+    folders = {
+        folder: partners(folder_names(folder)) for folder in {s.path.parent for s in sources}
+    }
     found = []
     for source in sources:
-        folder = source.path.parent
-        if folder not in names:
-            names[folder] = folder_names(folder)
+        by_name = folders[source.path.parent]
         files: list[Path | None] = []
-        for kind, asked in ((True, vertical), (False, pairs)):
+        for kind, asked in ((False, pairs), (True, vertical)):
             of_kind = [row for row in rows if _is_vertical(row) == kind]
             row = _row_beside(source.entry, of_kind) if source.entry is not None else None
-            path = row.path if row else sibling(source.path, names[folder], kind)
+            name = by_name[kind].get(source.path.name)
+            path = row.path if row else source.path.with_name(name) if name else None
             files.append(path if asked else None)
-        found.append(replace(source, upward=files[0], beside=files[1]))
+        found.append(replace(source, beside=files[0], upward=files[1]))
     return found
 
 
@@ -199,8 +200,11 @@ class Components:
 
 
 def _lacks(source: "Source", motion: "Motion", component: str, why: str) -> RecordError:
-    where = f"no {component} component, in this file or in one beside it"
-    return RecordError(f"{source.path}: record {motion.id} has {where}, and {why}")
+    return RecordError(
+        f"{source.path}: record {motion.id} has no {component} component, and {why}. It must be "
+        "in this file, in one whose name differs in the direction only (N and E; 090, 180 and "
+        "UP), or in the one other row of an index with this event and station"
+    )
 
 
 def _as_listed(partner: "Motion", source: "Source") -> "Motion":

@@ -20,8 +20,8 @@ from pydantic import (
 
 from archfrag.arch import STANDARD_GRAVITY
 from archfrag.errors import InputError, StudyError
+from archfrag.files import WORK
 from archfrag.motions.plausible import Acceptable
-from archfrag.study import WORK
 from archfrag.study.arches import Identifier, StudyArch
 from archfrag.study.design import (
     Design,
@@ -302,7 +302,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
         One message with the file, the key, its value and what is allowed.
     """
     path = Path(path)
-    folder = path.resolve().parent
+    folder = Path(os.path.realpath(path)).parent
     given = _anchored(read_yaml(path), (), folder)
     for text in overrides:
         _override(given, text)
@@ -313,7 +313,7 @@ def load_study(path: str | Path, overrides: Sequence[str] = ()) -> Study:
         raise StudyError(f"{path}: {first_message(error, given)}") from error
     try:
         # Arches that each record has of its own are known once the records are.
-        check_buildable(members(study, n_record=1))
+        check_buildable(members(study, n_record=1).checked())
     except StudyError as error:
         raise StudyError(f"{path}: {error}") from error
     return study

@@ -1,5 +1,6 @@
 """The cube: all parts of a study in one CF-1.11 netCDF file."""
 
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from archfrag import __version__
 from archfrag.errors import OutputError
-from archfrag.files import counted
+from archfrag.files import counted, write_csv
 from archfrag.fragility.counts import Verdict
 from archfrag.study.config import Study
 from archfrag.study.design import GRIDS
@@ -42,13 +43,14 @@ def refuse_foreign_cube(study: Study) -> None:
     path = study.folder / CUBE
     if not path.exists():
         return
+    owner = None
     try:
-        with netCDF4.Dataset(path) as cube:
+        # A pipe would be waited for.
+        with netCDF4.Dataset(path if path.is_file() else os.devnull) as cube:
             owner = cube.__dict__.get("archfrag_study")
     except OSError:
         if is_ours_damaged(study, CUBE):
             return
-        owner = None
     if owner != study.id:
         whose = f"the cube of study {owner!r}" if owner else "a file that is no cube of archfrag"
         advice = "give the studies different output folders, or move the file"
@@ -92,18 +94,8 @@ def write_timings(study: Study) -> Path:
         "level": cases["level"], "steps": steps, "wall_time": wall_time,
     })  # fmt: skip
     path = study.work / TIMINGS
-    with replacing(path) as temporary:
-        table.to_csv(temporary, index=False)
+    write_csv(path, [table])
     return path
-
-
-def forget_other_code(study: Study) -> int:
-    """Remove results that no study can use any more; the number of versions they were made by."""
-    plan = make_plan(study)
-    for old in plan.parts.glob("plan-*.json"):
-        if old != plan.path:
-            old.unlink(missing_ok=True)
-    return Store(plan.parts).tidy()
 
 
 def read_timings(study: Study) -> dict[str, list[float]] | None:

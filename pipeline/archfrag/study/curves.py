@@ -1,6 +1,6 @@
 """What follows from the runs of a cube for each arch and of each class: curves and their bands."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ from archfrag.fragility.bands import beta_interval, confidence_band, theta_inter
 from archfrag.fragility.brackets import find_brackets
 from archfrag.fragility.control_variates import estimate_two_fidelity
 from archfrag.fragility.counts import Verdict
-from archfrag.fragility.curve import FloatArray, Fragility
+from archfrag.fragility.curve import FloatArray, Fragility, mixture
 from archfrag.fragility.fit import fit_brackets, fit_stripes
 from archfrag.fragility.quoted import quoted_band, shared_events
 from archfrag.study.design import GRIDS
@@ -124,8 +124,8 @@ def runs_of_cube(cube: "xr.Dataset") -> list[Runs]:
     return found
 
 
-def classes_of_cube(cube: "xr.Dataset", runs: Sequence[Runs]) -> dict[str, Runs]:
-    """Runs of the arches of each class together; only classes of several arches."""
+def classes_of_cube(cube: "xr.Dataset", runs: Sequence[Runs]) -> dict[str, tuple[Runs, list[int]]]:
+    """Runs of the arches of each class together, and their places; classes of several arches."""
     names = cube["arch_class"].values.astype(str)
     record = cube["record"].values.astype(str)
     found = {}
@@ -138,16 +138,20 @@ def classes_of_cube(cube: "xr.Dataset", runs: Sequence[Runs]) -> dict[str, Runs]
         level = own[0].level
         if level.ndim == 2:
             level = np.concatenate([each.level for each in own])
-        found[name] = Runs(
+        together = Runs(
             name, own[0].design, np.concatenate([each.verdict for each in own]), level,
             np.concatenate([each.factor for each in own]), np.concatenate(group), "record",
         )  # fmt: skip
+        found[name] = together, members
     return found
 
 
-def answer(runs: Runs, confidence: float) -> Answer:
-    """Curve of some runs with the band and the intervals that are quoted."""
-    likelihood = likeliest(runs)
+def answer(runs: Runs, confidence: float, worded: Callable[[FitError], str] = str) -> Answer:
+    """Curve of some runs with the band and the intervals that are quoted.
+
+    `worded` gives the text of an error, with its levels in the unit that people read.
+    """
+    likelihood = likeliest(runs, worded)
     im = np.linspace(0.0, 1.05 * float(np.nanmax(runs.level)), POINTS)
     try:
         if len(runs.verdict) < 2:
@@ -166,12 +170,74 @@ def answer(runs: Runs, confidence: float) -> Answer:
         if helped is not None:
             return replace(helped, likelihood=likelihood)
     except FitError as error:
-        return Answer(str(error), likelihood, confidence=confidence)
+        return Answer(worded(error), likelihood, confidence=confidence)
     return Answer(
         quoted.curve, likelihood, quoted.theta, quoted.beta,
         im.tolist(), quoted.band.lower.tolist(), quoted.band.upper.tolist(), confidence,
         quoted.method, quoted.assumptions, quoted.n_independent, quoted.n_islands,
     )  # fmt: skip
+
+
+def arch_classes(cube: "xr.Dataset") -> dict[str, str]:
+    """Class of each arch of a cube; its own name where the cube holds none."""
+    names = [str(name) for name in cube["arch"].values]
+    own = [str(name) for name in cube["arch_class"].values] if "arch_class" in cube else names
+    return dict(zip(names, own, strict=True))
+
+
+def quoted(
+    cube: "xr.Dataset", answers: Mapping[str, Answer], classes: Mapping[str, Answer],
+    members: bool = False,
+) -> dict[str, Answer]:  # fmt: skip
+    """Answers that are handed on: of classes, and of arches that are of none.
+
+    With `members` those of the arches of classes too.
+    """
+    of_class = arch_classes(cube)
+    alone = {k: a for k, a in answers.items() if members or of_class.get(k) not in classes}
+    return {**classes, **alone}
+
+
+def of_class(pooled: Answer, members: Sequence[Answer]) -> Answer:
+    """Answer of a class, from that of all its runs together and those of its arches.
+
+    Its curve is the mean of those of its arches; if one of these has none, the lognormal curve of
+    all runs. Band and intervals are of the latter. The class has no other curve, and one beta.
+    """
+    fits = [each.curve for each in members if isinstance(each.curve, Fragility)]
+    curve, count = pooled.curve, len(members)
+    if isinstance(curve, str):
+        return replace(pooled, likelihood="")
+    if len(fits) == count:
+        curve = mixture(curve, fits)
+        made = (
+            f"The curve is the mean of the curves of its {count} arches; theta and beta are those "
+            "of the lognormal curve with the same mean and standard deviation of ln capacity."
+        )
+    else:
+        made = (
+            f"{count - len(fits)} of its {count} arches have no curve, so the curve is the "
+            "lognormal one of all runs of the class."
+        )
+    text = f"{made} Band and intervals: {pooled.assumptions}"
+    return replace(pooled, curve=curve, likelihood="", assumptions=text)
+
+
+def without_verdict(
+    runs: Runs, confidence: float, worded: Callable[[FitError], str] = str
+) -> dict[str, Any]:
+    """Curves with all runs that no method decided as collapses, and as survivals.
+
+    Empty if there are no such runs; else their number and both curves.
+    """
+    lost = np.isin(runs.verdict, (Verdict.UNFINISHED, Verdict.SOLVER_FAILURE))
+    if not lost.any():
+        return {}
+    found: dict[str, Any] = {"runs": int(lost.sum())}
+    for name, verdict in (("collapsed", Verdict.COLLAPSED), ("standing", Verdict.STANDING)):
+        filled = replace(runs, verdict=np.where(lost, verdict, runs.verdict))
+        found[name] = curve_to_dict(answer(filled, confidence, worded).curve)
+    return found
 
 
 def two_fidelities(runs: Runs, im: FloatArray, confidence: float) -> Answer | None:
@@ -205,7 +271,7 @@ def two_fidelities(runs: Runs, im: FloatArray, confidence: float) -> Answer | No
     )  # fmt: skip
 
 
-def likeliest(runs: Runs) -> Fragility | str:
+def likeliest(runs: Runs, worded: Callable[[FitError], str] = str) -> Fragility | str:
     """Curve by maximum likelihood: of stripes and single runs binomial, else of brackets."""
     decided = runs.decided
     level = np.broadcast_to(runs.level, runs.verdict.shape)[decided]
@@ -213,8 +279,8 @@ def likeliest(runs: Runs) -> Fragility | str:
     fell = np.bincount(place, runs.verdict[decided] == Verdict.COLLAPSED, distinct.size)
     try:
         if runs.design in ("ida", "two_stage"):
-            found = find_brackets(runs.verdict, runs.level, "first").known()
+            found = find_brackets(runs.verdict, runs.level).known()
             return fit_brackets(found.lower, found.upper)
         return fit_stripes(distinct, fell, np.bincount(place, minlength=distinct.size))
     except FitError as error:
-        return str(error)
+        return worded(error)

@@ -93,12 +93,12 @@ class Stripes(Section):
 
 
 class Ida(_Design):
-    """The levels bisected for each record: the lowest at which it causes collapse."""
+    """The levels bisected for each record: a border between standing and collapse."""
 
     kind: Literal["ida"]
     checks: Annotated[int, Field(ge=0, le=10**6)] | None = None
-    """Cells of the grid chosen at random for each arch, to see how often a run contradicts the
-    capacity of its record; a third of the number of records searched where not given."""
+    """Cells near the borders chosen at random for each arch, to see how often a run contradicts
+    the capacity of its record; as many as records searched where not given."""
     precision: Precision | None = None
     """Records are added until this is reached; all are used where not given."""
 

@@ -1,17 +1,22 @@
 """Files that a study reads and writes: by content, complete or not at all, known as ours."""
 
 import contextlib
+import functools
 import hashlib
 import json
+import os
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import archfrag
+from archfrag.errors import OutputError
 from archfrag.files import cannot_write as cannot_write
+from archfrag.files import entries, opened, sweep
 from archfrag.files import make_folder as make_folder
 from archfrag.files import replacing as replacing
+from archfrag.files import sha256_of as sha256_of
 from archfrag.motions.index import INDEX_NAME
 
 if TYPE_CHECKING:
@@ -21,23 +26,15 @@ if TYPE_CHECKING:
 PACKAGE = Path(archfrag.__file__).resolve().parent
 WRITTEN = "written.json"
 _HDF5 = b"\x89HDF"
-# Temporary names: a dot, the name that the file was to have, and random characters.
-_LEFT_OVER = re.compile(
-    r"\..+\.(npz|npy|json|csv|nc|html|svg|yaml|xml|parquet)\.[A-Za-z0-9_]+(\.tmp)?"
-)
-
-
-def sweep(folder: Path) -> None:
-    """Remove temporary files that a killed run left; nothing else may be at work there."""
-    for path in folder.rglob(".*"):
-        if _LEFT_OVER.fullmatch(path.name) and path.is_file():
-            path.unlink(missing_ok=True)
+_FIGURE = re.compile(r"curves\.svg|curve-[A-Za-z0-9][A-Za-z0-9_.+-]*\.svg")
+_RESULT = re.compile(rf"cube\.nc|fits\.json|report\.html|summary\.json|{_FIGURE.pattern}")
+_NOT_OURS = "is a link, pipe or device, which archfrag did not make; remove it"
 
 
 def write_text(path: Path, text: str) -> None:
     """Write a text file completely or not at all; leave one that holds the text already alone."""
-    with contextlib.suppress(OSError, UnicodeDecodeError):
-        if path.read_text(encoding="utf-8") == text:
+    with contextlib.suppress(OSError), opened(path, 4 * len(text)) as file:
+        if file.read() == text.encode():
             return
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
@@ -48,15 +45,23 @@ def canonical_json(value: Any) -> str:
     return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
 
 
+def read_json(path: Path) -> Any:
+    """Value of a JSON file.
+
+    Raises
+    ------
+    OSError, ValueError
+        If it cannot be read or holds something else.
+    """
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except RecursionError:
+        raise ValueError("lists in lists without end") from None
+
+
 def digest_of(value: Any) -> str:
     """SHA-256 of a value that JSON knows, 64 hexadecimal digits."""
     return hashlib.sha256(canonical_json(value).encode("utf-8", "surrogateescape")).hexdigest()
-
-
-def sha256_of(path: Path) -> str:
-    """SHA-256 of a file, 64 hexadecimal digits."""
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def sha256_if_there(path: Path | str) -> str | None:
@@ -67,24 +72,45 @@ def sha256_if_there(path: Path | str) -> str | None:
         return None
 
 
-def source_hash(*names: str) -> str:
-    """Hash of some of the package's files and folders: an edit makes results out of date."""
+@functools.cache
+def source_hash() -> str:
+    """Hash of the source of all of the package, 16 hexadecimal digits."""
     digest = hashlib.sha256()
-    for name in names:
-        place = PACKAGE / name
-        for path in sorted(place.rglob("*")) if place.is_dir() else [place]:
-            if path.is_file() and path.suffix != ".pyc":
-                digest.update(str(path.relative_to(PACKAGE)).encode())
-                digest.update(path.read_bytes())
+    for path in sorted(PACKAGE.rglob("*")):
+        if path.is_file() and path.suffix != ".pyc":
+            digest.update(str(path.relative_to(PACKAGE)).encode())
+            digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
 
+def check_own(study: "Study") -> None:
+    """See that the hidden folder of a study holds files and folders only, and sweep it.
+
+    A link there leads to files of somebody else, which would be emptied or removed as our own.
+
+    Raises
+    ------
+    OutputError
+    """
+    if study.work.is_symlink():
+        raise OutputError(f"{study.work}: {_NOT_OURS}")
+    with contextlib.suppress(FileNotFoundError, NotADirectoryError):
+        for name in filter(_RESULT.fullmatch, os.listdir(study.folder)):
+            if (study.folder / name).exists() and not (study.folder / name).is_file():
+                raise OutputError(f"{study.folder / name}: is no regular file; move it")
+    for entry in entries(study.work):
+        if entry.is_symlink() or not (entry.is_dir() or entry.is_file()):
+            raise OutputError(f"{entry.path}: {_NOT_OURS}")
+    sweep(study.work)
+
+
 def remember(study: "Study", names: Iterable[str], group: str) -> None:
-    """Remember files of the results, and remove older ones of the same group that we wrote."""
+    """Remember files of the results, and remove older figures of the same group that we wrote."""
     written, kept = _load(study), set(names)
     for name in [n for n, entry in written.items() if entry["group"] == group]:
         path = study.folder / name
-        if name not in kept and sha256_if_there(path) == written[name]["sha256"]:
+        old = name not in kept and _FIGURE.fullmatch(name) and not path.is_symlink()
+        if old and sha256_if_there(path) == written[name]["sha256"]:
             path.unlink(missing_ok=True)
         del written[name]
     for name in kept:
@@ -102,14 +128,16 @@ def is_ours_damaged(study: "Study", name: str) -> bool:
     entry, path = _load(study).get(name), study.folder / name
     if entry is None:
         return False
-    with contextlib.suppress(OSError), open(path, "rb") as file:
+    with contextlib.suppress(OSError), opened(path) as file:
         return file.read(len(_HDF5)) in (b"", _HDF5) or path.stat().st_size == entry["size"]
     return False
 
 
-def _load(study: "Study") -> dict[str, Any]:
-    with contextlib.suppress(OSError, ValueError):
-        return dict(json.loads((study.work / WRITTEN).read_text(encoding="utf-8")))
+def _load(study: "Study") -> dict[str, dict[str, Any]]:
+    with contextlib.suppress(OSError, ValueError, TypeError, KeyError, AttributeError):
+        written = read_json(study.work / WRITTEN)
+        keys = ("group", "sha256", "size")
+        return {name: {key: entry[key] for key in keys} for name, entry in written.items()}
     return {}
 
 
@@ -117,8 +145,11 @@ Inputs = dict[str, dict[str, str]]
 KINDS = ("record", "index", "inventory")
 
 
-def read_inputs(index: str | None, sources: Sequence["Source"]) -> Inputs:
-    """SHA-256 of all files that the motions of a study follow from, by kind and path."""
+def read_inputs(index: str | None, sources: Sequence["Source"], folder: Path) -> Inputs:
+    """SHA-256 of all files that the motions of a study follow from, by kind and path.
+
+    Paths are relative to the folder of the results, so that a study may be moved with them.
+    """
     partners = (path for s in sources for path in (s.upward, s.beside) if path is not None)
     records = [*(source.path for source in sources), *partners]
     places = list(dict.fromkeys(path.parent for path in records))
@@ -134,33 +165,24 @@ def read_inputs(index: str | None, sources: Sequence["Source"]) -> Inputs:
         inventories += [p for p in beside if p.stem in names or p.stem.count(".") == 1]
     found: Inputs = {}
     for kind, paths in zip(KINDS, (records, indices, inventories)):
-        digests = {str(path): sha256_if_there(path) for path in dict.fromkeys(paths)}
+        digests = {os.path.relpath(path, folder): sha256_if_there(path) for path in paths}
         found[kind] = {path: digest for path, digest in digests.items() if digest is not None}
     return found
 
 
-def changes(before: Inputs, now: Inputs) -> list[str]:
-    """What changed from one state of the inputs to another, a line for each file.
-
-    Nothing has where files of the same names hold the same, in whatever folders.
-    """
+def changes(before: Inputs, now: Inputs, folder: Path) -> list[str]:
+    """What changed from one state of the inputs to another, a line for each file."""
     lines = []
     for kind in KINDS:
         old, new = before.get(kind, {}), now.get(kind, {})
-        if _contents(old) == _contents(new):
-            continue
         for path in sorted(set(old) | set(new)):
             was, is_ = old.get(path), new.get(path)
+            file = f"{kind} {os.path.normpath(folder / path)}"
             if was is None or is_ is None:
-                lines.append(f"{kind} {path} is {'new' if was is None else 'gone'}")
+                lines.append(f"{file} is {'new' if was is None else 'gone'}")
             elif was != is_:
-                what = f"has changed (sha256 {was[:12]}, now {is_[:12]})"
-                lines.append(f"{kind} {path} {what}")
+                lines.append(f"{file} has changed (sha256 {was[:12]}, now {is_[:12]})")
     return lines
-
-
-def _contents(digests: dict[str, str]) -> list[tuple[str, str]]:
-    return sorted((Path(path).name, digest) for path, digest in digests.items())
 
 
 def by_name(digests: dict[str, str]) -> dict[str, str]:

@@ -1,16 +1,17 @@
 """From the cube of a study to its fragility curves, and what to know before these are used."""
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from archfrag.errors import InputError
+from archfrag.errors import FitError, InputError, attempt
 from archfrag.fragility.counts import Verdict, VerdictCounts, count_verdicts
+from archfrag.fragility.curve import Fragility
 from archfrag.study import comparisons, curves
 from archfrag.study.checks import doubts, uncorrected
 from archfrag.study.config import Study
@@ -49,35 +50,49 @@ def open_cube(study: Study) -> "xr.Dataset":
 
 
 def fit_cube(study: Study) -> dict[str, Answer]:
-    """Find the curve of each arch and class of the cube and store all in ``fits.json``."""
+    """Find the curve of each arch and class of the cube and store all in ``fits.json``.
+
+    All numbers are in SI; the text of an error names levels in the unit of the study.
+    """
     confidence, keys = study.report.confidence, study.limit_states.model_dump()
-    factor = study.intensity.factor
+    worded = partial(FitError.worded, factor=study.intensity.factor, unit=study.intensity.unit)
+
+    def part(make: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
+        found = attempt(partial(make, *arguments), worded)
+        return {"none": found} if isinstance(found, str) else found
+
     with open_cube(study) as cube:
-        runs = [
-            replace(each, level=each.level / factor) for each in curves.runs_of_cube(cube.load())
-        ]
-        answers = {each.name: curves.answer(each, confidence) for each in runs}
+        runs = curves.runs_of_cube(cube.load())
+        own = [(cube.isel(arch=number), each) for number, each in enumerate(runs)]
+        answers = {each.name: curves.answer(each, confidence, worded) for each in runs}
         medians = [np.nan if isinstance(a.curve, str) else a.curve.theta for a in answers.values()]
         for number in shown(medians):
-            each, one = runs[number], cube.isel(arch=number)
+            one, each = own[number]
             more = answers[each.name].more
-            more["free"] = comparisons.free_shapes(each, confidence)
-            more["measures"] = comparisons.measures_compared(one, each)
-            more["limit_states"] = comparisons.limit_states(one, each, keys)
+            more["free"] = part(comparisons.free_shapes, each, confidence, worded)
+            more["measures"] = part(comparisons.measures_compared, one, each)
+            more["limit_states"] = part(comparisons.limit_states, [own[number]], keys, worded)
             if each.design == "cloud":
-                more["cloud"] = comparisons.cloud_curves(one, each, confidence)
+                more["cloud"] = part(comparisons.cloud_curves, one, each, confidence, worded)
+        for each in runs:
+            found = part(curves.without_verdict, each, confidence, worded)
+            answers[each.name].more["without_verdict"] = found
         classes = {}
-        names = cube["arch_class"].values.astype(str)
-        for name, group in curves.classes_of_cube(cube, runs).items():
-            members = [each for each, own in zip(runs, names) if own == name]
-            own_answers = [answers[each.name] for each in members]
-            classes[name] = curves.answer(group, confidence)
-            classes[name].more["dispersion"] = comparisons.dispersion_split(members, own_answers)
+        for name, (group, places) in curves.classes_of_cube(cube, runs).items():
+            members = [answers[runs[i].name] for i in places]
+            classes[name] = curves.of_class(curves.answer(group, confidence, worded), members)
+            split = {}
+            if not isinstance(curve := classes[name].curve, str):
+                alone = [runs[i] for i in places]
+                split = part(comparisons.dispersion_split, alone, members, curve.beta)
+            states = part(comparisons.limit_states, [own[i] for i in places], keys, worded)
+            states["states"] = [s for s in states.get("states", ()) if s["name"] != "collapse"]
+            lost = part(curves.without_verdict, group, confidence, worded)
+            classes[name].more.update(dispersion=split, limit_states=states, without_verdict=lost)
         unit = cube["intensity"].attrs["units"]
         design = json.loads(cube.attrs["archfrag_design"])
     plain, of_classes = (
-        {name: _in_si(each.to_dict(), factor, study.intensity.unit) for name, each in some.items()}
-        for some in (answers, classes)
+        {name: each.to_dict() for name, each in some.items()} for some in (answers, classes)
     )
     content = {
         "study": study.id, "measure": study.intensity.measure, "unit": unit, "design": design,
@@ -89,29 +104,35 @@ def fit_cube(study: Study) -> dict[str, Answer]:
     return {name: Answer.from_dict(each) for name, each in plain.items()}
 
 
-def _in_si(value: Any, factor: float, unit: str, key: str = "") -> Any:
-    """Plain values of an answer in the unit of the study, as one in SI."""
-    if key in ("theta", "theta_interval", "im") and not isinstance(value, dict):
-        return [v * factor for v in value] if isinstance(value, list | tuple) else value * factor
-    if isinstance(value, dict) and key != "measures":
-        if key in ("curve", "likelihood") and "none" in value:
-            return {"none": f"{value['none']} (levels in {unit})"}
-        return {name: _in_si(each, factor, unit, name) for name, each in value.items()}
-    if isinstance(value, list):
-        return [_in_si(each, factor, unit) for each in value]
-    return value
+def lost_text(found: Answer, median: Callable[[float], str]) -> str:
+    """What the runs without a verdict could change; empty if there are none."""
+    lost = found.more.get("without_verdict") or {}
+    if "runs" not in lost:
+        return ""
+    ends = [
+        f"{median(curve['theta']) if 'theta' in curve else 'not known'} if {verb}"
+        for curve, verb in ((lost["collapsed"], "all collapse"), (lost["standing"], "all stand"))
+    ]
+    runs = "1 run has" if lost["runs"] == 1 else f"{lost['runs']} runs have"
+    return f"{runs} no verdict: the median is {ends[0]}, {ends[1]}"
+
+
+def _median(study: Study, theta: float) -> str:
+    return f"{theta / study.intensity.factor:.4g} {study.intensity.unit}"
 
 
 def fit_text(study: Study, name: str, found: Answer) -> str:
     """A curve in the unit of the study, or why there is none."""
+    lost = lost_text(found, partial(_median, study))
+    lost = f"; {lost}" if lost else ""
     if isinstance(found.curve, str):
-        return f"{name}: no curve: {found.curve}"
+        return f"{name}: no curve: {found.curve}{lost}"
     factor, percent = study.intensity.factor, f"{100 * found.confidence:g} %"
     theta, low, high = (value / factor for value in (found.curve.theta, *found.theta))
     return (
         f"{name}: median {theta:.4g} {study.intensity.unit} of {study.intensity.measure} "
         f"({percent}: {low:.4g} to {high:.4g}), dispersion {found.curve.beta:.3g} "
-        f"({found.beta[0]:.3g} to {found.beta[1]:.3g})"
+        f"({found.beta[0]:.3g} to {found.beta[1]:.3g}){lost}"
     )
 
 
@@ -135,11 +156,13 @@ def load_answers(path: Path, of: str = "arches") -> dict[str, Answer]:
 MOST_UNDECIDED = 0.05  # fraction of the runs at a level
 MOST_SCALING, FAR_TOO_MUCH = 10.0, 100.0
 MOST_STANDING = 0.25  # fraction of the records
+MOST_AGAIN = 0.2  # fraction of the records
+LEAST_EVENTS = 4
 MOST_NAMED = 12  # arches; of more only their number
 
 
-def cautions_of_cube(study: Study, cube: "xr.Dataset") -> list[str]:
-    """All that a study's cube gives reason to caution, levels in the study's unit."""
+def cautions_of_cube(study: Study, cube: "xr.Dataset", answers: Mapping[str, Answer]) -> list[str]:
+    """All that a study's cube and curves give reason to caution, levels in the study's unit."""
     levels = [f"{level:.4g} {study.intensity.unit}" for level in study.intensity.given]
     if cube["intensity"].ndim > 1:
         levels = ["levels of their own"]
@@ -148,18 +171,31 @@ def cautions_of_cube(study: Study, cube: "xr.Dataset") -> list[str]:
     counts = [undecided(count_verdicts(own), levels) for own in verdict]
     found = [f"{name}: {message}" for name, message in zip(names, counts) if message]
     if cube["intensity"].ndim == 1:
-        stand = [standing(own, levels[-1]) for own in verdict]
-        found += [f"{name}: {message}" for name, message in zip(names, stand) if message]
+        stripes = cube.attrs.get("archfrag_design_kind") == "stripes"
+        for name, own in zip(names, verdict):
+            messages = [
+                standing(own, levels[-1]),
+                standing_again(own) if stripes else "",
+                coarse_levels(cube["intensity"].values, answers[name].curve),
+            ]
+            found += [f"{name}: {message}" for message in messages if message]
     found += doubts(study, members(study, cube.sizes["record"])) + uncorrected(study)
     found += design_cautions(json.loads(cube.attrs.get("archfrag_design", "{}")))
-    return found + [each for each in (scaled_far(cube), one_event(cube)) if each]
+    return found + [each for each in (scaled_far(cube), events_caution(cube)) if each]
 
 
-def one_event(cube: "xr.Dataset") -> str:
-    """Message on records that are all of one earthquake; empty if they are not."""
+def events_caution(cube: "xr.Dataset") -> str:
+    """Message on records that are all of one earthquake, or of two or three; else empty."""
     events = cube["event"].values.astype(str) if "event" in cube else np.array([""])
-    if len(events) < 2 or (events != events[0]).any() or not events[0]:
+    names = np.unique(events)
+    if len(events) < 2 or names.size >= min(LEAST_EVENTS, len(events)) or not events.all():
         return ""
+    if names.size > 1:
+        return (
+            f"the {len(events)} records are of {names.size} earthquakes, which hardly show how "
+            "earthquakes differ: bands may hold the truth less often than stated; add records of "
+            "other earthquakes"
+        )
     return (
         f"all records are of one earthquake ({events[0]}): what varies from earthquake to "
         "earthquake is neither in the dispersion nor in the bands"
@@ -182,9 +218,10 @@ def design_cautions(design: Mapping[str, Any]) -> list[str]:
         against = {f"{len(against)} arches": (sums[0], sums[1])}
     for name, (count, checked) in against.items():
         found.append(
-            f"{name}: {count} of {checked} runs at random contradict the capacity of their "
-            "record, which has more than one border then; the lowest level that was found to "
-            "cause collapse is taken"
+            f"{name}: {count} of {checked} checks near the border contradict the capacity of "
+            "their record, which has several borders between standing and collapse then; "
+            "the search found one of them, not always the lowest, and beta includes the scatter "
+            "of single runs"
         )
     return found
 
@@ -196,9 +233,38 @@ def standing(verdict: NDArray[np.int8], highest: str) -> str:
     stood = (verdict[:, -1] == Verdict.STANDING) & ~fell
     if stood.sum() <= MOST_STANDING * known.sum():
         return ""
+    if not fell.any():
+        return f"no record caused collapse up to {highest}, the highest level; add higher levels"
+    count = f"{stood.sum()} of {known.sum()} records stand at {highest}, the highest level"
+    return f"{count}: theta rests on the others and on the shape of the curve; add higher levels"
+
+
+def standing_again(verdict: NDArray[np.int8]) -> str:
+    """Message on records that are not monotone, (n_record, n_level); else empty."""
+    known = (verdict != Verdict.NOT_SIMULATED).any(axis=1)
+    fell = np.maximum.accumulate(verdict == Verdict.COLLAPSED, axis=1)
+    again = (fell & (verdict == Verdict.STANDING)).any(axis=1)
+    if again.sum() <= MOST_AGAIN * known.sum():
+        return ""
     return (
-        f"{stood.sum()} of {known.sum()} records stand at {highest}, the highest level: theta "
-        "rests on the others and on the shape of the curve; add higher levels"
+        f"{again.sum()} of {known.sum()} records stand again above a level at which they "
+        "collapsed (non-monotone records): near the border a single run decides little; beta "
+        "includes this scatter of single runs"
+    )
+
+
+def coarse_levels(levels: NDArray[np.float64], curve: Fragility | str) -> str:
+    """Message on levels farther apart at the median than the dispersion, in ln; else empty."""
+    if isinstance(curve, str) or len(levels) < 2:
+        return ""
+    above = int(np.clip(np.searchsorted(levels, curve.theta), 1, len(levels) - 1))
+    spacing = float(np.log(levels[above] / levels[above - 1]))
+    if spacing <= curve.beta:
+        return ""
+    return (
+        f"the levels beside the median are {spacing:.2g} apart in ln, more than the dispersion of "
+        f"{curve.beta:.2g}, whose interval may hold the truth less often than stated; add levels "
+        "near the median"
     )
 
 

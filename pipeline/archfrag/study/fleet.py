@@ -2,9 +2,11 @@
 
 import csv
 import difflib
+import hashlib
 import io
 import re
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +55,15 @@ class Member:
     def id(self) -> str:
         """Name of the arch in results."""
         return self.entry.id
+
+    @cached_property
+    def chain(self) -> str:
+        """Digest of all that the kernels know of the arch."""
+        digest = hashlib.sha256()
+        for name, value in self.entry.build().chain._asdict().items():
+            array = np.ascontiguousarray(value, "<f8")
+            digest.update(f"{name} {array.shape} ".encode() + array.tobytes())
+        return digest.hexdigest()
 
 
 def read_fleet(table: Table) -> list[Member]:

@@ -1,4 +1,4 @@
-"""Designs on the study's own levels: stripes, and the lowest collapsing level of each record."""
+"""Designs on the study's own levels: stripes, and a search of each record's border."""
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
@@ -26,9 +26,9 @@ from archfrag.study.rounds import (
 FIRST_RECORDS = 10  # searched without knowing what others have shown
 # A run that stands goes on to the end of the record and costs five times one that collapses. With
 # that ratio levels would be tried from above, and of a record that stands again above a level at
-# which it collapsed the upper border be found: theta was 4 % higher at 27 voussoirs, with 2 it is
-# that of stripes within 1 %.
+# which it collapsed the upper border be found.
 COST_OF_STANDING = 2.0
+NEAR = 2  # levels beyond a border that are checked: farther ones are hardly ever contradicted
 LEAST_PRIOR = 1e-3  # at each level, whatever other records have shown
 LEAST_DEVIATION = 0.1  # of ln capacity from what is expected
 
@@ -72,7 +72,7 @@ class Borders:
         self.low = np.full(n_record, -1)
         self.high = np.full(n_record, n_level)
         self.seen = np.full((n_record, n_level), int(Verdict.NOT_SIMULATED), np.int8)  # verdicts
-        # Probability that level l is the lowest that causes collapse, n_level if none does.
+        # Probability that level l is the first above the border, n_level if none does.
         self.expected = np.full((n_record, n_level + 1), 1.0 / (n_level + 1))
 
     @property
@@ -157,10 +157,15 @@ def expected_by_measures(borders: Borders, known: range, rows: range) -> tuple[F
 
 
 def ida(grid: Grid, design: Ida) -> Strand:
-    """Search the lowest collapsing level of each record, then try some cells beyond it.
+    """Search a border between standing and collapse of each record, then try cells near it.
+
+    A record that stands again above a level at which it collapsed has several borders. The search
+    finds one of them, not the lowest: which one depends on the levels that it tries. The cells
+    near the borders show how far single runs scatter, and the curve includes this scatter.
 
     The first records are searched knowing nothing, the others expecting what their measures and
-    the first suggest; what is found does not depend on what was expected. In two stages the
+    the first suggest; where a record has one border, what is found does not depend on what was
+    expected. In two stages the
     search is made by the coarse method, and then by the study's own, expecting what the coarse
     one found and how far it was off on the first records.
     """
@@ -211,10 +216,13 @@ def _expect_coarse(fine: Borders, coarse: Borders, known: list[int], rows: list[
 def _check(
     borders: Borders, design: Ida, among: Sequence[int]
 ) -> Generator[Cases, Verdicts, dict[str, int]]:
-    """Some cells not simulated, any as likely as another: how often do they contradict?"""
+    """Some cells near the borders, any as likely as another: how often do they contradict?"""
     among_rows = np.asarray(among, dtype=np.int64)
-    count = among_rows.size // 3 if design.checks is None else design.checks
-    free, places = np.nonzero(borders.seen[among_rows] == Verdict.NOT_SIMULATED)
+    count = among_rows.size if design.checks is None else design.checks
+    place = np.arange(borders.grid.levels.size)
+    low, high = borders.low[among_rows, None], borders.high[among_rows, None]
+    near = (place >= low - NEAR) & (place <= high + NEAR)
+    free, places = np.nonzero(near & (borders.seen[among_rows] == Verdict.NOT_SIMULATED))
     generator = np.random.default_rng([design.seed, borders.grid.arch])
     chosen = np.sort(generator.permutation(free.size)[:count])
     rows, places = among_rows[free[chosen]], places[chosen]

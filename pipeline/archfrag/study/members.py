@@ -21,6 +21,7 @@ from archfrag.study.fleet import Member, draw, listed, read_fleet
 if TYPE_CHECKING:
     from archfrag.study.config import Study
 
+MOST_CHECKED = 500  # arches that are built to validate a study; a run builds all of them
 MOST_MEMBERS = 20_000  # arches of a study, sampled ones counted each
 SHOWN = 12  # arches that a report shows one by one; of more it shows three
 
@@ -53,6 +54,10 @@ class Members(tuple[Member, ...]):
     def attributes(self) -> dict[str, list[str]]:
         """Attributes from tables: name to one text for each arch; empty where it has none."""
         return _columns([member.attributes for member in self], "")
+
+    def checked(self) -> "Members":
+        """All arches, or of very many some at equal distances."""
+        return Members(self[:: -(-len(self) // MOST_CHECKED) or 1])
 
     def meets(self, n_record: int) -> NDArray[np.bool_]:
         """Which arch meets which record, (n_arch, n_record)."""
@@ -159,6 +164,7 @@ def check_standing(given: Members) -> None:
     """See that all arches stand under their own weight."""
     from archfrag.simulate import onset
 
+    check_buildable(given)
     fallen = [member for member in given if not onset(member.entry.build()).stands]
     if fallen:
         where, advice = f"{fallen[0].place}: does not stand under its own weight", ""

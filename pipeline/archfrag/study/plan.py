@@ -1,10 +1,11 @@
 """What the runs of a study follow from, and what each of them is."""
 
+import ast
 import hashlib
 import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, fields
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -12,22 +13,22 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
-from archfrag import __version__
 from archfrag.errors import InputError
 from archfrag.fragility.quoted import shared_events
 from archfrag.kernel_cache import kernel_hash
 from archfrag.study.config import Study
 from archfrag.study.design import Cloud, Design, Ida, Scattered
-from archfrag.study.files import canonical_json, digest_of, source_hash, write_text
+from archfrag.study.files import PACKAGE, canonical_json, digest_of, write_text
 from archfrag.study.grids import Grid, ida, stripes
 from archfrag.study.members import check_buildable, members, needs_records
 from archfrag.study.records import PreparedRecord, load_prepared
 from archfrag.study.rounds import Cases, Rounds, Strand, cloud, scattered
 
-# Source, beside the kernels, that an edit of which may change results.
+# Code beside the kernels that decides what a run is and what its row holds.
 DECIDING = (
-    "arch", "mechanics", "methods", "simulate.py", "simulation", "study/arches.py",
-    "study/outcome.py", "study/worker.py",
+    "methods/auto.py", "methods/event_driven/front.py", "methods/registry.py",
+    "methods/time_stepping/front.py", "simulation/checks.py", "simulation/many.py",
+    "study/outcome.py",
 )  # fmt: skip
 KEY = 16  # bytes
 
@@ -58,12 +59,13 @@ class Plan:
     # By stage: the study's, and the coarse one of a design in two stages.
     methods: tuple[dict[str, Any], ...]
     design: dict[str, Any]
-    identity: str  # hash of the code that makes the results
+    chains: tuple[str, ...]  # (n_arch,): digests of all that the kernels know of each arch
+    identity: str  # hash of the kernels and of the code that calls them
     _digests: dict[Any, bytes] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     @property
     def parts(self) -> Path:
-        """Folder of the parts: one for each state of the code, whose runs no other can use."""
+        """Folder of the parts: one for each state of the kernels, whose runs no other can use."""
         return Path(self.folder) / "parts" / self.identity[:12]
 
     @cached_property
@@ -78,8 +80,9 @@ class Plan:
 
     def digests(self) -> dict[str, str]:
         """Digest of each part of the plan, by the name that a message gives it."""
-        plain = self._dump() | {"archfrag": self.identity}
-        return {k: digest_of(v) for k, v in plain.items() if k not in ("folder", "identity")}
+        plain = self._dump() | {"archfrag": self.identity, "arches": [self.arches, self.chains]}
+        hidden = ("folder", "identity", "chains")
+        return {k: digest_of(v) for k, v in plain.items() if k not in hidden}
 
     def _dump(self) -> dict[str, Any]:
         plain = {each.name: getattr(self, each.name) for each in fields(self) if each.init}
@@ -109,7 +112,7 @@ class Plan:
         return np.array([record.factor for record in self.records])
 
     def keys(self, cases: Cases, factors: NDArray[np.float64]) -> NDArray[np.void]:
-        """Identity of each run: of its code, arch, motion, factor and method, (n,) of 16 bytes.
+        """Identity of each run: of kernels, arch, motion, factor and method, (n,) of 16 bytes.
 
         Of the runs that have all but the factor in common no two have the same key: `_mixed` is
         a permutation. Any others have it by the chance of a hash of 128 bits.
@@ -131,10 +134,9 @@ class Plan:
         """What runs of an arch under a record by a method have in common."""
         known = self._digests
         if (stage, arch) not in known:
-            chain = {k: v for k, v in self.arches[arch].items() if k != "id"}
-            parts = (self.identity, digest_of(self.methods[stage]), digest_of(chain))
+            parts = (self.identity, digest_of(self.methods[stage]), self.chains[arch])
             known[stage, arch] = "/".join((*parts, "")).encode()
-        return known[stage, arch] + self.records[record].prepared.encode()
+        return known[stage, arch] + self.records[record].samples.encode()
 
     def rounds(self, batch: int = 0, batches: int = 1) -> Rounds:
         """What the design asks for, of all of it or of one of several batches."""
@@ -190,7 +192,6 @@ def make_plan(study: Study) -> Plan:
         coarse = design.coarse
         same = {"follow": study.method.follow, "loss_limit": study.method.loss_limit}
         methods.append(coarse.model_copy(update=same).model_dump())
-    decides = [__version__, kernel_hash(), source_hash(*DECIDING)]
     return Plan(
         study=study.id,
         folder=str(study.work),
@@ -202,5 +203,19 @@ def make_plan(study: Study) -> Plan:
         measure=study.intensity.measure,
         methods=tuple(methods),
         design=design.model_dump(mode="json"),
-        identity=digest_of(decides),
+        chains=tuple(member.chain for member in arches),
+        identity=digest_of([kernel_hash(), _deciding()]),
     )
+
+
+@cache
+def _deciding() -> str:
+    """Digest of the code of `DECIDING`, without its comments and docstrings."""
+    digest = hashlib.sha256()
+    for name in DECIDING:
+        tree = ast.parse((PACKAGE / name).read_bytes())
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+                node.value.value = ""
+        digest.update(f"{name} {ast.dump(tree)}".encode())
+    return digest.hexdigest()

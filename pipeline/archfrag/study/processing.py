@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -49,7 +49,8 @@ class Bandpass(Section):
     @model_validator(mode="after")
     def _have_a_corner(self) -> Self:
         if self.lowest is None and self.highest is None:
-            raise refuse("must have lowest, highest or both [Hz]")
+            example = "{bandpass: {lowest: 0.1, highest: 25}}"
+            raise refuse(f"must have lowest, highest or both of bandpass [Hz], such as {example}")
         if self.lowest and self.highest and self.lowest >= self.highest:
             raise refuse(f"must have highest above lowest = {self.lowest:g} Hz")
         return self
@@ -127,6 +128,8 @@ class Choose(Section):
 
 class Step(Section):
     """One step: its name, and its settings."""
+
+    called: ClassVar[str] = "step"
 
     demean: Demean = None  # type: ignore[assignment]
     detrend: Detrend = None  # type: ignore[assignment]

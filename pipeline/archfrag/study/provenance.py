@@ -1,6 +1,7 @@
 """Where results come from: one part that belongs in the cube, one that belongs in a log."""
 
 import contextlib
+import functools
 import json
 import math
 import os
@@ -14,7 +15,14 @@ from typing import Any
 import archfrag
 from archfrag.study.arches import FromDrawing, Table
 from archfrag.study.config import Study
-from archfrag.study.files import KINDS, PACKAGE, by_name, sha256_if_there, write_text
+from archfrag.study.files import (
+    KINDS,
+    PACKAGE,
+    by_name,
+    read_json,
+    sha256_if_there,
+    write_text,
+)
 from archfrag.study.plan import Plan
 from archfrag.study.processing import described
 from archfrag.study.records import read_manifest
@@ -55,6 +63,7 @@ def versions() -> dict[str, str]:
     return found
 
 
+@functools.cache
 def commit() -> str:
     """Git commit of the checkout that this package runs from, "-dirty" if it has changes.
 
@@ -123,7 +132,7 @@ def add_to_log(folder: Path, entry: dict[str, Any]) -> None:
     """Add an entry to ``run_log.json`` in a folder."""
     path = folder / "run_log.json"
     entries: list[Any] = []
-    with contextlib.suppress(OSError, ValueError):
-        entries = json.loads(path.read_text(encoding="utf-8"))
+    with contextlib.suppress(OSError, ValueError, TypeError):
+        entries = list(read_json(path))
     entries.append(entry)
     write_text(path, json.dumps(entries, indent=1) + "\n")

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.errors import InputError
-from archfrag.files import counted
+from archfrag.files import counted, opened
 from archfrag.study.config import PERIODS as PERIOD_ENDS
 from archfrag.study.files import write_text
 from archfrag.study.provenance import available_cores, finite
@@ -81,8 +81,8 @@ def reading_of(file: Path, reading: dict[str, Any]) -> dict[str, Any]:
 
     if reading["columns"] is None or not file.is_file():
         return reading
-    with open(file, "rb") as opened:
-        binary = b"\0" in opened.read(512)
+    with opened(file) as content:
+        binary = b"\0" in content.read(512)
     if binary or recognise(str(file), TEXT):
         return {**reading, "columns": None}
     return reading
@@ -214,7 +214,7 @@ def make_chosen(out: Path, wanted: dict[str, Any]) -> list[Path]:
 
     from archfrag.motions.index import index_table
     from archfrag.motions.synthetic import make_suite, plan_motions
-    from archfrag.study.section import first_message
+    from archfrag.study.section import option_message
     from archfrag.study.synthetic import Synthetic, plan_of
 
     others = [name for name, row in index_table(out).items() if not row.get("model")]
@@ -230,8 +230,7 @@ def make_chosen(out: Path, wanted: dict[str, Any]) -> list[Path]:
     try:
         plan = plan_of(Synthetic.model_validate(given))
     except ValidationError as error:
-        key, rest = first_message(error, given).split(" ", 1)
-        raise InputError(f"{_option(key)} {rest}") from None
+        raise InputError(option_message(error, given)) from None
     return make_suite(out, plan_motions(plan))
 
 

@@ -2,20 +2,22 @@
 
 import difflib
 import glob
-import json
+import hashlib
 import os
 import re
 import shutil
-import tempfile
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from archfrag.errors import InputError, RecordError, StudyError
+from archfrag.files import opened, temporary_folder
 from archfrag.motions.index import IndexEntry, find_entry, goes_with_records, load_index
-from archfrag.motions.plausible import check_name
+from archfrag.motions.plausible import LARGEST_INVENTORY, record_size
 from archfrag.study.components import Components, with_partners, without_verticals
 from archfrag.study.config import FileSet, Study
 from archfrag.study.files import (
@@ -25,6 +27,7 @@ from archfrag.study.files import (
     digest_of,
     make_folder,
     read_inputs,
+    read_json,
     sha256_if_there,
     sha256_of,
     write_text,
@@ -84,6 +87,7 @@ class PreparedRecord:
     event_seed: int | None = None
     site_seed: int | None = None
     raw: bool = False  # whether the file states that nothing was corrected
+    samples: str = ""  # SHA-256 of what moves an arch: the step in time and the samples
 
     def __hash__(self) -> int:
         return hash((self.id, self.prepared))
@@ -112,11 +116,22 @@ def find_sources(study: Study) -> list[Source]:
                 )
                 raise StudyError(f"motions.files[{number}]: {source.path} is matched {other}")
     for source in (*sources, *given.values()):
-        check_name(source.path)
-        if not source.path.is_file():
-            raise RecordError(f"{source.path}: there is no such record file")
+        record_size(source.path)
+        _check_inventory(source)
     found = without_verticals(sources) + _with_names(without_verticals(list(given.values())))
     return with_partners(found, study, rows)
+
+
+def _check_inventory(source: Source) -> None:
+    """See that the StationXML named for a record is a file."""
+    if source.inventory is None:
+        return
+    try:
+        with opened(source.inventory, LARGEST_INVENTORY):
+            pass
+    except OSError as error:
+        why = f"cannot be read: {error.strerror}"
+        raise RecordError(f"the StationXML file {source.inventory} {why}") from None
 
 
 def _not_a_record(name: str, known: list[str]) -> StudyError:
@@ -241,7 +256,7 @@ def is_raw(motion: "Motion") -> bool:
 
 def study_inputs(study: Study) -> Inputs:
     """What the motions of a study follow from, by content; errors are those of `find_sources`."""
-    return read_inputs(study.motions.index, find_sources(study))
+    return read_inputs(study.motions.index, find_sources(study), study.folder)
 
 
 def prepare_motions(study: Study, progress: Any = None) -> list[PreparedRecord]:
@@ -252,8 +267,7 @@ def prepare_motions(study: Study, progress: Any = None) -> list[PreparedRecord]:
     inputs = study_inputs(study)
     folder = make_folder(study.work / "motions")
     try:
-        new = tempfile.TemporaryDirectory(dir=folder, prefix=".new-", ignore_cleanup_errors=True)
-        with new as made:
+        with temporary_folder(folder) as made:
             found = _store(study, Path(made), progress)
             name = digest_of([record.prepared for record in found])[:12]
             place = f"motions/{name}"
@@ -265,7 +279,7 @@ def prepare_motions(study: Study, progress: Any = None) -> list[PreparedRecord]:
     manifest = {"study": study.id, "key": motions_key(study), "inputs": inputs, "records": listed}
     write_text(study.work / MANIFEST, canonical_json(manifest) + "\n")
     for old in folder.iterdir():
-        if old.name != name:
+        if re.fullmatch("[0-9a-f]{12}", old.name) and old.name != name:
             shutil.rmtree(old, ignore_errors=True)
     return records
 
@@ -291,7 +305,7 @@ def _store(study: Study, folder: Path, progress: Any) -> list[PreparedRecord]:
             event=str(metadata.get("event") or metadata.get("event_id") or ""),
             accepted=str(metadata.get("accepted") or ""),
             breaks=count_breaks(*parts), vertical=motion.vertical is not None, recipe=recipe,
-            raw=is_raw(motion),
+            raw=is_raw(motion), samples=_samples_hash(motion),
             **{name: metadata.get(name) for name in SEEDS},
         ))  # fmt: skip
         if progress is not None:
@@ -302,6 +316,13 @@ def _store(study: Study, folder: Path, progress: Any) -> list[PreparedRecord]:
         order = {name: i for i, name in enumerate(study.motions.select)}
         records.sort(key=lambda record: order[record.id])
     return records
+
+
+def _samples_hash(motion: "Motion") -> str:
+    digest = hashlib.sha256(float(motion.dt).hex().encode())
+    for part in (motion.acceleration, motion.vertical):
+        digest.update(b"/" if part is None else np.ascontiguousarray(part, "<f8").data)
+    return digest.hexdigest()
 
 
 def _take_place(new: Path, place: Path) -> None:
@@ -321,7 +342,9 @@ def read_manifest(study: Study) -> dict[str, Any]:
     """What `prepare_motions` wrote of its work."""
     path = study.work / MANIFEST
     try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
+        manifest = read_json(path)
+        if not isinstance(manifest["inputs"], dict):
+            raise TypeError("inputs")
         return {name: manifest[name] for name in ("key", "inputs", "records")}
     except FileNotFoundError:
         raise InputError(f"{path}: the motions are not prepared yet; {_AGAIN}") from None
@@ -372,8 +395,13 @@ def _other_motion(path: Path, of: str = "") -> InputError:
 
 
 def motions_key(study: Study) -> dict[str, Any]:
-    """Settings of a study on its motions and its measure."""
-    return {"motions": study.motions.model_dump(mode="json"), "measure": study.intensity.measure}
+    """Settings of a study on its motions and its measure; paths are as in `read_inputs`."""
+    motions = study.motions.model_dump(mode="json")
+    for given, name in ((motions, "index"), *((each, "path") for each in motions["files"]),
+                        *((each, "inventory") for each in motions["files"])):  # fmt: skip
+        if given[name] is not None:
+            given[name] = os.path.relpath(given[name], study.folder)
+    return {"motions": motions, "measure": study.intensity.measure}
 
 
 def _number(value: Any) -> float | None:

@@ -18,8 +18,10 @@ from archfrag.fragility.contributions import (
 )
 from archfrag.fragility.counts import Verdict
 from archfrag.fragility.curve import FloatArray, Fragility
+from archfrag.fragility.quoted import shared_events
 from archfrag.fragility.risk import CollapseRate, collapse_rate, parameter_draws, rate_by_level
 from archfrag.mechanics.status import CollapseMode
+from archfrag.study.curves import arch_classes
 from archfrag.study.hazard import Hazard
 
 SEED = 15
@@ -29,6 +31,9 @@ MAGNITUDES = (5.5, 6.0, 6.5, 7.0, 7.5)
 DISTANCES = (10.0, 20.0, 40.0, 80.0, 160.0)  # [km]
 OTHER = "others"
 _SCATTERED_BINS = 10
+_USED = (
+    "verdict", "collapse_joint", "collapse_mode", "intensity", "magnitude", "distance", "event",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -54,12 +59,13 @@ class ArchRisk:
 
 @dataclass(frozen=True)
 class StudyRisk:
-    """Rates of collapse of all arches of a study; an arch without a curve has its message."""
+    """Rates of collapse of arches and classes; one without a curve has its message."""
 
     study: str
     hazard: Hazard
     years: float
-    arches: dict[str, ArchRisk | str]
+    arches: dict[str, ArchRisk | str]  # classes as well
+    classes: dict[str, int]  # number of arches of each class among them
 
 
 @dataclass(frozen=True)
@@ -82,13 +88,14 @@ def risk_of(
     years: float = 50.0,
     confidence: float = 0.9,
 ) -> StudyRisk:
-    """Rates of collapse of the arches of a study at a site.
+    """Rates of collapse of arches and classes of a study at a site.
 
     Parameters
     ----------
     cube : xarray.Dataset
     fits : mapping of str to Fragility or str
-        By arch, theta in the SI unit of the measure, or why there is no curve.
+        By arch or class, theta in the SI unit of the measure, or why there is no curve. The rate
+        of a class with a `Mixture` is the mean of the rates of its arches.
     hazard : Hazard
         From `archfrag.study.hazard.load_hazard`, for the study's measure.
     years : float
@@ -108,12 +115,33 @@ def risk_of(
         raise InputError(f"{hazard.source}: {kinds}")
     if not 0.0 < years < np.inf:
         raise InputError(f"years is {years:g}; a positive finite time is needed")
+    if not 0.0 < confidence < 1.0:
+        raise InputError(f"confidence is {confidence:g}; it must be between 0 and 1")
     arches: dict[str, Any] = {}
-    for number, name in enumerate(map(str, cube["arch"].values)):
-        arches[name] = fit = fits.get(name, "the study has no curve of this arch")
+    places: dict[str, list[int]] = {}
+    for number, (name, of_class) in enumerate(arch_classes(cube).items()):
+        places[name] = [number]
+        if of_class != name:
+            places.setdefault(of_class, []).append(number)
+    counts = {name: n for name in fits if (n := len(places[name])) > 1}
+    for name, fit in fits.items():
+        arches[name] = fit
         if not isinstance(fit, str):
-            arches[name] = _arch_risk(name, cube.isel(arch=number), fit, hazard, confidence)
-    return StudyRisk(str(cube.attrs.get("archfrag_study", "")), hazard, years, arches)
+            part = _together(cube, places[name])
+            arches[name] = _arch_risk(name, part, fit, hazard, confidence)
+    return StudyRisk(str(cube.attrs.get("archfrag_study", "")), hazard, years, arches, counts)
+
+
+def _together(cube: xr.Dataset, places: list[int]) -> xr.Dataset:
+    """Runs of several arches under each other: a record for each arch and record with runs."""
+    kept = [name for name in _USED if name in cube]
+    part = cube.reset_coords()[kept].isel(arch=places)
+    if "event" in part:
+        names = xr.DataArray(cube["record"].values.astype(str), dims="record")
+        part["event"] = part["event"].astype(str).where(part["event"] != "", names)
+    part = part.stack(row=("arch", "record"), create_index=False).drop_vars(["arch", "record"])
+    made = (part["verdict"] != Verdict.NOT_SIMULATED).any("level")
+    return part.rename(row="record").isel(record=np.flatnonzero(made.values))
 
 
 def _arch_risk(
@@ -126,10 +154,12 @@ def _arch_risk(
     ends = np.unique([runs.least, runs.greatest])
     outer = rate_by_level(hazard.main, fit, ends) / (rate.rate or 1.0)
 
+    event = shared_events(part["event"].values) if "event" in part else None
+
     def split(category: NDArray, names: tuple[str, ...]) -> Contributions:
         return contributions(
             level_rate, runs.collapsed, np.broadcast_to(category, runs.collapsed.shape), names,
-            seed=SEED, confidence=confidence,
+            event=event, seed=SEED, confidence=confidence,
         )  # fmt: skip
 
     def facts(key: str) -> FloatArray:
@@ -204,9 +234,14 @@ def _cautions(rate: CollapseRate, outer: FloatArray, mechanism: Contributions) -
         (outer[-1], "above the greatest level that was simulated, where the fragility curve is "
          "extrapolated"),
         (mechanism.unassigned.sum() / (rate.rate or 1.0),
-         "at which no run collapsed, so that it is of no known mechanism"),
+         "at which no run collapsed, so that it is of no known mechanism; fractions by category "
+         "are of what is left"),
     )  # fmt: skip
-    return tuple(
+    bound = (
+        "most of the rate is from outside the hazard curve, so the part within it is quoted, as a "
+        "lower bound and without a band; use a hazard curve that reaches farther",
+    )  # fmt: skip
+    return (bound if rate.is_bound else ()) + tuple(
         f"{100 * fraction:.0f} % of the rate is from intensities {where}"
         for fraction, where in parts if fraction > NOTED
     )  # fmt: skip

@@ -5,7 +5,7 @@ import os
 import re
 import reprlib
 from collections.abc import Mapping
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
@@ -21,12 +21,15 @@ class Section(BaseModel):
         use_attribute_docstrings=True,
     )  # fmt: skip
 
+    called: ClassVar[str] = "key"  # what its keys are to a user
+
     @model_validator(mode="before")
     @classmethod
     def _know_every_key(cls, given: Any) -> Any:
         for key in given if isinstance(given, dict) else ():
             if key not in cls.model_fields:
-                facts = {"key": str(key), "allowed": list(cls.model_fields)}
+                allowed = list(cls.model_fields)
+                facts = {"key": str(key), "allowed": allowed, "called": cls.called}
                 raise PydanticCustomError("unknown_key", "unknown key", facts)
         return given
 
@@ -104,11 +107,22 @@ def key_path(parts: list[Any]) -> str:
 
 
 def first_message(error: ValidationError, given: Any) -> str:
-    """Message about the first thing that is wrong, and how many more there are."""
+    """Message about the first thing that is wrong; about all that is missing if something is."""
     problems = error.errors(include_url=False)
-    more = len(problems) - 1
-    others = f" ({more} more {'key is' if more == 1 else 'keys are'} wrong too)" if more else ""
-    return _message(problems[0], given) + others
+    if problems[0]["type"] != "missing":
+        return _message(problems[0], given)
+    missing = [p for p in problems if p["type"] == "missing"]
+    keys = [key_path(_place(p["loc"], "missing", given)) for p in missing]
+    return f"{', '.join(dict.fromkeys(keys))} {'is' if len(keys) == 1 else 'are'} missing"
+
+
+def option_message(error: ValidationError, given: Any) -> str:
+    """The same with the options of a command in the place of keys."""
+    message = first_message(error, given)
+    keys = re.match(r"\w+(, \w+)*", message)
+    assert keys is not None
+    options = ", ".join(f"--{key.replace('_', '-')}" for key in keys[0].split(", "))
+    return options + message[keys.end() :]
 
 
 def _place(location: tuple[Any, ...], kind: str, given: Any) -> list[Any]:
@@ -131,7 +145,7 @@ def _message(problem: Any, given: Any) -> str:
     kind, context = problem["type"], problem.get("ctx", {})
     parts = _place(problem["loc"], kind, given)
     if kind == "unknown_key":
-        return _unknown(key_path([*parts, context["key"]]), context["key"], context["allowed"])
+        return _unknown(key_path([*parts, context["key"]]), **context)
     if kind == "refused_key":
         return f"{key_path([*parts, context['key']])}: {context['text']}"
     if kind in ("union_tag_invalid", "union_tag_not_found"):
@@ -142,8 +156,6 @@ def _message(problem: Any, given: Any) -> str:
         allowed = context["expected_tags"].replace("'", "")
         return f"{key} = {context['tag']} must be one of {allowed}"
     key = key_path(parts) or "the file"
-    if kind == "missing":
-        return f"{key} is missing"
     rule = re.sub("^.*? should ", "must ", _KINDS.get(kind, problem["msg"]).format(**context))
     value = problem["input"]
     if kind in ("int_type", "float_type") and isinstance(value, str) and _is_number(value):
@@ -168,9 +180,9 @@ def _shown(value: Any) -> str:
     return "empty" if value is None else reprlib.repr(value)
 
 
-def _unknown(path: str, key: str, allowed: list[str]) -> str:
+def _unknown(path: str, key: str, allowed: list[str], called: str) -> str:
     if len(key) > _SHOWN or not key.isprintable():
-        return f"{path[: -len(key)]}{_shown(key)} is no known key"
+        return f"{path[: -len(key)]}{_shown(key)} is no known {called}"
     close = difflib.get_close_matches(key, allowed, n=1, cutoff=0.6)
     hint = f"did you mean {close[0]}?" if close else f"allowed are {', '.join(allowed)}"
-    return f"{path} is no known key; {hint}"
+    return f"{path} is no known {called}; {hint}"

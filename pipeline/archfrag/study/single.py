@@ -13,7 +13,7 @@ from archfrag.study.arches import StudyArch
 from archfrag.study.config import load_study
 from archfrag.study.members import members
 from archfrag.study.provenance import finite
-from archfrag.study.section import first_message
+from archfrag.study.section import option_message
 
 if TYPE_CHECKING:
     from archfrag.arch import Arch
@@ -49,8 +49,8 @@ def arch_by_numbers(options: dict[str, Any]) -> "Arch":
     try:
         entry: Any = TypeAdapter(StudyArch).validate_python(given)
     except ValidationError as error:
-        how = "give the arch by options such as --radius, or take one by --study STUDY --arch ID"
-        what = f"--profile {given['profile']}: {first_message(error, given)}"
+        how = "or take an arch of a study by --study STUDY --arch ID"
+        what = f"--profile {given['profile']}: {option_message(error, given)}"
         raise InputError(f"{what}; {how}") from error
     return entry.build()
 

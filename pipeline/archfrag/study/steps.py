@@ -1,11 +1,10 @@
 """The steps of a study, and by content which of them are up to date.
 
 A step that is done leaves a stamp: a digest of what it was made from, and the SHA-256 of what it
-made. Stamps of steps that are out of date are removed, and Snakemake makes what has no stamp:
-times of modification decide nothing.
+made. Times of modification decide nothing.
 """
 
-import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from archfrag.study.files import (
     changes,
     digest_of,
     make_folder,
+    read_json,
     remember,
     sha256_if_there,
     source_hash,
@@ -23,11 +23,11 @@ from archfrag.study.files import (
 )
 from archfrag.study.members import SHOWN, members, needs_records
 from archfrag.study.plan import Plan, make_plan
+from archfrag.study.provenance import attributes, versions
 from archfrag.study.records import MANIFEST, motions_key, read_manifest, study_inputs
 from archfrag.study.store import Store, replay
 
 STEPS = "steps"
-FITTING = ("study/fits.py", "study/curves.py", "study/comparisons.py")
 REPORT_FILES = ("report.html", "summary.json")
 ALL_CURVES = "curves.svg"  # of many arches, in the place of a figure of each
 _COMMAND = {"cube": "archfrag cube", "fit": "archfrag fit"}
@@ -78,7 +78,7 @@ def finish(study: Study, step: str) -> None:
     files = [path for path in products(study, step) if path.is_file()]
     stamp = {
         "from": _made_from(study, step),
-        "files": {str(path.relative_to(study.folder)): sha256_if_there(path) for path in files},
+        "files": {os.path.relpath(path, study.folder): sha256_if_there(path) for path in files},
     }
     remember(study, [path.name for path in files if path.parent == study.folder], step)
     make_folder(study.work / STEPS)
@@ -119,16 +119,6 @@ def stale_steps(study: Study) -> tuple[list[str], list[str]]:
     return [], []
 
 
-def forget_stale(study: Study) -> tuple[list[str], list[str]]:
-    """Remove the stamps of steps that are out of date; returned is what `stale_steps` returns."""
-    stale, changed = stale_steps(study)
-    good = {f"{step}.json" for step in step_names(study) if step not in stale}
-    for path in (study.work / STEPS).glob("*.json"):
-        if path.name not in good:
-            path.unlink(missing_ok=True)
-    return stale, changed
-
-
 def _unfinished(plan: Plan) -> bool:
     try:
         replay(plan, Store(plan.parts))
@@ -145,7 +135,7 @@ def _changed_motions(study: Study) -> list[str] | None:
     except InputError as error:
         there = (study.work / MANIFEST).exists()
         return [str(error)] if there else []
-    changed = changes(manifest["inputs"], inputs)
+    changed = changes(manifest["inputs"], inputs, study.folder)
     if manifest["key"] != motions_key(study):
         changed.append("the study asks for other records or another measure")
     if changed:
@@ -163,12 +153,13 @@ def _wrong(study: Study, step: str, plan: Plan | None = None) -> str:
     """Why the results of a step are not those of the study as it is; empty if they are."""
     main = next(iter(products(study, step)), study.work / "parts")
     try:
-        stamp = json.loads(stamp_file(study, step).read_text(encoding="utf-8"))
+        stamp = read_json(stamp_file(study, step))
         before, files = dict(stamp["from"]), stamp["files"].items()
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return f"{main}: is missing, or no step of this study made it"
+    own = {os.path.relpath(path, study.folder): path for path in products(study, step)}
     for name, digest in files:
-        if sha256_if_there(study.folder / name) != digest:
+        if name not in own or sha256_if_there(own[name]) != digest:
             return f"{study.folder / name}: is missing, changed or damaged"
     now = _made_from(study, step, plan)
     if changed := [name for name in now | before if now.get(name) != before.get(name)]:
@@ -179,35 +170,33 @@ def _wrong(study: Study, step: str, plan: Plan | None = None) -> str:
 def _made_from(study: Study, step: str, plan: Plan | None = None) -> dict[str, Any]:
     """Digests of all that the results of a step follow from, by the names of messages."""
     found: dict[str, Any] = {"step": step}
+    if step.startswith("batch") or step == "cube":
+        plan = plan or make_plan(study)
+        found |= plan.digests()
+    if not step.startswith("batch"):
+        found |= {"code": source_hash(), "packages": versions()}
     if step == "motions":
         manifest = read_manifest(study)
         found |= {name: manifest[name] for name in ("key", "inputs")}
-        found["archfrag"] = source_hash("motions", "study/records.py", "study/files.py")
-    if step.startswith("batch") or step == "cube":
-        found |= (plan or make_plan(study)).digests()
-    if step == "cube":
-        arches = members(study, len((plan or make_plan(study)).records))
+    elif step == "cube":
+        assert plan is not None
+        arches = members(study, len(plan.records))
         found |= {
             "attributes of arches": [arches.classes, arches.attributes()],
+            "parameters of arches": [(m.id, m.values) for m in arches],
             "title": study.title, "institution": study.institution,
             "levels": [found["levels"], study.intensity.given],
-            "code of studies": source_hash("study"),
-            "motions": sha256_if_there(study.work / MANIFEST),
+            "settings": attributes(study, plan), "motions": sha256_if_there(study.work / MANIFEST),
         }  # fmt: skip
-    if step in ("fit", "report"):
+    elif step in ("fit", "report"):
         found |= {path.name: sha256_if_there(path) for path in products(study, "cube")}
-        found |= {
-            "code of fits": source_hash("fragility", *FITTING),
-            "report.confidence": study.report.confidence,
-            "limit_states": study.limit_states.model_dump(),
-        }
+        found["report.confidence"] = study.report.confidence
+        found["limit_states"] = study.limit_states.model_dump()
     if step == "report":
         found |= {path.name: sha256_if_there(path) for path in products(study, "fit")}
-        found |= {
-            "motions": sha256_if_there(study.work / MANIFEST), "title": study.title,
-            "report.at": study.report.at, "code of the report": source_hash("report"),
-            "code of rates": source_hash("study/risk.py"),
-        }  # fmt: skip
+        found |= {"motions": sha256_if_there(study.work / MANIFEST), "report.at": study.report.at}
         if study.risk is not None:
-            found["risk"] = [study.risk.model_dump(), sha256_if_there(study.risk.hazard)]
+            hazard = Path(study.risk.hazard)
+            given = study.risk.model_dump(exclude={"hazard"})
+            found["risk"] = [given, hazard.name, sha256_if_there(hazard)]
     return {name: digest_of(value) for name, value in found.items()}

@@ -8,8 +8,8 @@ or grows keeps every run that is still what it was.
 import contextlib
 import hashlib
 import io
-import shutil
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.errors import InputError
+from archfrag.files import entries
 from archfrag.study.files import replacing
 from archfrag.study.outcome import COLUMNS
 from archfrag.study.plan import KEY, Plan
@@ -89,7 +90,8 @@ class Store:
         self._verdict: list[NDArray[np.int8]] = []
         self._of_part: list[int] = []
         self._sorted: tuple[NDArray, NDArray, NDArray] | None = None
-        self._damaged = [path for path in sorted(folder.glob(f"*{_SUFFIX}")) if not self.add(path)]
+        for path in sorted(folder.glob(f"*{_SUFFIX}")):
+            self.add(path)
 
     def add(self, path: Path) -> bool:
         """Take in a part; False if it is damaged."""
@@ -145,18 +147,6 @@ class Store:
             within = places[some] - (ends[number] - len(table))
             times = read_timing(path, len(table))[within]
             yield path, some, table[within], times
-
-    def tidy(self) -> int:
-        """Remove damaged parts and those of other code; the number of folders of the latter.
-
-        Runs that the study does not ask for any more are kept: it may again.
-        """
-        for path in self._damaged:
-            path.unlink(missing_ok=True)
-        others = [p for p in self.folder.parent.iterdir() if p.is_dir() and p != self.folder]
-        for path in others:
-            shutil.rmtree(path, ignore_errors=True)
-        return len(others)
 
 
 def timings_folder(parts: Path) -> Path:
@@ -242,3 +232,56 @@ class Gathered:
             for number, name in enumerate(self.models):
                 table["model_time"][rows, number] = part["model_time"][name]
         return Results(self.cases[own], self._factors[own], table)
+
+
+_OWN = re.compile(r"[0-9a-f]{32}\.npy|plan-[0-9a-f]{12}\.json")
+
+
+def superfluous(plan: Plan) -> dict[str, list[Path]]:
+    """Files of parts that are of no use to a study, by why; none that archfrag did not name."""
+    store = Store(plan.parts)
+    found: dict[str, list[Path]] = {
+        "of other kernels or another version": [],
+        "damaged": [],
+        "that the study does not ask for": [],
+    }
+    other, damaged, unasked = found.values()
+    try:
+        cases, _ = replay(plan, store)
+        asked = np.sort(plan.keys(cases, plan.factors(cases)).view(f"S{KEY}"))
+    except InputError:
+        asked = None  # what it will ask for follows from runs to be made
+    for entry in entries(plan.parts.parent):
+        path = Path(entry.path)
+        if not _OWN.fullmatch(path.name) or path == plan.path:
+            continue
+        part = path.parent.parent / path.name if path.parent.name == "timings" else path
+        if part.parent != plan.parts:
+            other.append(path)
+        elif path.suffix != _SUFFIX:
+            unasked.append(path)
+        elif (table := read_part(part)) is None:
+            damaged.append(path)
+        elif asked is not None and not np.isin(table["key"].view(f"S{KEY}"), asked).any():
+            unasked.append(path)
+    return {why: paths for why, paths in found.items() if paths}
+
+
+def count_runs(paths: Sequence[Path]) -> int:
+    """Runs that parts hold."""
+    count = 0
+    for path in paths:
+        if path.parent.name != "timings" and path.suffix == _SUFFIX:
+            with contextlib.suppress(OSError, ValueError, EOFError):
+                count += len(np.load(path, mmap_mode="r", allow_pickle=False))
+    return count
+
+
+def remove(paths: Sequence[Path]) -> None:
+    """Remove files, and folders that are empty then."""
+    for path in paths:
+        path.unlink(missing_ok=True)
+    for folder in sorted({path.parent for path in paths}, reverse=True):
+        for place in (folder, folder.parent):
+            with contextlib.suppress(OSError):
+                place.rmdir()

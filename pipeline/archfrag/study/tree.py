@@ -8,6 +8,7 @@ import json
 import os
 import signal
 import socket
+import stat
 import subprocess
 import sys
 import threading
@@ -208,13 +209,20 @@ class Lock:
             with contextlib.suppress(OSError):
                 os.utime(self.path)
 
+    def refuse_stopped(self, folder: Path, typed: str) -> None:
+        """See that the run before was not stopped in the middle; `typed` was its command."""
+        if self.stopped:
+            self.left = True
+            who = f"an earlier run ({self.stopped}) was stopped in the middle"
+            raise OutputError(f"{folder}: {who}; type `{typed} --resume` to go on")
+
 
 @contextlib.contextmanager
 def only_run(study: "Study") -> Iterator[Lock]:
     """Hold the lock of a study's folder; a run that is stopped leaves its name in it."""
     path = study.work / LOCK
     try:
-        file = open(path, "a+", encoding="utf-8")  # noqa: SIM115
+        file = open(path, "r+", encoding="utf-8", errors="replace", opener=_own)  # noqa: SIM115
     except OSError as error:
         raise cannot_write(path, error) from error
     with file:
@@ -222,7 +230,10 @@ def only_run(study: "Study") -> Iterator[Lock]:
         if granted is False or _may_live(holder, path, known=granted is True):
             who = f" ({_name(holder)})" if holder else ""
             what = f"another run of study {study.id!r} is at work here{who}"
-            raise OutputError(f"{study.folder}: {what}; wait for it or stop it")
+            advice = "wait for it or stop it"
+            if granted is not False:  # the system knows of none
+                advice += f", or remove {path} if it is gone"
+            raise OutputError(f"{study.folder}: {what}; {advice}")
         lock = Lock(path, _name(holder) if holder else "")
         _write(file, identity())
         try:
@@ -236,6 +247,16 @@ def only_run(study: "Study") -> Iterator[Lock]:
         _write(file, {})
 
 
+def _own(path: str, flags: int) -> int:
+    """Open the lock, which is written in its place: through no link, which may be anywhere."""
+    file = os.open(path, flags | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
+    found = os.fstat(file)
+    if not stat.S_ISREG(found.st_mode) or found.st_nlink != 1:
+        os.close(file)
+        raise OSError(errno.EEXIST, "it is a link or no regular file; remove it")
+    return file
+
+
 def _may_live(holder: dict[str, Any], path: Path, known: bool) -> bool:
     """Whether who left a name in the lock may still be there; `known`: the system granted it."""
     if not holder or holder["stopped"]:
@@ -243,7 +264,8 @@ def _may_live(holder: dict[str, Any], path: Path, known: bool) -> bool:
     if holder["host"] == socket.gethostname():
         return not known and is_alive(holder["pid"], holder["started"])
     # Some file systems keep locks to themselves: only the beat is seen from elsewhere.
-    return time.time() - path.stat().st_mtime < _SILENT
+    # A time to come is of a clock that is wrong: no run has written it just now.
+    return abs(time.time() - path.stat().st_mtime) < _SILENT
 
 
 def _take(file: IO[str]) -> bool | None:
@@ -261,10 +283,12 @@ def _take(file: IO[str]) -> bool | None:
 
 def _read(file: IO[str]) -> dict[str, Any]:
     file.seek(0)
-    with contextlib.suppress(ValueError, KeyError, TypeError):
-        holder = json.loads(file.read())
-        known = {key: holder[key] for key in ("host", "pid", "started")}
-        return {**known, "stopped": holder.get("stopped", False)}
+    with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError, OverflowError):
+        holder = json.loads(file.read(500))  # too short for what JSON cannot bear
+        host, pid, started = str(holder["host"]), int(holder["pid"]), float(holder["started"])
+        stopped = bool(holder.get("stopped", False))
+        if pid > 0:
+            return {"host": host[:100], "pid": pid, "started": started, "stopped": stopped}
     return {}
 
 

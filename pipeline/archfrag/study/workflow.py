@@ -14,17 +14,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from archfrag.errors import ArchfragError, OutputError
-from archfrag.files import cannot_write
+from archfrag.files import cannot_write, printable
 from archfrag.study import tree
-from archfrag.study.checks import STUDY_FILE, check_output
+from archfrag.study.checks import STUDY_FILE, check_start, refuse_foreign_results
 from archfrag.study.config import Study, dump_study, study_schema
-from archfrag.study.files import PACKAGE, make_folder, sweep, write_text
+from archfrag.study.files import PACKAGE, check_own, make_folder, replacing, write_text
 from archfrag.study.provenance import available_cores
-from archfrag.study.steps import forget_stale, stale_steps
+from archfrag.study.steps import stale_steps
 from archfrag.study.tree import Lock, only_run
 
 LOGS = "logs"
 SNAKEMAKE_LOG = "snakemake.log"
+_OF_SNAKEMAKE = (".snakemake", "benchmarks", "cache")  # begun anew: it writes in their place
 ORIGIN = "study_file.txt"  # relative to the output, so that both may be moved together
 _EXIT = re.compile(r"^archfrag: error: (?P<message>.*?) \[exit code (?P<code>\d+)\]$", re.M | re.S)
 _MOST_LINES = 8
@@ -51,7 +52,7 @@ def step_log(path: Path | None) -> Iterator[Callable[[str], None]]:
 
     def note(text: str) -> None:
         if os.environ.get(tree.INSIDE) != "quiet":
-            print(f"archfrag: {text}", file=sys.stderr, flush=True)
+            print(f"archfrag: {printable(text)}", file=sys.stderr, flush=True)
         lines.append(f"archfrag: {text}\n")
 
     try:
@@ -68,9 +69,14 @@ def step_log(path: Path | None) -> Iterator[Callable[[str], None]]:
         raise
     finally:
         if path is not None:
-            with contextlib.suppress(OSError):
+            with contextlib.suppress(OSError, OutputError):
                 path.parent.mkdir(parents=True, exist_ok=True)
-                path.write_text("".join(lines), encoding="utf-8", errors="backslashreplace")
+                text = "".join(lines).encode(errors="backslashreplace")
+                if path.exists() and not path.is_file():  # such as /dev/stdout
+                    path.write_bytes(text)
+                else:
+                    with replacing(path, lasting=False) as temporary:
+                        temporary.write_bytes(text)
 
 
 @dataclass(frozen=True)
@@ -87,27 +93,26 @@ class RunOptions:
 
 
 def run_study(study: Study, options: RunOptions, stop: tree.Stop) -> bool:
-    """Bring all results of a study up to date."""
-    check_output(study)
+    """Bring all results of a study up to date; where they are, nothing is written."""
+    check_own(study)
+    refuse_foreign_results(study)
+    origin = _refuse_another_file(study, options.study_file)
+    if not stale_steps(study)[0]:
+        return False
+    check_start(study)
     make_folder(study.work)
     with only_run(study) as lock:
-        if lock.stopped:
-            if not options.resume:
-                lock.left = True
-                who = f"an earlier run ({lock.stopped}) was stopped in the middle"
-                raise OutputError(
-                    f"{study.folder}: {who}; type `{options.typed} --resume` to go on"
-                )
-            sweep(study.work)
-            sweep(study.folder)
-        _refuse_another_file(study, options.study_file)
-        stale, changed = forget_stale(study)
+        if not options.resume:
+            lock.refuse_stopped(study.folder, options.typed)
+        write_text(study.work / ORIGIN, origin)
+        stale, changed = stale_steps(study)
         if not stale:
             return False
         if changed and not options.quiet:
             _print_changes(changed)
         write_text(study.work / STUDY_FILE, dump_study(study))
-        shutil.rmtree(study.work / LOGS, ignore_errors=True)
+        for name in (LOGS, *_OF_SNAKEMAKE):
+            shutil.rmtree(study.work / name, ignore_errors=True)
         make_folder(study.work / LOGS)
         if _snakemake(study, options, lock, stop) != 0:
             raise _failure(study.work / LOGS)
@@ -118,8 +123,11 @@ def run_study(study: Study, options: RunOptions, stop: tree.Stop) -> bool:
     return True
 
 
-def _refuse_another_file(study: Study, path: Path) -> None:
-    """See that the results are not those of a study file beside this one with the same id."""
+def _refuse_another_file(study: Study, path: Path) -> str:
+    """See that the results are not those of a study file beside this one with the same id.
+
+    Returned is the place of the file relative to the results.
+    """
     origin = study.work / ORIGIN
     if origin.is_file():
         before = study.folder / origin.read_text(encoding="utf-8")
@@ -128,12 +136,12 @@ def _refuse_another_file(study: Study, path: Path) -> None:
                 f"{study.folder}: holds the results of {before.resolve()}, which has the id "
                 f"{study.id!r} too; give {path.name} another id or output"
             )
-    write_text(origin, os.path.relpath(path.resolve(), study.folder.resolve()))
+    return os.path.relpath(path.resolve(), study.folder.resolve())
 
 
 def _print_changes(changed: Sequence[str]) -> None:
     for line in changed[:_MOST_LINES]:
-        print(f"archfrag: {line}", file=sys.stderr)
+        print(f"archfrag: {printable(line)}", file=sys.stderr)
     if len(changed) > _MOST_LINES:
         print(f"archfrag: … and {len(changed) - _MOST_LINES} more", file=sys.stderr)
     kept = "finished runs that are still what they were are kept"
@@ -142,7 +150,9 @@ def _print_changes(changed: Sequence[str]) -> None:
 
 def _snakemake(study: Study, options: RunOptions, lock: Lock, stop: tree.Stop) -> int:
     command = [
-        sys.executable, "-m", "snakemake", "--snakefile", str(snakefile()),
+        # No module and no profile of the current folder, which may be somebody else's.
+        sys.executable, "-P", "-m", "snakemake", "--snakefile", str(snakefile()),
+        "--workflow-profile", "none",
         "--directory", str(study.work), "--nocolor", "--nolock", "--rerun-incomplete",
         "--config", f"study={STUDY_FILE}", f"quiet={int(options.quiet)}",
     ]  # fmt: skip
@@ -157,15 +167,18 @@ def _snakemake(study: Study, options: RunOptions, lock: Lock, stop: tree.Stop) -
         tree.INSIDE: "quiet" if options.quiet else "full",
         tree.RUN: json.dumps(tree.identity()),
         # Snakemake keeps things in the user's cache, which need not be writable.
-        "XDG_CACHE_HOME": str(study.work / "cache"),
+        "XDG_CACHE_HOME": str(study.work.absolute() / "cache"),
         tree.CACHE_HOME: os.environ.get("XDG_CACHE_HOME", ""),
+        "PYTHONSAFEPATH": "1",
     }
-    with open(study.work / LOGS / SNAKEMAKE_LOG, "w", encoding="utf-8") as log:
+    environment.pop("SNAKEMAKE_PROFILE", None)
+    with open(study.work / LOGS / SNAKEMAKE_LOG, "x", encoding="utf-8") as log:
         # Steps report on their standard output (2>&1 in the rules), Snakemake into its log.
         with stop.held():
             process = tree.start(
-                command, env=environment, stdin=subprocess.DEVNULL, stdout=2, stderr=log
-            )
+                command, env=environment, stdin=subprocess.DEVNULL, stdout=2, stderr=log,
+                cwd=study.work,  # Snakemake looks for modules in .snakemake of where it starts
+            )  # fmt: skip
         try:
             while process.poll() is None:
                 stop.check()

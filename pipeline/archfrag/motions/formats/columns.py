@@ -16,7 +16,7 @@ from archfrag.motions.formats.facts import trace_of
 from archfrag.motions.formats.text import numbers
 
 MOST_COLUMNS = 1000
-LARGEST_FILE, LONGEST_LINE = 2**27, 2**22  # [bytes]
+LONGEST_LINE = 2**22  # [bytes]
 UNEVEN = 0.1  # of a step: what rounded times may be off by
 _BLOCK = 10_000  # lines
 _COMMENTS = ("#", "%")
@@ -156,9 +156,6 @@ def _rows(path: str | Path, name: str, skip: int) -> Iterator[tuple[int, str]]:
     """Number and text of each line from one on, blanks between numbers; comments are empty."""
     comma, points = 0, False
     try:
-        if Path(path).stat().st_size > LARGEST_FILE:
-            limit = f"{LARGEST_FILE // 2**20} MiB"
-            raise RecordError(f"{name}: a text of numbers may have at most {limit}")
         with open(path, encoding="latin-1") as file:
             for place, line in enumerate(iter(partial(file.readline, LONGEST_LINE), ""), start=1):
                 if len(line) == LONGEST_LINE and not line.endswith("\n"):

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from archfrag.errors import RecordError
+from archfrag.files import opened
 
 Source = str | Path | BinaryIO
 
@@ -82,7 +83,7 @@ class Text:
 def _read_bytes(source: Source, size: int = -1) -> bytes:
     """First bytes of a file or of what is left of an open buffer, whose place is kept."""
     if isinstance(source, (str, Path)):
-        with open(source, "rb") as file:
+        with opened(source) as file:
             return file.read(size)
     position = source.seek(0, io.SEEK_CUR)
     content = source.read(size)

@@ -65,7 +65,9 @@ def recognise(path: str, formats: Sequence[str]) -> str | None:
 
 def archive_kind(path: str) -> str | None:
     """Kind of archive that a file is by its first bytes, None if it is none."""
-    with open(path, "rb") as file:
+    from archfrag.files import opened
+
+    with opened(path) as file:
         head = file.read(512)
     if head[_TAR_PLACE : _TAR_PLACE + 5] == b"ustar":
         return "tar"

@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from archfrag.errors import InputError, RecordError
-from archfrag.files import replacing
+from archfrag.files import write_csv
 from archfrag.motions.selection.candidates import (
     column_of,
     groups,
@@ -139,11 +139,11 @@ class Selection:
         OutputError
             If the file cannot be written.
         """
-        place = Path(path).resolve()
+        place = Path(os.path.realpath(path))
         column_of(self.table, "file")
         columns = {new: self.table[old] for old, new in _INDEX.items() if old in self.table}
         rows = pd.DataFrame(columns)
-        files = [Path(folder, str(name)).resolve() for name in rows["file"]]
+        files = [os.path.realpath(Path(folder, str(name))) for name in rows["file"]]
         rows["file"] = [os.path.relpath(file, place.parent) for file in files]
         if "unit" not in rows:
             rows["unit"] = ""
@@ -152,8 +152,7 @@ class Selection:
         if (given := self.target.given) is not None:
             kind = f"Sa({self.target.conditioning:g}) = {self.target.median[given]:.6g} g"
         rows["selection"] = f"seed {self.seed}, {kind}"
-        with replacing(place) as part:
-            rows.to_csv(part, index=False, lineterminator="\n")
+        write_csv(place, [rows])
 
     def figure(self) -> "Figure":
         """Spectra of target and selection with means and 2.5 and 97.5 percentiles; their sd."""

@@ -1,5 +1,6 @@
 """What the spectra of selected records shall be distributed as."""
 
+import io
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,10 +9,12 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from archfrag.errors import InputError
+from archfrag.files import read_text
 from archfrag.motions.selection.candidates import numbers
 from archfrag.motions.selection.models import Rupture, correlation, predict
 
 PERIODS = tuple(float(f"{period:.3g}") for period in np.geomspace(0.05, 5.0, 20))
+LARGEST_TARGET = 10_000_000  # [bytes]
 _SAME = 1e-6  # relative difference of periods that are the same
 
 
@@ -180,10 +183,9 @@ def read_target(path: str | Path) -> Target:
     >>> read_target("target.csv").conditioning
     1.0
     """
+    text = read_text(Path(path), LARGEST_TARGET, InputError, "the target")
     try:
-        rows = pd.read_csv(path, encoding="utf-8-sig", skipinitialspace=True)
-    except OSError as error:
-        raise InputError(f"{path}: the target cannot be read ({error.strerror})") from None
+        rows = pd.read_csv(io.StringIO(text), skipinitialspace=True)
     except ValueError as error:
         raise InputError(f"{path}: the target is not a table in CSV ({error})") from None
     if rows.empty:

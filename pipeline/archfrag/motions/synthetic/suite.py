@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from archfrag.errors import InputError
-from archfrag.files import make_folder, replacing
-from archfrag.motions.index import COLUMNS, sha256, write_index
+from archfrag.files import make_folder, replacing, sha256_of
+from archfrag.motions.index import COLUMNS, write_index
 from archfrag.motions.motion import Motion
 from archfrag.motions.synthetic.motion import Options, Seeds, make_motion
 
@@ -174,7 +174,7 @@ def make_suite(out_dir: str | Path, recipes: Sequence[Recipe] | None = None) -> 
         _write_miniseed(path, motion, f"S{number % 10000:04d}")  # five characters at most
         known = {key: value for key, value in motion.metadata.items() if key in COLUMNS}
         made = {"component": COMPONENT, "dt_s": motion.dt, "unit": "m/s2", "terms": TERMS}
-        digest = sha256(path.read_bytes())
+        digest = sha256_of(path)
         row = {"id": recipe.id, "file": f"{FOLDER}/{path.name}", "sha256": digest, **made}
         rows.append(known | row | ({"pulse": recipe.options.pulse} if pulses else {}))
     write_index(folder, rows)

@@ -1,0 +1,284 @@
+"""Folders from somebody else: nothing in them runs; nothing outside is emptied or removed."""
+
+import io
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from archfrag.cli import main
+from archfrag.study import workflow
+from archfrag.study.files import sha256_of
+from archfrag.study.records import MANIFEST
+from tests.study.small import files_below, in_process, small_study
+
+PRECIOUS = b"years of work\n"
+LONGEST = 30  # after which a command hangs [s]
+
+
+class Payload:
+    """What a pickle runs when it is read."""
+
+    def __init__(self, mark):
+        self.mark = mark
+
+    def __reduce__(self):
+        return Path.touch, (Path(self.mark),)
+
+
+def steps_here(study, options, lock, stop, last="results"):
+    """What Snakemake does, in this process."""
+    for step in ("motions", "batch", last):
+        log = study.work / "logs" / f"{step}.log"
+        more = ["--quiet"] if step == "batch" else []
+        asked = [step, str(study.work / "study.yaml"), "--log", str(log), *more]
+        code = CliRunner().invoke(main, asked).exit_code
+        if code:
+            return code
+    return 0
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A finished study."""
+    path = small_study(tmp_path_factory.mktemp("made"))
+    with in_process(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(workflow, "_snakemake", steps_here)
+        assert CliRunner().invoke(main, ["run", str(path)]).exit_code == 0
+    return path.parent
+
+
+class Folder:
+    """A study's folder from somebody else beside files of the user."""
+
+    def __init__(self, place, made):
+        self.study = place / "study"
+        shutil.copytree(made, self.study)
+        self.out = self.study / "out"
+        self.work = self.out / ".archfrag"
+        self.mark = place / "it ran"
+        self.user = place / "user"
+        for name in ("lock", "snakemake.log", "a.json", "motions/0123456789ab/wave.npz",
+                     "logs/snakemake.log", "parts/0123456789ab/mine.npy", "steps/motions.json",
+                     f"parts/0123456789ab/{'0' * 32}.npy", ".study.yaml.swp"):  # fmt: skip
+            path = self.user / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(PRECIOUS)
+        self.precious = self.user / "lock"
+
+    def link(self, name, to=None, hard=False):
+        """Put a link in the place of one of the study's files or folders."""
+        path = self.out / name
+        if path.is_dir():
+            shutil.rmtree(path)
+        path.unlink(missing_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        (os.link if hard else os.symlink)(to or self.precious, path)
+
+    def pipe(self, name):
+        (self.out / name).unlink(missing_ok=True)
+        os.mkfifo(self.out / name)
+
+    def folder(self, name):
+        (self.out / name).unlink(missing_ok=True)
+        (self.out / name).mkdir()
+        (self.out / name / "mine").write_bytes(PRECIOUS)
+
+    def text(self, name, text):
+        (self.out / name).write_text(text)
+
+    def json(self, name, **changes):
+        path = self.work / name
+        path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+
+    def pickled(self, path):
+        """An array of objects, which numpy would unpickle if it were allowed to."""
+        content = io.BytesIO()
+        np.save(content, np.array([Payload(self.mark)], object), allow_pickle=True)
+        path.write_bytes(content.getvalue())
+
+    def hidden_files(self):
+        for name in (
+            ".s.yaml.swp",
+            ".notes.csv.bak",
+            ".results.json.orig",
+            "sub/.thesis.html.old",
+        ):
+            (self.out / name).parent.mkdir(exist_ok=True)
+            (self.out / name).write_bytes(PRECIOUS)
+
+    def written(self, name):
+        entry = {"group": "report", "sha256": sha256_of(self.precious), "size": 1}
+        self.json("written.json", **{name: entry})
+
+    def stamps(self, name):
+        for step in ("motions", "cube", "fit", "report"):
+            self.json(f"steps/{step}.json", files={name: "0" * 64})
+
+    def motions(self):
+        manifest = json.loads((self.work / MANIFEST).read_text())
+        for record in manifest["records"]:
+            stored = self.work / record["file"]
+            self.pickled(stored)
+            record["prepared"] = sha256_of(stored)
+        self.json(MANIFEST, **manifest)
+
+    def elsewhere(self):
+        manifest = json.loads((self.work / MANIFEST).read_text())
+        for record in manifest["records"]:
+            record["file"] = os.path.relpath(self.precious, self.work)
+            record["prepared"] = sha256_of(self.precious)
+        self.json(MANIFEST, **manifest)
+
+    def parts(self):
+        for path in self.work.rglob("*.npy"):
+            self.pickled(path)
+
+    def plans(self):
+        for path in self.work.rglob("plan-*.json"):
+            plan = json.loads(path.read_text())
+            path.write_text(json.dumps(plan | {"folder": str(self.user), "identity": "../../x"}))
+
+    def odd_names(self):
+        parts = next(self.work.glob("parts/*"))
+        for name in ("a\nb.npy", "\x1b]0;x\a.npy", "plan-\n.json", "-rf", "$(touch x).npy"):
+            (parts / name).write_bytes(PRECIOUS)
+
+
+# What the report is made with; of the others the cube is enough.
+REPORTED = ("fits", "report", "figure", "written", "stamps", "hidden")
+HOLDER = {"host": "elsewhere", "pid": 1, "started": 1.0}
+ATTACKS = {
+    "lock is a link": lambda f: f.link(".archfrag/lock"),
+    "lock is a hard link": lambda f: f.link(".archfrag/lock", hard=True),
+    "lock is a pipe": lambda f: f.pipe(".archfrag/lock"),
+    "lock is a folder": lambda f: f.folder(".archfrag/lock"),
+    "lock of pid -1": lambda f: f.text(".archfrag/lock", json.dumps(HOLDER | {"pid": -1})),
+    "lock of no pid": lambda f: f.text(".archfrag/lock", json.dumps(HOLDER | {"pid": [[]]})),
+    "lock too deep": lambda f: f.text(".archfrag/lock", "[" * 100_000),
+    "hidden folder is a link": lambda f: f.link(".archfrag", f.user),
+    "logs is a link": lambda f: f.link(".archfrag/logs", f.user),
+    "log is a hard link": lambda f: f.link(".archfrag/logs/snakemake.log", hard=True),
+    "log of a step is a hard link": lambda f: f.link(".archfrag/logs/motions.log", hard=True),
+    "motions is a link": lambda f: f.link(".archfrag/motions", f.user / "motions"),
+    "parts is a link": lambda f: f.link(".archfrag/parts", f.user / "parts"),
+    "parts of others is a link": lambda f: f.link(".archfrag/parts/0123456789ab",
+                                                  f.user / "parts/0123456789ab"),
+    "steps is a link": lambda f: f.link(".archfrag/steps", f.user / "steps"),
+    "Snakemake's folder is a link": lambda f: f.link(".archfrag/.snakemake", f.user),
+    "benchmark is a hard link": lambda f: f.link(".archfrag/benchmarks/motions.tsv", hard=True),
+    "dask's lock is a hard link": lambda f: f.link(
+        ".archfrag/dask/dask-scratch-space/global.lock", hard=True),
+    "stamp is a pipe": lambda f: f.pipe(".archfrag/steps/motions.json"),
+    "stamp too deep": lambda f: f.text(".archfrag/steps/motions.json", "[" * 100_000),
+    "stamps of a device": lambda f: f.stamps("/dev/zero"),
+    "stamps with ..": lambda f: f.stamps("../../user/lock"),
+    "stamps of a pipe": lambda f: (f.pipe("pipe"), f.stamps("pipe")),
+    "written elsewhere": lambda f: f.written("../../user/lock"),
+    "written at an absolute path": lambda f: f.written(str(f.precious)),
+    "written no table": lambda f: f.text(".archfrag/written.json", '{"a": 1}'),
+    "run log no list": lambda f: f.text(".archfrag/run_log.json", '{"a": 1}'),
+    "run log is a hard link": lambda f: f.link(".archfrag/run_log.json", hard=True),
+    "origin is a pipe": lambda f: f.pipe(".archfrag/study_file.txt"),
+    "manifest elsewhere": Folder.elsewhere,
+    "manifest too deep": lambda f: f.text(".archfrag/motions.json", "[" * 100_000),
+    "motions with pickles": Folder.motions,
+    "parts with pickles": Folder.parts,
+    "plans elsewhere": Folder.plans,
+    "odd names": Folder.odd_names,
+    "cube is a link": lambda f: f.link("cube.nc"),
+    "cube is a pipe": lambda f: f.pipe("cube.nc"),
+    "cube is a folder": lambda f: f.folder("cube.nc"),
+    "fits is a link": lambda f: f.link("fits.json"),
+    "report is a hard link": lambda f: f.link("report.html", hard=True),
+    "figure is a link": lambda f: f.link("curve-ring.svg"),
+    "hidden files of the user": Folder.hidden_files,
+}  # fmt: skip
+
+
+@pytest.fixture
+def timeout():
+    """End a test that hangs."""
+
+    def hangs(number, frame):
+        raise TimeoutError("it hangs")
+
+    before = signal.signal(signal.SIGALRM, hangs)
+    signal.alarm(LONGEST)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.parametrize("attack", ATTACKS)
+def test_a_results_folder_from_somebody_else(made, tmp_path, monkeypatch, timeout, attack):
+    """After a kill, so that it is swept too; with a new title and levels, so that all is made."""
+    last = "results" if attack.split()[0] in REPORTED else "cube"
+    monkeypatch.setattr(workflow, "_snakemake", partial(steps_here, last=last))
+    folder = Folder(tmp_path, made)
+    (folder.work / "lock").write_text(json.dumps(HOLDER | {"stopped": True}))
+    ATTACKS[attack](folder)
+    before = files_below(folder.user) | {
+        path: content for path, content in files_below(folder.out).items()
+        if content == PRECIOUS and not path.is_symlink() and path.stat().st_nlink == 1
+    }  # fmt: skip
+    study = str(folder.study / "small.yaml")
+    changes = ["--set", "title=New", "--set", "intensity.levels=[0.1, 0.6]"]
+    with in_process():
+        for asked in (["run", study, "--resume", *changes], ["clean", study, *changes, "--yes"]):
+            done = CliRunner().invoke(main, asked)
+            assert done.exception is None or isinstance(done.exception, SystemExit)
+            assert len(done.stderr.splitlines()) < 20
+    assert not folder.mark.exists()
+    assert {path: path.read_bytes() for path in before} == before
+
+
+MODULES = (
+    "yaml", "snakemake", "numpy", "archfrag", "multiprocessing", "struct", "sitecustomize",
+    "usercustomize", "distributed", "dask", "numba", "click", "configargparse", "resource",
+)  # fmt: skip
+CONFIGURATIONS = {
+    "profiles/default/config.yaml": "dry-run: true\n",
+    "matplotlibrc": "backend: module://planted\n",
+    "dask.yaml": "distributed: {worker: {preload: planted}, scheduler: {preload: planted}}\n",
+    ".config/dask/dask.yaml": "distributed: {worker: {preload: planted}}\n",
+    ".env": "PYTHONSTARTUP=planted.py\n",
+    "setup.cfg": "[snakemake]\nprofile = profiles/default\n",
+    "pyproject.toml": "[tool.snakemake]\nprofile = 'profiles/default'\n",
+    ".numba_config.yaml": "cache_dir: cached\n",
+    "config/config.yaml": "study: elsewhere.yaml\n",
+    ".snakemake/iocache/latest.pkl": "cos\nsystem\n(S'touch ran'\ntR.",
+}
+
+
+def test_a_current_folder_from_somebody_else(tmp_path):
+    """Modules, plug-ins and configurations where a run is started and where its steps are."""
+    path = small_study(tmp_path)
+    (tmp_path / "ran").mkdir()
+    for place in (tmp_path, tmp_path / "out" / ".archfrag"):
+        plugins = place / ".snakemake" / "pip-deployments"
+        for name, text in CONFIGURATIONS.items():
+            (place / name).parent.mkdir(parents=True, exist_ok=True)
+            (place / name).write_text(text)
+        plugins.mkdir()
+        names = [f"snakemake_{kind}_plugin_x" for kind in ("executor", "storage", "logger")]
+        for folder, name in [*((place, n) for n in (*MODULES, "planted")),
+                             *((plugins, n) for n in (*names, "planted"))]:  # fmt: skip
+            mark = tmp_path / "ran" / f"{folder.name}-{name}"
+            (folder / f"{name}.py").write_text(f"open({str(mark)!r}, 'w')\nraise SystemExit(9)\n")
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONSAFEPATH"}
+    done = subprocess.run(
+        [Path(sys.executable).parent / "archfrag", "run", path], cwd=tmp_path, text=True,
+        capture_output=True, env={**environment, "SNAKEMAKE_PROFILE": "profiles/default"},
+    )  # fmt: skip
+    assert not [mark.name for mark in (tmp_path / "ran").iterdir()]
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "out" / "report.html").is_file()
