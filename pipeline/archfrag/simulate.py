@@ -85,7 +85,7 @@ def simulate(
         where it switches to time stepping; other methods take their own default.
     history : bool
         Whether to keep positions, velocities, reactions and contact modes over time, and the
-        log of the mechanism.
+        log of the mechanism. auto takes the history of a short chain under a pulse by events.
     initial : (position, velocity), optional
         Each (n_voussoir, 3): displacement from rest [m, m, rad] and velocity relative to the
         ground [m/s, m/s, rad/s] at time 0. At rest if not given. Joints may be open; bodies that
@@ -157,7 +157,7 @@ def simulate_many(
 ) -> xarray.Dataset:
     """Move one arch by many scaled ground motions, four runs at a time.
 
-    Each run has the results, to the last bit, that `simulate` gives it alone.
+    Each run has the results, to the last bit, that `simulate` gives it alone without a history.
 
     Parameters
     ----------

@@ -40,7 +40,6 @@ from archfrag.methods.event_driven.runge_kutta import (
 )
 from archfrag.methods.event_driven.transitions import (
     pose_impact,
-    solve_patiently,
     solve_posed,
     take_impact,
 )
@@ -153,10 +152,7 @@ class Impact:
         set_modes(modes, state.touch, state.slide)
         moves = pose_impact(run, *closes)
         self.problem = problem_in(run.model, state.position, work)
-        self.solved = not moves or bool(
-            solve_posed(run.model, state, work)
-            or solve_patiently(run.model, state, work, new_path(run.model))
-        )
+        self.solved = not moves or bool(solve_posed(run.model, state, work, new_path(run.model)))
         self.solution = solution_in(self.solved, work)
         if self.solved:
             take_impact(run)

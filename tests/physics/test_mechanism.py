@@ -159,7 +159,7 @@ def is_rigid(posed, modes):
 
 
 # Least part of the states in which every mega-voussoir is rigid, by the number of voussoirs.
-LEAST_COMPARED = {3: 0.95, 7: 0.95, 27: 0.6, 81: 0.35}
+LEAST_COMPARED = {3: 0.95, 7: 0.95, 27: 0.35, 81: 0.35}
 
 
 CASES = [

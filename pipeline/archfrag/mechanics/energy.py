@@ -55,9 +55,10 @@ def contact_works(state, work):
             friction += rubbed
             done = done - rubbed
         balance_error += select(fresh, 0.0, done)
-    # What an impact takes it takes at all joints.
-    impact += select(hits, balance_error, 0.0)
-    return friction, impact, select(hits, 0.0, balance_error)
+    # What an impact takes it takes at all joints; it may drive one along its friction.
+    driven = select(hits, larger(friction, 0.0), 0.0)
+    impact += select(hits, balance_error, 0.0) + driven
+    return friction - driven, impact, select(hits, 0.0, balance_error)
 
 
 @inlined
@@ -67,7 +68,7 @@ def record_work(friction, impact, balance_error, where, energy):
     An impact at one joint and the friction that it causes at others belong together: only what
     both give in sum is the integrator's error.
     """
-    makes = friction + impact > 0.0
+    makes = (friction > 0.0) | (impact > 0.0)
     energy[Energy.FRICTION] += select(where & opposite(makes), friction, 0.0)
     energy[Energy.IMPACT] += select(where & opposite(makes), impact, 0.0)
     balance_error += select(makes, friction + impact, 0.0)

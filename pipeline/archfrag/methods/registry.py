@@ -63,18 +63,18 @@ def steps_of_tolerance(rtol: float, n_body: int) -> tuple[float, float]:
     Returns
     -------
     impact, largest : float
-        Over the root of the shortest joint's length over gravity [1]: 1.2 and 6 ms for joints of
+        Over the root of the shortest joint's length over gravity [1]: 0.4 and 4 ms for joints of
         1.5 m at the default tolerance.
 
     Examples
     --------
     >>> from archfrag.methods.registry import steps_of_tolerance
     >>> [round(steps_of_tolerance(rtol, 7)[0], 6) for rtol in (1e-1, 1e-2, 1e-3, 1e-4, 1e-9)]
-    [0.048689, 0.01223, 0.003072, 0.000772, 0.000123]
+    [0.016229, 0.004077, 0.001024, 0.000257, 4.1e-05]
     """
     scale = rtol / 1e-3
-    impact = 2.4 * OWN_STEP * min(max(scale**0.6, 0.04), 32.0)
-    return impact, max(12.0 * OWN_STEP * min(max(scale**0.4, 0.1), 4.0), impact)
+    impact = 0.8 * OWN_STEP * min(max(scale**0.6, 0.04), 32.0)
+    return impact, max(8.0 * OWN_STEP * min(max(scale**0.4, 0.1), 4.0), impact)
 
 
 def _from(module: str, name: str = "run") -> Callable[[], Callable]:

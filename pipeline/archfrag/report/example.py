@@ -8,6 +8,7 @@ import xarray as xr
 
 from archfrag.arch import STANDARD_GRAVITY, Arch
 from archfrag.fragility.counts import Verdict
+from archfrag.methods.registry import AUTO
 from archfrag.motions.motion import Motion
 from archfrag.report.picture import FloatArray
 from archfrag.report.summary import ArchResults, study_config
@@ -82,11 +83,15 @@ def repeat(
     record, level, reason = chosen
     motion = next(m for m in motions if m.id == results.records[record])
     factor = float(results.factors[record, level])
-    response = simulate_case(method, arch, motion, factor, history=True)
     then = [results[name][record, level] for name in ("status", "steps", "collapse_time")]
-    same = then[:2] == [response.status, response.steps] and bool(
-        np.isclose(then[2], response.collapse_time, equal_nan=True)
-    )
+    # `auto` may take a history by events; the study's verdict came by steps.
+    for name in (method["name"], "time_stepping"):
+        response = simulate_case({**method, "name": name}, arch, motion, factor, history=True)
+        same = then[:2] == [response.status, response.steps] and bool(
+            np.isclose(then[2], response.collapse_time, equal_nan=True)
+        )
+        if same or method["name"] != AUTO:
+            break
     about = "about " if results.grouped else ""
     shown = f"{about}{results.scale.measure} = {results.level_text(level)}"
     return Example(arch, motion, factor, shown, response, reason, same)

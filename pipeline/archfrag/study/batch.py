@@ -199,15 +199,13 @@ def kernels_needed(study: Study, plan: Plan) -> list[str]:
     defaults = {parameter.name: parameter.default for parameter in METHODS[AUTO].parameters}
     arches = members(study, len(plan.records)).entries
     bodies = {entry.build().n_voussoir for entry in arches}
-    breaks = {record.breaks for record in plan.records}
     names: list[str] = []
     for method in plan.methods:
         if method["name"] != AUTO:
             names.append(method["name"])
             continue
         rtol = defaults["rtol"] if method["rtol"] is None else method["rtol"]
-        coarse = method["settings"].get("coarse", defaults["coarse"])
-        by_events = {goes_by_events(n, each, rtol, coarse) for n in bodies for each in breaks}
+        by_events = {goes_by_events(n, rtol) for n in bodies}
         names += [(AUTO, "event_driven")[by] for by in sorted(by_events)]
     return list(dict.fromkeys(names))
 

@@ -80,7 +80,6 @@ class PreparedRecord:
     measures: dict[str, float]  # of the motion as it is, in SI units
     event: str = ""  # name of the earthquake, if it is known
     accepted: str = ""  # what is implausible and was accepted by a key of the study
-    breaks: int = 10**9  # samples at which the motion is not linear in time; many if not counted
     vertical: bool = False  # whether the motion has its vertical component
     recipe: str = ""  # of a synthetic motion, which is made and not stored, as JSON
     seed: int | None = None  # of a synthetic motion
@@ -286,14 +285,12 @@ def prepare_motions(study: Study, progress: Any = None) -> list[PreparedRecord]:
 
 def _store(study: Study, folder: Path, progress: Any) -> list[PreparedRecord]:
     """Store all motions of files in a folder, and describe each in the order of the study."""
-    from archfrag.methods.auto import count_breaks
     from archfrag.motions.store import save_motions
 
     records: list[PreparedRecord] = []
     for motion in read_sources(study):
         path = folder / f"{len(records):05d}.npz"
         (factor, measures), metadata = measured(motion, study), motion.metadata
-        parts = [part for part in (motion.acceleration, motion.vertical) if part is not None]
         recipe, sha256 = metadata.get("recipe", ""), metadata["file_sha256"]
         if not recipe:
             save_motions(path, [motion])
@@ -304,8 +301,7 @@ def _store(study: Study, folder: Path, progress: Any) -> list[PreparedRecord]:
             _number(metadata.get("distance_km")), factor, measures,
             event=str(metadata.get("event") or metadata.get("event_id") or ""),
             accepted=str(metadata.get("accepted") or ""),
-            breaks=count_breaks(*parts), vertical=motion.vertical is not None, recipe=recipe,
-            raw=is_raw(motion), samples=_samples_hash(motion),
+            vertical=motion.vertical is not None, recipe=recipe, raw=is_raw(motion), samples=_samples_hash(motion),
             **{name: metadata.get(name) for name in SEEDS},
         ))  # fmt: skip
         if progress is not None:
