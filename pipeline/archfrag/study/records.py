@@ -301,7 +301,8 @@ def _store(study: Study, folder: Path, progress: Any) -> list[PreparedRecord]:
             _number(metadata.get("distance_km")), factor, measures,
             event=str(metadata.get("event") or metadata.get("event_id") or ""),
             accepted=str(metadata.get("accepted") or ""),
-            vertical=motion.vertical is not None, recipe=recipe, raw=is_raw(motion), samples=_samples_hash(motion),
+            vertical=motion.vertical is not None, recipe=recipe, raw=is_raw(motion),
+            samples=_samples_hash(motion),
             **{name: metadata.get(name) for name in SEEDS},
         ))  # fmt: skip
         if progress is not None:
