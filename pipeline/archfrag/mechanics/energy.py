@@ -55,10 +55,9 @@ def contact_works(state, work):
             friction += rubbed
             done = done - rubbed
         balance_error += select(fresh, 0.0, done)
-    # What an impact takes it takes at all joints; it may drive one along its friction.
-    driven = select(hits, larger(friction, 0.0), 0.0)
-    impact += select(hits, balance_error, 0.0) + driven
-    return friction - driven, impact, select(hits, 0.0, balance_error)
+    # What an impact takes it takes at all joints.
+    impact += select(hits, balance_error, 0.0)
+    return friction, impact, select(hits, 0.0, balance_error)
 
 
 @inlined
@@ -68,10 +67,12 @@ def record_work(friction, impact, balance_error, where, energy):
     An impact at one joint and the friction that it causes at others belong together: only what
     both give in sum is the integrator's error.
     """
-    makes = (friction > 0.0) | (impact > 0.0)
-    energy[Energy.FRICTION] += select(where & opposite(makes), friction, 0.0)
-    energy[Energy.IMPACT] += select(where & opposite(makes), impact, 0.0)
-    balance_error += select(makes, friction + impact, 0.0)
+    both = friction + impact
+    makes = both > 0.0
+    rubs = select(impact > 0.0, both, select(friction > 0.0, 0.0, friction))
+    energy[Energy.FRICTION] += select(where & opposite(makes), rubs, 0.0)
+    energy[Energy.IMPACT] += select(where & opposite(makes), both - rubs, 0.0)
+    balance_error += select(makes, both, 0.0)
     energy[Energy.BALANCE_ERROR] += select(where, balance_error, 0.0)
     most = larger(energy[Energy.BALANCE_ERROR_PEAK], abs(energy[Energy.BALANCE_ERROR]))
     energy[Energy.BALANCE_ERROR_PEAK] = select(where, most, energy[Energy.BALANCE_ERROR_PEAK])
