@@ -20,9 +20,12 @@ from archfrag.simulate import onset
 OURS = ("time_stepping", "event_driven", "auto")
 
 
-# What steps at the default do not hold: a touch without speed, and mirrored runs to the last bits
-# after four joints have closed at once, where one of several solutions is taken.
-BROKEN = {("grazing_contact", "time_stepping"), ("four_joints_close_at_once", "time_stepping")}
+# What steps at the default do not hold: a touch without speed, rocking to its end to 3 %, and
+# mirrored runs after four joints have closed at once, where one of several solutions is taken.
+BROKEN = {
+    (name, "time_stepping")
+    for name in ("grazing_contact", "zeno_rocking_to_rest", "four_joints_close_at_once")
+}
 
 
 @pytest.mark.parametrize(
@@ -160,14 +163,13 @@ class TestEnergyFromPositions:
 class TestFactsFail:
     """A wrong run is found out by the fact that it violates."""
 
-    def run(self, name, variant="", wrong=None):
+    def run(self, name, variant="", wrong=None, method="time_stepping"):
         case = load_case(name)
         scene = next(scene for each, scene, _ in case.runs() if each == variant)
         scene = resolved(scene)
-        run = solve(wrong(scene) if wrong else scene, self.SETTING, history=True)
+        moved = wrong(scene) if wrong else scene
+        run = solve(moved, default_setting(method), history=True)
         return Run(scene, run.response, {})
-
-    SETTING = default_setting("time_stepping")
 
     def test_housner(self):
         def flatter(scene: Scene) -> Scene:
@@ -189,13 +191,14 @@ class TestFactsFail:
         def faster(scene: Scene) -> Scene:
             return replace(scene, initial={**scene.initial, "spin": 1.2 * scene.initial["spin"]})
 
-        assert facts.grazes(self.run("grazing_contact", "exactly"), 5e-3).held
-        assert not facts.grazes(self.run("grazing_contact", "exactly", faster), 5e-3).held
+        case, method = ("grazing_contact", "exactly"), "event_driven"
+        assert facts.grazes(self.run(*case, method=method), 5e-3).held
+        assert not facts.grazes(self.run(*case, faster, method), 5e-3).held
 
     def test_energy_and_signorini(self):
-        run = self.run("painleve_slender_block", "digs in")
+        run = self.run("friction_at_the_sliding_threshold", "half of b/h")
         history = run.response.history.copy(deep=True)
-        history["velocity"] += np.linspace(0.0, 3.0, history.sizes["time"])[:, None, None]
+        history["velocity"] *= np.linspace(1.0, 3.0, history.sizes["time"])[:, None, None]
         history["displacement"] *= np.linspace(1.0, 3.0, history.sizes["time"])[:, None, None]
         history["displacement"][:, 0, 1] -= 0.01
         wrong = Run(run.scene, replace(run.response, history=history), {})

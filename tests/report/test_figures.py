@@ -278,10 +278,10 @@ def test_run_that_is_shown():
     assert choose(data, None) is None
 
 
-def pulse(scale=1.0, settings=None):
+def pulse(scale=1.0):
     """A run that ends in collapse, with its motion."""
     motion = af.Motion(np.where(np.arange(900) < 300, 6.8, -3.4), 1e-3, id="pulse")
-    return motion, af.simulate(ARCH, motion, scale=scale, settings=settings, history=True)
+    return motion, af.simulate(ARCH, motion, scale=scale, history=True)
 
 
 @pytest.fixture(scope="module")
@@ -290,12 +290,11 @@ def fallen():
     return Example(ARCH, motion, 1.0, "PGA = 0.69 g", response, "chosen", True)
 
 
-@pytest.mark.parametrize("settings", [{}, {"coarse": 0.01}])
-def test_repetition_is_the_run_of_the_study(settings, drawn):
-    motion, fell = pulse(settings=settings)
+def test_repetition_is_the_run_of_the_study(drawn):
+    motion, fell = pulse()
     data = synthetic.cube(items=[motion, *synthetic.motions(1)]).isel(record=[0], level=[0, 1])
     data = data.copy(deep=True)
-    for level, (factor, run) in enumerate([(0.5, pulse(0.5, settings)[1]), (1.0, fell)]):
+    for level, (factor, run) in enumerate([(0.5, pulse(0.5)[1]), (1.0, fell)]):
         data["verdict"][0, 0, level] = int(run.collapsed)
         for name in ("status", "steps", "collapse_time"):
             data[name][0, 0, level] = getattr(run, name)
@@ -306,7 +305,7 @@ def test_repetition_is_the_run_of_the_study(settings, drawn):
         return repeat(data, found, ARCH, [motion], choose(found, None))
 
     assert again() is None  # the cube does not hold its method
-    data.attrs["archfrag_config"] = f'{{"method": {Method(settings=settings).model_dump_json()}}}'
+    data.attrs["archfrag_config"] = f'{{"method": {Method().model_dump_json()}}}'
     assert fell.status is Status.COLLAPSED
     assert (again().same, again().factor) == (True, 1.0)
     assert again().response.mechanism == fell.mechanism

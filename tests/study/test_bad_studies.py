@@ -98,7 +98,7 @@ BAD += [
     ("dt: 2.0e-3", "dt: 2.0e-3, rtol: 1e-6", "method time_stepping takes one of them"),
     ("time_stepping", "four_link", "method four_link does not use it"),
     ("dt: 2.0e-3", "settings: {stiffness: 1e9}", "settings has 'stiffness'; allowed for"),
-    ("name: time_stepping, dt: 2.0e-3", "name: auto, settings: {coarse: 2}", "from 0 to 1"),
+    ("name: time_stepping, dt: 2.0e-3", "name: auto, settings: {coarse: 2}", "has 'coarse'"),
     ("workers: 2", "workers: 0", "execution.workers = 0 must be greater"),
 ]  # fmt: skip
 BAD += [
