@@ -258,7 +258,7 @@ def simulate(
                  help="Cores to use; all if not given."),
 )  # fmt: skip
 def evidence(parts: tuple[str, ...], output: Path, **options: Any) -> None:
-    """Measure cost against error, and where methods fail.
+    """Measure cost against error.
 
     Makes tables, charts and a page. PARTS are speed, fragility, growth, stability, corner_cases,
     bands, designs and compiling; all if none is named. Needs the repository: archbench is not in
@@ -373,7 +373,7 @@ def _name_old_exports(folder: Path) -> None:
 @set_option
 @click.option("--yes", is_flag=True, help="Remove without asking.")
 def clean(study_file: Path, overrides: tuple[str, ...], yes: bool) -> None:
-    """Remove stored runs that are of no use to a study; shows first which."""
+    """Remove stored runs of no use to a study."""
     from archfrag.files import counted
     from archfrag.study.config import load_study
     from archfrag.study.files import check_own

@@ -108,10 +108,10 @@ def step_at_random(model, grounds, state, work, path, lengths, kinds):
             return worst
         kinetic, potential = energies_of(model, state)
         worst = max(worst, abs(kinetic + potential - before - done))
-        booked = energy[Energy.GROUND] + energy[Energy.FRICTION] + energy[Energy.IMPACT]
-        booked += energy[Energy.BALANCE_ERROR] - state.clock[Clock.START]
-        # The books of all steps up to now hold the rounding of each.
-        worst = max(worst, 0.1 * abs(kinetic + potential - booked))
+        recorded = energy[Energy.GROUND] + energy[Energy.FRICTION] + energy[Energy.IMPACT]
+        recorded += energy[Energy.BALANCE_ERROR] - state.clock[Clock.START]
+        # The sums of all steps up to now hold the rounding of each.
+        worst = max(worst, 0.1 * abs(kinetic + potential - recorded))
     return worst
 
 

@@ -4,7 +4,7 @@
 2. Steps on all voussoirs, located at impacts, for ground motions as they are recorded; four runs
    at a time.
 3. Mega-voussoirs from event to event for tolerances of `COARSE` and below, for `FEWEST_BODIES`
-   bodies, and for a history of `SMALL_CHAIN` bodies under a ground motion of few breaks: there
+   bodies, and for a history of `SMALL_CHAIN` bodies under a ground motion with rare breaks: there
    events are rare, so that they cost little and give peaks and histories exactly.
 4. A run that has made or lost more energy, or let bodies overlap more, than its tolerance allows
    is made again by the other method, and then by equal steps; what none of them holds is refused.
@@ -27,9 +27,9 @@ from archfrag.methods.time_stepping.service import Results
 
 # Energy below this, over weight times the longest joint's length, is rounding.
 ROUNDING = 1e-12
-# Tolerances at which runs go by events whatever moves them; and the largest for few bodies.
+# Tolerances at which runs go by events whatever moves them, and where events are rare.
 COARSE, COARSEST = 2e-4, 0.01
-FEWEST_BODIES, SMALL_CHAIN, FEW_BREAKS = 2, 10, 50
+FEWEST_BODIES, SMALL_CHAIN, MOST_BREAKS = 2, 10, 50
 # Where events follow each other more closely than so many steps, all voussoirs are stepped; these
 # steps are longer by `STEADY` than those at impacts.
 SWITCH_STEPS, STEADY = 3.0, 2.0
@@ -73,8 +73,8 @@ def goes_by_events(n_body: int, tolerance: float, n_break: float = np.inf) -> bo
     """
     if tolerance <= COARSE:
         return True
-    few = n_body <= FEWEST_BODIES or (n_body <= SMALL_CHAIN and n_break <= FEW_BREAKS)
-    return few and tolerance <= COARSEST
+    rare = n_body <= FEWEST_BODIES or (n_body <= SMALL_CHAIN and n_break <= MOST_BREAKS)
+    return rare and tolerance <= COARSEST
 
 
 def _rests(ground: GroundMotion, factor: float, gravity: float, rest: tuple) -> bool:

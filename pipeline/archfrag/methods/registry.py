@@ -52,8 +52,8 @@ def own_step(rtol: float, n_body: int) -> tuple[float, float]:
 def steps_of_tolerance(rtol: float, n_body: int) -> tuple[float, float]:
     """Steps at impacts, and the largest between them, that go with a tolerance.
 
-    Where impacts crowd, the error of time stepping is of first order in the steps at impacts;
-    between them, and through lone impacts, it is of second order in the others.
+    Where impacts follow each other closely, the error of time stepping is of first order in the
+    steps at impacts; between them, and through lone impacts, of second order in the others.
 
     Parameters
     ----------

@@ -293,7 +293,7 @@ def make_step(model, state, work, kick, where, loss_limit):
 def accept_step(model, state, work, kick, where, loss_limit):
     """Make a step whose contact problem is solved, and record what it did; fallen, broken.
 
-    ``work.reaction`` turns from impulses into the mean forces over the step.
+    ``work.reaction`` goes from impulses into the mean forces over the step.
     """
     count_changes(model, state, work, where)
     record_step(state, work, where)
