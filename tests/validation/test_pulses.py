@@ -137,4 +137,5 @@ class TestSemicircle:
             validated(
                 "t/R 0.15, 0.3 g at 1 Hz for 5 s", "largest displacement", run.peak_displacement,
                 reference, code, rel=0.05, unit="m",
+                short="" if code != "MuJoCo" else "the solvers' peaks differ by 8 %",
             )  # fmt: skip
