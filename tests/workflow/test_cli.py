@@ -218,9 +218,9 @@ class TestSteps:
         assert {p.name for p in out.glob("curve-*")} == {
             "curve-ring.svg", "curve-plate.svg", "curve-mine.svg"
         }  # fmt: skip
-        # The study may go back: its runs are kept, the plans are not.
+        # The study may go back: nothing of it is removed unasked.
         assert parts < set(out.glob(".archfrag/parts/*/*.npy"))
-        assert len(list(out.glob(".archfrag/parts/*/plan-*.json"))) == 1
+        assert len(list(out.glob(".archfrag/parts/*/plan-*.json"))) == 2
 
     @pytest.mark.parametrize(
         ("error", "message"),
