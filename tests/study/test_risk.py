@@ -179,7 +179,7 @@ class TestCommand:
         assert facts["hazard"]["curves"]["mean"]["im"] == pytest.approx([0.01, 0.1, 3.0])
 
     def test_no_curve_at_all(self, finished):
-        study, hazard, folder = finished
+        study, hazard, _ = finished
         path = load_study(study[0], study[2:]).folder / FITS
         kept = path.read_bytes()
         made = json.loads(kept)
